@@ -1,0 +1,1 @@
+"""Measures, bounds and closes the gap between a robot model, its simulator and its recordings."""

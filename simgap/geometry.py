@@ -1,0 +1,111 @@
+"""Boxes and uniform grids of cells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from simgap.errors import UserError
+
+Floats = NDArray[np.float64]
+
+
+def _frozen(values: ArrayLike) -> Floats:
+    array = np.array(values, dtype=np.float64, ndmin=1)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """The closed box `{x : lo <= x <= hi}` in R^n.
+
+    Raises:
+        UserError: if `lo` and `hi` differ in length or the box is upside down.
+    """
+
+    lo: Floats
+    hi: Floats
+
+    def __init__(self, lo: ArrayLike, hi: ArrayLike) -> None:
+        object.__setattr__(self, "lo", _frozen(lo))
+        object.__setattr__(self, "hi", _frozen(hi))
+        if self.lo.shape != self.hi.shape:
+            raise UserError(f"box corners have {self.lo.size} and {self.hi.size} numbers")
+        if not np.all(self.lo < self.hi):
+            raise UserError(f"box is upside down: lower {self.lo.tolist()}, upper {self.hi.tolist()}")
+
+    @property
+    def size(self) -> int:
+        """Number of dimensions n."""
+        return int(self.lo.size)
+
+    def contains(self, x: Floats) -> NDArray[np.bool_]:
+        """Membership of points: (..., n) -> (...)."""
+        return np.all((x >= self.lo) & (x <= self.hi), axis=-1)
+
+    def within(self, other: Box) -> bool:
+        """Whether this box lies in `other`."""
+        return bool(np.all(self.lo >= other.lo) and np.all(self.hi <= other.hi))
+
+    def sample(self, rng: np.random.Generator, n: int) -> Floats:
+        """n points drawn uniformly: -> (n, dimensions)."""
+        return rng.uniform(self.lo, self.hi, size=(n, self.size))
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A box tiled exactly by `cells[j]` equal cells along axis j; row-major, the last axis runs fastest."""
+
+    box: Box
+    cells: tuple[int, ...]
+    periodic: tuple[int, ...] = ()
+
+    def __init__(self, box: Box, cells: Sequence[int], periodic: Sequence[int] = ()) -> None:
+        object.__setattr__(self, "box", box)
+        object.__setattr__(self, "cells", tuple(int(c) for c in cells))
+        object.__setattr__(self, "periodic", tuple(int(j) for j in periodic))
+        if len(self.cells) != box.size or min(self.cells) < 1:
+            raise UserError(f"a grid on {box.size} axes needs as many positive cell counts, not {list(cells)}")
+
+    @staticmethod
+    def covering(box: Box, eps: float) -> Grid:
+        """The coarsest near-square cells whose half-diagonal is at most `eps` (paper, eq. max_epsilon)."""
+        if not eps > 0:
+            raise UserError(f"eps must be positive, not {eps}")
+        side = 2.0 * eps / np.sqrt(box.size)
+        return Grid(box, [int(np.ceil(width / side * (1 - 1e-12))) for width in box.hi - box.lo])
+
+    @cached_property
+    def h(self) -> Floats:
+        """Half-widths of a cell, (n,)."""
+        return _frozen((self.box.hi - self.box.lo) / (2.0 * np.array(self.cells)))
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return int(np.prod(self.cells))
+
+    def axis(self, j: int) -> Floats:
+        """Cell centres along axis j, (cells[j],)."""
+        return self.box.lo[j] + self.h[j] * (2.0 * np.arange(self.cells[j]) + 1.0)
+
+    def centres(self) -> Floats:
+        """All cell centres in row-major order, (size, n)."""
+        mesh = np.meshgrid(*(self.axis(j) for j in range(self.box.size)), indexing="ij")
+        return np.stack([m.reshape(-1) for m in mesh], axis=-1)
+
+    def index(self, x: Floats) -> NDArray[np.int64]:
+        """Flat index of the cell holding each point, -1 outside: (m, n) -> (m,). Periodic axes wrap."""
+        counts = np.array(self.cells)
+        k = np.floor((x - self.box.lo) / (2.0 * self.h)).astype(np.int64)
+        k = np.where((k == counts) & (x <= self.box.hi), counts - 1, k)  # the upper face belongs to the last cell
+        for j in self.periodic:
+            k[..., j] %= counts[j]
+        inside = np.all((k >= 0) & (k < counts), axis=-1)
+        flat = np.ravel_multi_index(tuple(np.moveaxis(np.where(inside[..., None], k, 0), -1, 0)), self.cells)
+        return np.where(inside, flat, -1).astype(np.int64)
