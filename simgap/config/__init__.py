@@ -1,0 +1,1 @@
+"""The case file: typed sections, one a module."""

@@ -1,0 +1,174 @@
+"""Continuous-time symbolic dynamics `dx/dt = F(x, u; p)` and the changes that physical effects make to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import sympy as sp
+
+from simgap.errors import UserError
+
+Expr = sp.Expr
+
+
+def symbol(name: str) -> sp.Symbol:
+    """The real symbol of a state, input or parameter; one name is one symbol everywhere."""
+    return sp.Symbol(name, real=True)
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A state or an input with its unit."""
+
+    name: str
+    unit: str
+
+    @property
+    def symbol(self) -> sp.Symbol:
+        """The variable inside expressions."""
+        return symbol(self.name)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of the plant that expressions name."""
+
+    value: float
+    unit: str = "1"
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A generalised coordinate (a joint) on which a force may act; position and velocity are state names."""
+
+    name: str
+    position: str
+    velocity: str
+    force_unit: str = "N*m"
+
+
+@dataclass(frozen=True)
+class NamedParameter:
+    """A physical property that may be off by a factor.
+
+    `scaling` maps each parameter of the model that changes to its new value, an expression in that model's
+    parameters and the symbol `ratio` (true / declared; 1 = as declared).
+    """
+
+    name: str
+    value: float
+    unit: str
+    scaling: Mapping[str, Expr]
+
+
+@dataclass(frozen=True)
+class PlanarWheels:
+    """Names that make a planar wheeled robot of a model: three states and two inputs."""
+
+    x: str
+    y: str
+    heading: str
+    linear: str
+    angular: str
+    track: float
+
+
+@dataclass(frozen=True)
+class SymbolicModel:
+    """Continuous dynamics `xdot = F(x, u; p)`, with the hooks that effects act on.
+
+    `force_map[j]` is the column d xdot / d Q_j of the generalised force Q_j on coordinate j (a column of M(q)^-1
+    in the velocity rows), so that a force term F changes xdot by `force_map[j] * F`. `outputs` maps a state to
+    what its sensor reads; a state that is not listed is read as it is. `delays` maps an input to a pure delay (s).
+    All changes return a new model.
+    """
+
+    states: tuple[Variable, ...]
+    inputs: tuple[Variable, ...]
+    parameters: Mapping[str, Parameter]
+    xdot: tuple[Expr, ...]
+    coordinates: tuple[Coordinate, ...] = ()
+    force_map: Mapping[str, tuple[Expr, ...]] = field(default_factory=dict)
+    named_parameters: Mapping[str, NamedParameter] = field(default_factory=dict)
+    gravity: tuple[str, str, str] | None = None
+    wheels: PlanarWheels | None = None
+    outputs: Mapping[str, Expr] = field(default_factory=dict)
+    delays: Mapping[str, Expr] = field(default_factory=dict)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the states, in order."""
+        return tuple(v.name for v in self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs, in order."""
+        return tuple(v.name for v in self.inputs)
+
+    def coordinate(self, name: str) -> Coordinate:
+        """The coordinate of that name.
+
+        Raises:
+            UserError: if the plant has no such coordinate.
+        """
+        for c in self.coordinates:
+            if c.name == name:
+                return c
+        raise UserError(f"the plant has no coordinate '{name}'", remedy=f"Known: {[c.name for c in self.coordinates]}")
+
+    def values(self) -> dict[sp.Symbol, float]:
+        """Declared numbers of all parameters, for substitution."""
+        return {symbol(name): p.value for name, p in self.parameters.items()}
+
+    def numeric(self) -> tuple[Expr, ...]:
+        """xdot with every parameter replaced by its declared number."""
+        values = self.values()
+        return tuple(sp.sympify(e).subs(values) for e in self.xdot)
+
+    def with_parameter(self, name: str, parameter: Parameter) -> SymbolicModel:
+        """The model with one more (or a changed) parameter."""
+        return replace(self, parameters={**self.parameters, name: parameter})
+
+    def with_force(self, coordinate: str, force: Expr) -> SymbolicModel:
+        """The model with a generalised force added on a coordinate."""
+        column = self.force_map[self.coordinate(coordinate).name]
+        return replace(self, xdot=tuple(f + c * force for f, c in zip(self.xdot, column, strict=True)))
+
+    def with_input(self, name: str, applied: Expr) -> SymbolicModel:
+        """The model in which the plant feels `applied` (an expression of the command `name`) instead of the command."""
+        if name not in self.input_names:
+            raise UserError(f"the plant has no input '{name}'", remedy=f"Known: {list(self.input_names)}")
+        return self._subs({symbol(name): applied})
+
+    def substitute(self, changes: Mapping[str, Expr]) -> SymbolicModel:
+        """The model with parameters replaced by expressions, everywhere and at once."""
+        return self._subs({symbol(name): expr for name, expr in changes.items()})
+
+    def with_output(self, state: str, reading: Expr) -> SymbolicModel:
+        """The model in which the sensor of `state` reads an expression of the states."""
+        if state not in self.state_names:
+            raise UserError(f"the plant has no state '{state}'", remedy=f"Known: {list(self.state_names)}")
+        return replace(self, outputs={**self.outputs, state: reading})
+
+    def with_state(self, state: Variable, xdot: Expr) -> SymbolicModel:
+        """The model with one more state at the end."""
+        grown = {name: (*column, sp.Integer(0)) for name, column in self.force_map.items()}
+        return replace(self, states=(*self.states, state), xdot=(*self.xdot, xdot), force_map=grown)
+
+    def with_delay(self, name: str, seconds: Expr) -> SymbolicModel:
+        """The model whose input acts `seconds` after its command."""
+        if name not in self.input_names:
+            raise UserError(f"the plant has no input '{name}'", remedy=f"Known: {list(self.input_names)}")
+        return replace(self, delays={**self.delays, name: self.delays.get(name, sp.Integer(0)) + seconds})
+
+    def _subs(self, changes: Mapping[sp.Symbol, Expr]) -> SymbolicModel:
+        def sub(e: Expr) -> Expr:
+            return sp.sympify(e).subs(changes, simultaneous=True)
+
+        return replace(
+            self,
+            xdot=tuple(sub(e) for e in self.xdot),
+            force_map={name: tuple(sub(e) for e in column) for name, column in self.force_map.items()},
+        )
