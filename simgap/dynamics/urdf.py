@@ -1,0 +1,223 @@
+"""A URDF, loaded by Drake, as a symbolic model whose inertial parameters stay symbols.
+
+Drake's symbolic `MultibodyPlant` gives the mass matrix M(q), the bias C(q, v) v and the gravity forces; the
+accelerations follow as `vdot = M^-1 (tau_g - C v - D v + B u)`. (Its symbolic articulated-body solve fails on a pivot
+test for more than one degree of freedom, hence the mass matrix.) A joint's URDF `friction` is ignored by Drake and
+therefore here; `damping` is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import sympy as sp
+
+from simgap.dynamics.model import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
+from simgap.dynamics.urdf_checks import check_urdf, root_link
+from simgap.errors import UserError
+
+GRAVITY = ("gravity_x", "gravity_y", "gravity_z")
+_AXES = "xyz"
+_MOMENTS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+
+
+@dataclass(frozen=True)
+class JointState:
+    """Which joint's position or velocity a state is."""
+
+    joint: str
+    kind: str  # "position" or "velocity"
+    unit: str
+
+
+def load_urdf(
+    path: Path, states: Mapping[str, JointState], inputs: Mapping[str, tuple[str, str]], gravity: float = 9.81
+) -> SymbolicModel:
+    """Read a URDF into `xdot = F(x, u; p)`.
+
+    Args:
+        path: the URDF; its root link is welded to the world.
+        states: state name -> joint quantity; every moving joint needs a position and a velocity.
+        inputs: input name -> (joint, unit); the input is the generalised force on that joint.
+        gravity: acceleration along -z, m/s^2.
+
+    Raises:
+        UserError: missing or malformed file, a moving link without inertia, joints and states that do not match.
+    """
+    check_urdf(path)
+    plant, joints = _build(path, (0.0, 0.0, -gravity))
+    _match(path, states, inputs, joints)
+    order = [next(n for n, s in states.items() if s.joint == j and s.kind == "position") for j in joints]
+    rates = [next(n for n, s in states.items() if s.joint == j and s.kind == "velocity") for j in joints]
+    parameters = _inertial_parameters(plant)
+    for name, value in zip(GRAVITY, (0.0, 0.0, -gravity), strict=True):
+        parameters[name] = Parameter(value, "m/s^2", "component of gravity in the world frame")
+    mass, bias, weight = _equations(path, plant, joints, order, rates)
+    damping = [plant.GetJointByName(j).default_damping() for j in joints]
+    for j, d in zip(joints, damping, strict=True):
+        if d:
+            parameters[f"{j}.damping"] = Parameter(d, "N*m*s/rad", "viscous damping declared in the URDF")
+    drag = sp.Matrix([symbol(f"{j}.damping") * symbol(v) if d else 0 for j, v, d in zip(joints, rates, damping, strict=True)])
+    drive = sp.Matrix([sum((symbol(n) for n, (joint, _) in inputs.items() if joint == j), sp.Integer(0)) for j in joints])
+    inverse = _simplify(mass.inv(method="ADJ"))
+    acceleration = _simplify(inverse * (weight - bias)) + inverse * (drive - drag)
+    rows = {q: symbol(v) for q, v in zip(order, rates, strict=True)}
+    rows |= {v: acceleration[k] for k, v in enumerate(rates)}
+    columns = {
+        j: tuple(inverse[rates.index(name), k] if name in rates else sp.Integer(0) for name in states)
+        for k, j in enumerate(joints)
+    }
+    used = set().union(*(sp.sympify(e).free_symbols for e in (*rows.values(), *inverse)))
+    kept = {n: p for n, p in parameters.items() if symbol(n) in used or n in GRAVITY}
+    return SymbolicModel(
+        states=tuple(Variable(n, s.unit) for n, s in states.items()),
+        inputs=tuple(Variable(n, unit) for n, (_, unit) in inputs.items()),
+        parameters=kept,
+        xdot=tuple(rows[n] for n in states),
+        coordinates=tuple(
+            Coordinate(j, q, v, "N*m" if plant.GetJointByName(j).type_name() == "revolute" else "N")
+            for j, q, v in zip(joints, order, rates, strict=True)
+        ),
+        force_map=columns,
+        named_parameters=_named_parameters(plant, kept),
+        gravity=GRAVITY,
+    )
+
+
+def _build(path: Path, gravity: tuple[float, float, float]) -> tuple[Any, list[str]]:
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+
+    plant = MultibodyPlant(0.0)
+    plant.mutable_gravity_field().set_gravity_vector(list(gravity))
+    try:
+        (model,) = Parser(plant).AddModels(str(path))
+    except RuntimeError as error:
+        raise UserError(f"Drake cannot read it: {str(error).splitlines()[0]}", file=path) from None
+    root = root_link(path)
+    if root != "world":
+        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, model))
+    plant.Finalize()
+    joints = sorted(
+        (plant.get_joint(k) for k in plant.GetJointIndices() if plant.get_joint(k).num_velocities()),
+        key=lambda joint: joint.velocity_start(),
+    )
+    return plant, [j.name() for j in joints]
+
+
+def _match(
+    path: Path, states: Mapping[str, JointState], inputs: Mapping[str, tuple[str, str]], joints: list[str]
+) -> None:
+    for name, joint in [(n, s.joint) for n, s in states.items()] + [(n, j) for n, (j, _) in inputs.items()]:
+        if joint not in joints:
+            raise UserError(f"no moving joint '{joint}' for '{name}'", file=path, remedy=f"Moving joints: {joints}.")
+    wanted = {(j, kind) for j in joints for kind in ("position", "velocity")}
+    given = [(s.joint, s.kind) for s in states.values()]
+    if set(given) != wanted or len(given) != len(wanted):
+        missing = sorted(wanted - set(given))
+        raise UserError(f"the states miss or repeat joint quantities {missing}", file=path, remedy="List each once.")
+
+
+def _inertial_parameters(plant: Any) -> dict[str, Parameter]:
+    parameters: dict[str, Parameter] = {}
+    for body in _moving(plant):
+        inertia, name = body.default_spatial_inertia(), body.name()
+        mass, com = inertia.get_mass(), inertia.get_com()
+        tensor = inertia.CalcRotationalInertia().CopyToFullMatrix3()  # about the body frame's origin: its joint
+        parameters[f"{name}.m"] = Parameter(float(mass), "kg", f"mass of {name}")
+        for k, axis in enumerate(_AXES):
+            parameters[f"{name}.c{axis}"] = Parameter(float(com[k]), "m", f"centre of mass of {name} from its joint")
+        for moment in _MOMENTS:
+            value = float(tensor[_AXES.index(moment[1]), _AXES.index(moment[2])])
+            parameters[f"{name}.{moment}"] = Parameter(value, "kg*m^2", f"inertia of {name} about its joint")
+    return parameters
+
+
+def _moving(plant: Any) -> list[Any]:
+    from pydrake.multibody.tree import BodyIndex
+
+    bodies = (plant.get_body(BodyIndex(k)) for k in range(plant.num_bodies()))
+    return [b for b in bodies if not plant.IsAnchored(b)]
+
+
+def _equations(
+    path: Path, plant: Any, joints: list[str], order: list[str], rates: list[str]
+) -> tuple[sp.Matrix, sp.Matrix, sp.Matrix]:
+    """M(q), C(q, v) v and the gravity forces; gravity is linear in its vector, so one unit vector at a time."""
+    mass, bias, _ = _drake_symbolic(plant, order, rates)
+    weight = sp.zeros(len(joints), 1)
+    for k, name in enumerate(GRAVITY):
+        unit, _ = _build(path, tuple(float(k == i) for i in range(3)))  # type: ignore[arg-type]
+        weight += symbol(name) * _drake_symbolic(unit, order, rates)[2]
+    return _simplify(mass), _simplify(bias), _simplify(weight)
+
+
+def _drake_symbolic(plant: Any, order: list[str], rates: list[str]) -> tuple[sp.Matrix, sp.Matrix, sp.Matrix]:
+    import numpy as np
+    from pydrake.multibody.tree import SpatialInertia_, UnitInertia_
+    from pydrake.symbolic import Expression, Variable, to_sympy
+
+    memo: dict[Any, Any] = {}
+
+    def variable(name: str) -> Any:
+        drake = Variable(name)
+        memo[drake.get_id()] = symbol(name)
+        return Expression(drake)
+
+    values = _inertial_parameters(plant)
+
+    def parameter(name: str) -> Any:  # a structural zero stays zero: it keeps the expressions small
+        return variable(name) if values[name].value else Expression(0.0)
+
+    twin = plant.ToSymbolic()
+    context = twin.CreateDefaultContext()
+    for body in _moving(plant):
+        name = body.name()
+        m = parameter(f"{name}.m")
+        com = np.array([parameter(f"{name}.c{a}") for a in _AXES])
+        unit = UnitInertia_[Expression](*(parameter(f"{name}.{moment}") / m for moment in _MOMENTS))
+        inertia = SpatialInertia_[Expression](m, com, unit, skip_validity_check=True)
+        twin.GetBodyByName(name).SetSpatialInertiaInBodyFrame(context, inertia)
+    twin.SetPositions(context, np.array([variable(n) for n in order]))
+    twin.SetVelocities(context, np.array([variable(n) for n in rates]))
+
+    def convert(array: Any) -> sp.Matrix:
+        entries = np.atleast_2d(np.asarray(array, dtype=object).T).T
+        return sp.Matrix(entries.shape[0], entries.shape[1], [to_sympy(e, memo=memo) for e in entries.ravel()])
+
+    gravity = twin.CalcGravityGeneralizedForces(context)
+    return convert(twin.CalcMassMatrix(context)), convert(twin.CalcBiasTerm(context)), convert(gravity)
+
+
+def _simplify(matrix: sp.Matrix) -> sp.Matrix:
+    """Exact rationals and trigonometric identities; beyond two degrees of freedom the search costs more than it saves."""
+    rational = matrix.applyfunc(lambda e: sp.nsimplify(e, rational=True))
+    return rational.applyfunc(sp.simplify if matrix.rows <= 2 else sp.cancel)
+
+
+def _named_parameters(plant: Any, kept: Mapping[str, Parameter]) -> dict[str, NamedParameter]:
+    ratio = symbol("ratio")
+    named: dict[str, NamedParameter] = {}
+    for body in _moving(plant):
+        link = body.name()
+        com = [n for n in (f"{link}.c{a}" for a in _AXES) if n in kept]
+        moments = [n for n in (f"{link}.{moment}" for moment in _MOMENTS) if n in kept]
+        mass = [f"{link}.m"] if f"{link}.m" in kept else []
+        first = lambda names: kept[names[0]].value  # noqa: E731
+        once = lambda names: {n: symbol(n) * ratio for n in names}  # noqa: E731
+        twice = lambda names: {n: symbol(n) * ratio**2 for n in names}  # noqa: E731
+        if mass:  # a denser link of the same shape: its inertia scales along
+            named[f"{link}.mass"] = NamedParameter(f"{link}.mass", first(mass), "kg", once(mass + moments))
+        if com:
+            named[f"{link}.com"] = NamedParameter(f"{link}.com", first(com), "m", once(com))
+        if moments:
+            named[f"{link}.inertia"] = NamedParameter(f"{link}.inertia", first(moments), "kg*m^2", once(moments))
+        if com and moments:  # a longer link of the same mass
+            named[f"{link}.length"] = NamedParameter(f"{link}.length", first(com), "m", once(com) | twice(moments))
+    if any(kept[g].value for g in GRAVITY if g in kept):
+        scaling = {g: symbol(g) * ratio for g in GRAVITY if g in kept}
+        named["gravity"] = NamedParameter("gravity", abs(kept[GRAVITY[2]].value), "m/s^2", scaling)
+    return named
