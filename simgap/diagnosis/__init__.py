@@ -1,0 +1,1 @@
+"""From measured data to the physical effect that the model lacks."""

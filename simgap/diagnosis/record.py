@@ -1,0 +1,62 @@
+"""Measured data as the numerical core of diagnosis sees them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.errors import UserError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One uninterrupted stretch of samples.
+
+    Attributes:
+        name: what messages call it.
+        t: (n,) true time stamps in s, strictly increasing; they may jitter and start anywhere.
+        y: (n, k) measured states, columns as in `Record.measured`.
+        u: (n, m) recorded inputs, columns as in `Record.inputs`; each row holds from its stamp until the next.
+    """
+
+    name: str
+    t: Floats
+    y: Floats
+    u: Floats
+
+    def __post_init__(self) -> None:
+        if not (self.t.ndim == 1 and self.y.ndim == 2 and self.u.ndim == 2 and len(self.t) == len(self.y) == len(self.u)):
+            raise UserError(f"trace '{self.name}' has times, states and inputs of different lengths")
+        if not (np.all(np.isfinite(self.t)) and np.all(np.isfinite(self.y)) and np.all(np.isfinite(self.u))):
+            raise UserError(f"trace '{self.name}' holds a number that is not finite", remedy="Drop or fill such rows.")
+        if np.any(np.diff(self.t) <= 0):
+            raise UserError(f"time stands still or runs backwards in trace '{self.name}'", remedy="Sort or split it.")
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first stamp to the last."""
+        return float(self.t[-1] - self.t[0]) if len(self.t) else 0.0
+
+
+@dataclass(frozen=True)
+class Record:
+    """Traces of one plant, all in the units of the case.
+
+    Attributes:
+        traces: the stretches of data.
+        measured: state names of the columns of `Trace.y`.
+        inputs: input names of the columns of `Trace.u`, in the order of the model.
+    """
+
+    traces: tuple[Trace, ...]
+    measured: tuple[str, ...]
+    inputs: tuple[str, ...]
+
+    @property
+    def rows(self) -> int:
+        """Samples of all traces together."""
+        return sum(len(trace.t) for trace in self.traces)

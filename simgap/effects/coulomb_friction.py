@@ -1,0 +1,20 @@
+"""Coulomb (dry) friction."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+
+
+class CoulombFriction(CoordinateEffect):
+    """Resistance of constant size against the motion; at rest it holds up to the same size."""
+
+    name = "coulomb_friction"
+    formula = "F = -F_c sign(v), and any |F| <= F_c that keeps v = 0"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
+    parameters = (EffectParameter("F_c", "{force}", "Coulomb friction force", null=0.0, lower=0.0),)
+
+    def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
+        """-F_c sign(v)."""
+        return -values["F_c"] * sp.sign(velocity)
