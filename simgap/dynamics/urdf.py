@@ -60,8 +60,12 @@ def load_urdf(
     for j, d in zip(joints, damping, strict=True):
         if d:
             parameters[f"{j}.damping"] = Parameter(d, "N*m*s/rad", "viscous damping declared in the URDF")
-    drag = sp.Matrix([symbol(f"{j}.damping") * symbol(v) if d else 0 for j, v, d in zip(joints, rates, damping, strict=True)])
-    drive = sp.Matrix([sum((symbol(n) for n, (joint, _) in inputs.items() if joint == j), sp.Integer(0)) for j in joints])
+    drag = sp.Matrix(
+        [symbol(f"{j}.damping") * symbol(v) if d else 0 for j, v, d in zip(joints, rates, damping, strict=True)]
+    )
+    drive = sp.Matrix(
+        [sum((symbol(n) for n, (joint, _) in inputs.items() if joint == j), sp.Integer(0)) for j in joints]
+    )
     inverse = _simplify(mass.inv(method="ADJ"))
     acceleration = _simplify(inverse * (weight - bias)) + inverse * (drive - drag)
     rows = {q: symbol(v) for q, v in zip(order, rates, strict=True)}

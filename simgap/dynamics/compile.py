@@ -1,0 +1,120 @@
+"""SymPy expressions as numba kernels, once in floating point and once in outward rounded interval arithmetic."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import reduce
+from typing import Any
+
+import sympy as sp
+from numba import njit
+from sympy.printing.pycode import PythonCodePrinter
+
+from simgap.dynamics import interval
+from simgap.errors import UserError
+
+Kernel = Callable[..., Any]
+_PRIMITIVES = {
+    name: getattr(interval, name)
+    for name in dir(interval)
+    if name.startswith("i") and callable(getattr(interval, name))
+}
+
+
+def compile_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol]]) -> Kernel:
+    """A numba function `g(a, b, ...) -> (value, ...)` of one 1-D float64 array for each group of symbols."""
+    vectors = [sp.DeferredVector(f"a{k}") for k in range(len(groups))]
+    values = tuple(_floating(e) for e in _indexed(exprs, groups, vectors))
+    return njit(error_model="numpy")(sp.lambdify(vectors, values, modules="math", cse=True))
+
+
+def compile_interval_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol]]) -> Kernel:
+    """A numba function `g(lo_a, hi_a, lo_b, hi_b, ...) -> ((lo, hi), ...)`: an outward rounded enclosure.
+
+    For every point of the boxes [lo_a, hi_a] x [lo_b, hi_b] x ... the exact value of each expression lies in its pair.
+
+    Raises:
+        UserError: for a function without an interval version.
+    """
+    vectors = [sp.DeferredVector(f"a{k}") for k in range(len(groups))]
+    ends = [sp.Symbol(f"a{k}_{side}") for k in range(len(groups)) for side in ("lo", "hi")]
+    values = tuple(sp.sympify(e) for e in _indexed(exprs, groups, vectors))
+    printer = _IntervalPrinter({"fully_qualified_modules": False, "allow_unknown_functions": True})
+    function = sp.lambdify(ends, values, modules=[_PRIMITIVES], printer=printer, cse=True)
+    return njit(error_model="numpy")(function)
+
+
+def _indexed(
+    exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol]], vectors: Sequence[sp.DeferredVector]
+) -> list[sp.Expr]:
+    places = {s: v[i] for group, v in zip(groups, vectors, strict=True) for i, s in enumerate(group)}
+    free = set().union(*(sp.sympify(e).free_symbols for e in exprs)) - set(places)
+    if free:
+        raise UserError(f"an expression holds symbols without a value: {sorted(map(str, free))}")
+    return [sp.sympify(e).xreplace(places) for e in exprs]
+
+
+def _floating(e: sp.Expr) -> sp.Expr:
+    """Bare numbers as floats, so that all entries of the tuple have one type."""
+    return sp.Float(e, 17) if e.is_number else e
+
+
+class _IntervalPrinter(PythonCodePrinter):  # type: ignore[misc]
+    """Prints an expression as nested calls of the primitives in `interval`."""
+
+    def _print_Symbol(self, expr: sp.Symbol) -> str:
+        name = str(expr.name)
+        if "[" in name:  # an element of a group: "a0[1]"
+            vector, rest = name.split("[")
+            return f"({vector}_lo[{rest}, {vector}_hi[{rest})"
+        return name
+
+    def _number(self, expr: sp.Expr) -> str:
+        value = float(expr)
+        if sp.Rational(value) == expr or (expr.is_Float and sp.Float(value, 17) == expr):
+            return f"({value!r}, {value!r})"
+        return f"({math.nextafter(value, -math.inf)!r}, {math.nextafter(value, math.inf)!r})"
+
+    _print_Integer = _print_Float = _print_Rational = _print_Half = _print_Pi = _print_NumberSymbol = _number
+    _print_Zero = _print_One = _print_NegativeOne = _number
+
+    def _nested(self, name: str, args: Sequence[sp.Expr]) -> str:
+        return reduce(lambda a, b: f"{name}({a}, {b})", [str(self._print(a)) for a in args])
+
+    def _print_Add(self, expr: sp.Add, order: str | None = None) -> str:
+        return self._nested("iadd", expr.args)
+
+    def _print_Mul(self, expr: sp.Mul) -> str:
+        return self._nested("imul", expr.args)
+
+    def _print_Max(self, expr: sp.Max) -> str:
+        return self._nested("imax", expr.args)
+
+    def _print_Min(self, expr: sp.Min) -> str:
+        return self._nested("imin", expr.args)
+
+    def _print_Piecewise(self, expr: sp.Piecewise) -> str:
+        return self._nested("ihull", [branch for branch, _ in expr.args])
+
+    def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:
+        base, exponent = str(self._print(expr.base)), expr.exp
+        if exponent.is_Float and exponent == int(exponent):
+            exponent = sp.Integer(int(exponent))
+        if exponent == sp.Rational(1, 2):
+            return f"isqrt({base})"
+        if exponent == -sp.Rational(1, 2):
+            return f"iinv(isqrt({base}))"
+        if exponent.is_Integer:
+            power = base if abs(exponent) == 1 else f"ipow({base}, {abs(int(exponent))})"
+            return power if exponent > 0 else f"iinv({power})"
+        raise UserError(f"no interval version of the power {expr}", remedy="Use integer powers or sqrt.")
+
+    def _print_Function(self, expr: sp.Function) -> str:
+        name = "i" + type(expr).__name__.lower()
+        if name not in _PRIMITIVES or len(expr.args) != 1:
+            raise UserError(f"no interval version of {type(expr).__name__}")
+        return f"{name}({self._print(expr.args[0])})"
+
+    _print_sin = _print_cos = _print_tan = _print_tanh = _print_atan = _print_exp = _print_log = _print_Function
+    _print_Abs = _print_sign = _print_sinc = _print_Function

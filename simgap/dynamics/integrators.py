@@ -1,0 +1,101 @@
+"""From `dx/dt = F(x, u)` to the sampled map `x+ = f(x, u)` over one sampling time, u held."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import sympy as sp
+
+from simgap.dynamics.model import SymbolicModel, symbol
+from simgap.errors import UserError
+
+Exprs = tuple[sp.Expr, ...]
+
+
+def discretise(model: SymbolicModel, tau: float, integrator: str, substeps: int = 1) -> Exprs:
+    """The sampled map f, one expression a state over the symbols of states and inputs; parameters are numbers.
+
+    Args:
+        model: continuous dynamics.
+        tau: sampling time, s.
+        integrator: a key of `INTEGRATORS`.
+        substeps: equal steps of the integrator within tau.
+
+    Raises:
+        UserError: unknown integrator, or one that does not fit this plant.
+    """
+    if integrator not in INTEGRATORS:
+        raise UserError(f"no integrator '{integrator}'", remedy=f"Known: {', '.join(INTEGRATORS)}.")
+    xdot, names = model.numeric(), [v.symbol for v in model.states]
+    step = INTEGRATORS[integrator](model, xdot, sp.Float(tau / substeps))
+    state = step
+    for _ in range(substeps - 1):
+        state = _compose(step, names, state)
+    return state
+
+
+def _compose(step: Exprs, names: Sequence[sp.Symbol], at: Exprs) -> Exprs:
+    values = dict(zip(names, at, strict=True))
+    return tuple(sp.sympify(e).subs(values, simultaneous=True) for e in step)
+
+
+def explicit_euler(model: SymbolicModel, xdot: Exprs, h: sp.Expr) -> Exprs:
+    """x+ = x + h F(x, u): the paper's choice."""
+    return tuple(v.symbol + h * f for v, f in zip(model.states, xdot, strict=True))
+
+
+def semi_implicit_euler(model: SymbolicModel, xdot: Exprs, h: sp.Expr) -> Exprs:
+    """Velocities first, positions with the new velocities: PyBullet's own step."""
+    if not model.coordinates:
+        raise UserError("semi_implicit_euler needs coordinates with velocities", remedy="Use explicit_euler or rk4.")
+    rate = {c.position: c.velocity for c in model.coordinates}
+    new = {v.name: v.symbol + h * f for v, f in zip(model.states, xdot, strict=True) if v.name not in rate}
+    velocities = {symbol(name): new[name] for name in rate.values()}
+    moved = {
+        v.name: v.symbol + h * f.subs(velocities) for v, f in zip(model.states, xdot, strict=True) if v.name in rate
+    }
+    return tuple(moved.get(v.name, new.get(v.name)) for v in model.states)
+
+
+def rk4(model: SymbolicModel, xdot: Exprs, h: sp.Expr) -> Exprs:
+    """The classical fourth-order Runge-Kutta step."""
+    x = [v.symbol for v in model.states]
+
+    def slope(at: Sequence[sp.Expr]) -> Exprs:
+        return _compose(xdot, x, tuple(at))
+
+    k1 = xdot
+    k2 = slope([a + h / 2 * k for a, k in zip(x, k1, strict=True)])
+    k3 = slope([a + h / 2 * k for a, k in zip(x, k2, strict=True)])
+    k4 = slope([a + h * k for a, k in zip(x, k3, strict=True)])
+    return tuple(a + h / 6 * (p + 2 * q + 2 * r + s) for a, p, q, r, s in zip(x, k1, k2, k3, k4, strict=True))
+
+
+def exact_arc(model: SymbolicModel, xdot: Exprs, h: sp.Expr) -> Exprs:
+    """The exact solution of a unicycle: an arc of length v h turning by w h (the chord leaves at w h / 2)."""
+    wheels = model.wheels
+    if wheels is None:
+        raise UserError("exact_arc is for a planar wheeled robot", remedy="Declare `plant.wheels` or use rk4.")
+    rows = dict(zip(model.state_names, xdot, strict=True))
+    heading = symbol(wheels.heading)
+    turn = rows[wheels.heading]
+    speed = sp.simplify(rows[wheels.x] * sp.cos(heading) + rows[wheels.y] * sp.sin(heading))
+    states = {v.symbol for v in model.states}
+    slip = sp.simplify(rows[wheels.y] * sp.cos(heading) - rows[wheels.x] * sp.sin(heading))
+    if slip != 0 or (speed.free_symbols | turn.free_symbols) & states or len(rows) != 3:
+        raise UserError("exact_arc needs x' = v cos(heading), y' = v sin(heading), heading' = w", remedy="Use rk4.")
+    chord, bearing = speed * h * sp.sinc(turn * h / 2), heading + turn * h / 2
+    new = {
+        wheels.x: symbol(wheels.x) + chord * sp.cos(bearing),
+        wheels.y: symbol(wheels.y) + chord * sp.sin(bearing),
+        wheels.heading: heading + turn * h,
+    }
+    return tuple(new[name] for name in model.state_names)
+
+
+INTEGRATORS: Mapping[str, Callable[[SymbolicModel, Exprs, sp.Expr], Exprs]] = {
+    "explicit_euler": explicit_euler,
+    "semi_implicit_euler": semi_implicit_euler,
+    "rk4": rk4,
+    "exact_arc": exact_arc,
+}

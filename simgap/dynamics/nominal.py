@@ -1,0 +1,136 @@
+"""The nominal model: the sampled map f, compiled, with its Jacobian and bounds over boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numba import njit
+
+from simgap.dynamics.compile import Kernel, compile_interval_kernel, compile_kernel
+from simgap.dynamics.integrators import discretise
+from simgap.dynamics.model import SymbolicModel
+from simgap.geometry import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class NominalModel:
+    """The map `x+ = f(x, u)` over one sampling time tau (paper, eq. disc_mathematical_model).
+
+    `f` holds one expression a state, over the symbols in `x` and `u` alone. Kernels are compiled when first used.
+    """
+
+    x: tuple[sp.Symbol, ...]
+    u: tuple[sp.Symbol, ...]
+    f: tuple[sp.Expr, ...]
+    tau: float
+
+    @staticmethod
+    def of(model: SymbolicModel, tau: float, integrator: str, substeps: int = 1) -> NominalModel:
+        """Discretise a symbolic model; `integrator` is a key of `integrators.INTEGRATORS`."""
+        x, u = (tuple(v.symbol for v in group) for group in (model.states, model.inputs))
+        return NominalModel(x, u, discretise(model, tau, integrator, substeps), tau)
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return len(self.x)
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return len(self.u)
+
+    @cached_property
+    def jacobian_exprs(self) -> tuple[sp.Expr, ...]:
+        """d f_i / d x_j in row-major order."""
+        return tuple(sp.diff(f, x) for f in self.f for x in self.x)
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """numba: (x (nx,), u (nu,)) -> (f_0, ...)."""
+        return compile_kernel(self.f, (self.x, self.u))
+
+    @cached_property
+    def interval_kernel(self) -> Kernel:
+        """numba: (xlo, xhi, ulo, uhi) -> ((lo, hi), ...): f over the box, outward rounded."""
+        return compile_interval_kernel(self.f, (self.x, self.u))
+
+    @cached_property
+    def jacobian_kernel(self) -> Kernel:
+        """numba: (x, u) -> row-major d f_i / d x_j."""
+        return compile_kernel(self.jacobian_exprs, (self.x, self.u))
+
+    @cached_property
+    def jacobian_interval_kernel(self) -> Kernel:
+        """numba: (xlo, xhi, ulo, uhi) -> row-major ((lo, hi), ...) of d f_i / d x_j over the box."""
+        return compile_interval_kernel(self.jacobian_exprs, (self.x, self.u))
+
+    @cached_property
+    def offset_axes(self) -> tuple[frozenset[int], ...]:
+        """For each i, the state axes on which f_i - x_i depends."""
+        return tuple(self._axes(sp.expand(f - x)) for f, x in zip(self.f, self.x, strict=True))
+
+    @cached_property
+    def jacobian_axes(self) -> tuple[tuple[frozenset[int], ...], ...]:
+        """For each i, j, the state axes on which d f_i / d x_j depends."""
+        axes = [self._axes(e) for e in self.jacobian_exprs]
+        return tuple(tuple(axes[i * self.nx : (i + 1) * self.nx]) for i in range(self.nx))
+
+    def _axes(self, expr: sp.Expr) -> frozenset[int]:
+        return frozenset(j for j, s in enumerate(self.x) if s in expr.free_symbols)
+
+    def step(self, x: Floats, u: Floats) -> Floats:
+        """f on arrays: (n, nx), (n, nu) -> (n, nx)."""
+        return _map(self.kernel, _rows(x), _rows(u), self.nx)
+
+    def jacobian(self, x: Floats, u: Floats) -> Floats:
+        """d f / d x on arrays: (n, nx), (n, nu) -> (n, nx, nx)."""
+        return _map(self.jacobian_kernel, _rows(x), _rows(u), self.nx**2).reshape(-1, self.nx, self.nx)
+
+    def jacobian_bound(self, lo: Floats, hi: Floats, u: Floats) -> Floats:
+        """Upper bounds of |d f_i / d x_j| over boxes: (n, nx), (n, nx), (n, nu) -> (n, nx, nx), rounded outward."""
+        bound = _magnitude(self.jacobian_interval_kernel, _rows(lo), _rows(hi), _rows(u), self.nx**2)
+        return bound.reshape(-1, self.nx, self.nx)
+
+    def enclosure(self, lo: Floats, hi: Floats, u: Floats) -> tuple[Floats, Floats]:
+        """f over boxes: (n, nx), (n, nx), (n, nu) -> two (n, nx), rounded outward."""
+        return _enclose(self.interval_kernel, _rows(lo), _rows(hi), _rows(u), self.nx)
+
+
+def _rows(a: Floats | Sequence[Sequence[float]]) -> Floats:
+    return np.ascontiguousarray(np.atleast_2d(np.asarray(a, dtype=np.float64)))
+
+
+@njit(error_model="numpy")
+def _map(kernel: Any, x: Floats, u: Floats, size: int) -> Floats:
+    out = np.empty((x.shape[0], size))
+    for k in range(x.shape[0]):
+        values = kernel(x[k], u[k])
+        for i in range(size):
+            out[k, i] = values[i]
+    return out
+
+
+@njit(error_model="numpy")
+def _magnitude(kernel: Any, lo: Floats, hi: Floats, u: Floats, size: int) -> Floats:
+    out = np.empty((lo.shape[0], size))
+    for k in range(lo.shape[0]):
+        values = kernel(lo[k], hi[k], u[k], u[k])
+        for i in range(size):
+            out[k, i] = max(-values[i][0], values[i][1])
+    return out
+
+
+@njit(error_model="numpy")
+def _enclose(kernel: Any, lo: Floats, hi: Floats, u: Floats, size: int) -> tuple[Floats, Floats]:
+    low, high = np.empty((lo.shape[0], size)), np.empty((lo.shape[0], size))
+    for k in range(lo.shape[0]):
+        values = kernel(lo[k], hi[k], u[k], u[k])
+        for i in range(size):
+            low[k, i], high[k, i] = values[i][0], values[i][1]
+    return low, high
