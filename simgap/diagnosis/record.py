@@ -29,7 +29,7 @@ class Trace:
     u: Floats
 
     def __post_init__(self) -> None:
-        if not (self.t.ndim == 1 and self.y.ndim == 2 and self.u.ndim == 2 and len(self.t) == len(self.y) == len(self.u)):
+        if (self.t.ndim, self.y.ndim, self.u.ndim) != (1, 2, 2) or not len(self.t) == len(self.y) == len(self.u):
             raise UserError(f"trace '{self.name}' has times, states and inputs of different lengths")
         if not (np.all(np.isfinite(self.t)) and np.all(np.isfinite(self.y)) and np.all(np.isfinite(self.u))):
             raise UserError(f"trace '{self.name}' holds a number that is not finite", remedy="Drop or fill such rows.")

@@ -1,10 +1,17 @@
-"""The library of physical effects: one a file, all in `EFFECTS`."""
+"""The library of physical effects: one a file, all in `EFFECTS`.
+
+The order of the registry is the order in which several effects enter a model: plant, forces, sensors, and then the
+path of a command from the plant backwards, so that a command is delayed, amplified, shifted, loses its dead zone, is
+cut and then lags.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
+from simgap.dynamics.model import SymbolicModel
 from simgap.effects.base import (
     CoordinateEffect,
     Effect,
@@ -12,21 +19,58 @@ from simgap.effects.base import (
     InputEffect,
     StaticInputEffect,
 )
+from simgap.effects.cogging import Cogging
 from simgap.effects.coulomb_friction import CoulombFriction
+from simgap.effects.cubic_spring import CubicSpring
+from simgap.effects.gravity_tilt import GravityTilt
+from simgap.effects.input_bias import InputBias
+from simgap.effects.input_dead_zone import InputDeadZone
+from simgap.effects.input_delay import InputDelay
+from simgap.effects.input_gain import InputGain
+from simgap.effects.input_lag import InputLag
+from simgap.effects.input_saturation import InputSaturation
+from simgap.effects.lateral_slip import LateralSlip
+from simgap.effects.parameter_error import ParameterError
+from simgap.effects.quadratic_drag import QuadraticDrag
+from simgap.effects.sensor_offset import SensorOffset
+from simgap.effects.spring import Spring
+from simgap.effects.stribeck_friction import StribeckFriction
 from simgap.effects.viscous_friction import ViscousFriction
+from simgap.effects.wheel_mismatch import WheelMismatch
 from simgap.errors import UserError
 
 __all__ = [
     "EFFECTS",
+    "AppliedEffect",
     "CoordinateEffect",
     "Effect",
     "EffectParameter",
     "InputEffect",
     "StaticInputEffect",
+    "apply_effects",
     "effect",
 ]
 
-_ALL: tuple[Effect, ...] = (ViscousFriction(), CoulombFriction())
+_ALL: tuple[Effect, ...] = (
+    ParameterError(),
+    GravityTilt(),
+    WheelMismatch(),
+    LateralSlip(),
+    ViscousFriction(),
+    CoulombFriction(),
+    StribeckFriction(),
+    QuadraticDrag(),
+    Spring(),
+    CubicSpring(),
+    Cogging(),
+    SensorOffset(),
+    InputLag(),
+    InputSaturation(),
+    InputDeadZone(),
+    InputBias(),
+    InputGain(),
+    InputDelay(),
+)
 EFFECTS: Mapping[str, Effect] = MappingProxyType({e.name: e for e in _ALL})
 
 
@@ -39,3 +83,24 @@ def effect(name: str) -> Effect:
     if name not in EFFECTS:
         raise UserError(f"no effect is called '{name}'", remedy=f"Known: {', '.join(EFFECTS)}.")
     return EFFECTS[name]
+
+
+@dataclass(frozen=True)
+class AppliedEffect:
+    """An effect with its target and the values of its parameters."""
+
+    name: str
+    on: str
+    values: Mapping[str, float]
+
+
+def apply_effects(model: SymbolicModel, applied: Iterable[AppliedEffect]) -> SymbolicModel:
+    """The model with several effects, inserted in the order of the registry.
+
+    Raises:
+        UserError: unknown effect or target, missing or unphysical value.
+    """
+    rank = {name: k for k, name in enumerate(EFFECTS)}
+    for item in sorted(applied, key=lambda a: (rank.get(a.name, -1), a.on)):
+        model = effect(item.name).apply(model, item.on, item.values)
+    return model

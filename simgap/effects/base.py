@@ -24,8 +24,8 @@ Values = Mapping[str, sp.Expr]
 class EffectParameter:
     """One number of an effect.
 
-    `unit` may hold the placeholders `{force}`, `{position}`, `{input}`, `{state}`, filled in for the target. At `null` (for
-    all parameters of the effect at once) the effect vanishes. `lower` and `upper` are physical limits. `integer`
+    `unit` may hold the placeholders `{force}`, `{position}`, `{input}`, `{state}`, filled in for the target. At `null`
+    (for all parameters of the effect at once) the effect vanishes. `lower` and `upper` are physical limits. `integer`
     marks a discrete choice.
     """
 

@@ -1,0 +1,26 @@
+"""Torque that repeats with the position, as of motor magnets or a gear."""
+
+from __future__ import annotations
+
+import math
+
+import sympy as sp
+
+from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+
+
+class Cogging(CoordinateEffect):
+    """A force that is periodic in the coordinate."""
+
+    name = "cogging"
+    formula = "F = A sin(n q + phase)"
+    source = "Hanselman (2003), Brushless Permanent Magnet Motor Design, sec. 7 (first harmonic)"
+    parameters = (
+        EffectParameter("A", "{force}", "amplitude", null=0.0, lower=0.0),
+        EffectParameter("n", "1/{position}", "periods in a turn", null=1.0, lower=1.0, integer=True),
+        EffectParameter("phase", "rad", "phase at q = 0", null=0.0, lower=-math.pi, upper=math.pi),
+    )
+
+    def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
+        """A sin(n q + phase)."""
+        return values["A"] * sp.sin(values["n"] * position + values["phase"])

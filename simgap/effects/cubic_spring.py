@@ -1,0 +1,20 @@
+"""A cubic spring about the coordinate's zero."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+
+
+class CubicSpring(CoordinateEffect):
+    """The stiffening (k3 > 0) or softening (k3 < 0) part of an elastic element."""
+
+    name = "cubic_spring"
+    formula = "F = -k3 q^3"
+    source = "Nayfeh, Mook (1979), Nonlinear Oscillations, sec. 4.1 (Duffing)"
+    parameters = (EffectParameter("k3", "{force}/{position}^3", "cubic stiffness", null=0.0),)
+
+    def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
+        """-k3 q^3."""
+        return -values["k3"] * position**3

@@ -1,0 +1,20 @@
+"""An actuator that is off at zero."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from simgap.effects.base import EffectParameter, StaticInputEffect, Values
+
+
+class InputBias(StaticInputEffect):
+    """The plant feels the command plus a constant."""
+
+    name = "input_bias"
+    formula = "u' = u + bias"
+    source = "Ljung (1999), System Identification, sec. 4.2"
+    parameters = (EffectParameter("bias", "{input}", "offset of the input", null=0.0),)
+
+    def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
+        """u + bias."""
+        return command + values["bias"]

@@ -1,0 +1,21 @@
+"""An actuator that ignores small commands."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from simgap.effects.base import EffectParameter, StaticInputEffect, Values
+
+
+class InputDeadZone(StaticInputEffect):
+    """Commands within the dead zone do nothing, larger ones lose its half-width."""
+
+    name = "input_dead_zone"
+    formula = "u' = sign(u) max(|u| - width, 0)"
+    source = "Tao, Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor Nonlinearities, ch. 2"
+    parameters = (EffectParameter("width", "{input}", "half-width of the dead zone", null=0.0, lower=0.0),)
+
+    def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
+        """u minus its part within +-width."""
+        width = values["width"]
+        return command - sp.Max(-width, sp.Min(command, width))

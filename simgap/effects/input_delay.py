@@ -1,0 +1,19 @@
+"""A pure delay between command and plant."""
+
+from __future__ import annotations
+
+from simgap.dynamics.model import SymbolicModel
+from simgap.effects.base import EffectParameter, InputEffect, Values
+
+
+class InputDelay(InputEffect):
+    """The plant feels what was commanded some time ago (computation, bus, network)."""
+
+    name = "input_delay"
+    formula = "u'(t) = u(t - delay)"
+    source = "Astrom, Wittenmark (1997), Computer-Controlled Systems, sec. 2.3"
+    parameters = (EffectParameter("delay", "s", "time from command to effect", null=0.0, lower=0.0),)
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Declare the delay; discretising the model turns it into states that hold past commands."""
+        return model.with_delay(on, values["delay"])

@@ -1,0 +1,35 @@
+"""Wheels that slide sideways."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import sympy as sp
+
+from simgap.dynamics.model import SymbolicModel, symbol
+from simgap.effects.base import Effect, EffectParameter, Values
+
+
+class LateralSlip(Effect):
+    """The robot drifts to its left by a share of the way it goes forward (the tangent of its side-slip angle)."""
+
+    name = "lateral_slip"
+    kind = "plant"
+    formula = "x' += -ratio v sin(heading), y' += ratio v cos(heading)"
+    source = "Wang, Low (2008), IEEE Trans. Robotics 24(3), skidding and slipping of wheeled robots"
+    parameters = (EffectParameter("ratio", "1", "sideways over forward speed (0 = no slip)", null=0.0),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """The plant, if it is a planar wheeled robot."""
+        return ("plant",) if model.wheels is not None else ()
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Add the sideways velocity."""
+        if model.wheels is None:
+            return model
+        wheels, names = model.wheels, model.state_names
+        sideways, heading = values["ratio"] * symbol(wheels.linear), symbol(wheels.heading)
+        xdot = list(model.xdot)
+        xdot[names.index(wheels.x)] += -sideways * sp.sin(heading)
+        xdot[names.index(wheels.y)] += sideways * sp.cos(heading)
+        return replace(model, xdot=tuple(xdot))

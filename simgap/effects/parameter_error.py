@@ -1,0 +1,28 @@
+"""A plant parameter that differs from its declared value."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from simgap.dynamics.model import SymbolicModel, symbol
+from simgap.effects.base import Effect, EffectParameter, Values
+
+
+class ParameterError(Effect):
+    """A named physical property is a multiple of what was declared."""
+
+    name = "parameter_error"
+    kind = "parameter"
+    formula = "p' = ratio p"
+    source = "Ljung (1999), System Identification, sec. 4.2"
+    parameters = (EffectParameter("ratio", "1", "true over declared value", null=1.0, lower=1e-3, upper=1e3),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Every named parameter of the plant."""
+        return tuple(model.named_parameters)
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Scale everything that the named property is made of."""
+        scaling = model.named_parameters[on].scaling
+        ratio = {symbol("ratio"): values["ratio"]}
+        return model.substitute({name: sp.sympify(expr).subs(ratio) for name, expr in scaling.items()})

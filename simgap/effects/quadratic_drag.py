@@ -1,0 +1,20 @@
+"""Drag that grows with the square of speed."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+
+
+class QuadraticDrag(CoordinateEffect):
+    """Resistance of a fluid at high Reynolds number."""
+
+    name = "quadratic_drag"
+    formula = "F = -c v |v|"
+    source = "Batchelor (1967), An Introduction to Fluid Dynamics, sec. 5.11"
+    parameters = (EffectParameter("c", "{force}*s^2/{position}^2", "drag coefficient", null=0.0, lower=0.0),)
+
+    def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
+        """-c v |v|."""
+        return -values["c"] * velocity * sp.Abs(velocity)

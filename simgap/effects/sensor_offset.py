@@ -1,0 +1,28 @@
+"""A sensor that is off by a constant."""
+
+from __future__ import annotations
+
+from simgap.dynamics.model import SymbolicModel, symbol
+from simgap.effects.base import Effect, EffectParameter, Values
+
+
+class SensorOffset(Effect):
+    """The sensor reads the state plus a constant."""
+
+    name = "sensor_offset"
+    kind = "state"
+    formula = "y = x + offset"
+    source = "Ljung (1999), System Identification, sec. 14.1"
+    parameters = (EffectParameter("offset", "{state}", "reading minus truth", null=0.0),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Every state."""
+        return model.state_names
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Change what the sensor reads; the motion stays as it is."""
+        return model.with_output(on, model.outputs.get(on, symbol(on)) + values["offset"])
+
+    def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
+        """The unit of the state."""
+        return {"offset": next(v.unit for v in model.states if v.name == on)}

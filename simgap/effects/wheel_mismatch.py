@@ -1,0 +1,31 @@
+"""Driven wheels of unequal size."""
+
+from __future__ import annotations
+
+from simgap.dynamics.model import SymbolicModel, symbol
+from simgap.effects.base import Effect, EffectParameter, Values
+
+
+class WheelMismatch(Effect):
+    """The right wheel of a differential drive is larger or smaller than declared, the left one is as declared."""
+
+    name = "wheel_mismatch"
+    kind = "plant"
+    formula = "v' = (r (v + w L/2) + (v - w L/2))/2, w' = (r (v + w L/2) - (v - w L/2))/L, L the track, r the ratio"
+    source = "Borenstein, Feng (1996), IEEE Trans. Robotics and Automation 12(6), unequal wheel diameters"
+    parameters = (EffectParameter("ratio", "1", "true over declared radius of the right wheel", null=1.0, lower=0.0),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """The plant, if it is a planar robot on two driven wheels."""
+        return ("plant",) if model.wheels is not None else ()
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Turn the commands into wheel speeds and back with the true radii."""
+        if model.wheels is None:
+            return model
+        wheels = model.wheels
+        v, w, track = symbol(wheels.linear), symbol(wheels.angular), wheels.track
+        right, left = values["ratio"] * (v + w * track / 2), v - w * track / 2
+        held = model.with_input(wheels.linear, symbol("_linear"))  # both commands change at once
+        turned = held.with_input(wheels.angular, (right - left) / track)
+        return turned.substitute({"_linear": (right + left) / 2})
