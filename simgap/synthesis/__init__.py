@@ -1,0 +1,1 @@
+"""Symbolic synthesis: abstraction of the nominal map and its gap, fixed points, controllers."""

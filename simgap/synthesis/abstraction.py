@@ -1,0 +1,68 @@
+"""The finite abstraction of a plant: cells, inputs, and for each pair the box of cells that its successors can reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.errors import UserError
+from simgap.geometry import Grid
+from simgap.synthesis.holes import layout
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+MAX_AXES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Abstraction:
+    """Cells x inputs -> boxes of cells, evaluated when asked for and never stored.
+
+    Attributes:
+        grid: cells of X, at most 4 axes.
+        inputs: the finite input set U, (M, nu).
+        post: compiled function of `pointers.POST`.
+        meta, data, table: flat arrays that `post` reads.
+        axes: for each dimension i, the state axes on which the offset f_i(x, u) - x_i and its spread depend.
+        disturbance: largest spread added to each dimension besides the cell's own size (state units), for messages.
+        error: bound of the measurement error that the boxes account for, (nx,).
+    """
+
+    grid: Grid
+    inputs: Floats
+    post: Any
+    meta: Ints
+    data: Floats
+    table: NDArray[np.int32]
+    axes: tuple[tuple[int, ...], ...]
+    disturbance: Floats
+    error: Floats
+
+    def __post_init__(self) -> None:
+        if self.grid.box.size > MAX_AXES:
+            raise UserError(f"synthesis covers at most {MAX_AXES} states, not {self.grid.box.size}")
+        if self.inputs.ndim != 2 or len(self.inputs) == 0:
+            raise UserError("the input set is empty", remedy="Give at least one input value per input")
+
+    @property
+    def shape(self) -> Ints:
+        """The grid as the kernels read it (`holes.layout`)."""
+        return layout(self.grid.cells, self.grid.periodic)
+
+    def boxes(self, cells: Ints, first: int = 0, last: int | None = None) -> Ints:
+        """Boxes of successors: flat cells (n,) -> (n, last - first, 2, nx) lower and upper cell indices, not wrapped."""
+        last = len(self.inputs) if last is None else last
+        k = np.stack(np.unravel_index(cells, self.grid.cells), axis=-1).astype(np.int64)
+        out = np.zeros((len(k), last - first, 2, self.grid.box.size), dtype=np.int64)
+        _boxes(self.post, np.ascontiguousarray(k), first, last, self.meta, self.data, self.table, out)
+        return out
+
+
+@nb.njit(cache=True, nogil=True)
+def _boxes(post, k, first, last, meta, data, table, out):  # type: ignore[no-untyped-def]
+    for i in range(k.shape[0]):
+        post(k[i].ctypes, first, last, meta.ctypes, data.ctypes, table.ctypes, out[i].ctypes)

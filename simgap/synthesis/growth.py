@@ -1,0 +1,73 @@
+"""Abstraction whose growth bound is given by the caller (Reissig, Weber and Rungger 2017, "Feedback refinement relations").
+
+The box of a cell with centre c and half-width r under u is `step(c, u) -/+ growth(r, u)`. Nothing here checks that the
+growth bound is one; `nominal.nominal_abstraction` derives its own and rounds outward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.errors import UserError
+from simgap.geometry import Grid
+from simgap.synthesis.abstraction import Abstraction
+from simgap.synthesis.tables import cell_offsets, reduced_cells, reduced_size, table_meta, table_post
+
+Floats = NDArray[np.float64]
+ENLARGEMENT = 1e-10  # of a cell, before the growth and again after it
+TOLERANCE = 1e-9  # of a cell: a post that only touches the next cell counts as reaching it
+
+
+def growth_abstraction(
+    grid: Grid,
+    inputs: Floats,
+    step: Callable[[Floats, Floats], Floats],
+    growth: Callable[[Floats, Floats], Floats],
+    axes: tuple[tuple[int, ...], ...],
+) -> Abstraction:
+    """Tabulate `step(x, u) - x` and `growth(r, u)` on the axes they depend on.
+
+    Args:
+        grid: cells of X.
+        inputs: U, (M, nu).
+        step: x (n, nx), u (n, nu) -> (n, nx).
+        growth: r (n, nx) half-widths, u (n, nu) -> (n, nx) half-widths.
+        axes: for each dimension i, the axes on which f_i(x, u) - x_i depends.
+
+    Raises:
+        UserError: if the tables would need more than a few numbers per cell.
+    """
+    pairs = sum(reduced_size(grid, own) for own in axes) * len(inputs)
+    if pairs > 8 * grid.size + 100_000:
+        raise UserError(
+            f"a caller-given growth bound needs {pairs} table entries on {grid.size} cells",
+            remedy="Name for each dimension only the axes on which f - x depends",
+        )
+    meta, total = table_meta(grid, len(inputs), axes)
+    table = np.empty((total, 2), dtype=np.int32)
+    width = 2.0 * grid.h
+    radius = np.tile(grid.h + ENLARGEMENT * width, (len(inputs), 1))
+    spread = growth(radius, inputs) + ENLARGEMENT * width
+    at = 0
+    for i, own in enumerate(axes):
+        centre = grid.box.lo + grid.h * (2.0 * reduced_cells(grid, own) + 1.0)
+        for x in centre:
+            points = np.tile(x, (len(inputs), 1))
+            offset = step(points, inputs)[:, i] - x[i]
+            lo, hi = (offset - spread[:, i]) / width[i] + 0.5, (offset + spread[:, i]) / width[i] + 0.5
+            table[at : at + len(inputs)] = cell_offsets(lo, hi, TOLERANCE)
+            at += len(inputs)
+    return Abstraction(
+        grid=grid,
+        inputs=np.ascontiguousarray(inputs, dtype=np.float64),
+        post=table_post(),
+        meta=meta,
+        data=np.zeros(1),
+        table=table.reshape(-1),
+        axes=axes,
+        disturbance=growth(np.zeros_like(radius), inputs).max(axis=0),
+        error=np.zeros(grid.box.size),
+    )
