@@ -9,8 +9,6 @@ import sympy as sp
 
 from simgap.errors import UserError
 
-Expr = sp.Expr
-
 
 def symbol(name: str) -> sp.Symbol:
     """The real symbol of a state, input or parameter; one name is one symbol everywhere."""
@@ -60,7 +58,7 @@ class NamedParameter:
     name: str
     value: float
     unit: str
-    scaling: Mapping[str, Expr]
+    scaling: Mapping[str, sp.Expr]
 
 
 @dataclass(frozen=True)
@@ -88,14 +86,14 @@ class SymbolicModel:
     states: tuple[Variable, ...]
     inputs: tuple[Variable, ...]
     parameters: Mapping[str, Parameter]
-    xdot: tuple[Expr, ...]
+    xdot: tuple[sp.Expr, ...]
     coordinates: tuple[Coordinate, ...] = ()
-    force_map: Mapping[str, tuple[Expr, ...]] = field(default_factory=dict)
+    force_map: Mapping[str, tuple[sp.Expr, ...]] = field(default_factory=dict)
     named_parameters: Mapping[str, NamedParameter] = field(default_factory=dict)
     gravity: tuple[str, str, str] | None = None
     wheels: PlanarWheels | None = None
-    outputs: Mapping[str, Expr] = field(default_factory=dict)
-    delays: Mapping[str, Expr] = field(default_factory=dict)
+    outputs: Mapping[str, sp.Expr] = field(default_factory=dict)
+    delays: Mapping[str, sp.Expr] = field(default_factory=dict)
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -122,7 +120,7 @@ class SymbolicModel:
         """Declared numbers of all parameters, for substitution."""
         return {symbol(name): p.value for name, p in self.parameters.items()}
 
-    def numeric(self) -> tuple[Expr, ...]:
+    def numeric(self) -> tuple[sp.Expr, ...]:
         """xdot with every parameter replaced by its declared number."""
         values = self.values()
         return tuple(sp.sympify(e).subs(values) for e in self.xdot)
@@ -131,40 +129,40 @@ class SymbolicModel:
         """The model with one more (or a changed) parameter."""
         return replace(self, parameters={**self.parameters, name: parameter})
 
-    def with_force(self, coordinate: str, force: Expr) -> SymbolicModel:
+    def with_force(self, coordinate: str, force: sp.Expr) -> SymbolicModel:
         """The model with a generalised force added on a coordinate."""
         column = self.force_map[self.coordinate(coordinate).name]
         return replace(self, xdot=tuple(f + c * force for f, c in zip(self.xdot, column, strict=True)))
 
-    def with_input(self, name: str, applied: Expr) -> SymbolicModel:
+    def with_input(self, name: str, applied: sp.Expr) -> SymbolicModel:
         """The model in which the plant feels `applied` (an expression of the command `name`) instead of the command."""
         if name not in self.input_names:
             raise UserError(f"the plant has no input '{name}'", remedy=f"Known: {list(self.input_names)}")
         return self._subs({symbol(name): applied})
 
-    def substitute(self, changes: Mapping[str, Expr]) -> SymbolicModel:
+    def substitute(self, changes: Mapping[str, sp.Expr]) -> SymbolicModel:
         """The model with parameters replaced by expressions, everywhere and at once."""
         return self._subs({symbol(name): expr for name, expr in changes.items()})
 
-    def with_output(self, state: str, reading: Expr) -> SymbolicModel:
+    def with_output(self, state: str, reading: sp.Expr) -> SymbolicModel:
         """The model in which the sensor of `state` reads an expression of the states."""
         if state not in self.state_names:
             raise UserError(f"the plant has no state '{state}'", remedy=f"Known: {list(self.state_names)}")
         return replace(self, outputs={**self.outputs, state: reading})
 
-    def with_state(self, state: Variable, xdot: Expr) -> SymbolicModel:
+    def with_state(self, state: Variable, xdot: sp.Expr) -> SymbolicModel:
         """The model with one more state at the end."""
         grown = {name: (*column, sp.Integer(0)) for name, column in self.force_map.items()}
         return replace(self, states=(*self.states, state), xdot=(*self.xdot, xdot), force_map=grown)
 
-    def with_delay(self, name: str, seconds: Expr) -> SymbolicModel:
+    def with_delay(self, name: str, seconds: sp.Expr) -> SymbolicModel:
         """The model whose input acts `seconds` after its command."""
         if name not in self.input_names:
             raise UserError(f"the plant has no input '{name}'", remedy=f"Known: {list(self.input_names)}")
         return replace(self, delays={**self.delays, name: self.delays.get(name, sp.Integer(0)) + seconds})
 
-    def _subs(self, changes: Mapping[sp.Symbol, Expr]) -> SymbolicModel:
-        def sub(e: Expr) -> Expr:
+    def _subs(self, changes: Mapping[sp.Symbol, sp.Expr]) -> SymbolicModel:
+        def sub(e: sp.Expr) -> sp.Expr:
             return sp.sympify(e).subs(changes, simultaneous=True)
 
         return replace(

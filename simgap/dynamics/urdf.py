@@ -98,7 +98,7 @@ def _build(path: Path, gravity: tuple[float, float, float]) -> tuple[Any, list[s
     plant = MultibodyPlant(0.0)
     plant.mutable_gravity_field().set_gravity_vector(list(gravity))
     try:
-        (model,) = Parser(plant).AddModels(str(path))
+        (model,) = Parser(plant).AddModels(path)
     except RuntimeError as error:
         raise UserError(f"Drake cannot read it: {str(error).splitlines()[0]}", file=path) from None
     root = root_link(path)
@@ -197,31 +197,31 @@ def _drake_symbolic(plant: Any, order: list[str], rates: list[str]) -> tuple[sp.
 
 
 def _simplify(matrix: sp.Matrix) -> sp.Matrix:
-    """Exact rationals and trigonometric identities; beyond two degrees of freedom the search costs more than it saves."""
+    """Exact rationals and trigonometric identities; beyond two joints the search costs more than it saves."""
     rational = matrix.applyfunc(lambda e: sp.nsimplify(e, rational=True))
     return rational.applyfunc(sp.simplify if matrix.rows <= 2 else sp.cancel)
 
 
 def _named_parameters(plant: Any, kept: Mapping[str, Parameter]) -> dict[str, NamedParameter]:
-    ratio = symbol("ratio")
     named: dict[str, NamedParameter] = {}
+
+    def add(name: str, unit: str, scaling: dict[str, int]) -> None:
+        ratio, first = symbol("ratio"), next(iter(scaling))
+        rule = {n: symbol(n) * ratio**power for n, power in scaling.items()}
+        named[name] = NamedParameter(name, abs(kept[first].value), unit, rule)
+
     for body in _moving(plant):
         link = body.name()
         com = [n for n in (f"{link}.c{a}" for a in _AXES) if n in kept]
         moments = [n for n in (f"{link}.{moment}" for moment in _MOMENTS) if n in kept]
-        mass = [f"{link}.m"] if f"{link}.m" in kept else []
-        first = lambda names: kept[names[0]].value  # noqa: E731
-        once = lambda names: {n: symbol(n) * ratio for n in names}  # noqa: E731
-        twice = lambda names: {n: symbol(n) * ratio**2 for n in names}  # noqa: E731
-        if mass:  # a denser link of the same shape: its inertia scales along
-            named[f"{link}.mass"] = NamedParameter(f"{link}.mass", first(mass), "kg", once(mass + moments))
+        if f"{link}.m" in kept:  # a denser link of the same shape: its inertia scales along
+            add(f"{link}.mass", "kg", dict.fromkeys([f"{link}.m", *moments], 1))
         if com:
-            named[f"{link}.com"] = NamedParameter(f"{link}.com", first(com), "m", once(com))
+            add(f"{link}.com", "m", dict.fromkeys(com, 1))
         if moments:
-            named[f"{link}.inertia"] = NamedParameter(f"{link}.inertia", first(moments), "kg*m^2", once(moments))
+            add(f"{link}.inertia", "kg*m^2", dict.fromkeys(moments, 1))
         if com and moments:  # a longer link of the same mass
-            named[f"{link}.length"] = NamedParameter(f"{link}.length", first(com), "m", once(com) | twice(moments))
-    if any(kept[g].value for g in GRAVITY if g in kept):
-        scaling = {g: symbol(g) * ratio for g in GRAVITY if g in kept}
-        named["gravity"] = NamedParameter("gravity", abs(kept[GRAVITY[2]].value), "m/s^2", scaling)
+            add(f"{link}.length", "m", dict.fromkeys(com, 1) | dict.fromkeys(moments, 2))
+    if kept[GRAVITY[2]].value:
+        add("gravity", "m/s^2", dict.fromkeys(GRAVITY[::-1], 1))
     return named

@@ -1,0 +1,47 @@
+"""The case file: everything that a run of simgap needs, in typed sections."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from simgap.config.base import Section
+from simgap.config.domain import DomainSection
+from simgap.config.gap import GapSection
+from simgap.config.grid import GridSection
+from simgap.config.measured import MeasuredSection
+from simgap.config.plant import PlantSection
+from simgap.config.sensing import SensingSection
+from simgap.config.simulator import MuJoCoSection, PyBulletSection
+from simgap.config.synthesis import SynthesisSection
+from simgap.config.validation import ValidationSection
+
+SimulatorSection = Annotated[PyBulletSection | MuJoCoSection, Field(discriminator="engine")]
+
+
+class Case(Section):
+    """A case; a stage needs only the sections that it reads."""
+
+    name: str = Field(pattern=r"^[a-z][a-z0-9_-]*$", description="Short name; results go to results/<name>.")
+    title: str = Field("", description="What the report is headed with.")
+    plant: PlantSection = Field(description="The nominal model.")
+    domain: DomainSection | None = Field(None, description="Sampling time, states and inputs.")
+    simulator: SimulatorSection | None = Field(None, description="The high-fidelity side.")
+    grid: GridSection | None = Field(None, description="Where the two are compared.")
+    gap: GapSection | None = Field(None, description="How the gap is bounded.")
+    sensing: SensingSection | None = Field(None, description="What the controller knows of the state.")
+    synthesis: SynthesisSection | None = Field(None, description="What the controller is asked for.")
+    validation: ValidationSection | None = Field(None, description="The closed loop that checks it.")
+    measured: MeasuredSection | None = Field(None, description="Recordings of the real thing.")
+
+    @model_validator(mode="after")
+    def _one_set_of_names(self) -> Case:
+        if self.domain is not None:
+            for key, declared, given in (
+                ("domain.X", set(self.plant.states), set(self.domain.X)),
+                ("domain.U", set(self.plant.inputs), set(self.domain.U)),
+            ):
+                if declared != given:
+                    raise ValueError(f"{key} has {sorted(given)}, the plant has {sorted(declared)}")
+        return self

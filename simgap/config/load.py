@@ -1,0 +1,92 @@
+"""From a YAML file to a checked `Case`; every mistake becomes one line with file, key and remedy."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from simgap.config.case import Case
+from simgap.errors import UserError
+
+
+def load_case(path: Path) -> Case:
+    """Read a case file.
+
+    Raises:
+        UserError: missing file, broken YAML, unknown, missing or wrong key.
+    """
+    return parse_case(read_yaml(path), path)
+
+
+def read_yaml(path: Path) -> Any:
+    """The plain content of a YAML file."""
+    try:
+        return yaml.safe_load(path.read_text())
+    except FileNotFoundError:
+        raise UserError("the file does not exist", file=path, remedy="Give the path of a case file.") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"cannot be read: {error}", file=path) from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f"line {mark.line + 1}" if mark else None
+        raise UserError(f"not valid YAML: {getattr(error, 'problem', error)}", file=path, key=line) from None
+
+
+def parse_case(content: Any, path: Path) -> Case:
+    """Check the content of a case file."""
+    if not isinstance(content, dict):
+        raise UserError("holds no keys", file=path, remedy="A case starts with `name:` and `plant:`.")
+    try:
+        return Case.model_validate(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise _user_error(first, len(error.errors()), path) from None
+
+
+def _user_error(first: Any, count: int, path: Path) -> UserError:
+    key = ".".join(str(part) for part in first["loc"]) or None
+    kind, problem, remedy = first["type"], str(first["msg"]), None
+    if kind == "extra_forbidden":
+        problem, remedy = "unknown key", _suggestion(first["loc"])
+    elif kind == "missing":
+        problem, remedy = "this key is missing", "Add it."
+    elif kind == "value_error":
+        problem = problem.removeprefix("Value error, ")
+    else:
+        problem = f"{problem}, got {first['input']!r}"
+    if count > 1:
+        remedy = f"{remedy or ''} ({count - 1} more after this one)".strip()
+    return UserError(problem, file=path, key=key, remedy=remedy)
+
+
+def _suggestion(loc: tuple[Any, ...]) -> str:
+    """The nearest key that is known at this place."""
+    model: Any = Case
+    for part in loc[:-1]:
+        model = _inside(model, part)
+        if model is None:
+            return "Remove it."
+    known = list(model.model_fields)
+    near = difflib.get_close_matches(str(loc[-1]), known, n=1)
+    return f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(known)}."
+
+
+def _inside(model: Any, part: Any) -> Any:
+    from typing import get_args
+
+    if not (isinstance(model, type) and issubclass(model, BaseModel)):
+        return None
+    field = model.model_fields.get(str(part))
+    if field is None:
+        return model  # the name of a state, an index or a union's tag: the loc says it, the model stays
+    todo = [field.annotation]
+    while todo:
+        kind = todo.pop()
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+        todo.extend(get_args(kind))
+    return None

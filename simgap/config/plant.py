@@ -1,0 +1,103 @@
+"""The `plant` section: the nominal model, from a URDF or from equations written in the case."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from simgap.config.base import Section
+
+Integrator = Literal["explicit_euler", "semi_implicit_euler", "rk4", "exact_arc"]
+
+
+class State(Section):
+    """One state of the plant."""
+
+    unit: str = Field(description="Unit of the state, such as rad, rad/s or m.")
+    joint: str | None = Field(None, description="URDF plants: the joint whose quantity this state is.")
+    quantity: Literal["position", "velocity"] | None = Field(None, description="URDF plants: which quantity of it.")
+
+
+class Input(Section):
+    """One input of the plant."""
+
+    unit: str = Field(description="Unit of the input, such as N*m or m/s.")
+    joint: str | None = Field(None, description="URDF plants: the joint on which the input is a force or torque.")
+
+
+class SymbolicParameter(Section):
+    """A number that the equations name."""
+
+    value: float = Field(description="Its declared value.")
+    unit: str = Field("1", description="Its unit.")
+    description: str = Field("", description="What it is.")
+
+
+class SymbolicCoordinate(Section):
+    """A degree of freedom of written equations on which friction, springs and the like may act."""
+
+    position: str = Field(description="The state that is its position.")
+    velocity: str = Field(description="The state that is its velocity.")
+    force_gain: str = Field(description="d(velocity rate)/d(force): an expression, for one hinge 1/(inertia).")
+    force_unit: str = Field("N*m", description="Unit of the force on it.")
+
+
+class Wheels(Section):
+    """What makes a planar wheeled robot of the equations."""
+
+    x: str = Field(description="The state that is the position along x.")
+    y: str = Field(description="The state that is the position along y.")
+    heading: str = Field(description="The state that is the heading.")
+    linear: str = Field(description="The input that is the speed.")
+    angular: str = Field(description="The input that is the turning rate.")
+    track: float = Field(gt=0, description="Distance between the wheels, m.")
+
+
+class SymbolicPlant(Section):
+    """Dynamics written as expressions; parsed by a whitelist and never evaluated as code."""
+
+    parameters: dict[str, SymbolicParameter] = Field(default_factory=dict, description="Named numbers of the plant.")
+    dynamics: dict[str, str] = Field(description="For each state its rate of change, an expression.")
+    coordinates: dict[str, SymbolicCoordinate] = Field(
+        default_factory=dict, description="Degrees of freedom on which forces may act."
+    )
+    gravity: tuple[str, str, str] | None = Field(
+        None, description="Names of three parameters that are gravity's components along x, y, z of the world."
+    )
+    wheels: Wheels | None = Field(None, description="Roles of states and inputs of a planar wheeled robot.")
+
+
+class AddedEffect(Section):
+    """A physical effect with numbers; `simgap effects` lists the names."""
+
+    name: str = Field(description="Name of the effect.")
+    on: str = Field(description="What it acts on: a coordinate, an input, a state, a parameter or the plant.")
+    parameters: dict[str, float] = Field(description="Its numbers by symbol, in SI units.")
+
+
+class PlantSection(Section):
+    """The nominal model: either `urdf` or `symbolic`, with its states and inputs in order."""
+
+    urdf: str | None = Field(None, description="Model file, relative to the case file; loaded by Drake.")
+    symbolic: SymbolicPlant | None = Field(None, description="Equations instead of a model file.")
+    states: dict[str, State] = Field(min_length=1, description="The states, in order.")
+    inputs: dict[str, Input] = Field(default_factory=dict, description="The inputs, in order; none for a free plant.")
+    integrator: Integrator = Field("explicit_euler", description="How the dynamics are discretised over tau.")
+    gravity: float = Field(9.81, description="Acceleration along -z for a URDF plant, m/s^2.")
+    effects: tuple[AddedEffect, ...] = Field((), description="Effects added to the nominal model.")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> PlantSection:
+        if (self.urdf is None) == (self.symbolic is None):
+            raise ValueError("a plant has either urdf or symbolic: give one of them")
+        if self.urdf is not None:
+            bare = [n for n, s in self.states.items() if s.joint is None or s.quantity is None]
+            bare += [n for n, i in self.inputs.items() if i.joint is None]
+            if bare:
+                raise ValueError(f"{bare} of a URDF plant need a joint (and states a quantity)")
+        elif self.symbolic is not None and set(self.symbolic.dynamics) != set(self.states):
+            raise ValueError(
+                f"dynamics are given for {sorted(self.symbolic.dynamics)}, states are {sorted(self.states)}"
+            )
+        return self

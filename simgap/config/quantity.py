@@ -1,0 +1,28 @@
+"""Numbers with units in a case file: `0.005 s`, `5 ms` or a bare number in the unit of the key."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+
+from simgap.errors import UserError
+from simgap.units import conversion
+
+
+def _to(unit: str) -> BeforeValidator:
+    def read(value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        number, _, given = value.strip().partition(" ")
+        try:
+            return float(number) * (conversion(given, unit).factor if given else 1.0)
+        except UserError as error:
+            raise ValueError(str(error)) from None
+        except ValueError:
+            raise ValueError(f"'{value}' is not a number with a unit; write it like '0.005 {unit}'") from None
+
+    return BeforeValidator(read)
+
+
+Seconds = Annotated[float, _to("s")]

@@ -1,0 +1,24 @@
+"""The `sensing` section: what the controller knows of the state."""
+
+from __future__ import annotations
+
+from pydantic import Field, field_validator
+
+from simgap.config.base import Section
+
+
+class SensingSection(Section):
+    """A bounded measurement error and a latency in whole samples."""
+
+    error: dict[str, float] = Field(
+        default_factory=dict, description="For a state, the largest |measured - true|, in its unit; 0 if not given."
+    )
+    latency: int = Field(0, ge=0, le=1, description="Samples between a measurement and the input that uses it.")
+
+    @field_validator("error")
+    @classmethod
+    def _not_negative(cls, value: dict[str, float]) -> dict[str, float]:
+        bad = [name for name, e in value.items() if e < 0]
+        if bad:
+            raise ValueError(f"the error of {bad} is negative")
+        return value

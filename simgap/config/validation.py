@@ -1,0 +1,16 @@
+"""The `validation` section: the closed loop in the simulator."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from simgap.config.base import Section
+
+
+class ValidationSection(Section):
+    """How many runs, how long, and which of them are kept in full."""
+
+    starts: int = Field(1000, ge=1, description="Starts drawn from each winning domain.")
+    steps: int = Field(2000, ge=1, description="Samples a run.")
+    seed: int = Field(0, ge=0, description="Seed of the starts.")
+    kept: int = Field(4, ge=1, description="Runs of each controller whose traces are written.")

@@ -1,0 +1,1 @@
+"""High-fidelity simulators behind one interface; each engine is a plug-in."""

@@ -1,0 +1,78 @@
+"""What every engine needs to know of a plant made of joints, and the forces that declared effects add."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import sympy as sp
+
+from simgap.config.plant import AddedEffect
+from simgap.effects import CoordinateEffect, StaticInputEffect, effect
+from simgap.errors import UserError
+
+Forces = Callable[..., Sequence[float]]
+
+
+@dataclass(frozen=True)
+class JointPlant:
+    """Joints of a URDF and where their positions, velocities and torques stand in x and u.
+
+    `inputs[k]` lists, for joint k, the indices of the inputs that drive it.
+    """
+
+    urdf: Path
+    joints: tuple[str, ...]
+    positions: tuple[int, ...]
+    velocities: tuple[int, ...]
+    inputs: tuple[tuple[int, ...], ...]
+    input_names: tuple[str, ...]
+    tau: float
+    gravity: float = 9.81
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return 2 * len(self.joints)
+
+    @property
+    def nu(self) -> int:
+        """Number of inputs."""
+        return len(self.input_names)
+
+
+def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | None:
+    """The force on each joint as a function of its position, velocity and the commands; None if nothing is declared.
+
+    Signature: (q_0, ..., v_0, ..., u_0, ...) -> (force_0, ...).
+
+    Raises:
+        UserError: an effect that cannot be applied as a force at each engine step.
+    """
+    if not effects:
+        return None
+    q, v = ([sp.Symbol(f"{kind}{k}", real=True) for k in range(len(plant.joints))] for kind in "qv")
+    u = [sp.Symbol(f"u{k}", real=True) for k in range(plant.nu)]
+    applied: list[sp.Expr] = list(u)
+    extra: list[sp.Expr] = [sp.Integer(0)] * len(plant.joints)
+    for added in effects:
+        kind = effect(added.name)
+        kind.check_values(added.parameters)
+        values = {name: sp.Float(value) for name, value in added.parameters.items()}
+        if isinstance(kind, CoordinateEffect) and added.on in plant.joints:
+            k = plant.joints.index(added.on)
+            extra[k] += kind.force(q[k], v[k], values)
+        elif isinstance(kind, StaticInputEffect) and added.on in plant.input_names:
+            k = plant.input_names.index(added.on)
+            applied[k] = kind.applied(u[k], values).subs(u[k], applied[k])
+        else:
+            raise UserError(
+                f"the simulator cannot apply '{added.name}' on '{added.on}' at each step",
+                key="simulator.effects",
+                remedy=f"It takes forces on {list(plant.joints)} and static changes of {list(plant.input_names)}.",
+            )
+    forces = [e + sum((applied[i] for i in drive), sp.Integer(0)) for e, drive in zip(extra, plant.inputs, strict=True)]
+    function: Any = sp.lambdify([*q, *v, *u], forces, modules="math", cse=True)
+    return function  # type: ignore[no-any-return]

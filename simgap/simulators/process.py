@@ -1,0 +1,53 @@
+"""Engines run in processes of their own, so that a crash, a global state or chatter on stdout stays there."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+from simgap.errors import SimgapError
+
+T = TypeVar("T")
+
+
+class EngineCrash(SimgapError):
+    """The engine's process died."""
+
+
+def _silence(log: str | None) -> None:
+    """Send the process's stdout (file descriptor 1, where C code prints) to the log file or nowhere."""
+    sys.stdout.flush()
+    target = os.open(log or os.devnull, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    os.dup2(target, 1)
+    os.close(target)
+
+
+@contextmanager
+def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPoolExecutor]:
+    """A pool of fresh processes whose engine chatter goes to `log`."""
+    context = multiprocessing.get_context("spawn")  # a forked engine would share its parent's threads and state
+    chatter = str(log.resolve()) if log else None
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_silence, initargs=(chatter,)) as pool:
+        yield pool
+
+
+def run_in_processes(
+    task: Callable[..., T], jobs: Sequence[tuple[Any, ...]], workers: int = 1, log: Path | None = None
+) -> list[T]:
+    """`[task(*job) for job in jobs]`, each in a separate process.
+
+    Raises:
+        EngineCrash: if a process died, with where its last words are.
+    """
+    with engine_pool(workers, log) as pool:
+        try:
+            return [future.result() for future in [pool.submit(task, *job) for job in jobs]]
+        except BrokenProcessPool:
+            raise EngineCrash(f"an engine process died; its output is in {log or 'no log'}") from None

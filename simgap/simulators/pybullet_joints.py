@@ -1,0 +1,102 @@
+"""PyBullet over a URDF of joints: motors off, every damping explicit, inertia handling explicit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from simgap.config.simulator import PyBulletSection
+from simgap.dynamics.urdf_checks import check_urdf
+from simgap.errors import UserError
+from simgap.geometry import Floats
+from simgap.simulators.base import Simulator
+from simgap.simulators.joints import JointPlant, joint_forces
+
+
+class PyBulletJoints(Simulator):
+    """`f_hat` of a fixed-base plant; its whole state is (q, v), so a reset leaves nothing behind."""
+
+    def __init__(self, plant: JointPlant, section: PyBulletSection) -> None:
+        import pybullet as p
+
+        check_urdf(plant.urdf)
+        self.nx, self.nu = plant.nx, plant.nu
+        self.engine = f"pybullet {p.getAPIVersion()}"
+        self._p: Any = p
+        self._plant, self._substeps = plant, section.substeps
+        self._client = p.connect(p.DIRECT)
+        self._forces = joint_forces(plant, section.effects)
+        self._body, self._joints = self._load(section)
+        self._position = plant.positions
+        self._velocity = plant.velocities
+
+    def _load(self, section: PyBulletSection) -> tuple[int, tuple[int, ...]]:
+        p, client, plant = self._p, self._client, self._plant
+        p.setGravity(0, 0, -plant.gravity, physicsClientId=client)
+        p.setTimeStep(plant.tau / section.substeps, physicsClientId=client)
+        flags = p.URDF_USE_INERTIA_FROM_FILE if section.inertia == "file" else 0
+        body = p.loadURDF(str(plant.urdf), useFixedBase=True, flags=flags, physicsClientId=client)
+        index: dict[str, int] = {}
+        for j in range(-1, p.getNumJoints(body, physicsClientId=client)):
+            d = section.damping
+            p.changeDynamics(
+                body, j, linearDamping=d.linear, angularDamping=d.angular, jointDamping=d.joint, physicsClientId=client
+            )
+            if j >= 0:
+                index[p.getJointInfo(body, j, physicsClientId=client)[1].decode()] = j
+                p.setJointMotorControl2(body, j, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+        missing = [name for name in plant.joints if name not in index]
+        if missing:
+            raise UserError(f"no joint called {missing}", file=plant.urdf, remedy=f"It has {sorted(index)}.")
+        return body, tuple(index[name] for name in plant.joints)
+
+    def reset(self, x: Floats) -> None:
+        """Set every joint's position and velocity."""
+        for j, a, b in zip(self._joints, self._position, self._velocity, strict=True):
+            self._p.resetJointState(self._body, j, x[a], x[b], physicsClientId=self._client)
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold u for tau, effects evaluated at every engine step."""
+        p, body, client, joints = self._p, self._body, self._client, self._joints
+        torques = [sum(u[i] for i in drive) for drive in self._plant.inputs]
+        for _ in range(self._substeps):
+            if self._forces is not None:
+                states = [p.getJointState(body, j, physicsClientId=client) for j in joints]
+                torques = list(self._forces(*(s[0] for s in states), *(s[1] for s in states), *u))
+            for j, torque in zip(joints, torques, strict=True):
+                p.setJointMotorControl2(body, j, p.TORQUE_CONTROL, force=torque, physicsClientId=client)
+            p.stepSimulation(physicsClientId=client)
+        x = np.empty(self.nx)
+        for j, a, b in zip(joints, self._position, self._velocity, strict=True):
+            x[a], x[b] = p.getJointState(body, j, physicsClientId=client)[:2]
+        return x
+
+    def rollouts(self, x: Floats, u: Floats) -> Floats:
+        """One step from each state; one joint without effects takes a path without inner loops."""
+        if len(self._joints) != 1 or self._forces is not None or self._plant.inputs != ((0,),) or self.nu != 1:
+            return super().rollouts(x, u)
+        p, body, (j,), client = self._p, self._body, self._joints, self._client
+        (a,), (b,) = self._position, self._velocity
+        reset, drive, step, read, mode = (
+            p.resetJointState,
+            p.setJointMotorControl2,
+            p.stepSimulation,
+            p.getJointState,
+            p.TORQUE_CONTROL,
+        )
+        out = np.empty_like(x)
+        again = range(self._substeps)
+        rows = []
+        for q, v, torque in zip(x[:, a].tolist(), x[:, b].tolist(), u[:, 0].tolist(), strict=True):
+            reset(body, j, q, v, client)
+            for _ in again:
+                drive(body, j, mode, force=torque, physicsClientId=client)
+                step(client)
+            rows.append(read(body, j, client)[:2])
+        out[:, [a, b]] = rows
+        return out
+
+    def close(self) -> None:
+        """Disconnect from the engine."""
+        self._p.disconnect(self._client)
