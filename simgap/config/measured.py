@@ -1,0 +1,155 @@
+"""The `measured` section: where recordings are, how their columns map to states and inputs, how they are judged."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from simgap.config.base import Section
+
+Range = Annotated[tuple[float, float], Field(description="From and to, in seconds as the time column reads.")]
+
+
+class ColumnMap(Section):
+    """Which column holds a state or an input, and how its cells become the case's numbers.
+
+    The value is `scale * (cell converted from unit to the case's unit) + offset`.
+    """
+
+    column: str | None = Field(
+        default=None, description="Name of the column; the name of the state or input if not given."
+    )
+    unit: str | None = Field(
+        default=None,
+        description="Unit of the cells, such as deg or rpm; if not given, the unit stored with a Parquet column, "
+        "else the unit of the state.",
+    )
+    scale: float = Field(
+        default=1.0, description="Factor on the converted cell: a gear ratio, or -1 for a reversed axis."
+    )
+    offset: float | str = Field(
+        default=0.0,
+        description="Added after scaling, in the unit of the state; a number or an expression such as -pi "
+        "(a recording that hangs at pi for a model that hangs at 0).",
+    )
+    wrapped: bool | None = Field(
+        default=None,
+        description="Whether the cells jump by a full turn; if not given, an angle that stays within one turn and "
+        "jumps by more than half a turn between neighbours is unwrapped.",
+    )
+    constant: float | None = Field(
+        default=None,
+        description="The value of an input that was not recorded because it was held, such as 0 for no drive.",
+    )
+
+    @model_validator(mode="after")
+    def _one_source(self) -> ColumnMap:
+        if self.constant is not None and (self.column is not None or self.unit is not None):
+            raise ValueError("a constant has neither a column nor a unit: remove one of them")
+        if self.scale == 0.0:
+            raise ValueError("scale is 0, which throws the column away: give a factor")
+        return self
+
+
+class TimeMap(Section):
+    """The column of time stamps."""
+
+    column: str = Field(default="t", description="Name of the column of time stamps.")
+    unit: str | None = Field(
+        default=None,
+        description="Unit of the stamps, such as ms or ns; if not given, what a Parquet file says, else s. They may "
+        "start anywhere.",
+    )
+    gap_s: float | None = Field(
+        default=None,
+        gt=0,
+        description="A longer interval splits a trace in two; if not given, five times the interval that 95 % of the "
+        "samples keep.",
+    )
+
+
+class Mask(Section):
+    """A stretch of time to keep or to drop, such as the time after another controller took over."""
+
+    file: str | None = Field(
+        default=None, description="File it is about (its name, or the end of its path); any file if not given."
+    )
+    trace: str | None = Field(
+        default=None, description="Value of the trace column it is about; any trace if not given."
+    )
+    keep: Range | None = Field(default=None, description="Keep only this time range of the file.")
+    drop: Range | None = Field(default=None, description="Drop this time range of the file.")
+
+    @model_validator(mode="after")
+    def _one_range(self) -> Mask:
+        if (self.keep is None) == (self.drop is None):
+            raise ValueError("a mask has either keep or drop")
+        span = self.keep if self.keep is not None else self.drop
+        if span is not None and not span[0] < span[1]:
+            raise ValueError(f"the time range {list(span)} is empty: from must be below to")
+        return self
+
+
+class HeldOut(Section):
+    """The data that no effect is fitted to, on which the error before and after is judged."""
+
+    files: tuple[str, ...] = Field(default=(), description="Files held out (their names, or the ends of their paths).")
+    traces: tuple[str, ...] = Field(default=(), description="Values of the trace column held out.")
+    fraction: float = Field(
+        default=0.25,
+        gt=0,
+        lt=1,
+        description="Where no file or trace is named: this share of the traces if there are enough, else of the time, "
+        "in blocks of windows.",
+    )
+
+
+class MeasuredSection(Section):
+    """Recordings of the real thing, for `simgap diagnose` and the diagnosis stage."""
+
+    files: tuple[str, ...] = Field(
+        default=(),
+        description="CSV or Parquet files, relative to the case file; files on the command line replace them.",
+    )
+    columns: dict[str, ColumnMap] = Field(
+        default_factory=dict, description="For a state or an input: its column, if it is not a column of the same name."
+    )
+    time: TimeMap = Field(default_factory=TimeMap, description="The column of time stamps.")
+    trace_column: str = Field(
+        default="trace", description="Column that tells the traces of one file apart, if it is there."
+    )
+    masks: tuple[Mask, ...] = Field(default=(), description="Time ranges to keep or to drop.")
+    held_out: HeldOut = Field(default_factory=HeldOut, description="The data that are kept for judging.")
+    window_s: float = Field(
+        default=1.0, gt=0, description="Length of the windows that are simulated in the fit, in seconds."
+    )
+    horizon_s: float = Field(
+        default=0.5,
+        gt=0,
+        description="How far ahead of the causal initial state the error E(h) is reported, in seconds.",
+    )
+    noise: dict[str, float] = Field(
+        default_factory=dict,
+        description="Standard deviation of a channel's noise, in the unit of the state, where it is known; "
+        "estimated from the data elsewhere.",
+    )
+    effects: tuple[str, ...] = Field(
+        default=(), description="Effects that may be tried; all of `simgap effects` if none is named."
+    )
+    max_effects: int = Field(default=3, ge=1, le=6, description="Largest number of effects in one explanation.")
+    confidence: float = Field(
+        default=0.95, gt=0.5, lt=1, description="Coverage asked of the conformal bound on what no effect explains."
+    )
+    rig: Literal["simulator", "hardware"] = Field(
+        default="hardware",
+        description="What was recorded. hardware (or another engine): effects go into the nominal model and the "
+        "simulator's twin; simulator (the case's own): into the nominal model alone.",
+    )
+
+    @model_validator(mode="after")
+    def _positive_noise(self) -> MeasuredSection:
+        bad = [name for name, sigma in self.noise.items() if not sigma > 0]
+        if bad:
+            raise ValueError(f"the noise of {bad} must be positive: give a standard deviation or leave it out")
+        return self

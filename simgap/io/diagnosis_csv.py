@@ -1,0 +1,114 @@
+"""The layout of a CSV file (delimiter, decimal sign, header) and its columns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pcsv
+
+from simgap.errors import UserError
+
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True)
+class CsvLayout:
+    """How a CSV file is written: lines above the first row of data, delimiter, decimal sign, column names."""
+
+    skip: int
+    delimiter: str
+    decimal: str
+    header: tuple[str, ...]
+
+
+def csv_layout(path: Path, file: str) -> CsvLayout:
+    """The layout, from the first lines: comma, semicolon or tab; a header may stand in a '#' line.
+
+    Raises:
+        UserError: for an empty file, a file without a header line or one that is not UTF-8 text.
+    """
+    skip, comment, text, below = _first_lines(path, file)
+    delimiter = next((d for d in ";\t" if d in text), ",")  # a comma beside one of these is a decimal sign
+    if comment and all(_NUMBER.fullmatch(c.strip()) for c in text.split(delimiter)):
+        below, text, skip = [text, *below], comment, skip - 1  # the names stand in the '#' line above the numbers
+    names = tuple(cell.strip().strip('"').strip() for cell in text.lstrip("#").split(delimiter))
+    if all(_NUMBER.fullmatch(n) for n in names if n):
+        raise UserError("has no header line", file=file, remedy="Add a first line with the names of the columns.")
+    twice = sorted({n for n in names if n and names.count(n) > 1})
+    if twice:
+        raise UserError(f"has two columns named '{twice[0]}'", file=file, remedy="Rename one of them.")
+    decimal = "," if delimiter != "," and any("," in line for line in below) else "."
+    return CsvLayout(skip, delimiter, decimal, names)
+
+
+def _first_lines(path: Path, file: str) -> tuple[int, str, str, list[str]]:
+    """Number of lines up to the first that is neither blank nor '#', the last '#' line, that line, some lines below."""
+    comment = ""
+    try:
+        with path.open(encoding="utf-8-sig") as stream:
+            for k, line in enumerate(stream):
+                if line.startswith("#"):
+                    comment = line.strip()
+                elif line.strip():
+                    return k + 1, comment, line.rstrip("\r\n"), list(islice(stream, 64))
+    except UnicodeDecodeError:
+        raise UserError("is not UTF-8 text", file=file, remedy="Save it as CSV in UTF-8, or as Parquet.") from None
+    raise UserError("is empty", file=file, remedy="Check the recording.")
+
+
+def read_csv_columns(path: Path, layout: CsvLayout, columns: list[str], types: Mapping[str, Any], file: str) -> Any:
+    """The named columns as an Arrow table; a column with a cell that is not a number comes back as text.
+
+    Raises:
+        UserError: for a row with too many or too few cells, or a file that cannot be parsed.
+    """
+    try:
+        return _read(path, layout, columns, dict(types))
+    except (pa.ArrowException, OSError) as error:
+        if "Expected" in str(error) and "columns" in str(error):
+            raise _ragged(path, layout, file) from None
+    try:
+        return _read(path, layout, columns, {c: pa.string() for c in columns})
+    except (pa.ArrowException, OSError) as error:
+        raise UserError(f"cannot be read as CSV ({str(error)[:120]})", file=file, remedy="Export it again.") from None
+
+
+def _read(path: Path, layout: CsvLayout, columns: list[str], types: dict[str, Any]) -> Any:
+    table = pcsv.read_csv(
+        path,
+        read_options=pcsv.ReadOptions(skip_rows=layout.skip, column_names=list(layout.header)),
+        parse_options=pcsv.ParseOptions(delimiter=layout.delimiter),
+        convert_options=pcsv.ConvertOptions(
+            include_columns=columns, column_types=types, decimal_point=layout.decimal, strings_can_be_null=False
+        ),
+    )
+    if layout.decimal == ",":  # text that is converted later must use the point
+        for k, name in enumerate(table.column_names):
+            if pa.types.is_string(table.column(k).type):
+                table = table.set_column(k, name, pc.replace_substring(table.column(k), ",", "."))
+    return table
+
+
+def _ragged(path: Path, layout: CsvLayout, file: str) -> UserError:
+    """The first row whose number of cells is not that of the header."""
+    want, row = len(layout.header), 0
+    with path.open(encoding="utf-8-sig") as stream:
+        for k, line in enumerate(stream):
+            if k < layout.skip or not line.strip():
+                continue
+            row += 1
+            cells = line.rstrip("\r\n").count(layout.delimiter) + 1
+            if cells != want:
+                return UserError(
+                    f"row {row} has {cells} cells where the header has {want}",
+                    file=file,
+                    remedy="Mend or remove the row.",
+                )
+    return UserError("has rows of different lengths", file=file, remedy="Export it again.")

@@ -1,0 +1,181 @@
+"""Reads recordings from CSV and Parquet files into plain columns; whatever is wrong is named by file and row."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from simgap.diagnosis.table import Floats, RawTable
+from simgap.errors import UserError
+from simgap.io.diagnosis_csv import CsvLayout, csv_layout, read_csv_columns
+
+_MAGIC = b"PAR1"
+
+
+def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, name: str | None = None) -> RawTable:
+    """The wanted columns of a CSV or Parquet file; those that the file lacks are left out.
+
+    Args:
+        path: the file.
+        wanted: names of the columns of states and inputs.
+        time: name of the column of time stamps.
+        trace: name of the column that tells traces apart; may be missing.
+        name: how messages and reports call the file; its path if not given.
+
+    Raises:
+        UserError: for a file that is missing, empty, damaged or has no time column, and for a cell that is empty,
+            not finite or not a number (with its row, counted from 1 below the header).
+    """
+    file = name or str(path)
+    if not path.is_file():
+        raise UserError("no such file", file=file, remedy="Give the path of a CSV or Parquet file.")
+    parquet = _is_parquet(path)
+    layout = None if parquet else csv_layout(path, file)
+    header = _parquet_header(path, file) if layout is None else layout.header
+    if time not in header:
+        raise UserError(
+            f"no time column '{time}' among {_listed(header)}",
+            file=file,
+            remedy="Name it with measured.time.column in the case.",
+        )
+    chosen = [c for c in dict.fromkeys(wanted) if c in header and c != time]
+    columns = [time, *chosen, *([trace] if trace in header and trace not in (time, *chosen) else [])]
+    table = (
+        _read_parquet(path, columns, file) if layout is None else _read_csv(path, layout, columns, time, trace, file)
+    )
+    if table.num_rows == 0:
+        raise UserError("has a header and no rows", file=file, remedy="Check the recording.")
+    stamps, time_unit = _stamps(table.column(time), file, time)
+    return RawTable(
+        file=file,
+        header=header,
+        time=stamps,
+        time_unit=time_unit or _unit(table.schema.field(time)),
+        columns={c: _numbers(table.column(c), file, c) for c in chosen},
+        labels=_labels(table.column(trace), file, trace) if columns[-1] == trace else None,
+        units={c: unit for c in chosen if (unit := _unit(table.schema.field(c))) is not None},
+        sha256=_sha256(path),
+    )
+
+
+def _is_parquet(path: Path) -> bool:
+    if path.suffix.lower() in (".parquet", ".pq", ".parq"):
+        return True
+    with path.open("rb") as stream:
+        return stream.read(4) == _MAGIC
+
+
+def _parquet_header(path: Path, file: str) -> tuple[str, ...]:
+    try:
+        return tuple(pq.read_schema(path).names)
+    except (pa.ArrowException, OSError):
+        raise _damaged(file) from None
+
+
+def _read_parquet(path: Path, columns: list[str], file: str) -> pa.Table:
+    try:
+        return pq.read_table(path, columns=columns, partitioning=None)
+    except (pa.ArrowException, OSError):
+        raise _damaged(file) from None
+
+
+def _damaged(file: str) -> UserError:
+    return UserError(
+        "is not a whole Parquet file: it is truncated, damaged or of another format", file=file, remedy="Copy it again."
+    )
+
+
+def _read_csv(path: Path, layout: CsvLayout, columns: list[str], time: str, trace: str, file: str) -> pa.Table:
+    types = {c: pa.float64() for c in columns if c not in (time, trace)}
+    if trace in columns:
+        types[trace] = pa.string()
+    return read_csv_columns(path, layout, columns, types, file)
+
+
+def _stamps(column: Any, file: str, name: str) -> tuple[Any, str | None]:
+    """Time stamps and the unit their type carries."""
+    if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
+        unit = column.type.unit
+        _no_nulls(column, file, name)
+        return np.asarray(column.cast(pa.int64()).to_numpy(), dtype=np.int64), unit
+    if pa.types.is_integer(column.type):
+        _no_nulls(column, file, name)
+        return np.asarray(column.to_numpy(), dtype=np.int64), None
+    return _numbers(column, file, name), None
+
+
+def _numbers(column: Any, file: str, name: str) -> Floats:
+    """A column as finite float64; the first cell that is not one is named."""
+    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        column = _from_text(column, file, name)
+    _no_nulls(column, file, name)
+    try:
+        values = np.ascontiguousarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+    except pa.ArrowException:
+        raise UserError(
+            f"column '{name}' holds {column.type}, not numbers", file=file, remedy="Write plain numbers."
+        ) from None
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise _bad_cell(file, name, int(bad[0]), str(values[bad[0]]))
+    return values
+
+
+def _from_text(column: Any, file: str, name: str) -> Any:
+    try:
+        return pc.cast(pc.utf8_trim_whitespace(column), pa.float64())
+    except pa.ArrowException:
+        for row, cell in enumerate(column.to_pylist()):
+            if cell is None or not _is_number(cell):
+                raise _bad_cell(file, name, row, "" if cell is None else cell) from None
+        raise
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _no_nulls(column: Any, file: str, name: str) -> None:
+    if column.null_count:
+        row = int(np.flatnonzero(np.asarray(pc.is_null(column)))[0])
+        raise _bad_cell(file, name, row, "")
+
+
+def _bad_cell(file: str, name: str, row: int, cell: str) -> UserError:
+    what = f"'{cell[:40]}' is not a finite number" if cell else "the cell is empty or not a number"
+    return UserError(
+        f"row {row + 1}, column '{name}': {what}", file=file, remedy="Remove the row or drop its time with a mask."
+    )
+
+
+def _labels(column: Any, file: str, name: str) -> Any:
+    _no_nulls(column, file, name)
+    return np.asarray(column.cast(pa.string()).to_pylist(), dtype=np.str_)
+
+
+def _unit(field: Any) -> str | None:
+    stored = (field.metadata or {}).get(b"unit")
+    return stored.decode() if stored else None
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while block := stream.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(f"'{n}'" for n in names)

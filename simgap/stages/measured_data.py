@@ -1,0 +1,125 @@
+"""Recordings named by a case or on the command line become a `Reading`: the one place that maps config to arguments."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from simgap.config.measured import ColumnMap, MeasuredSection
+from simgap.diagnosis.channels import Channel
+from simgap.diagnosis.reading import Reading, ReadingOptions, read_traces
+from simgap.diagnosis.stamps import TimeRange
+from simgap.dynamics.model import SymbolicModel
+from simgap.errors import UserError
+from simgap.io.diagnosis_tables import read_recording
+
+
+def load_reading(
+    model: SymbolicModel, section: MeasuredSection, paths: Sequence[Path], relative_to: Path, case: str | None = None
+) -> Reading:
+    """Read recordings of a plant.
+
+    Args:
+        model: whose states and inputs are looked for.
+        section: mapping, masks, held-out data.
+        paths: the files.
+        relative_to: directory that file names in results are relative to.
+        case: name of the case file, for messages.
+
+    Raises:
+        UserError: for anything wrong with the files or the mapping.
+    """
+    channels = channels_of(model, section, case)
+    wanted = [c.column for c in channels if c.constant is None]
+    typed = {display_name(path, relative_to): str(path) for path in paths}
+    try:
+        tables = [
+            read_recording(path, wanted, section.time.column, section.trace_column, display_name(path, relative_to))
+            for path in paths
+        ]
+        return read_traces(tables, channels, reading_options(section))
+    except UserError as error:  # results name a file relative to the case, a message as the person typed it
+        file = typed.get(str(error.file), error.file if error.file is not None else case)
+        raise UserError(error.problem, file=file, key=error.key, remedy=error.remedy) from None
+
+
+def display_name(path: Path, relative_to: Path) -> str:
+    """How results call a file: its path relative to the case, so that they are the same on every machine."""
+    return Path(os.path.relpath(path.resolve(), relative_to.resolve())).as_posix()
+
+
+def channels_of(model: SymbolicModel, section: MeasuredSection, case: str | None = None) -> tuple[Channel, ...]:
+    """States, then inputs, with the columns they come from.
+
+    Raises:
+        UserError: if the case maps something that is neither a state nor an input, or an offset is not a number.
+    """
+    known = (*model.state_names, *model.input_names)
+    _refuse_unknown(section.columns, known, "columns", "neither a state nor an input", case)
+    _refuse_unknown(section.noise, model.state_names, "noise", "not a state", case)
+    return tuple(
+        _channel(v.name, v.unit, is_input, section.columns.get(v.name), case)
+        for variables, is_input in ((model.states, False), (model.inputs, True))
+        for v in variables
+    )
+
+
+def _refuse_unknown(names: Iterable[str], known: Sequence[str], key: str, what: str, case: str | None) -> None:
+    for name in names:
+        if name not in known:
+            raise UserError(
+                f"'{name}' is {what}", file=case, key=f"measured.{key}.{name}", remedy=f"Known: {', '.join(known)}."
+            )
+
+
+def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None, case: str | None) -> Channel:
+    if column is None:
+        return Channel(name, unit, is_input, name)
+    if column.constant is not None and not is_input:
+        raise UserError(
+            "a state cannot be constant",
+            file=case,
+            key=f"measured.columns.{name}.constant",
+            remedy="Leave out a state that was not measured.",
+        )
+    return Channel(
+        name,
+        unit,
+        is_input,
+        column=column.column or name,
+        column_unit=column.unit,
+        scale=column.scale,
+        offset=_number(column.offset, f"measured.columns.{name}.offset", case),
+        wrapped=column.wrapped,
+        constant=column.constant,
+        mapped=True,
+    )
+
+
+def _number(value: float | str, key: str, case: str | None) -> float:
+    if isinstance(value, int | float):
+        return float(value)
+    from simgap.dynamics.expressions import parse  # sympy: only for offsets such as -pi
+
+    try:
+        return float(parse(value, ()))
+    except UserError as error:
+        raise UserError(error.problem, file=case, key=key, remedy="Write a number, or one like -pi/2.") from None
+
+
+def reading_options(section: MeasuredSection) -> ReadingOptions:
+    """The plain options behind the section."""
+    ranges = []
+    for mask in section.masks:
+        span = mask.keep if mask.keep is not None else mask.drop
+        if span is not None:
+            ranges.append(TimeRange(span[0], span[1], mask.keep is not None, mask.file, mask.trace))
+    return ReadingOptions(
+        window_s=section.window_s,
+        time_unit=section.time.unit,
+        gap_s=section.time.gap_s,
+        ranges=tuple(ranges),
+        held_files=section.held_out.files,
+        held_traces=section.held_out.traces,
+    )
