@@ -60,7 +60,7 @@ def _floating(e: sp.Expr) -> sp.Expr:
     return sp.Float(e, 17) if e.is_number else e
 
 
-class _IntervalPrinter(PythonCodePrinter):  # type: ignore[misc]
+class _IntervalPrinter(PythonCodePrinter):
     """Prints an expression as nested calls of the primitives in `interval`."""
 
     def _print_Symbol(self, expr: sp.Symbol) -> str:

@@ -22,10 +22,11 @@ class EngineCrash(SimgapError):
 
 
 def _silence(log: str | None) -> None:
-    """Send the process's stdout (file descriptor 1, where C code prints) to the log file or nowhere."""
-    sys.stdout.flush()
-    target = os.open(log or os.devnull, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    os.dup2(target, 1)
+    """Send what C code prints (file descriptors 1 and 2) to the log file or nowhere; errors come back as exceptions."""
+    target = os.open(log or os.devnull, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    for stream, descriptor in ((sys.stdout, 1), (sys.stderr, 2)):
+        stream.flush()
+        os.dup2(target, descriptor)
     os.close(target)
 
 

@@ -1,1 +1,1 @@
-"""One thin file per stage: read, call, write."""
+"""The thin layer that reads, calls and writes: one file a stage, named like its rule and its subcommand."""

@@ -1,0 +1,72 @@
+"""Tables with units and provenance, written atomically with zstd."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from simgap.errors import UserError
+from simgap.geometry import Floats
+from simgap.io.atomic import atomic
+
+
+def table(
+    columns: Mapping[str, Floats], units: Mapping[str, str], constants: Mapping[str, Any], provenance: Mapping[str, Any]
+) -> pa.Table:
+    """A table of float columns with units, plus typed columns that hold one value throughout."""
+    rows = len(next(iter(columns.values())))
+    arrays, fields = [], []
+    for name, values in columns.items():
+        arrays.append(pa.array(values))
+        fields.append(pa.field(name, arrays[-1].type, metadata={"unit": units.get(name, "1")}))
+    for name, value in constants.items():
+        arrays.append(_constant(value, rows))
+        fields.append(pa.field(name, arrays[-1].type))
+    schema = pa.schema(fields, metadata={"provenance": json.dumps(provenance, sort_keys=True)})
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _constant(value: Any, rows: int) -> pa.Array:
+    if isinstance(value, str):  # a dictionary of one word costs nothing
+        return pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int8)), pa.array([value]))
+    kind = pa.int64() if value is None or isinstance(value, int) else pa.float64()
+    return pa.array(np.full(rows, value), kind) if value is not None else pa.nulls(rows, kind)
+
+
+def write_parquet(path: Path, content: pa.Table) -> None:
+    """Write a table; a reader never sees half of it."""
+    with atomic(path) as temporary:
+        pq.write_table(content, temporary, compression="zstd")
+
+
+def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """Read a table.
+
+    Raises:
+        UserError: missing, truncated or foreign file.
+    """
+    try:
+        return pq.read_table(path, columns=list(columns) if columns else None)
+    except FileNotFoundError:
+        raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None
+    except (pa.ArrowInvalid, OSError) as error:
+        reason = str(error).splitlines()[0]
+        raise UserError(
+            f"not a whole Parquet file ({reason})", file=path, remedy="Delete it and run again: it is remade."
+        ) from None
+
+
+def stack(content: pa.Table, names: Sequence[str]) -> Floats:
+    """Columns side by side: -> (rows, len(names)) float64."""
+    return np.stack([content.column(n).to_numpy() for n in names], axis=-1)
+
+
+def provenance_of(content: pa.Table) -> Any:
+    """The provenance that a table carries."""
+    return json.loads((content.schema.metadata or {}).get(b"provenance", b"{}"))

@@ -1,0 +1,61 @@
+"""From a case to its simulator: engines are plug-ins in one dictionary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from simgap.config.case import Case
+from simgap.errors import UserError
+from simgap.simulators.base import Simulator
+from simgap.simulators.joints import JointPlant
+
+
+def joint_plant(case: Case, folder: Path) -> JointPlant:
+    """Where the states and inputs of a URDF case stand.
+
+    Raises:
+        UserError: if the case has no model file for the engine, or no domain.
+    """
+    plant, section, domain = case.plant, case.simulator, case.domain
+    urdf = getattr(section, "urdf", None) or plant.urdf
+    if urdf is None or domain is None:
+        raise UserError("the simulator needs a model file and a domain", key="simulator.urdf", remedy="Give both.")
+    names = list(plant.states)
+    joints = tuple(s.joint for s in plant.states.values() if s.quantity == "position" and s.joint)
+    place = {(s.joint, s.quantity): names.index(n) for n, s in plant.states.items()}
+    return JointPlant(
+        urdf=folder / urdf,
+        joints=joints,
+        positions=tuple(place[j, "position"] for j in joints),
+        velocities=tuple(place[j, "velocity"] for j in joints),
+        inputs=tuple(tuple(k for k, i in enumerate(plant.inputs.values()) if i.joint == j) for j in joints),
+        input_names=tuple(plant.inputs),
+        tau=domain.tau,
+        gravity=plant.gravity,
+    )
+
+
+def _pybullet(case: Case, folder: Path) -> Simulator:
+    from simgap.simulators.pybullet_joints import PyBulletJoints
+
+    section: Any = case.simulator
+    return PyBulletJoints(joint_plant(case, folder), section)
+
+
+ENGINES: Mapping[str, Callable[[Case, Path], Simulator]] = {"pybullet": _pybullet}
+
+
+def make_simulator(case: Case, folder: Path) -> Simulator:
+    """The simulator that a case declares; call it in the process that will run it.
+
+    Raises:
+        UserError: no `simulator` section, or an engine that is not known.
+    """
+    if case.simulator is None:
+        raise UserError("this stage needs a simulator", key="simulator", remedy="Add `simulator:`.")
+    engine = case.simulator.engine
+    if engine not in ENGINES:
+        raise UserError(f"no engine '{engine}'", key="simulator.engine", remedy=f"Known: {', '.join(ENGINES)}.")
+    return ENGINES[engine](case, folder)
