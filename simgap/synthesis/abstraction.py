@@ -53,11 +53,11 @@ class Abstraction:
         """The grid as the kernels read it (`holes.layout`)."""
         return layout(self.grid.cells, self.grid.periodic)
 
-    def boxes(self, cells: Ints, first: int = 0, last: int | None = None) -> Ints:
+    def boxes(self, cells: Ints, first: int = 0, last: int | None = None) -> NDArray[np.int32]:
         """Boxes of successors: flat cells (n,) -> (n, last - first, 2, nx) lower and upper cell indices, not wrapped."""
         last = len(self.inputs) if last is None else last
         k = np.stack(np.unravel_index(cells, self.grid.cells), axis=-1).astype(np.int64)
-        out = np.zeros((len(k), last - first, 2, self.grid.box.size), dtype=np.int64)
+        out = np.zeros((len(k), last - first, 2, self.grid.box.size), dtype=np.int32)
         _boxes(self.post, np.ascontiguousarray(k), first, last, self.meta, self.data, self.table, out)
         return out
 
@@ -65,4 +65,4 @@ class Abstraction:
 @nb.njit(cache=True, nogil=True)
 def _boxes(post, k, first, last, meta, data, table, out):  # type: ignore[no-untyped-def]
     for i in range(k.shape[0]):
-        post(k[i].ctypes, first, last, meta.ctypes, data.ctypes, table.ctypes, out[i].ctypes)
+        post(k[i].ctypes, 1, first, last, meta.ctypes, data.ctypes, table.ctypes, out[i].ctypes)

@@ -66,54 +66,69 @@ def count_holes(inside, shape, n, table):  # type: ignore[no-untyped-def]
                 table[i] += table[i - stride]
 
 
-@nb.njit(cache=True, nogil=True, inline="always")
-def clip_box(box, at, shape, n):  # type: ignore[no-untyped-def]
-    """Bring the 2n cell indices `box[at:]` (lower n, upper n) into the table's range; False if the box leaves the grid.
+@nb.njit(cache=True, nogil=True)
+def clip_boxes(shape, n, boxes, first, count, ok):  # type: ignore[no-untyped-def]
+    """Bring boxes into the table's range, in place; `ok[i]` = 0 where box `first + i` leaves the grid.
 
-    A periodic axis is shifted so that its lower index lies in [0, cells); a box at least a full turn wide becomes the
-    whole axis.
+    `boxes` is flat int32, 2n numbers a box (lower n, upper n cell indices). A periodic axis is shifted so that its lower
+    index lies in [0, cells); a box at least a full turn wide becomes the whole axis.
     """
+    ok[:count] = 1
     for j in range(n):
-        lo, hi, cells = box[at + j], box[at + n + j], shape[0, j]
-        if shape[1, j]:
-            if hi - lo >= cells:
-                lo, hi = 0, cells - 1
-            else:
-                turns = lo // cells
-                lo, hi = lo - turns * cells, hi - turns * cells
-            box[at + j], box[at + n + j] = lo, hi
-        elif lo < 0 or hi >= cells:
-            return False
-    return True
+        cells = np.int32(shape[0, j])
+        periodic = shape[1, j] == 1
+        for i in range(count):
+            at = 2 * n * (first + i) + j
+            lo, hi = boxes[at], boxes[at + n]
+            if not periodic:
+                if lo < 0 or hi >= cells:
+                    ok[i] = 0
+            elif hi - lo >= cells:
+                boxes[at], boxes[at + n] = 0, cells - 1
+            elif lo < 0 or lo >= cells:
+                turns = cells * (lo // cells)
+                boxes[at], boxes[at + n] = lo - turns, hi - turns
 
 
-@nb.njit(cache=True, nogil=True, inline="always")
-def holes_in(table, shape, n, box, at):  # type: ignore[no-untyped-def]
-    """Number of holes in the clipped box `box[at:]`: 2, 4, 8 or 16 loads."""
+@nb.njit(cache=True, nogil=True)
+def drop_boxes_with_holes(table, shape, n, boxes, first, count, ok):  # type: ignore[no-untyped-def]
+    """Set `ok[i]` = 0 for every clipped box that holds a hole: 2, 4, 8 or 16 loads a box. Others stay as they are.
+
+    One call handles a batch: a call per box would cost more in argument passing than the look-up itself.
+    """
     if n == 2:
-        s0 = shape[3, 0]
-        a, b = box[at] * s0, (box[at + 2] + 1) * s0
-        c, d = box[at + 1], box[at + 3] + 1
-        return table[b + d] - table[a + d] - table[b + c] + table[a + c]
-    if n == 3:
-        s0, s1 = shape[3, 0], shape[3, 1]
-        a, b = box[at] * s0, (box[at + 3] + 1) * s0
-        c, d = box[at + 1] * s1, (box[at + 4] + 1) * s1
-        e, f = box[at + 2], box[at + 5] + 1
-        upper = table[b + d + f] - table[a + d + f] - table[b + c + f] + table[a + c + f]
-        lower = table[b + d + e] - table[a + d + e] - table[b + c + e] + table[a + c + e]
-        return upper - lower
-    if n == 1:
-        return table[box[at + 1] + 1] - table[box[at]]
-    total = np.int32(0)
-    for corner in range(16):
-        sign = np.int32(1)
-        index = np.int64(0)
-        for j in range(4):
-            if corner >> j & 1:
-                index += box[at + j] * shape[3, j]
-                sign = -sign
-            else:
-                index += (box[at + 4 + j] + 1) * shape[3, j]
-        total += sign * table[index]
-    return total
+        s0 = np.uint64(shape[3, 0])
+        for i in range(count):
+            at = 4 * (first + i)
+            if ok[i]:
+                a, b = np.uint64(boxes[at]) * s0, np.uint64(boxes[at + 2] + 1) * s0
+                c, d = np.uint64(boxes[at + 1]), np.uint64(boxes[at + 3] + 1)
+                if table[b + d] - table[a + d] != table[b + c] - table[a + c]:
+                    ok[i] = 0
+    elif n == 3:
+        s0, s1 = np.uint64(shape[3, 0]), np.uint64(shape[3, 1])
+        for i in range(count):
+            at = 6 * (first + i)
+            if ok[i]:
+                a, b = np.uint64(boxes[at]) * s0, np.uint64(boxes[at + 3] + 1) * s0
+                c, d = np.uint64(boxes[at + 1]) * s1, np.uint64(boxes[at + 4] + 1) * s1
+                e, f = np.uint64(boxes[at + 2]), np.uint64(boxes[at + 5] + 1)
+                upper = table[b + d + f] - table[a + d + f] - table[b + c + f] + table[a + c + f]
+                lower = table[b + d + e] - table[a + d + e] - table[b + c + e] + table[a + c + e]
+                if upper != lower:
+                    ok[i] = 0
+    else:
+        for i in range(count):
+            at = 2 * n * (first + i)
+            if ok[i]:
+                total = np.int64(0)
+                for corner in range(1 << n):
+                    sign = 1
+                    index = np.int64(0)
+                    for j in range(n):
+                        lower_side = corner >> j & 1
+                        index += (boxes[at + j] if lower_side else boxes[at + n + j] + 1) * shape[3, j]
+                        sign = -sign if lower_side else sign
+                    total += sign * table[index]
+                if total != 0:
+                    ok[i] = 0

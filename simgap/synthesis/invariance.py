@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.synthesis.abstraction import Abstraction
-from simgap.synthesis.holes import clip_box, count_holes, holes_in, layout, table_size
+from simgap.synthesis.holes import clip_boxes, count_holes, drop_boxes_with_holes, layout, table_size
 from simgap.synthesis.threads import over_rows
 
 Bytes = NDArray[np.uint8]
@@ -50,15 +50,18 @@ def invariance(abstraction: Abstraction, safe: NDArray[np.bool_] | None = None, 
     inside = np.ones(grid.size, np.uint8) if safe is None else safe.astype(np.uint8).copy()
     row = grid.cells[-1]
     rows = grid.size // row
-    remembered = np.full(grid.size, -1, np.int32)
-    boxes = np.zeros((grid.size, 2 * n), np.int32)
+    remembered = np.zeros(grid.size, np.int32)
+    boxes = np.zeros(grid.size * 2 * n, np.int32)
     lead = grid.cells[:-1] or (1,)
     lead_shape = layout(lead, tuple(j for j in grid.periodic if j < n - 1))
-    reach = np.zeros((rows, 2 * len(lead)), np.int64)
+    reach = np.zeros(rows * 2 * len(lead), np.int32)
     unchanged = np.zeros(rows, np.uint8)
     table = np.empty(table_size(shape, n), np.int32)
     changed_table = np.empty(table_size(lead_shape, len(lead)), np.int32)
     arrays = (abstraction.meta, abstraction.data, abstraction.table)
+    over_rows(
+        lambda first, last: _start(abstraction.post, *arrays, shape, n, row, table, boxes, first, last), rows, threads
+    )
     sweeps = 0
     while True:
         count_holes(inside, shape, n, table)
@@ -78,7 +81,7 @@ def invariance(abstraction: Abstraction, safe: NDArray[np.bool_] | None = None, 
     mask = np.zeros((grid.size, (inputs + 7) // 8), np.uint8)
     pairs = over_rows(
         lambda first, last: _admissible(
-            abstraction.post, *arrays, shape, n, inputs, row, table, inside, remembered, mask, first, last
+            abstraction.post, *arrays, shape, n, inputs, row, table, inside, mask, first, last
         ),
         rows,
         threads,
@@ -86,30 +89,56 @@ def invariance(abstraction: Abstraction, safe: NDArray[np.bool_] | None = None, 
     return Invariance(inside.view(np.bool_), mask, pairs, sweeps)
 
 
-@nb.njit(cache=True, nogil=True, inline="always")
-def _unravel(cell, shape, n, k):  # type: ignore[no-untyped-def]
-    for j in range(n - 1, -1, -1):
-        k[j] = cell % shape[0, j]
-        cell //= shape[0, j]
+@nb.njit(cache=True, nogil=True)
+def row_index(r, shape, n, k):  # type: ignore[no-untyped-def]
+    """Cell indices of the first cell of row `r` (cells that differ along the last axis only)."""
+    k[n - 1] = 0
+    for j in range(n - 2, -1, -1):
+        k[j] = r % shape[0, j]
+        r //= shape[0, j]
 
 
 @nb.njit(cache=True, nogil=True)
-def _next_input(post, meta, data, tab, shape, n, inputs, table, k, first, out):  # type: ignore[no-untyped-def]
+def _next_input(post, meta, data, tab, shape, n, inputs, table, k, first, out, ok):  # type: ignore[no-untyped-def]
     """First input >= `first` whose box lies in the set (its clipped box is left in `out[:2n]`), or `inputs`."""
     m = first
-    block = 1
     while m < inputs:
-        last = min(m + block, inputs)
-        post(k.ctypes, m, last, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
+        last = min(m + 8, inputs)
+        post(k.ctypes, 1, m, last, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
+        clip_boxes(shape, n, out, 0, last - m, ok)
+        drop_boxes_with_holes(table, shape, n, out, 0, last - m, ok)
         for i in range(last - m):
-            at = 2 * n * i
-            if clip_box(out, at, shape, n) and holes_in(table, shape, n, out, at) == 0:
+            if ok[i]:
                 for j in range(2 * n):
-                    out[j] = out[at + j]
+                    out[j] = out[2 * n * i + j]
                 return m + i
         m = last
-        block = 8
     return inputs
+
+
+@nb.njit(cache=True, nogil=True)
+def _start(post, meta, data, tab, shape, n, row, table, boxes, first, last):  # type: ignore[no-untyped-def]
+    """Remember input 0 for every cell of the rows first..last; boxes that leave the grid become -1, a hole for good."""
+    k = np.zeros(4, np.int64)
+    out = np.zeros(2 * n * row, np.int32)
+    ok = np.ones(row, np.uint8)
+    for r in range(first, last):
+        row_index(r, shape, n, k)
+        post(k.ctypes, row, 0, 1, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
+        clip_boxes(shape, n, out, 0, row, ok)
+        for i in range(row):
+            for j in range(2 * n):
+                boxes[2 * n * (r * row + i) + j] = out[2 * n * i + j] if ok[i] else -1
+    return 0
+
+
+@nb.njit(cache=True, nogil=True)
+def _idle(changed, lead_shape, lead, reach, r, dirty):  # type: ignore[no-untyped-def]
+    """Whether no cell that row `r` relies on has been lost in the last sweep."""
+    dirty[0] = 1
+    if reach[2 * lead * r] <= reach[2 * lead * r + lead]:  # else the row is empty and relies on nothing
+        drop_boxes_with_holes(changed, lead_shape, lead, reach, r, 1, dirty)
+    return dirty[0] == 1
 
 
 @nb.njit(cache=True, nogil=True)
@@ -117,54 +146,73 @@ def _sweep(post, meta, data, tab, shape, lead_shape, n, inputs, row, table, chan
            unchanged, start, first, last):  # type: ignore[no-untyped-def]  # fmt: skip
     """One sweep over the rows first..last; returns how many cells were lost."""
     k = np.zeros(4, np.int64)
-    out = np.zeros(16 * n, np.int64)
+    out = np.zeros(16 * n, np.int32)
+    ok, fit, dirty = np.ones(row, np.uint8), np.ones(8, np.uint8), np.ones(1, np.uint8)
     lead = max(n - 1, 1)
     lost = 0
     for r in range(first, last):
-        if not start and (reach[r, 0] < 0 or holes_in(changed, lead_shape, lead, reach[r], 0) == 0):
+        if not start and n > 1 and _idle(changed, lead_shape, lead, reach, r, dirty):
             continue
-        reach[r, :] = -1
-        alive = False
-        for cell in range(r * row, (r + 1) * row):
-            if not inside[cell]:
-                continue
-            for j in range(2 * n):
-                out[j] = boxes[cell, j]
-            if remembered[cell] < 0 or holes_in(table, shape, n, out, 0) != 0:
-                _unravel(cell, shape, n, k)
-                m = _next_input(post, meta, data, tab, shape, n, inputs, table, k, remembered[cell] + 1, out)
+        for i in range(row):
+            ok[i] = inside[r * row + i] and boxes[2 * n * (r * row + i)] >= 0
+        drop_boxes_with_holes(table, shape, n, boxes, r * row, row, ok)
+        row_index(r, shape, n, k)
+        lost_before = lost
+        for i in range(row):
+            cell = r * row + i
+            if inside[cell] and not ok[i]:
+                k[n - 1] = i
+                m = _next_input(post, meta, data, tab, shape, n, inputs, table, k, remembered[cell] + 1, out, fit)
+                remembered[cell] = m
                 if m == inputs:
                     inside[cell] = 0
-                    unchanged[r] = 0
                     lost += 1
-                    continue
-                remembered[cell] = m
                 for j in range(2 * n):
-                    boxes[cell, j] = out[j]
-            for j in range(n - 1):
-                reach[r, j] = min(reach[r, j], out[j]) if alive else out[j]
-                reach[r, lead + j] = max(reach[r, lead + j], out[n + j]) if alive else out[n + j]
-            if n == 1:
-                reach[r, :] = 0
-            alive = True
+                    boxes[2 * n * cell + j] = out[j]
+        if lost > lost_before:
+            unchanged[r] = 0
+        _rely(inside, boxes, reach, r, row, n, lead)
     return lost
 
 
 @nb.njit(cache=True, nogil=True)
-def _admissible(post, meta, data, tab, shape, n, inputs, row, table, inside, remembered, mask, first, last):  # type: ignore[no-untyped-def]
+def _rely(inside, boxes, reach, r, row, n, lead):  # type: ignore[no-untyped-def]
+    """The box of leading indices that the remembered boxes of row `r` cover (empty if no cell is left)."""
+    for j in range(n - 1):
+        least, most = 2**30, -1
+        for i in range(r * row, (r + 1) * row):
+            if inside[i]:
+                least = min(least, boxes[2 * n * i + j])
+                most = max(most, boxes[2 * n * i + n + j])
+        reach[2 * lead * r + j] = least
+        reach[2 * lead * r + lead + j] = most
+
+
+@nb.njit(cache=True, nogil=True)
+def _admissible(post, meta, data, tab, shape, n, inputs, row, table, inside, mask, first, last):  # type: ignore[no-untyped-def]
     """Write the bits of all admissible inputs of the rows first..last; returns how many."""
     k = np.zeros(4, np.int64)
-    out = np.zeros(2 * n * inputs, np.int64)
+    batch = min(row, max(1, 4096 // inputs))
+    out = np.zeros(2 * n * inputs * batch, np.int32)
+    ok = np.zeros(inputs * batch, np.uint8)
     pairs = 0
-    for cell in range(first * row, last * row):
-        if not inside[cell]:
-            continue
-        _unravel(cell, shape, n, k)
-        m0 = remembered[cell]
-        post(k.ctypes, m0, inputs, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
-        for m in range(m0, inputs):
-            at = 2 * n * (m - m0)
-            if clip_box(out, at, shape, n) and holes_in(table, shape, n, out, at) == 0:
-                mask[cell, m >> 3] |= np.uint8(1 << (m & 7))
-                pairs += 1
+    for r in range(first, last):
+        row_index(r, shape, n, k)
+        for left in range(0, row, batch):
+            count = min(batch, row - left)
+            alive = 0
+            for i in range(count):
+                alive += inside[r * row + left + i]
+            if alive == 0:
+                continue
+            k[n - 1] = left
+            post(k.ctypes, count, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
+            clip_boxes(shape, n, out, 0, count * inputs, ok)
+            drop_boxes_with_holes(table, shape, n, out, 0, count * inputs, ok)
+            for i in range(count):
+                cell = r * row + left + i
+                if inside[cell]:
+                    for m in range(inputs):
+                        mask[cell, m >> 3] |= np.uint8(ok[i * inputs + m] << (m & 7))
+                        pairs += ok[i * inputs + m]
     return pairs

@@ -23,17 +23,22 @@ def table_post() -> Any:
     return nb.cfunc(POST, cache=True)(_post)
 
 
-def _post(k, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
+def _post(k, cells, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
     n, inputs = meta[0], meta[1]
+    count = m1 - m0
     for i in range(n):
         row = 2 + i * (n + 1)
-        at = np.int64(0)
+        first = np.int64(0)
         for j in range(n):
-            at += k[j] * meta[row + 1 + j]
-        at = meta[row] + 2 * (at * inputs + m0)
-        for m in range(m1 - m0):
-            out[2 * n * m + i] = k[i] + table[at + 2 * m]
-            out[2 * n * m + n + i] = k[i] + table[at + 2 * m + 1]
+            first += k[j] * meta[row + 1 + j]
+        stride = meta[row + n] * inputs
+        for cell in range(cells):
+            at = meta[row] + 2 * (first * inputs + cell * stride + m0)
+            own = k[i] + (cell if i == n - 1 else 0)
+            to = 2 * n * count * cell + i
+            for m in range(count):
+                out[to + 2 * n * m] = own + table[at + 2 * m]
+                out[to + 2 * n * m + n] = own + table[at + 2 * m + 1]
 
 
 def table_meta(grid: Grid, inputs: int, axes: tuple[tuple[int, ...], ...]) -> tuple[Ints, int]:
