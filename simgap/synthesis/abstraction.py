@@ -28,7 +28,6 @@ class Abstraction:
         post: compiled function of `pointers.POST`.
         meta, data, table: flat arrays that `post` reads.
         axes: for each dimension i, the state axes on which the offset f_i(x, u) - x_i and its spread depend.
-        disturbance: largest spread added to each dimension besides the cell's own size (state units), for messages.
         error: bound of the measurement error that the boxes account for, (nx,).
     """
 
@@ -39,7 +38,6 @@ class Abstraction:
     data: Floats
     table: NDArray[np.int32]
     axes: tuple[tuple[int, ...], ...]
-    disturbance: Floats
     error: Floats
 
     def __post_init__(self) -> None:

@@ -68,6 +68,5 @@ def growth_abstraction(
         data=np.zeros(1),
         table=table.reshape(-1),
         axes=axes,
-        disturbance=growth(np.zeros_like(radius), inputs).max(axis=0),
         error=np.zeros(grid.box.size),
     )

@@ -1,0 +1,123 @@
+"""Abstraction of a nominal model and its gap, with whatever the symbolic structure allows tabulated on fewer axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from simgap.errors import UserError
+from simgap.geometry import Grid
+from simgap.synthesis.abstraction import Abstraction
+from simgap.synthesis.frame import Frame
+from simgap.synthesis.product import (
+    Kernel,
+    add_gap,
+    direct_post,
+    no_gap,
+    table_filler,
+    tabulated_post,
+    whole_cells,
+)
+from simgap.synthesis.tables import reduced_cells, reduced_size, table_meta, table_post
+
+Floats = NDArray[np.float64]
+Axes = tuple[tuple[int, ...], ...]
+
+
+class Model(Protocol):
+    """What the abstraction needs of `dynamics.nominal.NominalModel`."""
+
+    @property
+    def nx(self) -> int: ...  # noqa: D102
+    @property
+    def interval_kernel(self) -> Any: ...  # noqa: D102
+    @property
+    def jacobian_interval_kernel(self) -> Any: ...  # noqa: D102
+    @property
+    def offset_axes(self) -> Sequence[frozenset[int]]: ...  # noqa: D102
+    @property
+    def jacobian_axes(self) -> Sequence[Sequence[frozenset[int]]]: ...  # noqa: D102
+
+
+def nominal_abstraction(
+    model: Model,
+    grid: Grid,
+    inputs: Floats,
+    gap: Kernel | None = None,
+    gap_axes: Sequence[int] | None = None,
+    error: ArrayLike | None = None,
+) -> Abstraction:
+    """Abstraction of `x+ in f(x, u) + [lo(x, u), hi(x, u)]`, rigorously rounded outward.
+
+    Args:
+        model: the nominal map f with its interval kernels and structure.
+        grid: cells of the states that the controller may measure.
+        inputs: U, (M, nu).
+        gap: kernel of a gap function (`GapFunction.kernel()`), None for f alone.
+        gap_axes: state axes on which the gap's bounds depend; all when None.
+        error: bound of |measured - true| per state, (nx,); cells are then cells of the measurement. The true state is
+            assumed to lie in the grid's box, which every successor box guarantees.
+
+    Raises:
+        UserError: when model, grid and error differ in dimension.
+    """
+    errors = np.zeros(model.nx) if error is None else np.asarray(error, dtype=np.float64)
+    if grid.box.size != model.nx or errors.shape != (model.nx,):
+        raise UserError(f"a model of {model.nx} states got a grid of {grid.box.size} and {errors.size} errors")
+    u = np.ascontiguousarray(inputs, dtype=np.float64)
+    frame = Frame(grid, u, errors)
+    own = tuple(
+        tuple(sorted(frozenset(model.offset_axes[i]).union(*model.jacobian_axes[i]))) for i in range(model.nx)
+    )
+    everything = tuple(range(model.nx))
+    with_gap: Axes = own
+    if gap is not None:
+        of_gap = everything if gap_axes is None else tuple(gap_axes)
+        with_gap = tuple(tuple(sorted({*axes, *of_gap})) for axes in own)
+    if _fits(grid, len(u), with_gap):
+        return _integer_tables(model, frame, gap, with_gap)
+    kernel = no_gap if gap is None else gap
+    if _fits(grid, len(u), own):
+        meta, data = frame.arrays(own, _tables(model, frame, None, own))
+        post = tabulated_post(kernel)
+    else:
+        meta, data = frame.arrays(tuple(() for _ in own), None)
+        post = direct_post(model.interval_kernel, model.jacobian_interval_kernel, kernel)
+    return Abstraction(grid, u, post, meta, data, np.zeros(1, np.int32), with_gap, errors)
+
+
+def _fits(grid: Grid, inputs: int, axes: Axes) -> bool:
+    """Whether tables on these axes stay within a few numbers per cell."""
+    return sum(reduced_size(grid, own) for own in axes) * inputs <= 4 * grid.size + 1_000_000
+
+
+def _tables(model: Model, frame: Frame, gap: Kernel | None, axes: Axes) -> Floats:
+    """Offsets of each dimension from the cell's centre, (lower, upper) per reduced cell and input, flat."""
+    fill = table_filler(model.interval_kernel, model.jacobian_interval_kernel)
+    parts = []
+    for i, own in enumerate(axes):
+        cells = reduced_cells(frame.grid, own)
+        out = np.empty((len(cells), len(frame.inputs), 2))
+        flags = np.array([j in own for j in range(model.nx)])
+        fill(cells, i, flags, frame.header, frame.inputs, out)
+        if gap is not None:
+            add_gap(gap, cells, i, frame.header, frame.inputs, out)
+        parts.append(out.reshape(-1))
+    return np.concatenate(parts)
+
+
+def _integer_tables(model: Model, frame: Frame, gap: Kernel | None, axes: Axes) -> Abstraction:
+    offsets = _tables(model, frame, gap, axes).reshape(-1, len(frame.inputs), 2)
+    table = np.empty(offsets.shape, np.int32)
+    first = 0
+    for i, own in enumerate(axes):
+        rows = slice(first, first + reduced_size(frame.grid, own))
+        whole_cells(offsets[rows], i, model.nx, frame.header, table[rows])
+        first = rows.stop
+    meta, _ = table_meta(frame.grid, len(frame.inputs), axes)
+    return Abstraction(
+        frame.grid, frame.inputs, table_post(), meta, frame.header, table.reshape(-1), axes, frame.error
+    )

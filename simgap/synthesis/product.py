@@ -1,0 +1,162 @@
+"""Posts of the product's abstraction: nominal model by its interval kernels, gap by its own, everything outward rounded.
+
+Over the box B (a cell, widened by the measurement error) with centre c and half-widths r, the mean value theorem gives
+
+    f(x, u) in f(c, u) -/+ sum_j sup_B |d f_i / d x_j| r_j   for all x in B,
+
+and the successor lies in that plus [inf_B lo_i, sup_B hi_i] of the gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numba as nb
+import numpy as np
+
+from simgap.synthesis.frame import cell_box, to_cells
+from simgap.synthesis.pointers import POST
+
+Kernel = Callable[..., Any]
+
+
+@nb.njit
+def no_gap(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
+    """The gap kernel of the nominal model alone."""
+    lo[:] = 0.0
+    hi[:] = 0.0
+
+
+@cache
+def image(f: Kernel, jacobian: Kernel) -> Kernel:
+    """numba: (xlo, xhi, u, n, lo_out, hi_out) -> None, the box of f over the box [xlo, xhi]."""
+
+    @nb.njit(error_model="numpy")
+    def image_of_box(xlo, xhi, u, n, lo, hi, c):  # type: ignore[no-untyped-def]
+        for j in range(n):
+            c[j] = 0.5 * (xlo[j] + xhi[j])
+        value = f(c, c, u, u)
+        slope = jacobian(xlo, xhi, u, u)
+        for i in range(n):
+            spread = 0.0
+            for j in range(n):
+                a, b = slope[i * n + j]
+                r = max(xhi[j] - c[j], c[j] - xlo[j])
+                spread += max(-a, b) * r
+            lo[i] = value[i][0] - spread * (1.0 + 2.0**-48)
+            hi[i] = value[i][1] + spread * (1.0 + 2.0**-48)
+
+    return image_of_box  # type: ignore[no-any-return]
+
+
+@cache
+def direct_post(f: Kernel, jacobian: Kernel, gap: Kernel) -> Any:
+    """The post that evaluates model and gap for every pair (nothing can be tabulated)."""
+    image_of_box = image(f, jacobian)
+
+    @nb.cfunc(POST, error_model="numpy")
+    def post(k, cells, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
+        n, nu = meta[0], meta[2]
+        numbers = nb.carray(data, (meta[3],))
+        index, work = np.empty(n, np.int64), np.empty((7, n))
+        for j in range(n):
+            index[j] = k[j]
+        at = 0
+        for cell in range(cells):
+            index[n - 1] = k[n - 1] + cell
+            cell_box(index, n, numbers, work[0], work[1])
+            for m in range(m0, m1):
+                u = numbers[6 * n + m * nu : 6 * n + (m + 1) * nu]
+                image_of_box(work[0], work[1], u, n, work[2], work[3], work[4])
+                gap(work[0], work[1], u, work[5], work[6])
+                for i in range(n):
+                    lo, hi = to_cells(work[2, i] + work[5, i], work[3, i] + work[6, i], i, n, numbers)
+                    out[at + i], out[at + n + i] = lo, hi
+                at += 2 * n
+
+    return post
+
+
+@cache
+def tabulated_post(gap: Kernel) -> Any:
+    """The post that reads the model from tables and evaluates the gap for every pair."""
+
+    @nb.cfunc(POST, error_model="numpy")
+    def post(k, cells, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
+        n, inputs, nu = meta[0], meta[1], meta[2]
+        numbers = nb.carray(data, (meta[3],))
+        index, row, work = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((4, n))
+        for j in range(n):
+            index[j] = k[j]
+        at = 0
+        for cell in range(cells):
+            index[n - 1] = k[n - 1] + cell
+            cell_box(index, n, numbers, work[0], work[1])
+            for i in range(n):
+                row[i] = 0
+                for j in range(n):
+                    row[i] += index[j] * meta[4 + i * (n + 1) + 1 + j]
+            for m in range(m0, m1):
+                gap(work[0], work[1], numbers[6 * n + m * nu : 6 * n + (m + 1) * nu], work[2], work[3])
+                for i in range(n):
+                    entry = meta[4 + i * (n + 1)] + 2 * (row[i] * inputs + m)
+                    centre = numbers[i] + numbers[n + i] * (index[i] + 0.5)
+                    low, high = centre + numbers[entry] + work[2, i], centre + numbers[entry + 1] + work[3, i]
+                    lo, hi = to_cells(low, high, i, n, numbers)
+                    out[at + i], out[at + n + i] = lo, hi
+                at += 2 * n
+
+    return post
+
+
+@cache
+def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
+    """numba: (k (rows, n), i, own (n,), header, u (M, nu), out (rows, M, 2)) -> None, offsets of f_i from the cell's centre.
+
+    Along axes that f_i - x_i and its derivatives do not depend on (`own` 0) the box is not clipped to X, since the table
+    serves all cells along them.
+    """
+    image_of_box = image(f, jacobian)
+
+    @nb.njit(error_model="numpy")
+    def fill(cells, i, own, header, inputs, out):  # type: ignore[no-untyped-def]
+        n = own.size
+        free = header.copy()
+        for j in range(n):
+            if not own[j]:
+                free[2 * n + j], free[3 * n + j] = -np.inf, np.inf
+        work = np.empty((5, n))
+        for row in range(cells.shape[0]):
+            cell_box(cells[row], n, free, work[0], work[1])
+            centre = header[i] + header[n + i] * (cells[row, i] + 0.5)
+            for m in range(inputs.shape[0]):
+                image_of_box(work[0], work[1], inputs[m], n, work[2], work[3], work[4])
+                out[row, m, 0], out[row, m, 1] = work[2, i] - centre, work[3, i] - centre
+
+    return fill  # type: ignore[no-any-return]
+
+
+@nb.njit(error_model="numpy")
+def add_gap(gap, cells, i, header, inputs, out):  # type: ignore[no-untyped-def]
+    """Add the gap's bounds of dimension `i` to a table (rows, M, 2) of offsets."""
+    n = cells.shape[1]
+    work = np.empty((4, n))
+    for row in range(cells.shape[0]):
+        cell_box(cells[row], n, header, work[0], work[1])
+        for m in range(inputs.shape[0]):
+            gap(work[0], work[1], inputs[m], work[2], work[3])
+            out[row, m, 0] += work[2, i]
+            out[row, m, 1] += work[3, i]
+
+
+@nb.njit(error_model="numpy")
+def whole_cells(offsets, i, n, header, out):  # type: ignore[no-untyped-def]
+    """Offsets from the centre of a cell as whole cells: (rows, M, 2) -> (rows, M, 2) int32."""
+    axis = header.copy()
+    axis[i] = -0.5 * axis[n + i]  # measured from the centre of cell 0
+    for row in range(offsets.shape[0]):
+        for m in range(offsets.shape[1]):
+            lo, hi = to_cells(offsets[row, m, 0], offsets[row, m, 1], i, n, axis)
+            out[row, m, 0], out[row, m, 1] = lo, hi
