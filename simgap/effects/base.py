@@ -14,6 +14,7 @@ from typing import ClassVar, Literal
 import sympy as sp
 
 from simgap.dynamics.model import Parameter, SymbolicModel, symbol
+from simgap.effects.start import Scales, Start
 from simgap.errors import UserError
 
 Kind = Literal["coordinate", "input", "state", "parameter", "plant"]
@@ -59,6 +60,15 @@ class Effect(ABC):
         """Unit of each parameter symbol for this target."""
         return {p.symbol: p.unit for p in self.parameters}
 
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """Where a search for the effect begins; for one parameter, the derivative at its null."""
+        (only,) = self.parameters
+        return (Start(1, lambda c: {only.symbol: only.null + c[0]}),)
+
+    def physical(self, values: Mapping[str, float]) -> bool:
+        """Whether the values obey the sign constraints."""
+        return all(p.lower <= values[p.symbol] <= p.upper for p in self.parameters)
+
     def check_target(self, model: SymbolicModel, on: str) -> None:
         """Refuse a target that this model does not have.
 
@@ -85,6 +95,8 @@ class Effect(ABC):
                     f"parameter {p.symbol} = {values[p.symbol]} of effect '{self.name}' is not physical",
                     remedy=f"It lies in [{p.lower:g}, {p.upper:g}].",
                 )
+        if not self.physical(values):
+            raise UserError(f"the parameters {dict(values)} of effect '{self.name}' are not physical together")
 
     def apply(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> SymbolicModel:
         """The model corrected by this effect; its numbers become named parameters of the new model.

@@ -7,6 +7,9 @@ import math
 import sympy as sp
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.start import Scales, Start
+
+MOST_PERIODS = 16
 
 
 class Cogging(CoordinateEffect):
@@ -20,6 +23,14 @@ class Cogging(CoordinateEffect):
         EffectParameter("n", "1/{position}", "periods in a turn", null=1.0, lower=1.0, integer=True),
         EffectParameter("phase", "rad", "phase at q = 0", null=0.0, lower=-math.pi, upper=math.pi),
     )
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """Sine and cosine as two linear coefficients, for each number of periods."""
+
+        def at(n: int) -> Start:
+            return Start(2, lambda c: {"A": math.hypot(*c), "n": float(n), "phase": math.atan2(c[1], c[0])})
+
+        return tuple(at(n) for n in range(1, MOST_PERIODS + 1))
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """A sin(n q + phase)."""

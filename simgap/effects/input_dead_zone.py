@@ -5,6 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from simgap.effects.base import EffectParameter, StaticInputEffect, Values
+from simgap.effects.start import Scales, Start, multiple
 
 
 class InputDeadZone(StaticInputEffect):
@@ -14,6 +15,10 @@ class InputDeadZone(StaticInputEffect):
     formula = "u' = sign(u) max(|u| - width, 0)"
     source = "Tao, Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor Nonlinearities, ch. 2"
     parameters = (EffectParameter("width", "{input}", "half-width of the dead zone", null=0.0, lower=0.0),)
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """Widths at a few shares of the largest command."""
+        return tuple(multiple("width", share * scales.command) for share in (0.02, 0.07, 0.2))
 
     def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
         """u minus its part within +-width."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from simgap.dynamics.model import SymbolicModel
 from simgap.effects.base import EffectParameter, InputEffect, Values
+from simgap.effects.start import Scales, Start, multiple
 
 
 class InputDelay(InputEffect):
@@ -13,6 +14,10 @@ class InputDelay(InputEffect):
     formula = "u'(t) = u(t - delay)"
     source = "Astrom, Wittenmark (1997), Computer-Controlled Systems, sec. 2.3"
     parameters = (EffectParameter("delay", "s", "time from command to effect", null=0.0, lower=0.0),)
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """A few multiples of the sampling interval."""
+        return tuple(multiple("delay", k * scales.interval) for k in (0.5, 2.0, 6.0))
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Declare the delay; discretising the model turns it into states that hold past commands."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from simgap.dynamics.model import SymbolicModel, Variable, symbol
 from simgap.effects.base import EffectParameter, InputEffect, Values
+from simgap.effects.start import Scales, Start, multiple
 
 
 class InputLag(InputEffect):
@@ -13,6 +14,10 @@ class InputLag(InputEffect):
     formula = "u' = z, T dz/dt = u - z"
     source = "Astrom, Murray (2008), Feedback Systems, sec. 3.2"
     parameters = (EffectParameter("T", "s", "time constant", null=0.0, lower=0.0),)
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """A few multiples of the sampling interval."""
+        return tuple(multiple("T", k * scales.interval) for k in (1.0, 4.0, 12.0))
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Add the actuator's output as a state."""

@@ -7,6 +7,7 @@ import math
 import sympy as sp
 
 from simgap.effects.base import EffectParameter, StaticInputEffect, Values
+from simgap.effects.start import Scales, Start
 
 
 class InputSaturation(StaticInputEffect):
@@ -16,6 +17,14 @@ class InputSaturation(StaticInputEffect):
     formula = "u' = max(-limit, min(u, limit))"
     source = "Tarbouriech et al. (2011), Stability and Stabilization of Linear Systems with Saturating Actuators, ch. 1"
     parameters = (EffectParameter("limit", "{input}", "largest size of the input", null=math.inf, lower=0.0),)
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """Limits at several shares of the largest command."""
+
+        def at(share: float) -> Start:
+            return Start(1, lambda c: {"limit": scales.command * share if c[0] > 0.0 else math.inf}, amplitude=1.0)
+
+        return tuple(at(share) for share in (0.95, 0.85, 0.7, 0.5, 0.35))
 
     def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
         """u cut to +-limit."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import sympy as sp
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.start import Scales, Start
 
 
 class StribeckFriction(CoordinateEffect):
@@ -18,6 +21,18 @@ class StribeckFriction(CoordinateEffect):
         EffectParameter("F_s", "{force}", "breakaway force, at least F_c", null=0.0, lower=0.0),
         EffectParameter("v_s", "{position}/s", "Stribeck speed", null=0.1, lower=1e-06),
     )
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """Coulomb level and peak as two linear coefficients, for a few Stribeck speeds."""
+
+        def at(speed: float) -> Start:
+            return Start(2, lambda c: {"F_c": c[0], "F_s": c[0] + c[1], "v_s": speed})
+
+        return tuple(at(share * scales.speed) for share in (0.03, 0.1, 0.3))
+
+    def physical(self, values: Mapping[str, float]) -> bool:
+        """The peak is not below the Coulomb level."""
+        return super().physical(values) and values["F_s"] >= values["F_c"]
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-(F_c + (F_s - F_c) exp(-(v/v_s)^2)) sign(v)."""

@@ -1,0 +1,1 @@
+"""Diagnosis of recordings whose cause it was not told."""

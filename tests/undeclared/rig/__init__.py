@@ -1,0 +1,1 @@
+"""Rigs with undeclared effects; nothing here imports the package under test."""
