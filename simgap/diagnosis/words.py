@@ -1,0 +1,195 @@
+"""The diagnosis in one sentence that a person can act on, from the document that `diagnosis.json` holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+Document = Mapping[str, Any]
+Parameters = Mapping[str, Mapping[str, Any]]
+
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+_OF_THE_PLANT = {"gravity_tilt": "a base tilt", "wheel_mismatch": "unequal wheels", "lateral_slip": "sideways slip"}
+
+
+def pretty_unit(unit: str) -> str:
+    """A unit as it is printed: 'N*m*s/rad' -> 'N m s/rad', 'kg*m^2' -> 'kg m²'; nothing for a pure number."""
+    if unit in ("1", ""):
+        return ""
+    out, k = "", 0
+    text = unit.replace("**", "^")
+    while k < len(text):
+        if text[k] == "^":
+            end = k + 1
+            while end < len(text) and (text[end].isdigit() or text[end] == "-"):
+                end += 1
+            out, k = out + text[k + 1 : end].translate(_SUPERSCRIPTS), end
+        else:
+            out, k = out + (" " if text[k] == "*" else text[k]), k + 1
+    return out
+
+
+def with_error(value: float, half: float, unit: str = "") -> str:
+    """`value ± half unit`, rounded where the uncertainty has two digits: 0.19 ± 0.01 N m."""
+    tail = f" {pretty_unit(unit)}" if pretty_unit(unit) else ""
+    if not (math.isfinite(half) and half > 0.0):
+        return f"{value:.4g}{tail}"
+    size = 10.0 ** math.floor(math.log10(half))
+    leading = round(half / size, 1)
+    digits = -round(math.log10(size)) + (1 if leading < 2.0 and leading != 1.0 else 0)  # 0.01, 0.012 and 0.3
+    if digits > 7:
+        return f"({value:.4g} ± {half:.1g}){tail}"
+    digits = max(digits, 0)
+    return f"{value:.{digits}f} ± {half:.{digits}f}{tail}"
+
+
+def _quoted(parameters: Parameters, name: str, scale: float = 1.0, unit: str | None = None) -> str:
+    p = parameters[name]
+    lo, hi = (float(v) if v is not None else math.nan for v in p["ci95"])
+    return with_error(scale * float(p["value"]), scale * (hi - lo) / 2, p["unit"] if unit is None else unit)
+
+
+def _ratio(parameters: Parameters, name: str = "ratio") -> str:
+    """A ratio as a deviation: 0.75 -> '25 ± 1 % below'."""
+    p = parameters[name]
+    lo, hi = (float(v) if v is not None else math.nan for v in p["ci95"])
+    side = "below" if p["value"] < 1 else "above"
+    return f"{with_error(100 * abs(float(p['value']) - 1), 50 * (hi - lo))} % {side}"
+
+
+def describe(effect: Mapping[str, Any]) -> str:
+    """An effect with its numbers, as a noun phrase: 'Coulomb friction of 0.19 ± 0.01 N m at the hinge'."""
+    name, on, p = effect["name"], effect["on"], effect["parameters"]
+    match name:
+        case "viscous_friction":
+            return f"viscous friction of {_quoted(p, 'b')} at the {on}"
+        case "coulomb_friction":
+            return f"Coulomb friction of {_quoted(p, 'F_c')} at the {on}"
+        case "stribeck_friction":
+            levels = f"{_quoted(p, 'F_s')} to break away, {_quoted(p, 'F_c')} when sliding"
+            return f"Stribeck friction at the {on} ({levels})"
+        case "quadratic_drag":
+            return f"quadratic drag of {_quoted(p, 'c')} at the {on}"
+        case "spring":
+            return f"a spring of {_quoted(p, 'k')} at the {on}"
+        case "cubic_spring":
+            return f"a cubic spring of {_quoted(p, 'k3')} at the {on}"
+        case "cogging":
+            return f"cogging of {_quoted(p, 'A')} with {p['n']['value']:.0f} periods a turn at the {on}"
+        case "input_gain":
+            return f"a gain of {on} that is {_ratio(p)} the declared one"
+        case "input_bias":
+            return f"a bias of {_quoted(p, 'bias')} on {on}"
+        case "input_delay":
+            return f"a delay of {_quoted(p, 'delay', 1e3, 'ms')} on {on}"
+        case "input_lag":
+            return f"a lag of {_quoted(p, 'T', 1e3, 'ms')} on {on}"
+        case "input_dead_zone":
+            return f"a dead zone of ±({_quoted(p, 'width')}) on {on}"
+        case "input_saturation":
+            return f"a limit of {_quoted(p, 'limit')} on {on}"
+        case "sensor_offset":
+            return f"a sensor of {on} that reads {_quoted(p, 'offset')} too much"
+        case "parameter_error":
+            return f"a {phrase(effect).removeprefix('the ')} that is {_ratio(p)} its declared value"
+        case "gravity_tilt":
+            return f"a base tilted by {_quoted(p, 'tilt', 180 / math.pi, 'deg')}"
+        case "wheel_mismatch":
+            return f"a right wheel whose radius is {_ratio(p)} the declared one"
+        case "lateral_slip":
+            return f"sideways slip of {_quoted(p, 'ratio', 100.0)} % of the speed"
+    numbers = ", ".join(f"{symbol} = {_quoted(p, symbol)}" for symbol in p)
+    return f"{phrase(effect)} ({numbers})" if numbers else phrase(effect)
+
+
+def phrase(effect: Mapping[str, Any]) -> str:
+    """An effect without numbers: 'Coulomb friction at the hinge', 'the torque gain', 'the mass of the rod'."""
+    name, on = effect["name"], effect["on"]
+    if name == "parameter_error":
+        owner, _, quantity = str(on).rpartition(".")
+        words = {"com": "centre of mass", "": on}.get(quantity, quantity.replace("_", " "))
+        return f"the {words} of the {owner}" if owner else f"the parameter {on}"
+    if name.startswith("input_"):
+        return f"the {name.removeprefix('input_').replace('_', ' ')} of {on}"
+    if name in _OF_THE_PLANT:
+        return _OF_THE_PLANT[name]
+    if name == "sensor_offset":
+        return f"an offset of the sensor of {on}"
+    words = name.replace("_", " ").replace("coulomb", "Coulomb").replace("stribeck", "Stribeck")
+    return f"{words} at the {on}"
+
+
+def joined(parts: Sequence[str], last: str = "and") -> str:
+    """'a', 'a and b', 'a, b and c'."""
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"
+
+
+def excess(error: Document, which: str) -> float:
+    """Horizon error beyond the floor, in floors, over all measured states: sqrt(mean max(0, E^2 - F^2) / F^2)."""
+    after, floor = error[which]["horizon_rmse"], error["noise_floor"]["horizon_rmse"]
+    terms = [max(0.0, after[s] ** 2 - floor[s] ** 2) / max(floor[s], 1e-300) ** 2 for s in floor]
+    return math.sqrt(sum(terms) / len(terms)) if terms else 0.0
+
+
+def explained_share(error: Document) -> float:
+    """Share of the excess error on held-out data that is gone: 1 - excess after / excess before, not below 0."""
+    before = excess(error, "before")
+    return max(0.0, 1.0 - excess(error, "after") / before) if before > 0.0 else 0.0
+
+
+def verdict_sentence(document: Document) -> str:
+    """What was found, what it explains, and what cannot be told apart."""
+    verdict, effects = document["verdict"], document["effects"]
+    if verdict == "none":
+        return f"The model explains these data down to their noise: no effect is missing.{_blind(document)}"
+    if verdict == "unexplained":
+        return _unexplained(document)
+    found = joined([describe(e) for e in effects])
+    verb = "explains" if len(effects) == 1 else "together explain"
+    share = 100 * explained_share(document["error"])
+    text = f"{found[0].upper()}{found[1:]} {verb} {share:.0f} % of the excess error"
+    doubts = [_doubt(e) for e in effects if e.get("alternatives")]
+    if doubts:
+        text += f"; {'; '.join(doubts)}"
+    text += "."
+    if verdict == "partial":
+        text += f" {_remainder(document)}"
+    return text
+
+
+def _doubt(effect: Mapping[str, Any]) -> str:
+    names = [phrase(effect), *(joined([phrase(e) for e in alternative]) for alternative in effect["alternatives"])]
+    if len(names) > 4:
+        names = [*names[:3], f"{len(names) - 3} more"]
+    return f"{joined(names)} cannot be told apart from this data"
+
+
+def _blind(document: Document) -> str:
+    advice = [w for w in document.get("warnings", ()) if "cannot be told" in w or "look alike" in w]
+    return f" But {advice[0]}." if advice else ""
+
+
+def _remainder(document: Document) -> str:
+    error = document["error"]["after"]
+    h = error["horizon_s"]
+    sizes = joined([f"{x:.2g}{_of(document, s)}" for s, x in error["horizon_rmse"].items()])
+    covered = "; its one-step part is bounded into gamma" if document.get("remainder") else ""
+    return f"An error of {sizes} is left {h:g} s ahead that nothing in the library explains{covered}."
+
+
+def _of(document: Document, state: str) -> str:
+    unit = pretty_unit(document.get("units", {}).get(state, ""))
+    return f" {unit} in {state}" if unit else f" in {state}"
+
+
+def _unexplained(document: Document) -> str:
+    best = document["candidates"][0] if document["candidates"] else None
+    text = "No effect of the library explains the difference between model and data"
+    if best is not None:
+        text += f" (the nearest is {phrase(best)}, which is not enough)"
+    return (
+        f"{text}: look for a force that was not measured, a column that is not what the case says, "
+        f"or a mechanism outside the library."
+    )
