@@ -12,8 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from simgap.config.case import Case
+from simgap.stages.reads import READS
 
 PACKAGE = Path(__file__).parent
+# What the typing of a case file does shows in the sections that are hashed; its code would invalidate everything.
+UNHASHED = ("simgap.config.case", "simgap.config.load", "simgap.provenance")
 
 
 def digest(content: Any) -> str:
@@ -23,16 +26,16 @@ def digest(content: Any) -> str:
 
 
 def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
-    """A hash of what a stage reads: the named sections ('plant', 'synthesis', 'plant.states'), model files by content."""
+    """A hash of what a stage reads: sections by dotted name ('plant.states'), model files by their bytes."""
     content: dict[str, Any] = {}
     for section in sections:
         value: Any = case.model_dump(mode="json")
         for part in section.split("."):
             value = value.get(part) if isinstance(value, dict) else None
         content[section] = value
-        urdf = value.get("urdf") if isinstance(value, dict) else None
+        urdf = value.get("urdf") if isinstance(value, dict) else value if section.endswith("urdf") else None
         if urdf and (folder / urdf).is_file():
-            content[f"{section}:urdf"] = file_digest(folder / urdf)
+            content[f"{section}: bytes"] = file_digest(folder / urdf)
     return digest(content)
 
 
@@ -51,8 +54,9 @@ def _closure(module: str) -> frozenset[Path]:
     seen: set[Path] = set()
     todo = [module]
     while todo:
-        path = _file(todo.pop())
-        if path is None or path in seen:
+        name = todo.pop()
+        path = _file(name)
+        if path is None or path in seen or name.startswith(UNHASHED):
             continue
         seen.add(path)
         todo.extend(_imports(path))
@@ -84,10 +88,10 @@ def versions(*distributions: str) -> dict[str, str]:
 
 
 def provenance(
-    stage: str, case: Case, sections: Iterable[str], folder: Path, seeds: Mapping[str, int] | None = None, **more: Any
+    stage: str, case: Case, folder: Path, seeds: Mapping[str, int] | None = None, **more: Any
 ) -> dict[str, Any]:
     """The record that every result carries; it holds no absolute path and no date, so equal runs are equal bytes."""
-    sections = list(sections)
+    sections = list(READS[stage])
     return {
         "stage": stage,
         "case": case.name,

@@ -44,7 +44,14 @@ def _pybullet(case: Case, folder: Path) -> Simulator:
     return PyBulletJoints(joint_plant(case, folder), section)
 
 
-ENGINES: Mapping[str, Callable[[Case, Path], Simulator]] = {"pybullet": _pybullet}
+def _mujoco(case: Case, folder: Path) -> Simulator:
+    from simgap.simulators.mujoco_joints import MuJoCoJoints
+
+    section: Any = case.simulator
+    return MuJoCoJoints(joint_plant(case, folder), section)
+
+
+ENGINES: Mapping[str, Callable[[Case, Path], Simulator]] = {"pybullet": _pybullet, "mujoco": _mujoco}
 
 
 def make_simulator(case: Case, folder: Path) -> Simulator:

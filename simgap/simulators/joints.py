@@ -75,4 +75,4 @@ def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | 
             )
     forces = [e + sum((applied[i] for i in drive), sp.Integer(0)) for e, drive in zip(extra, plant.inputs, strict=True)]
     function: Any = sp.lambdify([*q, *v, *u], forces, modules="math", cse=True)
-    return function  # type: ignore[no-any-return]
+    return function

@@ -12,14 +12,11 @@ import numpy as np
 
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.geometry import Box, Floats, Grid
+from simgap.geometry import Floats, Grid
 from simgap.io.parquet import table, write_parquet
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.stages.context import Context, log
-
-READS = ("name", "plant.urdf", "plant.states", "plant.inputs", "plant.gravity", "domain", "simulator", "grid.shards")
-
 
 def run(case_path: Path, eps: float, shard: int, out: Path, engine_log: Path | None = None) -> None:
     """Roll out one shard of the grid of radius `eps` and write it.
@@ -30,26 +27,16 @@ def run(case_path: Path, eps: float, shard: int, out: Path, engine_log: Path | N
     context = Context.load(case_path)
     shards = context.need(context.case.grid, "grid").shards
     if not 0 <= shard < shards:
-        raise UserError(f"there is no shard {shard}", file=case_path, key="grid.shards", remedy=f"It is 0..{shards - 1}.")
+        raise UserError(
+            f"there is no shard {shard}", file=case_path, key="grid.shards", remedy=f"It is 0..{shards - 1}."
+        )
     with context.blame():
         states = shard_of(Grid.covering(context.box, eps), shard, shards)
         x, u = product(states, context.input_set)
         log.info("%d states x %d inputs = %d roll-outs", len(states), len(x) // len(states), len(x))
         ((following, engine),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)], log=engine_log)
-    write(context, out, x, u, following, {"eps": eps, "seed": None, "engine": engine})
+    write(context, out, x, u, following, {"eps": eps, "seed": None, "engine": engine}, "rollouts")
     log.info("wrote %s", out)
-
-
-def sample(case_path: Path, count: int, seed: int, out: Path, engine_log: Path | None = None, workers: int = 2) -> None:
-    """Roll out `count` random pairs off the grid, uniform on X x U: the fresh samples that gamma is checked on."""
-    context = Context.load(case_path)
-    with context.blame():
-        x, u = draw(context.box, context.input_set, count, seed)
-        jobs = [(context.case, context.folder, a, b) for a, b in zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)]
-        results = run_in_processes(roll_out, jobs, workers, engine_log)
-    following = np.concatenate([r for r, _ in results])
-    write(context, out, x, u, following, {"eps": None, "seed": seed, "engine": results[0][1]})
-    log.info("wrote %d fresh samples to %s", count, out)
 
 
 def shard_of(grid: Grid, shard: int, shards: int) -> Floats:
@@ -63,12 +50,6 @@ def product(x: Floats, u: Floats) -> tuple[Floats, Floats]:
     return np.repeat(x, len(u), axis=0), np.tile(u, (len(x), 1))
 
 
-def draw(box: Box, inputs: Floats, count: int, seed: int) -> tuple[Floats, Floats]:
-    """`count` pairs, uniform on the box and on the input set."""
-    rng = np.random.default_rng(seed)
-    return box.sample(rng, count), inputs[rng.integers(0, len(inputs), count)]
-
-
 def roll_out(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, str]:
     """Run in the engine's process: successors and the engine's name."""
     from simgap.simulators.build import make_simulator
@@ -80,12 +61,20 @@ def roll_out(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, st
         simulator.close()
 
 
-def write(context: Context, out: Path, x: Floats, u: Floats, following: Floats, constants: dict[str, object]) -> None:
+def write(
+    context: Context,
+    out: Path,
+    x: Floats,
+    u: Floats,
+    following: Floats,
+    constants: dict[str, object],
+    stage: str,
+) -> None:
     """One Parquet file: states, inputs, successors `next_<state>`."""
     columns = {n: x[:, k] for k, n in enumerate(context.states)}
     columns |= {n: u[:, k] for k, n in enumerate(context.inputs)}
     columns |= {f"next_{n}": following[:, k] for k, n in enumerate(context.states)}
     units = context.units | {f"next_{n}": context.units[n] for n in context.states}
     seeds = {"samples": constants["seed"]} if isinstance(constants["seed"], int) else {}
-    record = provenance("rollouts", context.case, READS, context.folder, seeds, engine=constants["engine"])
+    record = provenance(stage, context.case, context.folder, seeds, engine=constants["engine"])
     write_parquet(out, table(columns, units, {"case": context.case.name, **constants}, record))

@@ -1,0 +1,23 @@
+# simgap: from a model and a simulator to a controller that survives the gap between them.
+#
+#   snakemake --cores 2                                  every default case, then the report
+#   snakemake --cores 2 --configfile configs/sweeps/eps.yaml   more points of a sweep; what is there is kept
+#   snakemake --cores 2 paper                            what the paper's printed numbers allow
+
+configfile: "configs/default.yaml"
+
+
+include: "rules/common.smk"
+include: "rules/gap.smk"
+include: "rules/control.smk"
+include: "rules/report.smk"
+
+
+localrules:
+    all,
+
+
+rule all:
+    default_target: True
+    input:
+        [path for case in CASES for path in final_results(case)],

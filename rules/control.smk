@@ -1,0 +1,57 @@
+# Controllers for the model with and without its gap, and the closed loop that tells them apart.
+
+
+def gap_option(wildcards, input):
+    return f"--gap {input.gap}" if wildcards.kind == "gap" else ""
+
+
+rule synthesis:
+    input:
+        gap=lambda w: f"results/{w.case}/gap/eps~{eps_of(w)}/gap.json" if w.kind == "gap" else [],
+    output:
+        controller="results/{case}/synthesis/{kind}/controller.npz",
+        summary="results/{case}/synthesis/{kind}/synthesis.json",
+    log:
+        "results/{case}/logs/synthesis-{kind}.log",
+    benchmark:
+        "results/{case}/benchmarks/synthesis-{kind}.tsv"
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("synthesis"),
+        code=code("synthesis"),
+        gap=gap_option,
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    message:
+        "{wildcards.case}: controller for the {wildcards.kind} model"
+    shell:
+        "simgap synthesis {params.case} {params.gap} --out {output.controller} --summary {output.summary}"
+        " --workers {threads} --log {log}"
+
+
+rule validation:
+    input:
+        nominal="results/{case}/synthesis/nominal/controller.npz",
+        robust="results/{case}/synthesis/gap/controller.npz",
+        gap=lambda w: f"results/{w.case}/gap/eps~{eps_of(w)}/gap.json",
+    output:
+        summary="results/{case}/validation/validation.json",
+        traces="results/{case}/validation/traces.parquet",
+    log:
+        "results/{case}/logs/validation.log",
+    benchmark:
+        "results/{case}/benchmarks/validation.tsv"
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("validation"),
+        code=code("validation"),
+    threads: 2
+    resources:
+        mem_mb=3000,
+        runtime=60,
+    message:
+        "{wildcards.case}: both controllers in closed loop, {threads} processes"
+    shell:
+        "simgap validation {params.case} --nominal {input.nominal} --robust {input.robust} --gap {input.gap}"
+        " --out {output.summary} --traces {output.traces} --workers {threads} --log {log}"

@@ -1,0 +1,64 @@
+"""MuJoCo over a URDF of joints (optional extra `mujoco`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from simgap.config.simulator import MuJoCoSection
+from simgap.dynamics.urdf_checks import check_urdf
+from simgap.errors import UserError
+from simgap.geometry import Floats
+from simgap.simulators.base import Simulator
+from simgap.simulators.joints import JointPlant, joint_forces
+
+
+class MuJoCoJoints(Simulator):
+    """`f_hat` of a fixed-base plant in MuJoCo: a reset clears the solver's warm start with the rest of its data."""
+
+    def __init__(self, plant: JointPlant, section: MuJoCoSection) -> None:
+        try:
+            import mujoco
+        except ImportError:
+            raise UserError(
+                "MuJoCo is not installed", key="simulator.engine", remedy="Install the extra: simgap[mujoco]."
+            ) from None
+        check_urdf(plant.urdf)
+        self.nx, self.nu, self.engine = plant.nx, plant.nu, f"mujoco {mujoco.__version__}"
+        self._mujoco: Any = mujoco
+        self._plant, self._substeps = plant, section.substeps
+        self._forces = joint_forces(plant, section.effects)
+        model = mujoco.MjModel.from_xml_path(str(plant.urdf))
+        model.opt.timestep = plant.tau / section.substeps
+        model.opt.gravity[:] = (0.0, 0.0, -plant.gravity)
+        kinds = {"euler": mujoco.mjtIntegrator.mjINT_EULER, "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT}
+        model.opt.integrator = kinds.get(section.integrator, mujoco.mjtIntegrator.mjINT_RK4)
+        model.dof_damping[:] = section.damping.joint
+        model.dof_frictionloss[:] = 0.0  # the URDF's joint friction; Drake ignores it, effects declare it
+        self._model, self._data = model, mujoco.MjData(model)
+        joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in plant.joints]
+        if min(joints) < 0:
+            raise UserError(f"not all of the joints {list(plant.joints)} are there", file=plant.urdf)
+        self._q = [int(model.jnt_qposadr[j]) for j in joints]
+        self._v = [int(model.jnt_dofadr[j]) for j in joints]
+
+    def reset(self, x: Floats) -> None:
+        """Fresh data, then every joint's position and velocity."""
+        self._mujoco.mj_resetData(self._model, self._data)
+        self._data.qpos[self._q] = x[list(self._plant.positions)]
+        self._data.qvel[self._v] = x[list(self._plant.velocities)]
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold u for tau, effects evaluated at every engine step."""
+        data = self._data
+        torques: Any = [sum(u[i] for i in drive) for drive in self._plant.inputs]
+        for _ in range(self._substeps):
+            if self._forces is not None:
+                torques = self._forces(*data.qpos[self._q], *data.qvel[self._v], *u)
+            data.qfrc_applied[self._v] = torques
+            self._mujoco.mj_step(self._model, data)
+        x = np.empty(self.nx)
+        x[list(self._plant.positions)] = data.qpos[self._q]
+        x[list(self._plant.velocities)] = data.qvel[self._v]
+        return x

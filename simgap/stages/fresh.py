@@ -1,0 +1,33 @@
+"""Stage `fresh`: random samples off the grid that no fit sees; gamma is checked on them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from simgap.geometry import Box, Floats
+from simgap.simulators.process import run_in_processes
+from simgap.stages.context import Context, log
+from simgap.stages.rollouts import roll_out, write
+
+
+def run(case_path: Path, out: Path, engine_log: Path | None = None, workers: int = 2) -> None:
+    """Roll out random pairs, uniform on X x U, and write them."""
+    context = Context.load(case_path)
+    section = context.need(context.case.gap, "gap").fresh
+    with context.blame():
+        x, u = draw(context.box, context.input_set, section.samples, section.seed)
+        parts = zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)
+        jobs = [(context.case, context.folder, a, b) for a, b in parts]
+        results = run_in_processes(roll_out, jobs, workers, engine_log)
+    following = np.concatenate([successors for successors, _ in results])
+    constants = {"eps": None, "seed": section.seed, "engine": results[0][1]}
+    write(context, out, x, u, following, constants, "fresh")
+    log.info("wrote %d fresh samples to %s", len(x), out)
+
+
+def draw(box: Box, inputs: Floats, count: int, seed: int) -> tuple[Floats, Floats]:
+    """`count` pairs, uniform on the box and on the input set."""
+    rng = np.random.default_rng(seed)
+    return box.sample(rng, count), inputs[rng.integers(0, len(inputs), count)]

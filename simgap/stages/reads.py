@@ -1,0 +1,19 @@
+"""What each stage reads of a case: a change elsewhere in the file reruns nothing of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+_PLANT = ("plant.urdf", "plant.states", "plant.inputs", "plant.gravity")
+_SIMULATED = ("name", *_PLANT, "domain", "simulator")
+
+READS: Mapping[str, tuple[str, ...]] = {
+    "rollouts": (*_SIMULATED, "grid.shards"),
+    "fresh": (*_SIMULATED, "gap.fresh"),
+    "gap": ("name", "plant", "domain", "gap"),
+    "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
+    "validation": ("name", "plant", "domain", "simulator", "synthesis.specification", "sensing", "validation"),
+    "trace": ("name", "plant", "domain", "synthesis.specification"),
+    "diagnosis": ("name", "plant", "domain.tau", "measured"),
+    "report": ("name", "title", "plant", "domain", "simulator", "synthesis.specification"),
+}
