@@ -1,0 +1,196 @@
+"""What a diagnosis is asked and what it answers: frozen values, no files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.dynamics.model import SymbolicModel
+from simgap.effects import AppliedEffect
+
+Floats = NDArray[np.float64]
+Verdict = Literal["none", "attributed", "partial", "unexplained"]
+Key = tuple[str, str]
+"""Name of an effect and what it acts on."""
+
+
+@dataclass(frozen=True)
+class DiagnosisSettings:
+    """Choices of the person; the defaults are those of the `measured` section.
+
+    Attributes:
+        window_s: length of the simulated windows, s.
+        horizon_s: how far ahead the causal error E(h) is judged, s.
+        noise: known noise of channels, state -> standard deviation; the others are estimated.
+        effects: names of the effects that may be tried; all if empty.
+        max_effects: largest number of effects in one explanation.
+        held_out_traces: names of traces that are never fitted; if empty, `held_out_share` of the record is taken.
+        held_out_share: share of traces or of windows that is never fitted.
+    """
+
+    window_s: float = 1.0
+    horizon_s: float = 0.5
+    noise: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[str, ...] = ()
+    max_effects: int = 3
+    held_out_traces: tuple[str, ...] = ()
+    held_out_share: float = 0.25
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its 95 % confidence interval; a discrete choice has the interval [value, value]."""
+
+    value: float
+    ci95: tuple[float, float]
+    unit: str
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that explains the residual.
+
+    `alternatives` are sets that this data cannot tell from it; where a set replaces several effects together, it stands
+    at each of them.
+    """
+
+    name: str
+    on: str
+    parameters: Mapping[str, Estimate]
+    alternatives: tuple[tuple[Key, ...], ...] = ()
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A whole set of effects that fits as well as the chosen one; `exact` if no data of this kind can tell them apart."""
+
+    effects: tuple[AppliedEffect, ...]
+    bic_excess: float
+    exact: bool
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Held-out error of one model.
+
+    Attributes:
+        fit_rmse: windows with refitted initial states, state -> RMS error.
+        horizon_s: h, s.
+        horizon_rmse: E(h) with a causal initial state, state -> RMS error; empty if no held-out stretch is long enough.
+        chi2_dof: of the fitted windows.
+        held_out_ratio: held-out RMSE over noise, all channels together, initial states refitted.
+    """
+
+    fit_rmse: Mapping[str, float]
+    horizon_s: float
+    horizon_rmse: Mapping[str, float]
+    chi2_dof: float
+    held_out_ratio: float
+
+
+@dataclass(frozen=True)
+class CandidateScore:
+    """How one effect did: promised drop of chi^2 beside the model as declared, and BIC gain where it was fitted alone.
+
+    `rejected` says why a fit was not admitted ("" if it was).
+    """
+
+    name: str
+    on: str
+    chi2_drop: float
+    bic_gain: float | None
+    parameters: Mapping[str, float]
+    rejected: str = ""
+
+
+@dataclass(frozen=True)
+class Collinear:
+    """Two candidates that this excitation can hardly tell apart, with the correlation of their sensitivities."""
+
+    first: Key
+    second: Key
+    correlation: float
+    advice: str
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPrediction:
+    """One window: samples, and predictions of the measured states before and after, initial state refitted in both.
+
+    Attributes:
+        trace: name of the trace; held_out: whether it was never fitted.
+        t: (n,) s; measured, before, after: (n, k).
+        states: (n, nx) states of the corrected model; inputs: (n, m) recorded inputs.
+    """
+
+    trace: str
+    held_out: bool
+    t: Floats
+    measured: Floats
+    before: Floats
+    after: Floats
+    states: Floats
+    inputs: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualForce:
+    """Force on a coordinate that the declared model lacks, piecewise constant, estimated from the data alone.
+
+    Attributes:
+        coordinate, unit: where it acts.
+        force: (n,); spread: (n,) its standard deviation from the noise.
+        position, velocity: (n,) at the middle of each piece.
+        explained: (n,) what the found effects on this coordinate give there.
+    """
+
+    coordinate: str
+    unit: str
+    force: Floats
+    spread: Floats
+    position: Floats
+    velocity: Floats
+    explained: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The answer.
+
+    Attributes:
+        verdict: as in the table of verdicts; sentence: the same in words.
+        effects: what explains the residual (empty for `none` and `unexplained`).
+        alternatives: whole sets that fit as well.
+        before, after: held-out error of the declared and of the corrected model.
+        floor: what a perfect model would show with this noise (chi2_dof and held_out_ratio are 1).
+        excess_share: excess of E(h) over the floor, after over before (1 if there was none).
+        sigma: noise of each measured state.
+        candidates: every effect tried.
+        collinear: candidates that this excitation can hardly tell apart.
+        held_out: (trace, from, to) of stretches that were never fitted, s.
+        warnings: what a person should know.
+        applied: the effects with their numbers; corrected: the declared model with them.
+        windows: predictions for plots; forces: residual forces for plots.
+    """
+
+    verdict: Verdict
+    sentence: str
+    effects: tuple[FoundEffect, ...]
+    alternatives: tuple[Alternative, ...]
+    before: Judged
+    after: Judged
+    floor: Judged
+    excess_share: float
+    sigma: Mapping[str, float]
+    candidates: tuple[CandidateScore, ...]
+    collinear: tuple[Collinear, ...]
+    held_out: tuple[tuple[str, float, float], ...]
+    warnings: tuple[str, ...]
+    applied: tuple[AppliedEffect, ...]
+    corrected: SymbolicModel
+    windows: tuple[WindowPrediction, ...]
+    forces: tuple[ResidualForce, ...] = ()

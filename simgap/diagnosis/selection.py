@@ -1,0 +1,158 @@
+"""Which set of effects: forward selection with removals and swaps under BIC."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from simgap.diagnosis.fit import Fit, fit
+from simgap.diagnosis.problem import Problem
+from simgap.diagnosis.scoring import Score, Starts, best_of_each, score
+from simgap.diagnosis.sensitivity import choose_step, with_values
+from simgap.diagnosis.supermodel import Candidate
+from simgap.diagnosis.thresholds import BIC_GAIN, FINALISTS, NEAR_TIE
+
+Key = tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A set of effects, fitted.
+
+    Attributes:
+        members: the effects.
+        fit: the fit with their parameters free.
+        bic: chi^2 over `scale` plus k log N.
+        physical: whether every coefficient has its sign and none vanished.
+    """
+
+    members: tuple[Candidate, ...]
+    fit: Fit
+    bic: float
+    physical: bool
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """Names and targets."""
+        return frozenset(c.key for c in self.members)
+
+    @property
+    def count(self) -> int:
+        """Number of parameters, discrete choices included."""
+        return sum(len(c.slots) for c in self.members)
+
+
+@dataclass(eq=False)
+class Search:
+    """One search over one problem: everything that is tried is fitted once and kept."""
+
+    problem: Problem
+    starts: Starts
+    scale: float = 1.0
+    steps: dict[int, float] = field(default_factory=dict)
+    tried: dict[tuple[frozenset[Key], tuple[float, ...]], Explanation] = field(default_factory=dict)
+    scores: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
+
+    def empty(self, base: Fit) -> Explanation:
+        """The model as declared."""
+        return Explanation((), base, self.bic(base.chi2, 0), True)
+
+    def bic(self, chi2: float, count: int) -> float:
+        """chi^2 / scale + k log N."""
+        return chi2 / self.scale + count * math.log(self.problem.size)
+
+    def extend(self, base: Explanation, s: Score) -> Explanation:
+        """Fit the base and one more effect, begun where its score says."""
+        return self.explain((*base.members, s.candidate), with_values(base.fit.theta, s.values), base.fit)
+
+    def without(self, base: Explanation, member: Candidate) -> Explanation:
+        """Fit the base without one effect."""
+        kept = tuple(c for c in base.members if c.key != member.key)
+        null = {k: float(self.problem.model.null[k]) for k in member.slots}
+        return self.explain(kept, with_values(base.fit.theta, null), base.fit)
+
+    def explain(self, members: tuple[Candidate, ...], theta: np.ndarray, base: Fit) -> Explanation:
+        """Fit a set of effects from a starting point."""
+        discrete = tuple(float(theta[k]) for c in members for k in _integers(c))
+        key = (frozenset(c.key for c in members), discrete)
+        if key not in self.tried:
+            slots = [k for c in members for k in c.slots if k not in _integers(c)]
+            for k in slots:
+                if k not in self.steps:
+                    self.steps[k] = choose_step(self.problem, theta, base.x0, k, 1e-4)
+            found = fit(self.problem, theta, base.x0, slots, self.steps)
+            count = sum(len(c.slots) for c in members)
+            physical = all(_sound(c, found) for c in members)
+            self.tried[key] = Explanation(members, found, self.bic(found.chi2, count), physical)
+        return self.tried[key]
+
+    def ranked(self, base: Explanation) -> list[Score]:
+        """Scores of everything that could join the base, best first, one start for each candidate."""
+        if base.keys not in self.scores:
+            every = score(self.problem, base.fit, self.steps, self.starts, base.keys)
+            self.scores[base.keys] = best_of_each(every)
+        return self.scores[base.keys]
+
+    def joined(self, base: Explanation, exclude: Collection[Key] = (), most: int = FINALISTS) -> list[Explanation]:
+        """The most promising extensions of the base, fitted, physical ones only."""
+        worth = [s for s in self.ranked(base) if s.candidate.key not in exclude and s.drop / self.scale > BIC_GAIN]
+        return [e for e in (self.extend(base, s) for s in worth[:most]) if e.physical]
+
+
+def _integers(c: Candidate) -> tuple[int, ...]:
+    return tuple(k for p, k in zip(c.effect.parameters, c.slots, strict=True) if p.integer)
+
+
+def _sound(c: Candidate, found: Fit) -> bool:
+    values = {p.symbol: float(found.theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+    return c.effect.physical(values) and not any(k in found.at_limit for k in c.slots)
+
+
+def choose(options: Iterable[Explanation]) -> Explanation | None:
+    """Smallest BIC; among near-ties the one with fewest parameters."""
+    listed = list(options)
+    if not listed:
+        return None
+    best = min(e.bic for e in listed)
+    return min((e for e in listed if e.bic < best + NEAR_TIE), key=lambda e: (e.count, e.bic))
+
+
+def select(search: Search, base: Fit, most: int) -> Explanation:
+    """Forward selection: add the best effect, drop what is not worth it, swap what has a better rival; repeat."""
+    current = search.empty(base)
+    while len(current.members) < most:
+        option = choose(search.joined(current))
+        if option is None or current.bic - option.bic < BIC_GAIN:
+            break
+        current = _prune(search, option)
+        current = _swap(search, current)
+    return current
+
+
+def _prune(search: Search, current: Explanation) -> Explanation:
+    """Drop effects while one of them is worth less than the threshold."""
+    while len(current.members) > 1:
+        options = [search.without(current, c) for c in current.members]
+        best = min(options, key=lambda e: e.bic)
+        if best.bic - current.bic >= BIC_GAIN:
+            return current
+        current = best
+    return current
+
+
+def _swap(search: Search, current: Explanation) -> Explanation:
+    """Replace one effect by a rival while that lowers BIC."""
+    for _ in range(4):
+        rivals = []
+        for c in current.members:
+            if len(current.members) == 1:
+                continue
+            rivals += search.joined(search.without(current, c), exclude=(c.key,), most=3)
+        option = choose([current, *rivals])
+        if option is None or option.keys == current.keys:
+            return current
+        current = option
+    return current
