@@ -1,4 +1,4 @@
-"""The finite abstraction of a plant: cells, inputs, and for each pair the box of cells that its successors can reach."""
+"""The finite abstraction of a plant: cells, inputs, and for each pair a box of cells that holds every successor."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Abstraction:
         return layout(self.grid.cells, self.grid.periodic)
 
     def boxes(self, cells: Ints, first: int = 0, last: int | None = None) -> NDArray[np.int32]:
-        """Boxes of successors: flat cells (n,) -> (n, last - first, 2, nx) lower and upper cell indices, not wrapped."""
+        """Boxes of successors, not wrapped: flat cells (n,) -> (n, last - first, 2, nx) lower and upper indices."""
         last = len(self.inputs) if last is None else last
         k = np.stack(np.unravel_index(cells, self.grid.cells), axis=-1).astype(np.int64)
         out = np.zeros((len(k), last - first, 2, self.grid.box.size), dtype=np.int32)

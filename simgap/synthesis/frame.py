@@ -1,7 +1,8 @@
 """The numbers that a product post reads: grid, clipping, measurement error, rounding pad, inputs, offset tables.
 
-`data` holds n values each of: origin, cell width, lower clip, upper clip, measurement error, pad; then the inputs (M, nu);
-then the tables. `meta` holds nx, M, nu, len(data), then for each dimension where its table starts and its stride per axis.
+`data` holds n values each of: origin, cell width, lower clip, upper clip, measurement error, pad; then the inputs
+(M, nu); then the tables. `meta` holds nx, M, nu, len(data), then for each dimension where its table starts and its
+stride per axis.
 """
 
 from __future__ import annotations

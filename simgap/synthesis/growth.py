@@ -1,4 +1,6 @@
-"""Abstraction whose growth bound is given by the caller (Reissig, Weber and Rungger 2017, "Feedback refinement relations").
+"""Abstraction whose growth bound is given by the caller.
+
+Reissig, Weber and Rungger (2017), "Feedback refinement relations for the synthesis of symbolic controllers".
 
 The box of a cell with centre c and half-width r under u is `step(c, u) -/+ growth(r, u)`. Nothing here checks that the
 growth bound is one; `nominal.nominal_abstraction` derives its own and rounds outward.

@@ -18,7 +18,7 @@ def layout(cells: tuple[int, ...], periodic: tuple[int, ...]) -> Ints:
     """Describe an n-dimensional set of cells to the kernels of this module, n <= 4.
 
     Returns:
-        (4, 4) int64: rows `cells`, `periodic` (0/1), `padded` lengths of the table, `strides` of the table; axis 0 first.
+        (4, 4) int64: rows `cells`, `periodic` (0/1), `padded` table lengths, table `strides`; axis 0 first.
     """
     n = len(cells)
     out = np.zeros((4, 4), dtype=np.int64)
@@ -70,8 +70,8 @@ def count_holes(inside, shape, n, table):  # type: ignore[no-untyped-def]
 def clip_boxes(shape, n, boxes, first, count, ok):  # type: ignore[no-untyped-def]
     """Bring boxes into the table's range, in place; `ok[i]` = 0 where box `first + i` leaves the grid.
 
-    `boxes` is flat int32, 2n numbers a box (lower n, upper n cell indices). A periodic axis is shifted so that its lower
-    index lies in [0, cells); a box at least a full turn wide becomes the whole axis.
+    `boxes` is flat int32, 2n numbers a box (lower n, upper n cell indices). A periodic axis is shifted so that its
+    lower index lies in [0, cells); a box at least a full turn wide becomes the whole axis.
     """
     ok[:count] = 1
     for j in range(n):

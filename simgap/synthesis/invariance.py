@@ -1,13 +1,14 @@
 """Maximal controlled invariant set on an abstraction, as the greatest fixed point of the controlled predecessor.
 
-A sweep visits the cells whose remembered input may have lost its successor; a cell that can no longer use it looks for the
-next input that works, and never looks back, because an input that failed once fails for every smaller set. The set is the
-greatest fixed point and therefore the same in any order of visits.
+A sweep visits the cells whose remembered input may have lost its successor; a cell that can no longer use it looks for
+the next input that works, and never looks back, because an input that failed once fails for every smaller set. The set
+is the greatest fixed point and therefore the same in any order of visits.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numba as nb
 import numpy as np
@@ -59,32 +60,20 @@ def invariance(abstraction: Abstraction, safe: NDArray[np.bool_] | None = None, 
     table = np.empty(table_size(shape, n), np.int32)
     changed_table = np.empty(table_size(lead_shape, len(lead)), np.int32)
     arrays = (abstraction.meta, abstraction.data, abstraction.table)
-    over_rows(
-        lambda first, last: _start(abstraction.post, *arrays, shape, n, row, table, boxes, first, last), rows, threads
-    )
-    sweeps = 0
-    while True:
+    over_rows(partial(_start, abstraction.post, *arrays, shape, n, row, table, boxes), rows, threads)
+    frame = (shape, lead_shape, n, inputs, row, table, changed_table)
+    state = (inside, remembered, boxes, reach, unchanged)
+    sweeps, lost = 0, 1
+    while lost:
         count_holes(inside, shape, n, table)
         count_holes(unchanged, lead_shape, len(lead), changed_table)
-        unchanged = np.ones(rows, np.uint8)
-        state = (inside, remembered, boxes, reach, unchanged)
-        lost = over_rows(
-            lambda first, last, s=state, start=sweeps == 0: _sweep(
-                abstraction.post, *arrays, shape, lead_shape, n, inputs, row, table, changed_table, *s, start, first, last
-            ),
-            rows,
-            threads,
-        )
+        unchanged[:] = 1
+        start = sweeps == 0
+        lost = over_rows(partial(_sweep, abstraction.post, *arrays, *frame, *state, start), rows, threads)
         sweeps += 1
-        if lost == 0:
-            break
     mask = np.zeros((grid.size, (inputs + 7) // 8), np.uint8)
     pairs = over_rows(
-        lambda first, last: _admissible(
-            abstraction.post, *arrays, shape, n, inputs, row, table, inside, mask, first, last
-        ),
-        rows,
-        threads,
+        partial(_admissible, abstraction.post, *arrays, shape, n, inputs, row, table, inside, mask), rows, threads
     )
     return Invariance(inside.view(np.bool_), mask, pairs, sweeps)
 
@@ -142,8 +131,10 @@ def _idle(changed, lead_shape, lead, reach, r, dirty):  # type: ignore[no-untype
 
 
 @nb.njit(cache=True, nogil=True)
-def _sweep(post, meta, data, tab, shape, lead_shape, n, inputs, row, table, changed, inside, remembered, boxes, reach,
-           unchanged, start, first, last):  # type: ignore[no-untyped-def]  # fmt: skip
+def _sweep(  # type: ignore[no-untyped-def]
+    post, meta, data, tab, shape, lead_shape, n, inputs, row, table, changed,
+    inside, remembered, boxes, reach, unchanged, start, first, last,
+):  # fmt: skip
     """One sweep over the rows first..last; returns how many cells were lost."""
     k = np.zeros(4, np.int64)
     out = np.zeros(16 * n, np.int32)

@@ -69,9 +69,7 @@ def nominal_abstraction(
         raise UserError(f"a model of {model.nx} states got a grid of {grid.box.size} and {errors.size} errors")
     u = np.ascontiguousarray(inputs, dtype=np.float64)
     frame = Frame(grid, u, errors)
-    own = tuple(
-        tuple(sorted(frozenset(model.offset_axes[i]).union(*model.jacobian_axes[i]))) for i in range(model.nx)
-    )
+    own = tuple(tuple(sorted(frozenset(model.offset_axes[i]).union(*model.jacobian_axes[i]))) for i in range(model.nx))
     everything = tuple(range(model.nx))
     with_gap: Axes = own
     if gap is not None:
@@ -118,6 +116,4 @@ def _integer_tables(model: Model, frame: Frame, gap: Kernel | None, axes: Axes) 
         whole_cells(offsets[rows], i, model.nx, frame.header, table[rows])
         first = rows.stop
     meta, _ = table_meta(frame.grid, len(frame.inputs), axes)
-    return Abstraction(
-        frame.grid, frame.inputs, table_post(), meta, frame.header, table.reshape(-1), axes, frame.error
-    )
+    return Abstraction(frame.grid, frame.inputs, table_post(), meta, frame.header, table.reshape(-1), axes, frame.error)

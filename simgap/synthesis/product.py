@@ -1,4 +1,4 @@
-"""Posts of the product's abstraction: nominal model by its interval kernels, gap by its own, everything outward rounded.
+"""Posts of the product's abstraction: nominal model and gap by their interval kernels, outward rounded.
 
 Over the box B (a cell, widened by the measurement error) with centre c and half-widths r, the mean value theorem gives
 
@@ -48,7 +48,7 @@ def image(f: Kernel, jacobian: Kernel) -> Kernel:
             lo[i] = value[i][0] - spread * (1.0 + 2.0**-48)
             hi[i] = value[i][1] + spread * (1.0 + 2.0**-48)
 
-    return image_of_box  # type: ignore[no-any-return]
+    return image_of_box
 
 
 @cache
@@ -113,10 +113,10 @@ def tabulated_post(gap: Kernel) -> Any:
 
 @cache
 def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
-    """numba: (k (rows, n), i, own (n,), header, u (M, nu), out (rows, M, 2)) -> None, offsets of f_i from the cell's centre.
+    """numba: (k (rows, n), i, own (n,), header, u (M, nu), out (rows, M, 2)) -> None, f_i from the cell's centre.
 
-    Along axes that f_i - x_i and its derivatives do not depend on (`own` 0) the box is not clipped to X, since the table
-    serves all cells along them.
+    Along axes that f_i - x_i and its derivatives do not depend on (`own` 0) the box is not clipped to X, since the
+    table serves all cells along them.
     """
     image_of_box = image(f, jacobian)
 
@@ -135,7 +135,7 @@ def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
                 image_of_box(work[0], work[1], inputs[m], n, work[2], work[3], work[4])
                 out[row, m, 0], out[row, m, 1] = work[2, i] - centre, work[3, i] - centre
 
-    return fill  # type: ignore[no-any-return]
+    return fill
 
 
 @nb.njit(error_model="numpy")

@@ -1,4 +1,4 @@
-"""Integer offset tables on reduced axes: dimension i of a post box, relative to the cell, for each (reduced cell, input)."""
+"""Integer offset tables on reduced axes: dimension i of a post box relative to its cell, per reduced cell and input."""
 
 from __future__ import annotations
 

@@ -1,0 +1,36 @@
+"""What a specification's fixed point returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Winning domain and all admissible inputs.
+
+    Attributes:
+        winning: (cells,) bool, target cells included.
+        mask: (cells * memory, ceil(M / 8)) uint8, bit m % 8 of byte m // 8 is input m; empty on target cells.
+        value: worst-case steps to the target, (cells,) int32, -1 where losing; None for invariance.
+        target: (cells,) bool, where a run may end; None for invariance.
+        free: (cells,) bool, cells that the specification allows at all; winning fractions are of these.
+        memory: discrete states of the controller: 1, or M when it remembers the pending input.
+        statistics: counts such as sweeps, steps and admissible pairs, and the backend that was used.
+    """
+
+    winning: NDArray[np.bool_]
+    mask: NDArray[np.uint8]
+    free: NDArray[np.bool_]
+    value: NDArray[np.int32] | None = None
+    target: NDArray[np.bool_] | None = None
+    memory: int = 1
+    statistics: dict[str, int | str] = field(default_factory=dict)
+
+    @property
+    def fraction(self) -> float:
+        """Winning cells over free cells."""
+        return float(self.winning.sum() / max(1, self.free.sum()))
