@@ -1,0 +1,94 @@
+"""Split conformal bound: covers a fresh random sample with a stated probability, and needs no Lipschitz constant.
+
+A centre m(x, u) is fitted by least squares; the score of a calibration sample is `max_i |d_i - m_i| / scale_i`. With n
+exchangeable calibration samples the k-th smallest score, k = ceil((n + 1)(1 - alpha)), covers a new sample from the
+same distribution with probability at least 1 - alpha (Vovk, Gammerman & Shafer 2005). It is a statement about a random
+state, not about every state: no controller that is proved with it alone is safe for certain, and the tier says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simgap.errors import UserError
+from simgap.gap.bases import Basis
+from simgap.gap.design import Design
+from simgap.gap.forms import make_form
+from simgap.gap.linear import LinearGap
+from simgap.gap.samples import GapSamples
+from simgap.gap.settings import GapSettings
+from simgap.gap.tiers import Tier
+from simgap.geometry import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Fresh iid samples: x (n, nx), u (n, nu), d (n, nx)."""
+
+    x: Floats
+    u: Floats
+    d: Floats
+
+
+def fit_conformal(
+    samples: GapSamples, settings: GapSettings, basis: Basis, calibration: Calibration | None
+) -> LinearGap:
+    """Centre from the grid samples (0 if unsigned), width from the calibration samples.
+
+    Without calibration samples a random fifth of the grid takes their place and is left out of the fit; the statement
+    then says so.
+
+    Raises:
+        UserError: with too few calibration samples for the miscoverage.
+    """
+    from_grid = calibration is None
+    held, fresh = _split(samples, settings) if calibration is None else (None, calibration)
+    design = Design(basis, samples.grid.centres(), samples.inputs)
+    forms, scales = [], []
+    for i in range(len(samples.states)):
+        d = samples.side(i, upper=True) if samples.d_upper is None else 0.5 * (samples.d + samples.d_upper)[:, :, i]
+        q = design.least_squares(d) if settings.signed else np.zeros(basis.size)
+        residual = (d - design.product(q)).ravel()
+        scales.append(float(np.sqrt(np.mean((residual if held is None else residual[~held]) ** 2))))
+        forms.append(make_form(basis, samples.grid.box, samples.inputs, q))
+    scale = np.where(np.array(scales) > 0.0, scales, 1.0)
+    centre = np.stack([f.values(fresh.x, fresh.u) for f in forms], axis=1)
+    score = np.sort((np.abs(fresh.d - centre) / scale).max(axis=1))
+    rank = int(np.ceil((len(score) + 1) * (1.0 - settings.miscoverage)))
+    if rank > len(score):
+        raise UserError(
+            f"{len(score)} calibration samples are too few for a miscoverage of {settings.miscoverage:g}",
+            key="gap.conformal.miscoverage",
+            remedy=f"Use at least {int(np.ceil(1.0 / settings.miscoverage))} samples.",
+        )
+    reach = score[rank - 1] * scale + samples.rounding / 16.0
+    tier = _tier(settings, len(score), from_grid)
+    function = LinearGap(samples.domain, (tier,), tuple(forms), tuple(replace(f) for f in forms))
+    numerical = np.array([f.rounding for f in forms])
+    return function.raised(reach + numerical, reach + numerical)
+
+
+def _split(
+    samples: GapSamples, settings: GapSettings
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], Calibration]:
+    m = len(samples.inputs)
+    held = np.random.default_rng(settings.seed).random(samples.grid.size * m) < 0.2
+    rows = np.flatnonzero(held)
+    d = samples.d.reshape(-1, samples.d.shape[2])[rows]
+    return held, Calibration(samples.grid.centres()[rows // m], samples.inputs[rows % m], d)
+
+
+def _tier(settings: GapSettings, n: int, from_grid: bool) -> Tier:
+    cover = f"{100 * (1.0 - settings.miscoverage):g} %"
+    where = (
+        "drawn from the sampling grid; off the grid nothing is promised"
+        if from_grid
+        else "drawn from the distribution of the calibration samples"
+    )
+    return Tier(
+        3,
+        f"Split conformal: a random state and input {where} lies in the bound with probability at least {cover} "
+        f"({n:,} calibration samples). It is not a bound for every state.",
+    )

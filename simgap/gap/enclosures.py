@@ -1,0 +1,171 @@
+"""Ranges of expressions over a box, with a bound of the rounding of their floating-point evaluation.
+
+An `Enclosure` (lo, hi, error) of an expression over a box says two things: the exact value lies in [lo, hi] at every
+point of the box, and evaluating the expression in double precision, with sums and products in any order, is off by at
+most `error`. The second is a running error analysis (Higham, Accuracy and Stability of Numerical Algorithms,
+section 3.3) over the expression tree, with magnitudes from the first; it is computed once for a basis and makes
+rounding outward cost one addition afterwards.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import sympy as sp
+
+from simgap.dynamics import interval
+from simgap.errors import UserError
+
+_UNIT = 2.0**-52  # twice the unit roundoff: covers second-order terms
+_LIBM = 2.0**-49  # library functions, a few units in the last place
+_LITERAL = 2.0**-46  # generated code may print a literal to 15 digits only
+_TINY = 1e-300
+_FINITE = "Use terms that are finite there."
+_KNOWN = "Use powers, sin, cos, tan, atan, tanh, exp, log, sqrt."
+
+_MONOTONE_SLOPE = {"sin": 1.0, "cos": 1.0, "tanh": 1.0, "atan": 1.0, "sign": 0.0, "Abs": 1.0}
+
+
+@dataclass(frozen=True)
+class Enclosure:
+    """Range [lo, hi] of exact values and bound `error` of the rounding of the computed ones."""
+
+    lo: float
+    hi: float
+    error: float = 0.0
+
+    @property
+    def magnitude(self) -> float:
+        """Largest absolute exact value."""
+        return max(abs(self.lo), abs(self.hi))
+
+    @property
+    def pair(self) -> tuple[float, float]:
+        """(lo, hi)."""
+        return self.lo, self.hi
+
+
+def enclose(expr: sp.Expr, box: Mapping[sp.Symbol, tuple[float, float]]) -> Enclosure:
+    """Range and rounding of `expr` over `box` (symbol -> (lower, upper)).
+
+    Raises:
+        UserError: where the expression is not finite on the box, or holds a function without an interval version.
+    """
+    result = _visit(sp.sympify(expr), box)
+    if not (math.isfinite(result.lo) and math.isfinite(result.hi) and math.isfinite(result.error)):
+        raise UserError(
+            f"'{expr}' is not bounded on the state and input sets", remedy="Use terms that are finite there."
+        )
+    return result
+
+
+def _visit(e: sp.Expr, box: Mapping[sp.Symbol, tuple[float, float]]) -> Enclosure:
+    if e.is_Symbol:
+        if e not in box:
+            raise UserError(f"'{e}' is neither a state nor an input")
+        lo, hi = box[e]
+        return Enclosure(float(lo), float(hi))
+    if e.is_number:
+        return _number(e)
+    parts = [_visit(a, box) for a in e.args]
+    if e.is_Add:
+        return _add(parts)
+    if e.is_Mul:
+        return _product(parts)
+    if e.is_Pow:
+        return _pow(e, parts[0])
+    if isinstance(e, sp.Min | sp.Max):
+        return _extreme(e, parts)
+    return _function(e, parts)
+
+
+def _number(e: sp.Expr) -> Enclosure:
+    value = float(e)
+    if e.is_Integer and abs(int(e)) <= 2**53:
+        return Enclosure(value, value)
+    slack = abs(value) * _LITERAL + _TINY
+    return Enclosure(value - slack, value + slack, slack)
+
+
+def _add(parts: list[Enclosure]) -> Enclosure:
+    pair = parts[0].pair
+    for part in parts[1:]:
+        pair = interval.iadd.py_func(pair, part.pair)
+    size = sum(p.magnitude + p.error for p in parts)
+    return Enclosure(pair[0], pair[1], sum(p.error for p in parts) + len(parts) * _UNIT * size)
+
+
+def _product(parts: list[Enclosure]) -> Enclosure:
+    total = parts[0]
+    for p in parts[1:]:
+        a, b = total.magnitude, p.magnitude
+        error = a * p.error + b * total.error + total.error * p.error
+        error += _UNIT * (a + total.error) * (b + p.error) + _TINY
+        lo, hi = interval.imul.py_func(total.pair, p.pair)
+        total = Enclosure(lo, hi, error)
+    return total
+
+
+def _pow(e: sp.Pow, base: Enclosure) -> Enclosure:
+    exponent = e.exp
+    if exponent.is_Float and exponent == int(exponent):
+        exponent = sp.Integer(int(exponent))
+    if exponent == sp.Rational(1, 2) or exponent == -sp.Rational(1, 2):
+        root = _sqrt(e, base)
+        return root if exponent > 0 else _inverse(e, root)
+    if not exponent.is_Integer:
+        raise UserError(f"'{e}' has a power without an interval version", remedy="Use integer powers or sqrt.")
+    n = abs(int(exponent))
+    size = base.magnitude + base.error
+    error = n * size ** (n - 1) * base.error + 4.0 * n * _UNIT * size**n + _TINY
+    lo, hi = interval.ipow.py_func(base.pair, n)
+    power = Enclosure(lo, hi, error)
+    return power if exponent > 0 else _inverse(e, power)
+
+
+def _inverse(e: sp.Expr, a: Enclosure) -> Enclosure:
+    lo, hi = interval.iinv.py_func(a.pair)
+    nearest = min(abs(a.lo), abs(a.hi)) - a.error
+    if not math.isfinite(lo) or nearest <= 0.0:
+        raise UserError(f"'{e}' divides by zero on the state and input sets", remedy="Use terms that are finite there.")
+    return Enclosure(lo, hi, a.error / nearest**2 + _UNIT / nearest)
+
+
+def _sqrt(e: sp.Expr, a: Enclosure) -> Enclosure:
+    if a.lo < 0.0:
+        raise UserError(f"'{e}' takes the root of a negative number on the state and input sets")
+    lo, hi = interval.isqrt.py_func(a.pair)
+    error = math.sqrt(a.error) if a.lo <= a.error else a.error / math.sqrt(a.lo - a.error)
+    return Enclosure(lo, hi, error + _LIBM * hi)
+
+
+def _extreme(e: sp.Expr, parts: list[Enclosure]) -> Enclosure:
+    join = interval.imin if isinstance(e, sp.Min) else interval.imax
+    pair = parts[0].pair
+    for part in parts[1:]:
+        pair = join.py_func(pair, part.pair)
+    return Enclosure(pair[0], pair[1], max(p.error for p in parts))
+
+
+def _function(e: sp.Expr, parts: list[Enclosure]) -> Enclosure:
+    name = type(e).__name__
+    primitive = getattr(interval, "i" + name.lower(), None)
+    if primitive is None or len(parts) != 1:
+        raise UserError(
+            f"'{e}' has no interval version", remedy="Use powers, sin, cos, tan, atan, tanh, exp, log, sqrt."
+        )
+    a = parts[0]
+    lo, hi = (float(v) for v in primitive(a.pair))
+    if name in _MONOTONE_SLOPE:
+        slope = _MONOTONE_SLOPE[name]
+    elif name == "exp":
+        slope = hi * math.exp(min(a.error, 1.0)) if a.error <= 1.0 else math.inf
+    elif name == "tan":
+        slope = 2.0 * (1.0 + max(abs(lo), abs(hi)) ** 2)
+    elif name == "log" and a.lo > a.error:
+        slope = 1.0 / (a.lo - a.error)
+    else:
+        raise UserError(f"'{e}' is not bounded on the state and input sets")
+    return Enclosure(lo, hi, slope * a.error + _LIBM * max(abs(lo), abs(hi)) + _TINY)

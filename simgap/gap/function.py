@@ -1,0 +1,163 @@
+"""The gap function: `lo_i(x, u) <= d_i(x, u) <= hi_i(x, u)` with d = simulator - nominal, on all of X x U.
+
+Every kind of bound (linear in a basis, tables of cells) is a `GapFunction` and offers the same: bounds at points and
+over boxes, a numba kernel for the abstraction, suprema, and a JSON form that a person can read. Bounds are rounded
+outward. Outside the domain there is no bound: (-inf, inf) is returned. All values are immutable.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.errors import UserError
+from simgap.gap.forms import MARGIN
+from simgap.gap.tiers import Tier
+from simgap.geometry import Box, Floats
+
+Kernel = Callable[[Floats, Floats, Floats, Floats, Floats], None]
+
+
+@dataclass(frozen=True, eq=False)
+class GapDomain:
+    """Where a gap function holds: states X and the finite input set U.
+
+    Attributes:
+        states, inputs: names; box: X; input_set: (M, nu).
+        free: state axes on which the gap does not depend by a declared symmetry; X is unbounded along them.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    box: Box
+    input_set: Floats
+    free: tuple[int, ...] = ()
+
+    def limits(self) -> tuple[Floats, Floats]:
+        """Lower and upper state limits with the rounding margin; infinite along free axes."""
+        margin = MARGIN * (self.box.hi - self.box.lo)
+        lo, hi = self.box.lo - margin, self.box.hi + margin
+        lo[list(self.free)], hi[list(self.free)] = -np.inf, np.inf
+        return lo, hi
+
+    def outside(self, xlo: Floats, xhi: Floats) -> NDArray[np.bool_]:
+        """Which boxes are not inside X: (n, nx), (n, nx) -> (n,)."""
+        lo, hi = self.limits()
+        return np.any(~((xlo >= lo) & (xhi <= hi)), axis=1)
+
+    def pinned(self, x: Floats) -> Floats:
+        """The points with free coordinates moved to the centre of X."""
+        if not self.free:
+            return x
+        x = x.copy()
+        axes = list(self.free)
+        x[:, axes] = (0.5 * (self.box.lo + self.box.hi))[axes]
+        return x
+
+    def to_json(self) -> dict[str, Any]:
+        """Names, box and input set."""
+        ends = zip(self.states, self.box.lo, self.box.hi, strict=True)
+        return {
+            "states": {name: [float(lo), float(hi)] for name, lo, hi in ends},
+            "inputs": list(self.inputs),
+            "input_set": self.input_set.tolist(),
+            "free": [self.states[j] for j in self.free],
+        }
+
+    @staticmethod
+    def from_json(data: Mapping[str, Any]) -> GapDomain:
+        """The inverse of `to_json`."""
+        names = tuple(data["states"])
+        lo, hi = zip(*data["states"].values(), strict=True)
+        free = tuple(names.index(s) for s in data["free"])
+        inputs = np.array(data["input_set"], dtype=float).reshape(-1, len(data["inputs"]))
+        return GapDomain(names, tuple(data["inputs"]), Box(lo, hi), inputs, free)
+
+
+@dataclass(frozen=True)
+class GapSuprema:
+    """Suprema over X x U of one dimension: `size` of max(|lo|, |hi|), `width` of hi - lo; both are upper bounds."""
+
+    size: float
+    width: float
+
+
+@dataclass(frozen=True, eq=False)
+class GapFunction(ABC):
+    """Two-sided bound of the gap on a domain, with the guarantee tiers it rests on."""
+
+    domain: GapDomain
+    tiers: tuple[Tier, ...]
+
+    @abstractmethod
+    def _box_bounds(self, xlo: Floats, xhi: Floats, u: Floats) -> tuple[Floats, Floats]:
+        """Bounds over boxes inside the domain, outward rounded: (n, nx), (n, nx), (n, nu) -> 2 x (n, nx)."""
+
+    @abstractmethod
+    def sup(self) -> dict[str, GapSuprema]:
+        """Suprema over X x U, by state name."""
+
+    @abstractmethod
+    def raised(self, below: Floats, above: Floats) -> GapFunction:
+        """The bound moved outward: lo - below, hi + above, each (nx,)."""
+
+    @abstractmethod
+    def with_tiers(self, tiers: Sequence[Tier]) -> GapFunction:
+        """The same bound with other guarantee tiers."""
+
+    @abstractmethod
+    def kernel(self) -> Kernel:
+        """A numba function (xlo (nx,), xhi (nx,), u (nu,), lo_out (nx,), hi_out (nx,)) -> None.
+
+        Writes the outward rounded infimum of lo and supremum of hi over the box; allocates nothing.
+        """
+
+    @abstractmethod
+    def _content(self) -> dict[str, Any]:
+        """What `to_json` adds to domain and tiers; holds `kind`."""
+
+    def box_bounds(self, xlo: Floats, xhi: Floats, u: Floats) -> tuple[Floats, Floats]:
+        """Infimum of lo and supremum of hi over boxes: (n, nx), (n, nx), (n, nu) -> (n, nx), (n, nx).
+
+        (-inf, inf) for a box that is not inside the domain.
+        """
+        outside = self.domain.outside(xlo, xhi)
+        box = self.domain.box
+        inner_lo = np.clip(self.domain.pinned(xlo), box.lo, box.hi)
+        inner_hi = np.clip(self.domain.pinned(xhi), box.lo, box.hi)
+        lo, hi = self._box_bounds(inner_lo, inner_hi, u)
+        lo[outside], hi[outside] = -np.inf, np.inf
+        return lo, hi
+
+    def bounds(self, x: Floats, u: Floats) -> tuple[Floats, Floats]:
+        """lo and hi at points: (n, nx), (n, nu) -> (n, nx), (n, nx), outward rounded."""
+        return self.box_bounds(x, x, u)
+
+    def to_json(self) -> dict[str, Any]:
+        """The bound as plain data: what it holds for, the formula, what it rests on."""
+        guarantee = [tier.to_json() for tier in self.tiers]
+        return {**self._content(), "domain": self.domain.to_json(), "guarantee": guarantee}
+
+
+def from_json(data: Mapping[str, Any]) -> GapFunction:
+    """A gap function from what `to_json` gave.
+
+    Raises:
+        UserError: for an unknown kind or missing parts.
+    """
+    from simgap.gap.cells import CellGap
+    from simgap.gap.linear import LinearGap
+
+    kinds: dict[str, Any] = {"linear": LinearGap, "cells": CellGap}
+    try:
+        domain = GapDomain.from_json(data["domain"])
+        tiers = tuple(Tier.from_json(t) for t in data["guarantee"])
+        result: GapFunction = kinds[data["kind"]].from_content(data, domain, tiers)
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"not a saved gap bound ({error!r})", remedy="Run the gap stage again.") from error
+    return result

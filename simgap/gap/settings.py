@@ -1,0 +1,55 @@
+"""What `fit_gap` may be told; the case file's `gap` section maps onto it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from simgap.errors import UserError
+
+OBJECTIVES = ("lexicographic", "eta")
+SIDES = ("signed", "unsigned")
+PADDINGS = ("inflate", "per_axis", "paper")
+BOUNDS = ("scenario", "conformal", "envelope", "constant")
+
+
+@dataclass(frozen=True)
+class GapSettings:
+    """How a gap bound is fitted.
+
+    Attributes:
+        basis: kind in the registry, or `blocks`; basis_options: its options (`terms`, `degree`, `harmonics`; for
+            `blocks`: `blocks` per axis, `per_input`).
+        objective, sides, padding, bound: one of OBJECTIVES, SIDES, PADDINGS, BOUNDS.
+        slack: by how much of the largest sampled gap the supremum may exceed its optimum to lower the mean.
+        rough_limit: largest share of cells in which the gap may jump; more is refused.
+        miscoverage: of the conformal bound. envelope_nodes: most numbers in an envelope's table.
+        extreme_value: whether the paper's estimates are computed for comparison; pairs, repeats: their size.
+        seed: of everything random in the fit.
+    """
+
+    basis: str = "monomials"
+    basis_options: Mapping[str, object] = field(default_factory=dict)
+    objective: str = "lexicographic"
+    sides: str = "signed"
+    padding: str = "inflate"
+    bound: str = "scenario"
+    slack: float = 0.01
+    rough_limit: float = 0.1
+    miscoverage: float = 0.01
+    envelope_nodes: int = 200_000
+    extreme_value: bool = True
+    extreme_value_blocks: int = 100
+    extreme_value_pairs: int = 100
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for key, known in (("objective", OBJECTIVES), ("sides", SIDES), ("padding", PADDINGS), ("bound", BOUNDS)):
+            value = getattr(self, key)
+            if value not in known:
+                raise UserError(f"there is no {key} '{value}'", key=f"gap.{key}", remedy=f"Known: {', '.join(known)}.")
+
+    @property
+    def signed(self) -> bool:
+        """Whether the two sides are fitted separately."""
+        return self.sides == "signed"
