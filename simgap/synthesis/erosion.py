@@ -1,0 +1,189 @@
+"""Bit rows: predecessor boxes as erosions of rows of cells, 64 cells a machine word.
+
+When no offset depends on some axis, the cells along that axis form rows that all use the same boxes. A cell of a row
+reaches into the set with an input exactly when the set, eroded by the box and shifted by its offset, holds the cell.
+Boxes of equal size share one erosion; each input then costs one shifted load for 64 cells.
+"""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+
+
+@nb.njit(cache=True, nogil=True)
+def pack_rows(cells, base, stride, count, bits):  # type: ignore[no-untyped-def]
+    """Pack flags of cells (flat uint8) into rows (rows, words) uint64; cell j of a row is `base[row] + j stride`."""
+    for r in range(base.size):
+        for w in range(bits.shape[1]):
+            bits[r, w] = np.uint64(0)
+        for j in range(count):
+            if cells[base[r] + j * stride]:
+                bits[r, j >> 6] |= np.uint64(1) << np.uint64(j & 63)
+
+
+@nb.njit(cache=True, nogil=True)
+def erode_along_rows(bits, width, out):  # type: ignore[no-untyped-def]
+    """out bit j = AND of bits j .. j + width - 1 of the same row; beyond the row there are no cells."""
+    words = bits.shape[1]
+    for r in range(bits.shape[0]):
+        for w in range(words):
+            total = bits[r, w]
+            for k in range(1, width):
+                total &= _shifted(bits, r, w, k, words)
+            out[r, w] = total
+
+
+@nb.njit(cache=True, nogil=True)
+def _shifted(bits, r, w, by, words):  # type: ignore[no-untyped-def]
+    """Word `w` of row `r` moved so that its bit j is bit j + by of the row; zero beyond both ends."""
+    word, bit = w + (by >> 6), np.uint64(by & 63)
+    low = bits[r, word] if 0 <= word < words else np.uint64(0)
+    if bit == 0:
+        return low
+    high = bits[r, word + 1] if 0 <= word + 1 < words else np.uint64(0)
+    return (low >> bit) | (high << (np.uint64(64) - bit))
+
+
+@nb.njit(cache=True, nogil=True)
+def erode_across_rows(lengths, periodic, extent, rows, source, near, out, changed):  # type: ignore[no-untyped-def]
+    """Erode by a box of rows, anchored at its lower corner; `changed[row]` = 1 where the result grew.
+
+    Args:
+        lengths, periodic: (3,) of the row axes; extent: (3,) rows covered per axis.
+        rows: number of rows; source: (rows, words), eroded along the rows already.
+        near: (rows,) whether any row of the box may have changed; the others are left as they are.
+    """
+    n1, n2 = lengths[1], lengths[2]
+    words = source.shape[1]
+    for r in range(rows):
+        changed[r] = 0
+        if not near[r]:
+            continue
+        a0, a1, a2 = r // (n1 * n2), r // n2 % n1, r % n2
+        inside = (periodic[0] or a0 + extent[0] <= lengths[0]) and (periodic[1] or a1 + extent[1] <= n1)
+        if not (inside and (periodic[2] or a2 + extent[2] <= n2)):
+            continue
+        for w in range(words):
+            total = ~np.uint64(0)
+            for d0 in range(extent[0]):
+                for d1 in range(extent[1]):
+                    for d2 in range(extent[2]):
+                        other = ((a0 + d0) % lengths[0] * n1 + (a1 + d1) % n1) * n2 + (a2 + d2) % n2
+                        total &= source[other, w]
+            if total != out[r, w]:
+                out[r, w] = total
+                changed[r] = 1
+
+
+@nb.njit(cache=True, nogil=True)
+def spread(flags, lengths, periodic, lower, upper, out):  # type: ignore[no-untyped-def]
+    """out[row] = 1 if some flagged row lies in row + [lower, upper], per row axis."""
+    n0, n1, n2 = lengths[0], lengths[1], lengths[2]
+    out[:] = 0
+    for r in range(flags.size):
+        if not flags[r]:
+            continue
+        a0, a1, a2 = r // (n1 * n2), r // n2 % n1, r % n2
+        for b0 in range(a0 - upper[0], a0 - lower[0] + 1):
+            if not periodic[0] and (b0 < 0 or b0 >= n0):
+                continue
+            for b1 in range(a1 - upper[1], a1 - lower[1] + 1):
+                if not periodic[1] and (b1 < 0 or b1 >= n1):
+                    continue
+                for b2 in range(a2 - upper[2], a2 - lower[2] + 1):
+                    if periodic[2] or 0 <= b2 < n2:
+                        out[(b0 % n0 * n1 + b1 % n1) * n2 + b2 % n2] = 1
+
+
+@nb.njit(cache=True, nogil=True)
+def predecessors(  # type: ignore[no-untyped-def]
+    lengths, periodic, layer, rel, shape_of, eroded, changed, near, won, free, fresh, first, last
+):
+    """Newly won bits of the rows first..last; returns how many rows gained some.
+
+    Args:
+        layer: (rows,) which entry of `rel` a row uses; rel: (layers, M, 4) int32 lower offsets of the three row axes and of
+            the bit axis; shape_of: (layers, M) which erosion.
+        eroded: (shapes, rows, words); changed: (shapes, rows): an erosion that did not grow wins nothing new.
+    """
+    words = won.shape[1]
+    gained = 0
+    for r in range(first, last):
+        for w in range(words):
+            fresh[r, w] = 0
+        if not near[r]:
+            continue
+        missing = np.uint64(0)
+        for w in range(words):
+            missing |= free[r, w] & ~won[r, w]
+        if missing == 0:
+            continue
+        for m in range(rel.shape[1]):
+            s = shape_of[layer[r], m]
+            other = neighbour(lengths, periodic, r, rel[layer[r], m])
+            if other >= 0 and changed[s, other]:
+                by = rel[layer[r], m, 3]
+                for w in range(words):
+                    fresh[r, w] |= _shifted(eroded[s], other, w, by, words)
+        any_new = np.uint64(0)
+        for w in range(words):
+            fresh[r, w] &= free[r, w] & ~won[r, w]
+            any_new |= fresh[r, w]
+        gained += any_new != 0
+    return gained
+
+
+@nb.njit(cache=True, nogil=True)
+def neighbour(lengths, periodic, r, offset):  # type: ignore[no-untyped-def]
+    """Row at the given offset along the three row axes, -1 outside the grid."""
+    n0, n1, n2 = lengths[0], lengths[1], lengths[2]
+    a0, a1, a2 = r // (n1 * n2) + offset[0], r // n2 % n1 + offset[1], r % n2 + offset[2]
+    if periodic[0]:
+        a0 %= n0
+    if periodic[1]:
+        a1 %= n1
+    if periodic[2]:
+        a2 %= n2
+    if a0 < 0 or a0 >= n0 or a1 < 0 or a1 >= n1 or a2 < 0 or a2 >= n2:
+        return -1
+    return (a0 * n1 + a1) * n2 + a2
+
+
+@nb.njit(cache=True, nogil=True)
+def record(  # type: ignore[no-untyped-def]
+    lengths, periodic, layer, rel, shape_of, eroded, won, fresh, base, stride, level, value, mask, first, last
+):
+    """Give the fresh cells of the rows first..last their level and the bits of their inputs, then count them as won."""
+    words, inputs = won.shape[1], rel.shape[1]
+    eight = np.zeros(8, np.uint64)
+    total = 0
+    for r in range(first, last):
+        for w in range(words):
+            new = fresh[r, w]
+            if new == 0:
+                continue
+            won[r, w] |= new
+            start = base[r] + 64 * w * stride
+            for j in range(64):
+                if new >> np.uint64(j) & np.uint64(1):
+                    value[start + j * stride] = level
+                    total += 1
+            for byte in range(mask.shape[1]):
+                used = np.uint64(0)
+                for i in range(8):
+                    m = 8 * byte + i
+                    eight[i] = 0
+                    if m < inputs:
+                        other = neighbour(lengths, periodic, r, rel[layer[r], m])
+                        if other >= 0:
+                            by = rel[layer[r], m, 3]
+                            eight[i] = _shifted(eroded[shape_of[layer[r], m]], other, w, by, words) & new
+                    used |= eight[i]
+                for j in range(64):
+                    if used >> np.uint64(j) & np.uint64(1):
+                        bits = np.uint64(0)
+                        for i in range(8):
+                            bits |= (eight[i] >> np.uint64(j) & np.uint64(1)) << np.uint64(i)
+                        mask[start + j * stride, byte] = bits
+    return total
