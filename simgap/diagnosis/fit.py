@@ -40,7 +40,7 @@ def chi_square(problem: Problem, theta: Floats, x0: Floats) -> float:
     """Sum of squared residuals over the noise."""
     total = 0.0
     for part in chunks(problem):
-        sub = problem.on(problem.windows.pick(np.arange(len(problem.windows))[part]))
+        sub = problem.part(part)
         total += float(np.sum(sub.residuals(theta, x0[part]) ** 2))
     return total
 

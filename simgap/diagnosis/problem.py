@@ -46,6 +46,12 @@ class Problem:
         """The same data and model on other windows."""
         return replace(self, windows=windows)
 
+    def part(self, which: slice) -> Problem:
+        """The same data and model on a slice of the windows."""
+        if which == slice(0, len(self.windows)):
+            return self
+        return self.on(self.windows.pick(np.arange(len(self.windows))[which]))
+
     @property
     def size(self) -> int:
         """Number of compared numbers."""

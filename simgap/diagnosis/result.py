@@ -66,7 +66,7 @@ class FoundEffect:
 
 @dataclass(frozen=True)
 class Alternative:
-    """A whole set of effects that fits as well as the chosen one; `exact` if no data of this kind can tell them apart."""
+    """A whole set of effects that fits as well; `exact` if no data of this kind can tell it from the chosen one."""
 
     effects: tuple[AppliedEffect, ...]
     bic_excess: float
@@ -138,31 +138,11 @@ class WindowPrediction:
 
 
 @dataclass(frozen=True, eq=False)
-class ResidualForce:
-    """Force on a coordinate that the declared model lacks, piecewise constant, estimated from the data alone.
-
-    Attributes:
-        coordinate, unit: where it acts.
-        force: (n,); spread: (n,) its standard deviation from the noise.
-        position, velocity: (n,) at the middle of each piece.
-        explained: (n,) what the found effects on this coordinate give there.
-    """
-
-    coordinate: str
-    unit: str
-    force: Floats
-    spread: Floats
-    position: Floats
-    velocity: Floats
-    explained: Floats
-
-
-@dataclass(frozen=True, eq=False)
 class Diagnosis:
     """The answer.
 
     Attributes:
-        verdict: as in the table of verdicts; sentence: the same in words.
+        verdict: as in the table of verdicts.
         effects: what explains the residual (empty for `none` and `unexplained`).
         alternatives: whole sets that fit as well.
         before, after: held-out error of the declared and of the corrected model.
@@ -174,11 +154,10 @@ class Diagnosis:
         held_out: (trace, from, to) of stretches that were never fitted, s.
         warnings: what a person should know.
         applied: the effects with their numbers; corrected: the declared model with them.
-        windows: predictions for plots; forces: residual forces for plots.
+        windows: predictions for plots.
     """
 
     verdict: Verdict
-    sentence: str
     effects: tuple[FoundEffect, ...]
     alternatives: tuple[Alternative, ...]
     before: Judged
@@ -193,4 +172,3 @@ class Diagnosis:
     applied: tuple[AppliedEffect, ...]
     corrected: SymbolicModel
     windows: tuple[WindowPrediction, ...]
-    forces: tuple[ResidualForce, ...] = ()

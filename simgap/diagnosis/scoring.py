@@ -85,8 +85,8 @@ def score(
     for index, (c, start) in enumerate(starts.items):
         if c.key in exclude:
             continue
-        amplitude = _amplitude(problem, at, c, start, index, starts)
-        columns = [_column(at.theta, c, start, j, amplitude) for j in range(start.size)]
+        amplitude = small_amplitude(problem, at, c, start, index, starts)
+        columns = [column(at.theta, c, start, j, amplitude) for j in range(start.size)]
         asked.append((c, start, range(len(directions), len(directions) + start.size)))
         directions += columns
     linear = linearise(problem, at.theta, at.x0, directions)
@@ -117,12 +117,12 @@ def _point(theta: Floats, c: Candidate, start: Start, coefficients: Sequence[flo
     return with_values(theta, {k: values[p.symbol] for p, k in zip(c.effect.parameters, c.slots, strict=True)})
 
 
-def _column(theta: Floats, c: Candidate, start: Start, j: int, amplitude: float) -> Direction:
+def column(theta: Floats, c: Candidate, start: Start, j: int, amplitude: float) -> Direction:
     coefficients = [amplitude if i == j else 0.0 for i in range(start.size)]
     return Direction(_point(theta, c, start, coefficients), theta, amplitude)
 
 
-def _amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index: int, starts: Starts) -> float:
+def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index: int, starts: Starts) -> float:
     """A small coefficient whose response is a fraction of the noise, found once on a few windows."""
     if start.amplitude is not None:
         return start.amplitude
@@ -131,7 +131,7 @@ def _amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index: int
         part, x0 = problem.on(problem.windows.pick(few)), at.x0[few]
         base, amplitude = part.residuals(at.theta, x0), 1e-4
         for _ in range(4):
-            moved = part.residuals(_column(at.theta, c, start, 0, amplitude).plus, x0)
+            moved = part.residuals(column(at.theta, c, start, 0, amplitude).plus, x0)
             size = float(np.sqrt(np.mean(np.minimum(np.abs(moved - base), 1e6) ** 2)))
             if size > 0.0 and 0.1 < size / _RESPONSE < 10.0:
                 break

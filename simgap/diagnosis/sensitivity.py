@@ -1,9 +1,9 @@
 """Sensitivities of the windows to parameters, with the initial states projected out.
 
 Columns are central differences of the simulation (forward at a physical limit), with a step chosen so that the response
-is a fraction of the noise; the simulation is exact at friction reversals and input switches, so that it is smooth enough
-for that. Eliminating the initial state of each window by a QR factorisation is variable projection: Golub, Pereyra
-(1973), SIAM J. Numer. Anal. 10(2).
+is a fraction of the noise; the simulation is exact at friction reversals and input switches, so that it is smooth
+enough for that. Eliminating the initial state of each window by a QR factorisation is variable projection: Golub,
+Pereyra (1973), SIAM J. Numer. Anal. 10(2).
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ class Linearised:
     Attributes:
         gram: (p, p) projected J^T J; gradient: (p,) projected J^T r; rest: projected r^T r.
         chi2: r^T r before projection.
+        window_gradient: (w, p) share of each window in the gradient.
         state_r: (w, nx, nx) triangular factors of the initial-state columns; state_b: (w, nx, p) and
         state_g: (w, nx), Q^T of the parameter columns and of the residual, to recover the initial states' step.
     """
@@ -46,6 +47,7 @@ class Linearised:
     gradient: Floats
     rest: float
     chi2: float
+    window_gradient: Floats
     state_r: Floats
     state_b: Floats
     state_g: Floats
@@ -107,11 +109,12 @@ def state_steps(problem: Problem, x0: Floats) -> Floats:
 def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction]) -> Linearised:
     """Residual and columns of all windows, projected: theta, (w, nx), p directions."""
     p, nx, w = len(directions), x0.shape[1], len(problem.windows)
-    gram, gradient, rest, chi2 = np.zeros((p, p)), np.zeros(p), 0.0, 0.0
+    gram, rest, chi2 = np.zeros((p, p)), 0.0, 0.0
+    window_gradient = np.zeros((w, p))
     state_r, state_b, state_g = np.zeros((w, nx, nx)), np.zeros((w, nx, p)), np.zeros((w, nx))
     steps = state_steps(problem, x0)
     for part in chunks(problem):
-        sub = problem.on(problem.windows.pick(np.arange(w)[part]))
+        sub = problem.part(part)
         residual, columns, states = _columns(sub, theta, x0[part], directions, steps)
         chi2 += float(residual @ residual)
         k = problem.y.shape[1]
@@ -122,11 +125,12 @@ def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[
             qb, qe = q.T @ b, q.T @ e
             b, e = b - q @ qb, e - q @ qe
             gram += b.T @ b
-            gradient += b.T @ e
             rest += float(e @ e)
             at = part.start + j
+            window_gradient[at] = b.T @ e
             state_r[at], state_b[at], state_g[at] = r, qb, qe
-    return Linearised(gram, gradient, rest, chi2, state_r, state_b, state_g)
+    gradient = window_gradient.sum(axis=0)
+    return Linearised(gram, gradient, rest, chi2, window_gradient, state_r, state_b, state_g)
 
 
 def _columns(
@@ -143,7 +147,8 @@ def _columns(
     for i, step in enumerate(steps):
         shift = np.zeros(x0.shape[1])
         shift[i] = step
-        states[:, i] = (problem.residuals(theta, x0 - shift) - problem.residuals(theta, x0 + shift)).ravel() / (2 * step)
+        low, high = problem.residuals(theta, x0 - shift), problem.residuals(theta, x0 + shift)
+        states[:, i] = (low - high).ravel() / (2 * step)
     return centre, columns, states
 
 

@@ -196,3 +196,16 @@ def restrict(model: SuperModel, keep: Collection[tuple[str, str]]) -> SuperModel
     """The same compiled model with fewer candidates."""
     return replace(model, candidates=tuple(c for c in model.candidates if c.key in keep))
 
+
+
+_COMPILED: dict[str, SuperModel] = {}
+
+
+def cached_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = ()) -> SuperModel:
+    """`build_supermodel`, kept for the life of the process: a second record of the same plant compiles nothing."""
+    key = repr((model, measured, tuple(effects)))
+    if key not in _COMPILED:
+        if len(_COMPILED) >= 16:
+            _COMPILED.clear()
+        _COMPILED[key] = build_supermodel(model, measured, effects)
+    return _COMPILED[key]

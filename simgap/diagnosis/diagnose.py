@@ -1,0 +1,150 @@
+"""Diagnosis: from a declared model and a record to the physical effect that the model lacks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis import answer
+from simgap.diagnosis.equivalence import collinear_pairs, rivals
+from simgap.diagnosis.fit import Fit, fit
+from simgap.diagnosis.initial import initial_states
+from simgap.diagnosis.judge import HeldOut, chi2_dof, excess, folds_agree, judge, judged, verdict
+from simgap.diagnosis.noise import noise_floor
+from simgap.diagnosis.problem import Problem, build_problem
+from simgap.diagnosis.record import Record
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Judged
+from simgap.diagnosis.scoring import list_starts
+from simgap.diagnosis.selection import Explanation, Search, select
+from simgap.diagnosis.supermodel import cached_supermodel
+from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
+from simgap.diagnosis.windows import Windows, held_out_mask, split_windows
+from simgap.dynamics.model import SymbolicModel
+from simgap.effects import apply_effects
+from simgap.errors import UserError
+
+Floats = NDArray[np.float64]
+
+
+def diagnose(model: SymbolicModel, record: Record, settings: DiagnosisSettings | None = None) -> Diagnosis:
+    """Attribute what a model fails to predict to physical effects that it lacks.
+
+    Args:
+        model: continuous dynamics as declared; effects are sought on all its coordinates, inputs, sensors, parameters.
+        record: measured traces in the model's units.
+        settings: choices; the defaults if not given.
+
+    Raises:
+        UserError: no trace as long as a window, inputs that are not the model's, unknown effects.
+    """
+    settings = settings or DiagnosisSettings()
+    if record.inputs != model.input_names:
+        raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
+    problem, held = _problems(model, record, settings)
+    base = fit(problem, problem.model.null, initial_states(problem), [], {})
+    search = Search(problem, list_starts(problem))
+    found = select(search, base, settings.max_effects)
+    return _conclude(model, record, settings, search, base, found, held)
+
+
+def _problems(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> tuple[Problem, Problem]:
+    """What is fitted and what is held out."""
+    compiled = cached_supermodel(model, record.measured, settings.effects)
+    sigma = noise_floor(record)
+    for name, value in settings.noise.items():
+        if name in record.measured:
+            sigma[record.measured.index(name)] = value
+    windows = split_windows(record, settings.window_s)
+    block = math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
+    held = held_out_mask(record, windows, settings.held_out_traces, settings.held_out_share, block)
+    steps = np.diff(np.concatenate([trace.t for trace in record.traces]))
+    coarse = float(np.median(steps[steps > 0]))
+    every = build_problem(compiled, record, windows, sigma, coarse)
+    every = replace(every, h_max=_step_length(every))
+    if held.all() or not held.any():
+        return every, every
+    return every.on(windows.pick(~held)), every.on(windows.pick(held))
+
+
+def _step_length(problem: Problem) -> float:
+    """The longest integration step whose halving moves no prediction by a hundredth of the noise."""
+    few = np.unique(np.linspace(0, len(problem.windows) - 1, 8).astype(int))
+    part = problem.on(problem.windows.pick(few))
+    x0, theta, h = initial_states(part), problem.model.null, problem.h_max
+    for _ in range(6):
+        coarse, fine = (replace(part, h_max=step).residuals(theta, x0) for step in (h, h / 2))
+        if float(np.max(np.abs(coarse - fine))) < 0.01:
+            break
+        h /= 2
+    return h
+
+
+def _conclude(
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, search: Search, base: Fit, found: Explanation,
+    held: Problem,
+) -> Diagnosis:  # fmt: skip
+    problem, empty = search.problem, search.empty(base)
+    old, new = (judge(held, at.theta, settings.horizon_s) for at in (base, found.fit))
+    floor = None if new.horizon is None else new.horizon.floor
+    was = excess(old, floor, problem.sigma)
+    share = excess(new, floor, problem.sigma) / was if was > 0 else 1.0
+    before, after = chi2_dof(problem, base), chi2_dof(problem, found.fit)
+    at_floor = after <= FIT_QUALITY and new.ratio <= HELD_OUT_QUALITY
+    agree = not found.members or at_floor or folds_agree(problem, found, search.steps)
+    word = verdict(before, after, new.ratio, found, share, agree)
+    kept, kept_held, kept_share = (found, new, share) if word in ("attributed", "partial") else (empty, old, 1.0)
+    others = rivals(search, kept)
+    applied = answer.applied(kept)
+    names = [trace.name for trace in record.traces]
+    windows = answer.predictions(problem, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
+    if held is not problem:
+        windows += answer.predictions(held, names, (base, old.states), (kept.fit, kept_held.states), True)
+    return Diagnosis(
+        verdict=word,
+        effects=answer.found_effects(search, kept, others, chi2_dof(problem, kept.fit), at_floor, model),
+        alternatives=answer.alternatives(kept, others),
+        before=judged(problem, base, old, settings.horizon_s),
+        after=judged(problem, kept.fit, kept_held, settings.horizon_s),
+        floor=_floor(problem, kept_held, settings.horizon_s),
+        excess_share=kept_share,
+        sigma=dict(zip(record.measured, map(float, problem.sigma), strict=True)),
+        candidates=answer.candidate_scores(search, empty),
+        collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
+        held_out=_stretches(held.windows, problem.t, names) if held is not problem else (),
+        warnings=_warnings(problem, held, kept, settings),
+        applied=applied,
+        corrected=apply_effects(model, applied),
+        windows=tuple(windows),
+    )
+
+
+def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:
+    names = problem.model.measured
+    sigma = dict(zip(names, map(float, problem.sigma), strict=True))
+    ahead = {} if held.horizon is None else dict(zip(names, map(float, held.horizon.floor), strict=True))
+    return Judged(sigma, horizon_s, ahead, 1.0, 1.0)
+
+
+def _stretches(windows: Windows, t: Floats, names: list[str]) -> tuple[tuple[str, float, float], ...]:
+    """Held-out stretches, neighbouring windows of a trace joined."""
+    joined: list[list[int]] = []
+    for a, b, k in zip(windows.start.tolist(), windows.stop.tolist(), windows.trace.tolist(), strict=True):
+        if joined and joined[-1][1] == a and joined[-1][2] == k:
+            joined[-1][1] = b
+        else:
+            joined.append([a, b, k])
+    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, k in joined)
+
+
+def _warnings(problem: Problem, held: Problem, kept: Explanation, settings: DiagnosisSettings) -> tuple[str, ...]:
+    said = []
+    if held is problem:
+        said.append("The record is a single window: nothing could be held out, the errors are of fitted data.")
+    if not kept.fit.converged:
+        said.append("The last fit had not settled: take its numbers with care.")
+    if settings.horizon_s > 0 and not len(held.windows):
+        said.append("No held-out stretch is as long as the horizon.")
+    return tuple(said)
