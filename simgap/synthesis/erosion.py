@@ -97,35 +97,77 @@ def spread(flags, lengths, periodic, lower, upper, out):  # type: ignore[no-unty
 
 
 @nb.njit(cache=True, nogil=True)
+def smallest_boxes(lower, extent, keep, number):  # type: ignore[no-untyped-def]
+    """Per layer the inputs whose box holds no other input's box: a cell that any input wins is won by one of these.
+
+    lower, extent (layers, M, 4) -> keep (layers, M) input numbers in front, number (layers,) how many.
+    """
+    inputs = lower.shape[1]
+    for layer in range(lower.shape[0]):
+        number[layer] = 0
+        for m in range(inputs):
+            smallest = True
+            for o in range(inputs):
+                inside = o != m
+                same = True
+                for j in range(4):
+                    a, b = lower[layer, m, j], lower[layer, o, j]
+                    c, d = a + extent[layer, m, j], b + extent[layer, o, j]
+                    inside = inside and b >= a and d <= c
+                    same = same and a == b and c == d
+                if inside and (not same or o < m):
+                    smallest = False
+                    break
+            if smallest:
+                keep[layer, number[layer]] = m
+                number[layer] += 1
+
+
+@nb.njit(cache=True, nogil=True)
 def predecessors(  # type: ignore[no-untyped-def]
-    lengths, periodic, layer, rel, shape_of, eroded, changed, near, won, free, fresh, first, last
+    lengths, periodic, layer, rel, shape_of, eroded, keep, number, changed, near, won, free, fresh, first, last
 ):
     """Newly won bits of the rows first..last; returns how many rows gained some.
 
     Args:
-        layer: (rows,) which entry of `rel` a row uses; rel: (layers, M, 4) int32 lower offsets of the three row axes and of
-            the bit axis; shape_of: (layers, M) which erosion.
+        layer: (rows,) which entry of `rel` a row uses; rel: (layers, M, 4) int32 lower offsets of the three row axes
+            and of the bit axis; shape_of: (layers, M) which erosion; keep, number: the inputs to try.
         eroded: (shapes, rows, words); changed: (shapes, rows): an erosion that did not grow wins nothing new.
     """
     words = won.shape[1]
+    n0, n1, n2 = lengths
+    p0, p1, p2 = periodic
     gained = 0
     for r in range(first, last):
-        for w in range(words):
-            fresh[r, w] = 0
-        if not near[r]:
-            continue
         missing = np.uint64(0)
         for w in range(words):
+            fresh[r, w] = 0
             missing |= free[r, w] & ~won[r, w]
-        if missing == 0:
+        if missing == 0 or not near[r]:
             continue
-        for m in range(rel.shape[1]):
-            s = shape_of[layer[r], m]
-            other = neighbour(lengths, periodic, r, rel[layer[r], m])
-            if other >= 0 and changed[s, other]:
-                by = rel[layer[r], m, 3]
-                for w in range(words):
-                    fresh[r, w] |= _shifted(eroded[s], other, w, by, words)
+        a0, a1, a2 = r // (n1 * n2), r // n2 % n1, r % n2
+        t = layer[r]
+        for i in range(number[t]):
+            m = keep[t, i]
+            b0, b1, b2 = a0 + rel[t, m, 0], a1 + rel[t, m, 1], a2 + rel[t, m, 2]
+            if (b0 < 0 or b0 >= n0) and p0:
+                b0 %= n0
+            if (b1 < 0 or b1 >= n1) and p1:
+                b1 %= n1
+            if (b2 < 0 or b2 >= n2) and p2:
+                b2 %= n2
+            if b0 < 0 or b0 >= n0 or b1 < 0 or b1 >= n1 or b2 < 0 or b2 >= n2:
+                continue
+            s, other = shape_of[t, m], (b0 * n1 + b1) * n2 + b2
+            if not changed[s, other]:
+                continue
+            by = rel[t, m, 3]
+            skip, bit = by >> 6, np.uint64(by & 63)
+            for w in range(max(0, -skip - 1), min(words, words - skip)):
+                low = eroded[s, other, w + skip] >> bit if w + skip >= 0 else np.uint64(0)
+                if bit and w + skip + 1 < words:
+                    low |= eroded[s, other, w + skip + 1] << (np.uint64(64) - bit)
+                fresh[r, w] |= low
         any_new = np.uint64(0)
         for w in range(words):
             fresh[r, w] &= free[r, w] & ~won[r, w]
@@ -135,19 +177,42 @@ def predecessors(  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def neighbour(lengths, periodic, r, offset):  # type: ignore[no-untyped-def]
-    """Row at the given offset along the three row axes, -1 outside the grid."""
-    n0, n1, n2 = lengths[0], lengths[1], lengths[2]
-    a0, a1, a2 = r // (n1 * n2) + offset[0], r // n2 % n1 + offset[1], r % n2 + offset[2]
-    if periodic[0]:
-        a0 %= n0
-    if periodic[1]:
-        a1 %= n1
-    if periodic[2]:
-        a2 %= n2
-    if a0 < 0 or a0 >= n0 or a1 < 0 or a1 >= n1 or a2 < 0 or a2 >= n2:
-        return -1
-    return (a0 * n1 + a1) * n2 + a2
+def _successor_words(lengths, periodic, r, w, rel, shape_of, eroded, words, out):  # type: ignore[no-untyped-def]
+    """For every input, which cells of word `w` of row `r` it takes into the set: -> (M,) uint64."""
+    n0, n1, n2 = lengths
+    a0, a1, a2 = r // (n1 * n2), r // n2 % n1, r % n2
+    for m in range(rel.shape[0]):
+        out[m] = 0
+        b0, b1, b2 = a0 + rel[m, 0], a1 + rel[m, 1], a2 + rel[m, 2]
+        if periodic[0]:
+            b0 %= n0
+        if periodic[1]:
+            b1 %= n1
+        if periodic[2]:
+            b2 %= n2
+        if b0 < 0 or b0 >= n0 or b1 < 0 or b1 >= n1 or b2 < 0 or b2 >= n2:
+            continue
+        other = (b0 * n1 + b1) * n2 + b2
+        word, bit = w + (rel[m, 3] >> 6), np.uint64(rel[m, 3] & 63)
+        if 0 <= word < words:
+            out[m] = eroded[shape_of[m], other, word] >> bit
+        if bit and 0 <= word + 1 < words:
+            out[m] |= eroded[shape_of[m], other, word + 1] << (np.uint64(64) - bit)
+
+
+@nb.njit(cache=True, nogil=True)
+def _scatter(inputs, new, start, stride, mask):  # type: ignore[no-untyped-def]
+    """Turn words of cells, one per input, into bytes of inputs, one row per cell in `new`."""
+    for byte in range(mask.shape[1]):
+        used = np.uint64(0)
+        for m in range(8 * byte, min(8 * byte + 8, inputs.size)):
+            used |= inputs[m] & new
+        for j in range(64):
+            if used >> np.uint64(j) & np.uint64(1):
+                bits = np.uint64(0)
+                for m in range(8 * byte, min(8 * byte + 8, inputs.size)):
+                    bits |= (inputs[m] >> np.uint64(j) & np.uint64(1)) << np.uint64(m & 7)
+                mask[start + j * stride, byte] = bits
 
 
 @nb.njit(cache=True, nogil=True)
@@ -155,9 +220,8 @@ def record(  # type: ignore[no-untyped-def]
     lengths, periodic, layer, rel, shape_of, eroded, won, fresh, base, stride, level, value, mask, first, last
 ):
     """Give the fresh cells of the rows first..last their level and the bits of their inputs, then count them as won."""
-    words, inputs = won.shape[1], rel.shape[1]
-    eight = np.zeros(8, np.uint64)
-    total = 0
+    words = won.shape[1]
+    inputs = np.zeros(rel.shape[1], np.uint64)
     for r in range(first, last):
         for w in range(words):
             new = fresh[r, w]
@@ -168,22 +232,8 @@ def record(  # type: ignore[no-untyped-def]
             for j in range(64):
                 if new >> np.uint64(j) & np.uint64(1):
                     value[start + j * stride] = level
-                    total += 1
-            for byte in range(mask.shape[1]):
-                used = np.uint64(0)
-                for i in range(8):
-                    m = 8 * byte + i
-                    eight[i] = 0
-                    if m < inputs:
-                        other = neighbour(lengths, periodic, r, rel[layer[r], m])
-                        if other >= 0:
-                            by = rel[layer[r], m, 3]
-                            eight[i] = _shifted(eroded[shape_of[layer[r], m]], other, w, by, words) & new
-                    used |= eight[i]
-                for j in range(64):
-                    if used >> np.uint64(j) & np.uint64(1):
-                        bits = np.uint64(0)
-                        for i in range(8):
-                            bits |= (eight[i] >> np.uint64(j) & np.uint64(1)) << np.uint64(i)
-                        mask[start + j * stride, byte] = bits
-    return total
+            if mask.shape[1] > 0:
+                t = layer[r]
+                _successor_words(lengths, periodic, r, w, rel[t], shape_of[t], eroded, words, inputs)
+                _scatter(inputs, new, start, stride, mask)
+    return 0

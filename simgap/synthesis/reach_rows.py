@@ -16,6 +16,7 @@ from simgap.synthesis.erosion import (
     pack_rows,
     predecessors,
     record,
+    smallest_boxes,
     spread,
 )
 from simgap.synthesis.tables import reduced_cells, reduced_size
@@ -37,6 +38,7 @@ class RowSystem:
         layer: (rows,) which boxes a row uses.
         rel: (layers, M, 4) int32 lower offsets along the row axes and the bit axis.
         shape_of: (layers, M) int16 which of `shapes` (k, 4), the box's extent along the same axes.
+        keep, number: (layers, M), (layers,) the inputs that can win a cell first (`erosion.smallest_boxes`).
         reach: (2, 3) least lower and largest upper offset along the row axes.
     """
 
@@ -50,6 +52,8 @@ class RowSystem:
     rel: NDArray[np.int32]
     shape_of: NDArray[np.int16]
     shapes: Ints
+    keep: NDArray[np.int32]
+    number: NDArray[np.int32]
     reach: Ints
 
     @staticmethod
@@ -66,6 +70,8 @@ class RowSystem:
         shapes, shape_of = np.unique(extent.reshape(-1, 4), axis=0, return_inverse=True)
         if len(shapes) > MAX_SHAPES:
             return None
+        keep, number = np.zeros(rel.shape[:2], np.int32), np.zeros(len(rel), np.int32)
+        smallest_boxes(rel, extent, keep, number)
         missing = 3 - len(row_axes)
         lengths = np.array([1] * missing + [grid.cells[j] for j in row_axes])
         strides = np.cumprod([1, *grid.cells[:0:-1]])[::-1]
@@ -84,6 +90,8 @@ class RowSystem:
             rel=rel,
             shape_of=shape_of.reshape(rel.shape[:2]).astype(np.int16),
             shapes=shapes.astype(np.int64),
+            keep=keep,
+            number=number,
             reach=np.stack([rel[..., :3].min((0, 1)), (rel + extent - 1)[..., :3].max((0, 1))]).astype(np.int64),
         )
 
@@ -141,7 +149,8 @@ def reach_by_rows(
                 spread(news, *axes, np.zeros(3, np.int64), extent - 1, near)
                 erode_across_rows(*axes, extent, rows, along, near, eroded[s], grew[s])
         spread(news, *axes, system.reach[0], system.reach[1], near)
-        over_rows(partial(predecessors, *axes, *boxes, grew, near, won, allowed, fresh), rows, threads)
+        trial = (system.keep, system.number, grew, near, won, allowed, fresh)
+        over_rows(partial(predecessors, *axes, *boxes, *trial), rows, threads)
         over_rows(
             partial(record, *axes, *boxes, won, fresh, system.base, system.stride, level, value, mask), rows, threads
         )
