@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-import click
 import typer
 
 from simgap.errors import SimgapError
@@ -19,6 +18,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Measure, bound and close the gap between a robot model, its simulator and its recordings.",
 )
+_USAGE = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")  # typer carries its own click
 CasePath = Annotated[Path, typer.Argument(help="Case file (YAML).", show_default=False)]
 Out = Annotated[Path, typer.Option(help="File to write.", show_default=False)]
 Log = Annotated[Path | None, typer.Option(help="File for the log of this stage; stderr if not given.")]
@@ -74,15 +74,16 @@ def gap(
     case: CasePath,
     shards: Annotated[list[Path], typer.Option("--rollouts", help="Roll-out shards of one eps.")],
     eps: Annotated[float, typer.Option(help="Radius of the balls that cover X.", show_default=False)],
-    samples: Annotated[Path, typer.Option("--fresh", help="Fresh samples to check the bound on.")],
+    checked: Annotated[Path, typer.Option("--fresh", help="Fresh samples to check the bound on.")],
     out: Out,
+    samples: Annotated[Path, typer.Option(help="File for thinned samples, for pictures (Parquet).")],
     log: Log = None,
 ) -> None:
     """Bound the gap by a function of state and input, and check the bound on fresh samples."""
     from simgap.stages import gap as stage
 
     start_log(log)
-    stage.run(case, eps, shards, samples, out)
+    stage.run(case, eps, shards, checked, out, samples)
 
 
 @app.command()
@@ -137,10 +138,10 @@ def main(arguments: list[str] | None = None) -> None:
         logging.getLogger("simgap").error("%s", error)
         sys.stderr.write(f"simgap: {error}\n")
         status = error.exit_status
-    except click.ClickException as error:
+    except _USAGE as error:
         sys.stderr.write(f"simgap: {error.format_message()} (simgap --help lists what there is)\n")
         status = 2
-    except (click.Abort, KeyboardInterrupt):
+    except (typer.Abort, KeyboardInterrupt):
         sys.stderr.write("simgap: interrupted\n")
         status = 130
     sys.exit(status)

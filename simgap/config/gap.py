@@ -73,13 +73,13 @@ class GapSection(Section):
     bound: Literal["scenario", "conformal", "envelope", "constant"] = Field(
         "scenario",
         description="scenario: linear in the basis, by the scenario program. constant: the same with the basis 1. "
-        "envelope: Lipschitz envelope around the samples (set membership). conformal: covers a random sample with a stated "
-        "probability, not every state.",
+        "envelope: Lipschitz envelope around the samples (set membership). conformal: covers a random sample with a "
+        "stated probability, not every state.",
     )
     objective: Literal["lexicographic", "eta"] = Field(
         "lexicographic",
-        description="eta: the smallest supremum (the paper). lexicographic: the smallest mean among bounds whose supremum "
-        "is at most `slack` of the largest gap above the smallest one.",
+        description="eta: the smallest supremum (the paper). lexicographic: the smallest mean among bounds whose "
+        "supremum is at most `slack` of the largest gap above the smallest one.",
     )
     slack: float = Field(0.01, ge=0.0, le=1.0, description="See objective; a share of the largest sampled gap.")
     sides: Literal["signed", "unsigned"] = Field(

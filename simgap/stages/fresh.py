@@ -15,9 +15,9 @@ from simgap.stages.rollouts import roll_out, write
 def run(case_path: Path, out: Path, engine_log: Path | None = None, workers: int = 2) -> None:
     """Roll out random pairs, uniform on X x U, and write them."""
     context = Context.load(case_path)
-    section = context.need(context.case.gap, "gap").fresh
+    section = context.need(context.case.gap, "gap")
     with context.blame():
-        x, u = draw(context.box, context.input_set, section.samples, section.seed)
+        x, u = draw(context.box, context.input_set, section.fresh_samples, section.seed)
         parts = zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)
         jobs = [(context.case, context.folder, a, b) for a, b in parts]
         results = run_in_processes(roll_out, jobs, workers, engine_log)

@@ -9,7 +9,7 @@ _SIMULATED = ("name", *_PLANT, "domain", "simulator")
 
 READS: Mapping[str, tuple[str, ...]] = {
     "rollouts": (*_SIMULATED, "grid.shards"),
-    "fresh": (*_SIMULATED, "gap.fresh"),
+    "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed"),
     "gap": ("name", "plant", "domain", "gap"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", "synthesis.specification", "sensing", "validation"),

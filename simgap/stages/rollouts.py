@@ -18,6 +18,7 @@ from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.stages.context import Context, log
 
+
 def run(case_path: Path, eps: float, shard: int, out: Path, engine_log: Path | None = None) -> None:
     """Roll out one shard of the grid of radius `eps` and write it.
 

@@ -75,7 +75,9 @@ def test_rollouts_are_the_same_bits_in_any_order_and_sharding(vary, effects):
     whole, _ = simulate(path, x, u)
     order = np.random.default_rng(1).permutation(len(x))
     shuffled, _ = simulate(path, x[order], u[order])
-    parts = np.concatenate([simulate(path, a, b)[0] for a, b in zip(np.array_split(x, 3), np.array_split(u, 3), strict=True)])
+    parts = np.concatenate(
+        [simulate(path, a, b)[0] for a, b in zip(np.array_split(x, 3), np.array_split(u, 3), strict=True)]
+    )
     assert np.array_equal(whole[order], shuffled)
     assert np.array_equal(whole, parts)
 

@@ -1,0 +1,149 @@
+"""One loop for validation, replay and rigs: a controller and a plant, sample by sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.geometry import Floats
+
+Ints = NDArray[np.int64]
+
+
+class Plant(Protocol):
+    """What the loop drives: a simulator, a rig, the nominal model."""
+
+    def reset(self, x: Floats) -> None:
+        """Put the plant at x (nx,)."""
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold u (nu,) for one sampling time: -> (nx,)."""
+
+
+class Policy(Protocol):
+    """What the loop asks: `synthesis.controller.Controller` is one."""
+
+    @property
+    def input_set(self) -> Floats: ...  # noqa: D102
+    def lookup(self, x: Floats, pending: Ints | int = 0) -> Ints:
+        """Chosen input numbers for measured states (n, nx): -> (n,), -1 where there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sensing:
+    """What the controller knows: bounded measurement error (nx,) and whole samples of latency (0 or 1)."""
+
+    error: Floats
+    latency: int = 0
+
+    def measure(self, x: Floats, rng: np.random.Generator) -> Floats:
+        """A measurement of x (nx,): corners of the error box as often as its inside, because corners are worst."""
+        unit = rng.uniform(-1.0, 1.0, x.shape)
+        return x + self.error * (np.sign(unit) if rng.integers(2) else unit)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run: states (k + 1, nx), numbers of the inputs applied (k,), and whether it ran to its end.
+
+    `stuck` says that the controller had no input at the last state.
+    """
+
+    x: Floats
+    inputs: Ints
+    stuck: bool
+
+
+def closed_loop(
+    plant: Plant,
+    policy: Policy,
+    start: Floats,
+    steps: int,
+    sensing: Sensing,
+    rng: np.random.Generator,
+    stop: Callable[[Floats], bool],
+    pending: int = 0,
+) -> Run:
+    """Run from `start` until `steps` samples, a state where `stop` says so, or one without an admissible input.
+
+    With one sample of latency the input decided from a measurement acts one sample later; `pending` acts first.
+    """
+    lookup = scalar_lookup(policy)
+    exact = not np.any(sensing.error)
+    plant.reset(start)
+    x = np.array(start, dtype=np.float64)
+    states, applied = [x], []
+    stuck = False
+    for _ in range(steps):
+        if stop(x):
+            break
+        decided = lookup(x if exact else sensing.measure(x, rng), pending)
+        if decided < 0:
+            stuck = True
+            break
+        now, pending = (pending, decided) if sensing.latency else (decided, 0)
+        x = plant.advance(policy.input_set[now])
+        states.append(x)
+        applied.append(now)
+    return Run(np.array(states), np.array(applied, dtype=np.int64), stuck)
+
+
+def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:
+    """The policy for one state at a time; a grid controller answers without array overhead."""
+    grid, choice = getattr(policy, "grid", None), getattr(policy, "choice", None)
+    if grid is None or choice is None:
+        return lambda x, pending: int(policy.lookup(x[None], pending)[0])
+    lo, hi = grid.box.lo.tolist(), grid.box.hi.tolist()
+    width, cells = (2.0 * grid.h).tolist(), list(grid.cells)
+    periodic = [j in grid.periodic for j in range(len(cells))]
+    axes = list(range(len(cells)))
+    memory = int(getattr(policy, "memory", 1))
+
+    def find(x: Floats, pending: int) -> int:
+        flat = 0
+        for j in axes:  # the same floor as Grid.index, so that both agree on every bit
+            k = int(np.floor((x[j] - lo[j]) / width[j]))
+            if k == cells[j] and x[j] <= hi[j]:
+                k -= 1
+            if periodic[j]:
+                k %= cells[j]
+            elif not 0 <= k < cells[j]:
+                return -1
+            flat = flat * cells[j] + k
+        return int(choice[flat * memory + pending])
+
+    return find
+
+
+def batch_loop(
+    step: Callable[[Floats, Floats], Floats],
+    policy: Policy,
+    starts: Floats,
+    steps: int,
+    inside: Callable[[Floats], NDArray[np.bool_]],
+) -> list[Run]:
+    """Many runs side by side on a memoryless map `step` (n, nx), (n, nu) -> (n, nx), with exact measurements.
+
+    A run ends where `inside` is false or the policy has no input.
+    """
+    n, nx = starts.shape
+    x = np.full((steps + 1, n, nx), np.nan)
+    inputs = np.full((steps, n), -1, dtype=np.int64)
+    length, stuck = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=bool)
+    x[0] = starts
+    alive = np.arange(n)
+    for k in range(steps):
+        alive = alive[inside(x[k, alive])]
+        decided = policy.lookup(x[k, alive])
+        stuck[alive[decided < 0]] = True
+        alive, decided = alive[decided >= 0], decided[decided >= 0]
+        if len(alive) == 0:
+            break
+        x[k + 1, alive] = step(x[k, alive], policy.input_set[decided])
+        inputs[k, alive] = decided
+        length[alive] = k + 1
+    return [Run(x[: length[i] + 1, i], inputs[: length[i], i], bool(stuck[i])) for i in range(n)]

@@ -1,0 +1,112 @@
+"""Stage `gap`: from roll-outs to a bound of the gap on all of X x U, checked on fresh samples."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from simgap.dynamics.cases import nominal_model
+from simgap.dynamics.nominal import NominalModel
+from simgap.errors import BrokenPromise, UserError
+from simgap.gap.fit import fit_gap
+from simgap.gap.samples import GapSamples
+from simgap.gap.tiers import FreshCheck, check_fresh
+from simgap.geometry import Floats, Grid
+from simgap.io.documents import write_json
+from simgap.io.parquet import read_parquet, stack, table, write_parquet
+from simgap.provenance import provenance
+from simgap.stages.context import Context, log
+
+THINNED = 20_000  # samples kept for pictures
+
+
+def run(case_path: Path, eps: float, shards: Sequence[Path], fresh: Path, out: Path, thinned: Path) -> None:
+    """Fit gamma on the shards of one eps, check it on the fresh samples, write it.
+
+    Raises:
+        UserError: damaged shards, settings that do not fit.
+        BrokenPromise: a Lipschitz constant that cannot be trusted, or more violations than the case tolerates.
+    """
+    context = Context.load(case_path)
+    section = context.need(context.case.gap, "gap")
+    with context.blame():
+        model = nominal_model(context.case, context.folder)
+        samples = collect(context, model, eps, shards)
+        log.info("fitting on %d states x %d inputs", samples.grid.size, len(samples.inputs))
+        began = time.perf_counter()
+        result = fit_gap(samples, section.settings())
+        log.info("fitted in %.2f s", time.perf_counter() - began)
+    x, u, d = gaps(context, model, read_parquet(fresh))
+    check = check_fresh(result.function, x, u, d)
+    log.info("%s", check.tier.text)
+    tolerate(check, section.tolerated_probability)
+    function = result.function.with_tiers([*result.function.tiers, check.tier])
+    content = result.to_json() | function.to_json()
+    seeds = {"fresh": section.seed, "fit": section.seed}
+    record = provenance("gap", context.case, context.folder, seeds, eps=eps)
+    content |= {"eps": eps, "fresh": asdict(check), "provenance": record}
+    write_parquet(thinned, thin(context, samples))
+    write_json(out, content)
+    log.info("peak memory %d MiB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+
+
+def collect(context: Context, model: NominalModel, eps: float, shards: Sequence[Path]) -> GapSamples:
+    """The signed gap on the grid, from shards in order.
+
+    Raises:
+        UserError: a shard that is damaged, missing or of another grid.
+    """
+    grid, inputs = Grid.covering(context.box, eps), context.input_set
+    rows = grid.size * len(inputs)
+    d = np.empty((rows, len(context.states)))
+    done = 0
+    for path in shards:
+        _, _, part = gaps(context, model, read_parquet(path))
+        if done + len(part) > rows:
+            break
+        d[done : done + len(part)] = part
+        done += len(part)
+    if done != rows:
+        raise UserError(
+            f"the shards hold {done} roll-outs, the grid of eps = {eps:g} needs {rows}",
+            file=shards[0],
+            remedy="Delete the shards of this eps and run again.",
+        )
+    return GapSamples(grid, inputs, d.reshape(grid.size, len(inputs), -1), tuple(context.states), tuple(context.inputs))
+
+
+def gaps(context: Context, model: NominalModel, rolled: pa.Table) -> tuple[Floats, Floats, Floats]:
+    """States, inputs and signed gap `f_hat - f` of a table of roll-outs."""
+    x, u = stack(rolled, context.states), stack(rolled, context.inputs)
+    return x, u, stack(rolled, [f"next_{n}" for n in context.states]) - model.step(x, u)
+
+
+def tolerate(check: FreshCheck, probability: float) -> None:
+    """One violation breaks the promise, unless the case tolerates a probability that the check confirms."""
+    if check.violations == 0 or check.upper <= probability:
+        return
+    allowed = "none is tolerated" if probability == 0 else f"tolerated probability {probability:g} < {check.upper:.2g}"
+    raise BrokenPromise(
+        f"gamma does not cover: {check.violations} of {check.samples} fresh samples exceed it ({allowed}), "
+        f"by up to {check.worst}",
+        "Use a smaller eps, or set gap.tolerated_probability.",
+    )
+
+
+def thin(context: Context, samples: GapSamples) -> pa.Table:
+    """Evenly spaced samples with their gap, for pictures."""
+    pairs = samples.d.shape[0] * samples.d.shape[1]
+    rows = np.unique(np.linspace(0, pairs - 1, min(pairs, THINNED)).astype(int))
+    k, m = np.divmod(rows, len(samples.inputs))
+    x, u, d = samples.grid.centres()[k], samples.inputs[m], samples.d[k, m]
+    columns = {n: x[:, j] for j, n in enumerate(context.states)}
+    columns |= {n: u[:, j] for j, n in enumerate(context.inputs)}
+    columns |= {f"gap_{n}": d[:, j] for j, n in enumerate(context.states)}
+    units = context.units | {f"gap_{n}": context.units[n] for n in context.states}
+    return table(columns, units, {"case": context.case.name}, provenance("gap", context.case, context.folder))
