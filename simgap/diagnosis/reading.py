@@ -29,6 +29,7 @@ class ReadingOptions:
         gap_s: an interval beyond which a trace is split (s); None: five times the one that 95 % of samples keep.
         ranges: stretches to keep or to drop.
         held_files, held_traces: what is never fitted to.
+        strict: whether these must be among the data; else those that are not are passed over with a warning.
     """
 
     window_s: float
@@ -37,6 +38,7 @@ class ReadingOptions:
     ranges: tuple[TimeRange, ...] = ()
     held_files: tuple[str, ...] = ()
     held_traces: tuple[str, ...] = ()
+    strict: bool = True
 
 
 @dataclass(frozen=True)
@@ -102,8 +104,13 @@ def read_traces(tables: Sequence[RawTable], channels: Sequence[Channel], options
     if not traces:
         raise _nothing_left(notes, options)
     record = Record(tuple(traces), measured, inputs)
+    held = _held_out(origins, options)
     warnings = [*_warnings(notes), *_uncommon(tables, found, measured)]
-    return Reading(record, tuple(notes), _held_out(origins, options), tuple(warnings), origins)
+    if not held and (options.held_files or options.held_traces):
+        warnings.append(
+            "what the case holds out is not among these data (or is all of them): a share of them is held out"
+        )
+    return Reading(record, tuple(notes), held, tuple(warnings), origins)
 
 
 def _file_traces(
@@ -195,6 +202,8 @@ def _held_out(origins: Mapping[str, tuple[str, str | None]], options: ReadingOpt
     for key, wanted in (("files", options.held_files), ("traces", options.held_traces)):
         for w in wanted:
             hits = {n for n, (f, label) in origins.items() if (same_file(w, f) if key == "files" else w in (label, n))}
+            if not hits and not options.strict:
+                continue
             if not hits:
                 raise UserError(
                     f"'{w}' is not among the data",
@@ -203,6 +212,8 @@ def _held_out(origins: Mapping[str, tuple[str, str | None]], options: ReadingOpt
                 )
             chosen |= hits
     if chosen and chosen == set(origins):
+        if not options.strict:
+            return ()
         raise UserError("holds out every trace", key="measured.held_out", remedy="Leave at least one trace to fit to.")
     return tuple(n for n in origins if n in chosen)
 

@@ -126,19 +126,6 @@ def joined(parts: Sequence[str], last: str = "and") -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"
 
 
-def excess(error: Document, which: str) -> float:
-    """Horizon error beyond the floor, in floors, over all measured states: sqrt(mean max(0, E^2 - F^2) / F^2)."""
-    after, floor = error[which]["horizon_rmse"], error["noise_floor"]["horizon_rmse"]
-    terms = [max(0.0, after[s] ** 2 - floor[s] ** 2) / max(floor[s], 1e-300) ** 2 for s in floor]
-    return math.sqrt(sum(terms) / len(terms)) if terms else 0.0
-
-
-def explained_share(error: Document) -> float:
-    """Share of the excess error on held-out data that is gone: 1 - excess after / excess before, not below 0."""
-    before = excess(error, "before")
-    return max(0.0, 1.0 - excess(error, "after") / before) if before > 0.0 else 0.0
-
-
 def verdict_sentence(document: Document) -> str:
     """What was found, what it explains, and what cannot be told apart."""
     verdict, effects = document["verdict"], document["effects"]
@@ -148,7 +135,7 @@ def verdict_sentence(document: Document) -> str:
         return _unexplained(document)
     found = joined([describe(e) for e in effects])
     verb = "explains" if len(effects) == 1 else "together explain"
-    share = 100 * explained_share(document["error"])
+    share = 100 * min(max(float(document["explained_share"]), 0.0), 1.0)
     text = f"{found[0].upper()}{found[1:]} {verb} {share:.0f} % of the excess error"
     doubts = [_doubt(e) for e in effects if e.get("alternatives")]
     if doubts:

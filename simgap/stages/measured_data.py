@@ -16,7 +16,12 @@ from simgap.io.diagnosis_tables import read_recording
 
 
 def load_reading(
-    model: SymbolicModel, section: MeasuredSection, paths: Sequence[Path], relative_to: Path, case: str | None = None
+    model: SymbolicModel,
+    section: MeasuredSection,
+    paths: Sequence[Path],
+    relative_to: Path,
+    case: str | None = None,
+    strict: bool = True,
 ) -> Reading:
     """Read recordings of a plant.
 
@@ -26,6 +31,7 @@ def load_reading(
         paths: the files.
         relative_to: directory that file names in results are relative to.
         case: name of the case file, for messages.
+        strict: whether held-out data that the case names must be among the files.
 
     Raises:
         UserError: for anything wrong with the files or the mapping.
@@ -38,7 +44,7 @@ def load_reading(
             read_recording(path, wanted, section.time.column, section.trace_column, display_name(path, relative_to))
             for path in paths
         ]
-        return read_traces(tables, channels, reading_options(section))
+        return read_traces(tables, channels, reading_options(section, strict))
     except UserError as error:  # results name a file relative to the case, a message as the person typed it
         file = typed.get(str(error.file), error.file if error.file is not None else case)
         raise UserError(error.problem, file=file, key=error.key, remedy=error.remedy) from None
@@ -108,7 +114,7 @@ def _number(value: float | str, key: str, case: str | None) -> float:
         raise UserError(error.problem, file=case, key=key, remedy="Write a number, or one like -pi/2.") from None
 
 
-def reading_options(section: MeasuredSection) -> ReadingOptions:
+def reading_options(section: MeasuredSection, strict: bool = True) -> ReadingOptions:
     """The plain options behind the section."""
     ranges = []
     for mask in section.masks:
@@ -122,4 +128,5 @@ def reading_options(section: MeasuredSection) -> ReadingOptions:
         ranges=tuple(ranges),
         held_files=section.held_out.files,
         held_traces=section.held_out.traces,
+        strict=strict,
     )

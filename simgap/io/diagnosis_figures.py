@@ -1,0 +1,170 @@
+"""The pictures of a diagnosis, each from plain arrays to a matplotlib figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simgap.diagnosis.missing import Binned, Missing
+from simgap.diagnosis.table import Floats
+from simgap.diagnosis.thresholds import BIC_GAIN
+from simgap.diagnosis.words import phrase, pretty_unit
+from simgap.io import figure_style as style
+
+MOST_POINTS = 1500
+
+
+@dataclass(frozen=True, eq=False)
+class Overlay:
+    """Data beside what the models predict, over one stretch.
+
+    Attributes:
+        trace: name of the trace.
+        t: (n,) s.
+        measured, before, after: (n, k); predictions are nan where no window is, and start anew with each window.
+        u: (n, m) inputs.
+        states, inputs: names of the columns.
+        sigma: (k,) noise of the channels.
+        held_out: stretches (from, to) that were never fitted, s.
+        whole: whether all of it was never fitted.
+    """
+
+    trace: str
+    t: Floats
+    measured: Floats
+    before: Floats
+    after: Floats
+    u: Floats
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    sigma: Floats
+    held_out: tuple[tuple[float, float], ...] = ()
+    whole: bool = True
+
+
+def axis_label(name: str, units: Mapping[str, str]) -> str:
+    """'q (rad)'."""
+    unit = pretty_unit(units.get(name, ""))
+    return f"{name} ({unit})" if unit else name
+
+
+def overlay_figure(o: Overlay, units: Mapping[str, str]) -> Any:
+    """Measured against predicted, and the residuals below each other, for every measured state; the inputs last."""
+    import matplotlib.pyplot as plt
+
+    rows = 2 * len(o.states) + (1 if o.inputs else 0)
+    heights = [2.4, 1.5] * len(o.states) + ([1.2] if o.inputs else [])
+    figure, axes = plt.subplots(
+        rows, 1, sharex=True, figsize=(style.WIDTH, sum(heights) + 0.6), height_ratios=heights, squeeze=False
+    )
+    pick = np.arange(0, o.t.size, max(1, o.t.size // MOST_POINTS))
+    for k, name in enumerate(o.states):
+        top, low = axes[2 * k, 0], axes[2 * k + 1, 0]
+        top.plot(o.t[pick], o.measured[pick, k], color=style.MEASURED, lw=3.2, alpha=0.35, label="measured")
+        top.plot(o.t[pick], o.before[pick, k], color=style.BEFORE, ls=(0, (5, 2)), label="before")
+        top.plot(o.t[pick], o.after[pick, k], color=style.AFTER, lw=1.3, label="after")
+        top.set_ylabel(axis_label(name, units))
+        for predicted, colour, dash in ((o.before, style.BEFORE, (0, (5, 2))), (o.after, style.AFTER, "-")):
+            low.plot(o.t[pick], (o.measured - predicted)[pick, k], color=colour, ls=dash, lw=1.3)
+        low.axhspan(-2 * o.sigma[k], 2 * o.sigma[k], color=style.FLOOR, alpha=0.35, lw=0, label="noise, ±2σ")
+        low.set_ylabel(f"residual\n{axis_label(name, units)}")
+    if o.inputs:
+        colours = (style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
+        for j, name in enumerate(o.inputs):
+            axes[-1, 0].step(o.t[pick], o.u[pick, j], where="post", lw=1.2, color=colours[j % 4], label=name)
+        axes[-1, 0].set_ylabel(axis_label(o.inputs[0], units) if len(o.inputs) == 1 else "inputs")
+        if len(o.inputs) > 1:
+            axes[-1, 0].legend(loc="upper right", ncols=4)
+    for axis in axes[:, 0]:
+        for a, b in () if o.whole else o.held_out:
+            axis.axvspan(a, b, color=style.YELLOW, alpha=0.25, lw=0, label="never fitted")
+    axes[0, 0].set_title(f"{o.trace}: " + ("never fitted" if o.whole else "shaded windows were never fitted"))
+    axes[-1, 0].set_xlabel("time (s)")
+    figure.align_ylabels()
+    entries = [axis.get_legend_handles_labels() for axis in axes[:2, 0]]
+    named = {label: handle for handles, labels in entries for handle, label in zip(handles, labels, strict=True)}
+    figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=5, columnspacing=1.2)
+    return figure
+
+
+def missing_figure(m: Missing) -> Any:
+    """The missing term against each regressor, under the nominal and under the corrected model."""
+    import matplotlib.pyplot as plt
+
+    names = list(m.before)[:3]
+    figure, axes = plt.subplots(1, len(names), sharey=True, figsize=(style.WIDTH, 3.5), squeeze=False)
+    for axis, name in zip(axes[0], names, strict=True):
+        _errorbars(axis, m.before[name], style.BEFORE, "s", "before")
+        _errorbars(axis, m.after[name], style.AFTER, "o", "after")
+        axis.axhline(0.0, color="#55595F", lw=1.0)
+        axis.set_xlabel(axis_label(name, m.units))
+    axes[0, 0].set_ylabel(f"missing {_folded(m.label)}\n({pretty_unit(m.unit)})")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
+    return figure
+
+
+def _folded(label: str) -> str:
+    return label.replace(" at ", "\nat ")
+
+
+def _errorbars(axis: Any, b: Binned, colour: str, marker: str, label: str) -> None:
+    axis.errorbar(
+        b.centre, b.mean, yerr=b.half, color=colour, marker=marker, ms=5, lw=1.4, elinewidth=1.1, capsize=0, label=label
+    )
+
+
+def ranking_figure(candidates: Sequence[Mapping[str, Any]], chosen: Sequence[Mapping[str, Any]]) -> Any:
+    """What each candidate alone promises (bars) and gains in BIC where fitted (dots), the chosen ones in colour."""
+    import matplotlib.pyplot as plt
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    shown = list(candidates)[:12][::-1]
+    keys = {(e["name"], e["on"]) for e in chosen}
+    figure, axis = plt.subplots(figsize=(style.WIDTH, 1.5 + 0.36 * max(len(shown), 2)))
+    for y, c in enumerate(shown):
+        own = (c["name"], c["on"]) in keys
+        axis.barh(y, max(float(c["chi2_drop"]), 0.0), color=style.SKY if own else "#CBD1D8", height=0.7)
+        if c["bic_gain"] is not None:
+            axis.plot(max(float(c["bic_gain"]), 0.0), y, "o", ms=8, color=style.AFTER if own else "#6C727B")
+    axis.set_yticks(range(len(shown)), [phrase(c) for c in shown])
+    axis.set_xscale("symlog", linthresh=BIC_GAIN)
+    axis.set_xlim(0.0, 1.6 * max([2 * BIC_GAIN, *(float(c["chi2_drop"]) for c in shown)]))
+    axis.axvline(BIC_GAIN, color=style.VERMILLION, lw=1.4, ls=(0, (4, 2)))
+    axis.set_xlabel("promised drop of chi² (bar), gain in BIC when fitted (dot)")
+    axis.grid(axis="y", visible=False)
+    handles: list[Any] = [
+        Patch(color=style.SKY),
+        Line2D([], [], marker="o", ls="", ms=8, color=style.AFTER),
+        Patch(color="#CBD1D8"),
+        Line2D([], [], color=style.VERMILLION, ls=(0, (4, 2))),
+    ]
+    labels = ["chosen: promise", "chosen: gain", "not chosen", "least that counts"]
+    figure.legend(handles, labels, loc="outside upper left", ncols=4, columnspacing=1.2)
+    return figure
+
+
+def error_figure(error: Mapping[str, Any], units: Mapping[str, str]) -> Any:
+    """Error h seconds ahead on held-out data: before, after and the floor of a perfect model, one panel a state."""
+    import matplotlib.pyplot as plt
+
+    states = list(error["before"]["horizon_rmse"])
+    figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.2), squeeze=False)
+    rows = (
+        ("noise_floor", style.FLOOR, "perfect\nmodel"),
+        ("after", style.AFTER, "after"),
+        ("before", style.BEFORE, "before"),
+    )
+    for axis, state in zip(axes[0], states, strict=True):
+        for y, (which, colour, _) in enumerate(rows):
+            value = float(error[which]["horizon_rmse"][state])
+            axis.barh(y, value, color=colour, height=0.66)
+            axis.annotate(f" {value:.3g}", (value, y), va="center", fontsize=11)
+        axis.set_yticks(range(3), [label for _, _, label in rows])
+        axis.set_xlabel(f"RMS error {error['before']['horizon_s']:g} s ahead, {axis_label(state, units)}")
+        axis.margins(x=0.18)
+        axis.grid(axis="y", visible=False)
+    return figure

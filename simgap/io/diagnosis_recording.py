@@ -1,0 +1,99 @@
+"""The diagnosis as a Rerun recording: measured, before and after, residuals and inputs on one time line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgap.diagnosis.result import WindowPrediction
+from simgap.diagnosis.table import Floats
+from simgap.diagnosis.words import pretty_unit
+from simgap.io import figure_style as style
+from simgap.io.atomic import atomic
+
+TIMELINE = "sim_time"
+_LINES = (("measured", style.MEASURED, 3.0), ("before", style.BEFORE, 1.5), ("after", style.AFTER, 1.5))
+
+
+def write_recording(
+    path: Path,
+    windows: Sequence[WindowPrediction],
+    measured: Sequence[str],
+    inputs: Sequence[str],
+    units: Mapping[str, str],
+    title: str,
+) -> None:
+    """Write the recording, atomically.
+
+    Entities: `/<trace>/<state>/{measured,before,after}`, `/<trace>/residual/<state>/{before,after}` and
+    `/<trace>/input/<input>`, each a scalar over `sim_time`; the traces' own stamps are kept.
+    """
+    import rerun as rr
+
+    traces = list(dict.fromkeys(w.trace for w in windows))
+    with atomic(path) as temporary:
+        recording = rr.RecordingStream("simgap_diagnosis", recording_id=_identifier(title))
+        recording.save(temporary, default_blueprint=_blueprint(traces, measured, inputs, units))
+        for trace in traces:
+            own = sorted((w for w in windows if w.trace == trace), key=lambda w: float(w.t[0]))
+            _log_trace(recording, _entity(trace), own, measured, inputs)
+        recording.flush()
+        recording.disconnect()
+
+
+def _identifier(title: str) -> str:
+    return "".join(c if c.isalnum() else "-" for c in title) or "diagnosis"
+
+
+def _entity(trace: str) -> str:
+    return "".join(c if c.isalnum() or c in "_-" else "_" for c in trace)
+
+
+def _log_trace(
+    recording: Any, root: str, windows: Sequence[WindowPrediction], measured: Sequence[str], inputs: Sequence[str]
+) -> None:
+    t = np.concatenate([w.t for w in windows])
+    columns = {side: np.concatenate([getattr(w, side) for w in windows]) for side in ("measured", "before", "after")}
+    u = np.concatenate([w.inputs for w in windows])
+    for k, state in enumerate(measured):
+        for side, colour, width in _LINES:
+            _send(recording, f"{root}/{state}/{side}", t, columns[side][:, k], colour, width)
+        for side, colour, width in _LINES[1:]:
+            residual = columns["measured"][:, k] - columns[side][:, k]
+            _send(recording, f"{root}/residual/{state}/{side}", t, residual, colour, width)
+    for j, name in enumerate(inputs):
+        _send(recording, f"{root}/input/{name}", t, u[:, j], style.GREEN, 1.5)
+
+
+def _send(recording: Any, entity: str, t: Floats, values: Floats, colour: str, width: float) -> None:
+    import rerun as rr
+
+    rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+    recording.log(entity, rr.SeriesLines(colors=rgb, widths=width, names=entity.rsplit("/", 1)[-1]), static=True)
+    recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=t)], rr.Scalars.columns(scalars=values))
+
+
+def _blueprint(traces: Sequence[str], measured: Sequence[str], inputs: Sequence[str], units: Mapping[str, str]) -> Any:
+    """One tab a trace: every state above its residual, the inputs below."""
+    import rerun.blueprint as rrb
+
+    def view(name: str, origin: str, unit: str = "") -> Any:
+        return rrb.TimeSeriesView(name=f"{name} ({unit})" if unit else name, origin=origin)
+
+    tabs = []
+    for trace in traces:
+        root = _entity(trace)
+        views = []
+        for state in measured:
+            unit = pretty_unit(units.get(state, ""))
+            views += [
+                view(state, f"/{root}/{state}", unit),
+                view(f"residual of {state}", f"/{root}/residual/{state}", unit),
+            ]
+        if inputs:
+            views.append(view("inputs", f"/{root}/input"))
+        tabs.append(rrb.Vertical(*views, name=trace))
+    return rrb.Blueprint(rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0], rrb.TimePanel(state="collapsed"))

@@ -1,0 +1,45 @@
+"""HTML pages from templates in `reports/`: one self-contained file each, with the style inside."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from simgap.diagnosis.words import phrase, pretty_unit
+
+REPORTS = Path(__file__).resolve().parents[2] / "reports"
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """A number as it is printed in tables."""
+    if value is None:
+        return ""
+    x = float(value)
+    if not math.isfinite(x):
+        return "unbounded"
+    text = f"{x:.{digits}g}"
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        return (
+            f"{mantissa}·10^{int(exponent)}"
+            if abs(int(exponent)) > 9
+            else text.replace("e-0", "e-").replace("e+0", "e")
+        )
+    return text
+
+
+def render(template: str, **content: Any) -> str:
+    """A page from `reports/<template>`; figures given as SVG text are put in as they are, all else is escaped."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(REPORTS),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"number": number, "unit": pretty_unit, "phrase": phrase}
+    style = (REPORTS / "style.css").read_text()
+    return environment.get_template(template).render(style=style, **content)

@@ -1,0 +1,77 @@
+"""The case with the effects that were found: a valid case file, ready to run from where it is written."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from simgap.config.load import parse_case, read_yaml
+from simgap.dynamics.build import symbolic_model
+from simgap.effects import AppliedEffect
+
+SUFFIX = "_corrected"
+
+
+def corrected_case(
+    case_path: Path, target: Path, applied: Sequence[AppliedEffect], data: Sequence[Path], rig: str, sentence: str
+) -> str:
+    """The text of the corrected case file.
+
+    Args:
+        case_path: the original case.
+        target: where the corrected one will stand; relative paths are rewritten to hold from there.
+        applied: effects to add, in the order in which they act.
+        data: the recordings that were used.
+        rig: 'simulator' if the recordings are of the case's own simulator: the nominal model alone gets the effects.
+            Else the simulator's twin gets them too.
+        sentence: the verdict in words, for the comment on top.
+
+    Raises:
+        UserError: if the result does not check, which an original that checks makes impossible but for the name.
+    """
+    content = copy.deepcopy(read_yaml(case_path))
+    source, folder = case_path.parent, target.parent
+    for section in ("plant", "simulator"):
+        inner = content.get(section)
+        if isinstance(inner, dict) and isinstance(inner.get("urdf"), str):
+            inner["urdf"] = _moved(source / inner["urdf"], folder)
+    if isinstance(content.get("measured"), dict):
+        content["measured"]["files"] = [_moved(path, folder) for path in data]
+    if applied:
+        content["name"] = str(content["name"]).removesuffix(SUFFIX) + SUFFIX
+        added = [_plain(a) for a in applied]
+        content["plant"]["effects"] = [*content["plant"].get("effects", []), *added]
+        if rig != "simulator" and isinstance(content.get("simulator"), dict):
+            content["simulator"]["effects"] = [*content["simulator"].get("effects", []), *added]
+    body = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
+    checked = parse_case(yaml.safe_load(body), target)
+    symbolic_model(checked.plant, folder)
+    return _header(applied, rig, sentence, content) + body
+
+
+def _plain(a: AppliedEffect) -> dict[str, Any]:
+    return {"name": a.name, "on": a.on, "parameters": {symbol: float(v) for symbol, v in a.values.items()}}
+
+
+def _moved(path: Path, folder: Path) -> str:
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+
+
+def _header(applied: Sequence[AppliedEffect], rig: str, sentence: str, content: dict[str, Any]) -> str:
+    lines = [f"Corrected by simgap diagnose. {sentence}"]
+    if not applied:
+        lines.append("Nothing was added: this is the case as it was, with its paths written from here.")
+    elif rig == "simulator":
+        lines.append(
+            "The effects below plant.effects were found in recordings of the simulator: the model alone has them."
+        )
+    elif "simulator" in content:
+        lines.append("The effects were found on hardware: the nominal model and the simulator both have them.")
+    else:
+        lines.append("The effects found in the recordings are below plant.effects.")
+    return "".join(f"# {' '.join(line.split())}\n" for line in lines)

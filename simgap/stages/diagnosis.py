@@ -1,0 +1,147 @@
+"""Stage `diagnosis`: recordings in, the missing effect and the corrected case out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgap.config.measured import MeasuredSection
+from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.missing import missing_terms
+from simgap.diagnosis.reading import Reading
+from simgap.diagnosis.remainder import Remainder, bound_remainder, without_memory
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
+from simgap.diagnosis.survey import survey
+from simgap.dynamics.build import symbolic_model
+from simgap.dynamics.model import SymbolicModel
+from simgap.errors import UserError
+from simgap.io.atomic import write_text
+from simgap.io.diagnosis_recording import write_recording
+from simgap.io.documents import write_json
+from simgap.provenance import provenance
+from simgap.stages.context import Context, log
+from simgap.stages.corrected_case import corrected_case
+from simgap.stages.diagnosis_document import document
+from simgap.stages.diagnosis_page import draw, overlays, page
+from simgap.stages.measured_data import load_reading
+
+JSON, PAGE, CASE, RECORDING = "diagnosis.json", "report.html", "corrected_case.yaml", "residual.rrd"
+
+
+def run(
+    case_path: Path,
+    data: Sequence[Path],
+    out_dir: Path,
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """Diagnose recordings and write `diagnosis.json`, `report.html`, `corrected_case.yaml`, `residual.rrd`, pictures.
+
+    Args:
+        case_path: the case; it needs a nominal model alone.
+        data: CSV or Parquet files; if empty, those that the case names under `measured.files`.
+        out_dir: where the results go; it is made, and everything in it appears whole or not at all.
+        progress: told in words what is being done.
+
+    Returns:
+        the content of `diagnosis.json`.
+
+    Raises:
+        UserError: whatever is wrong with the case or the data, naming file, row or key and the remedy.
+    """
+
+    def tell(words: str) -> None:
+        log.info("%s", words)
+        if progress is not None:
+            progress(words)
+
+    context = Context.load(case_path)
+    section = context.case.measured or MeasuredSection()
+    paths = _paths(context, section, data)
+    with context.blame():
+        model = symbolic_model(context.case.plant, context.folder)
+        tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")
+        reading = load_reading(model, section, paths, context.folder, str(case_path), strict=not data)
+        record = reading.record
+        tell(f"{record.rows} samples in {len(record.traces)} traces; measured: {', '.join(record.measured)}")
+        look = survey(record, model, section.noise)
+        tell("searching for what the model lacks")
+        found = diagnose(model, record, _settings(section, reading))
+    tell("bounding what is left, drawing, writing")
+    remainder = _remainder(context, section, model, found, reading)
+    made_of = provenance("diagnosis", context.case, context.folder)
+    content = document(found, reading, look, remainder, context.units, made_of)
+    _write(context, section, model, found, reading, content, paths, out_dir)
+    tell(f"{content['verdict']}: {content['sentence']}")
+    return content
+
+
+def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> list[Path]:
+    if data:
+        return list(data)
+    if not section.files:
+        raise UserError(
+            "no data are given",
+            file=context.path,
+            key="measured.files",
+            remedy="Name CSV or Parquet files on the command line or here.",
+        )
+    return [context.folder / name for name in section.files]
+
+
+def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
+    return DiagnosisSettings(
+        window_s=section.window_s,
+        horizon_s=section.horizon_s,
+        noise=section.noise,
+        effects=section.effects,
+        max_effects=section.max_effects,
+        held_out_traces=reading.held_out,
+        held_out_share=section.held_out.fraction,
+    )
+
+
+def _remainder(
+    context: Context, section: MeasuredSection, model: SymbolicModel, found: Diagnosis, reading: Reading
+) -> Remainder | None:
+    corrected, shifts = without_memory(model, found.applied)
+    domain = context.case.domain
+    return bound_remainder(
+        found.windows,
+        reading.record.measured,
+        (model, corrected),
+        shifts,
+        domain.tau if domain is not None else 0.0,
+        context.case.plant.integrator if domain is not None else "rk4",
+        section.confidence,
+    )
+
+
+def _write(
+    context: Context,
+    section: MeasuredSection,
+    model: SymbolicModel,
+    found: Diagnosis,
+    reading: Reading,
+    content: Mapping[str, Any],
+    paths: Sequence[Path],
+    out_dir: Path,
+) -> None:
+    """All files; the document last, so that where it stands the others do."""
+    record, title = reading.record, context.case.title or context.case.name
+    corrected, shifts = without_memory(model, found.applied)
+    sigma = np.array([found.sigma[s] for s in record.measured])
+    lacking = missing_terms(record, model, corrected, shifts, sigma)
+    stretches = overlays(found.windows, record.measured, record.inputs, found.sigma)
+    target = out_dir / CASE
+    text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"])
+    out_dir.mkdir(parents=True, exist_ok=True)
+    figures = draw(content, stretches, lacking, out_dir)
+    write_text(out_dir / PAGE, page(content, title, figures))
+    write_recording(
+        out_dir / RECORDING, found.windows, record.measured, record.inputs, context.units, context.case.name
+    )
+    write_text(target, text)
+    write_json(out_dir / JSON, content)
