@@ -8,7 +8,8 @@ import numpy as np
 
 from simgap.errors import UserError
 from simgap.gap.cells import CellGap
-from simgap.gap.lipschitz.grid import GridLipschitz, local_padding
+from simgap.gap.lipschitz.grid import GridLipschitz
+from simgap.gap.lipschitz.local import LocalPadding
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.gap.tiers import Tier, deterministic_tier, estimate_tier
@@ -80,7 +81,7 @@ def _block_maxima(
 ) -> tuple[Floats, float]:  # fmt: skip
     target, floor = samples.side(i, up), float(samples.rounding[i])
     if settings.padding == "inflate":
-        pad, share = local_padding(target, samples.grid, samples.free, floor)
+        pad, share = LocalPadding(target, samples.grid, samples.free, floor).of_target()
     else:
         h = np.where(np.isin(np.arange(len(found.constants)), samples.free), 0.0, samples.grid.h)
         reach = found.constants @ h if settings.padding == "per_axis" else found.euclidean * np.linalg.norm(h)

@@ -146,7 +146,7 @@ def _fit_linear(
         for name, targets in asked.items():
             problem = SideProblem(design, targets, samples.grid, samples.free, float(samples.rounding[i]), blank)
             fits[name] = fit_side(problem, found, settings)
-            if fits[name].rough_share > settings.rough_limit:
+            if settings.padding == "inflate" and fits[name].rough_share > settings.rough_limit:
                 raise BrokenPromise(
                     f"the residual of {samples.states[i]} is not Lipschitz at this grid: "
                     f"{100 * fits[name].rough_share:.2g} % of the cells are rough",
@@ -182,7 +182,7 @@ def _tiers(
         pads = "; ".join(
             f"{n}: {max(s.padding for s in f.values()):.3g}" for n, f in zip(samples.states, sides, strict=True)
         )
-        extra = f"The padding uses those of the residual after the fit, cell by cell; at most {pads}."
+        extra = f"The padding uses the local slopes in each cell, less those of the fit; at most {pads}."
     return deterministic_tier(settings.padding), estimate_tier(samples.states, used, rough, extra)
 
 

@@ -2,7 +2,7 @@
 
 Three ways, tightest first (t is what the side has to cover, e = t - q.p its residual, h the cell half-widths):
 
-- inflate: every cell must satisfy `e_r + sum_j L_rj h_j <= 0` with the local Lipschitz constants of e. They depend on
+- inflate: every cell must satisfy `e_r + pad_r <= 0` with the local padding of e (`lipschitz/local.py`). It depends on
   q, so the program is solved for the padded target and the padding taken again, until both agree; what is missing at
   the end is added as a constant. Since the residual is flat where the basis follows the gap, this costs least.
 - per_axis: q.p covers the samples; `sum_j (L1_j + L2_j) h_j` is added.
@@ -20,7 +20,8 @@ import numpy as np
 
 from simgap.gap.design import Design
 from simgap.gap.forms import Form
-from simgap.gap.lipschitz.grid import GridLipschitz, local_padding
+from simgap.gap.lipschitz.grid import GridLipschitz
+from simgap.gap.lipschitz.local import LocalPadding
 from simgap.gap.scenario import ScenarioResult, solve_scenario
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Floats, Grid
@@ -77,13 +78,15 @@ def fit_side(problem: SideProblem, lipschitz: GridLipschitz, settings: GapSettin
 
 def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
     plain = np.maximum.reduce(list(problem.targets))
+    local = [LocalPadding(t, problem.grid, problem.free, problem.floor) for t in problem.targets]
     result = solve_scenario(problem.design, plain, settings.objective, settings.slack)
     fits: list[SideFit] = []
     for count in range(1, _PASSES + 1):
-        values = problem.design.product(result.coefficients)
-        pads = [local_padding(t - values, problem.grid, problem.free, problem.floor) for t in problem.targets]
+        q = result.coefficients
+        values, form = problem.design.product(q), _with(problem.blank, q)
+        slopes = {j: problem.design.slope(q, j) for j in local[0].axes}
+        pads = [padding.of_residual(values, slopes.__getitem__, form.hessian_bound) for padding in local]
         padded = np.maximum.reduce([t + pad for t, (pad, _) in zip(problem.targets, pads, strict=True)])
-        form = _with(problem.blank, result.coefficients)
         missing = float((padded - values).max())
         raised = missing + _numerical(problem, form)
         top = max(float(pad.max()) for pad, _ in pads)

@@ -16,8 +16,8 @@ def supremum(form: Form, inputs: Floats, tolerance: float = 1e-7) -> tuple[float
     """Bracket (value reached, upper bound) of sup of g over the domain and the inputs (M, nu).
 
     Boxes of the domain, one set for each input, are halved along the axis that widens their range most; a box whose
-    upper bound is below the best value found is dropped. Stops when the bracket is `tolerance` of the range of g, or as narrow as
-    rounding allows.
+    upper bound is below the best value found is dropped. Stops when the bracket is `tolerance` of the range of g, or
+    as narrow as rounding allows.
 
     Raises:
         BrokenPromise: when the bracket does not close within the budget of boxes.

@@ -105,7 +105,7 @@ def check_fresh(
 def deterministic_tier(padding: str) -> Tier:
     """Tier 1 for the three padding modes."""
     how = {
-        "inflate": "the local Lipschitz constants of the fitted residual on every cell",
+        "inflate": "the local Lipschitz constants of the gap on every cell; those of the basis are analytic",
         "per_axis": "the Lipschitz constants of the gap per axis; those of the basis are analytic bounds",
         "paper": "the Lipschitz constant of the gap; that of the basis is an analytic bound",
         "cells": "the Lipschitz constants of the gap per axis",

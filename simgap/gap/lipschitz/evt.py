@@ -1,8 +1,8 @@
 """Extreme-value estimates of a Lipschitz constant from random pairs (Wood & Zhang 1996; the paper's method).
 
 Blocks of random pairs within a radius; the largest slope of each block; a three-parameter reverse Weibull fitted to
-these maxima by maximum likelihood; its location is the estimate. It is not an upper bound, and the Kolmogorov-Smirnov test
-can pass when it is wrong (see `benchmarks/lipschitz.py`), so two upper confidence limits stand beside it.
+these maxima by maximum likelihood; its location is the estimate. It is not an upper bound, and the Kolmogorov-Smirnov
+test can pass when it is wrong (see `benchmarks/lipschitz.py`), so two upper confidence limits stand beside it.
 """
 
 from __future__ import annotations

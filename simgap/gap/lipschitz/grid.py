@@ -10,6 +10,7 @@ and are covered by the jump seen there (`rough_cells`), as with Coulomb friction
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ class GridLipschitz:
 
     Attributes:
         constants: (nx,) largest slope plus change of slope along each axis; 0 along free axes.
-        slopes: (nx,) largest slope alone. ratio: (nx,) L(s) / L(2 s).
+        slopes: (nx,) largest slope alone. ratio: (nx,) resolution ratio, also taken at twice the spacing.
         euclidean: estimate of the constant in the Euclidean norm, sqrt(sum_j L_j^2).
         smooth: as `constants`, without the rough cells. rough_share: share of the cells that are rough.
         rough_box: (2, nx) box that holds the rough cells, or None. jump: largest spread of neighbours there.
@@ -75,12 +76,11 @@ def estimate(d: Floats, grid: Grid, free: tuple[int, ...] = (), floor: float = 0
     nx = len(grid.cells)
     constants, slopes, ratio, smooth = np.zeros(nx), np.zeros(nx), np.ones(nx), np.zeros(nx)
     for j in axes:
-        step, s = _steps(e, j, grid), 2.0 * grid.h[j]
-        first, second = _to_cells(step, j, grid), _bends(step, j, grid)
+        step, s = steps(e, j, grid), 2.0 * grid.h[j]
+        first, second = to_cells(step, j, grid), bends(step, j, grid)
         local = (first + second) / s
         constants[j], slopes[j] = local.max(), first.max() / s
-        wide = np.abs(_double_steps(e, j, grid)).max() / (2.0 * s)
-        ratio[j] = slopes[j] / wide if slopes[j] * s > floor else 1.0
+        ratio[j] = _resolution(e, j, grid, floor)
         smooth[j] = local[~rough].max(initial=0.0)
     share, box, jump = float(rough.mean()), None, 0.0
     if rough.any():
@@ -91,26 +91,11 @@ def estimate(d: Floats, grid: Grid, free: tuple[int, ...] = (), floor: float = 0
     return GridLipschitz(constants, slopes, ratio, smooth, share, box, jump)
 
 
-def local_padding(e: Floats, grid: Grid, free: tuple[int, ...], floor: float) -> tuple[Floats, float]:
-    """(N, M) estimate of how far e exceeds its sample anywhere in the cell, and the share of rough cells.
-
-    Smooth cells: `sum_j L_rj h_j`, slope plus change of slope, each the largest of the cell and its neighbours.
-    Rough cells: at least the largest neighbour's value, plus the padding of the smooth cells.
-    """
-    field = as_grid(e, grid)
-    axes = moving_axes(grid, free)
-    size, mode = _window(grid, axes), _modes(grid)
-    rough = rough_cells(field, grid, axes, floor)
-    pad = np.zeros_like(field)
-    for j in axes:
-        step = _steps(field, j, grid)
-        slope = _to_cells(step, j, grid) + _bends(step, j, grid)
-        pad += 0.5 * maximum_filter(slope, size=size, mode=mode)
-    if rough.any():
-        usual = float(pad[~rough].max(initial=0.0))
-        over = maximum_filter(field, size=size, mode=mode) - field
-        pad[rough] = np.maximum(pad[rough], over[rough] + usual)
-    return pad.reshape(e.shape), float(rough.mean())
+def _resolution(e: Floats, j: int, grid: Grid, floor: float) -> float:
+    """L(s) / L(2 s), or L(2 s) / L(4 s) if larger: a jump on a sample is split in two and hides from the first."""
+    top = [np.abs(double_steps(e, j, grid, cells)).max() / cells for cells in (1, 2, 4) if cells < grid.cells[j]]
+    pairs = [(a, b) for a, b in pairwise(top) if a > floor]
+    return max((float(a / b) if b > 0.0 else np.inf for a, b in pairs), default=1.0)
 
 
 def rough_cells(e: Floats, grid: Grid, axes: tuple[int, ...], floor: float) -> Mask:
@@ -121,8 +106,8 @@ def rough_cells(e: Floats, grid: Grid, axes: tuple[int, ...], floor: float) -> M
     """
     rough = np.zeros(e.shape, dtype=bool)
     for j in axes:
-        step = np.abs(_steps(e, j, grid))
-        wide = 0.5 * np.abs(_double_steps(e, j, grid))
+        step = np.abs(steps(e, j, grid))
+        wide = 0.5 * np.abs(double_steps(e, j, grid))
         out = np.zeros(step.shape, dtype=bool)
         while True:
             fine = step[~out].max(initial=0.0)
@@ -130,10 +115,10 @@ def rough_cells(e: Floats, grid: Grid, axes: tuple[int, ...], floor: float) -> M
             if fine <= max(GATE * broad, floor):
                 break
             out |= step > max(GATE * broad, 0.5 * fine, floor)
-        rough |= _to_cells(out, j, grid) > 0
+        rough |= to_cells(out, j, grid) > 0
     if not rough.any():
         return rough
-    wider = maximum_filter(rough.view(np.uint8), size=_window(grid, axes), mode=_modes(grid))
+    wider = maximum_filter(rough.view(np.uint8), size=window(grid, axes), mode=modes(grid))
     return np.asarray(wider > 0)
 
 
@@ -155,18 +140,19 @@ def moving_axes(grid: Grid, free: tuple[int, ...]) -> tuple[int, ...]:
     return axes
 
 
-def _steps(e: Floats, j: int, grid: Grid) -> Floats:
+def steps(e: Floats, j: int, grid: Grid) -> Floats:
     """Differences of neighbours along axis j; a periodic axis has one more, over the seam."""
     if j in grid.periodic:
         return np.roll(e, -1, axis=j) - e
     return np.diff(e, axis=j)
 
 
-def _double_steps(e: Floats, j: int, grid: Grid) -> Floats:
+def double_steps(e: Floats, j: int, grid: Grid, cells: int = 2) -> Floats:
+    """Differences over `cells` cells along axis j."""
     if j in grid.periodic:
-        return np.roll(e, -2, axis=j) - e
+        return np.roll(e, -cells, axis=j) - e
     n = e.shape[j]
-    return np.take(e, range(2, n), axis=j) - np.take(e, range(n - 2), axis=j)
+    return np.take(e, range(cells, n), axis=j) - np.take(e, range(n - cells), axis=j)
 
 
 def _pairs(out: Mask, j: int, grid: Grid) -> Mask:
@@ -177,16 +163,19 @@ def _pairs(out: Mask, j: int, grid: Grid) -> Mask:
     return np.take(out, range(n - 1), axis=j) | np.take(out, range(1, n), axis=j)
 
 
-def _to_cells(step: Floats | Mask, j: int, grid: Grid) -> Floats:
-    """Larger of the absolute differences on both sides of each cell."""
-    size = np.abs(step)
+def to_cells(step: Floats | Mask, j: int, grid: Grid, expected: Floats | None = None) -> Floats:
+    """Larger of the absolute differences on both sides of each cell, after subtracting `expected` of the cell."""
     if j in grid.periodic:
-        return np.maximum(size, np.roll(size, 1, axis=j))
-    first, last = np.take(size, [0], axis=j), np.take(size, [-1], axis=j)
-    return np.maximum(np.concatenate([first, size], axis=j), np.concatenate([size, last], axis=j))
+        ahead, behind = step, np.roll(step, 1, axis=j)
+    else:
+        first, last = np.take(step, [0], axis=j), np.take(step, [-1], axis=j)
+        ahead, behind = np.concatenate([step, last], axis=j), np.concatenate([first, step], axis=j)
+    if expected is None:
+        return np.maximum(np.abs(ahead), np.abs(behind))
+    return np.maximum(np.abs(ahead - expected), np.abs(behind - expected))
 
 
-def _bends(step: Floats, j: int, grid: Grid) -> Floats:
+def bends(step: Floats, j: int, grid: Grid) -> Floats:
     """Absolute second differences at each cell; at an edge that of its neighbour."""
     if j in grid.periodic:
         return np.abs(step - np.roll(step, 1, axis=j))
@@ -194,14 +183,16 @@ def _bends(step: Floats, j: int, grid: Grid) -> Floats:
     return np.concatenate([np.take(inner, [0], axis=j), inner, np.take(inner, [-1], axis=j)], axis=j)
 
 
-def _window(grid: Grid, axes: tuple[int, ...]) -> tuple[int, ...]:
+def window(grid: Grid, axes: tuple[int, ...]) -> tuple[int, ...]:
+    """Filter size that reaches the neighbours of a cell, diagonal ones included."""
     return (*(3 if j in axes else 1 for j in range(len(grid.cells))), 1)
 
 
-def _modes(grid: Grid) -> list[str]:
+def modes(grid: Grid) -> list[str]:
+    """Filter border modes."""
     return [*("wrap" if j in grid.periodic else "nearest" for j in range(len(grid.cells))), "nearest"]
 
 
 def _spread(e: Floats, grid: Grid, axes: tuple[int, ...]) -> tuple[Floats, Floats]:
-    size, mode = _window(grid, axes), _modes(grid)
+    size, mode = window(grid, axes), modes(grid)
     return minimum_filter(e, size=size, mode=mode), maximum_filter(e, size=size, mode=mode)

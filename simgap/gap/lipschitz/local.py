@@ -1,0 +1,75 @@
+"""How far the residual `e = t - q.p` of a fit may exceed its sample inside a cell.
+
+t, what a side of the bound has to cover, is known at the cell centres alone, so its slope is estimated there: the
+differences to both neighbours, and the change of slope. The slope and curvature of q.p are known, and never estimated:
+
+    pad_r = sum_j h_j max over the cell and its neighbours of ( |slope_j t - d_j q.p| + |change of slope_j t| )
+            + 1/2 sum_jk H_jk h_j h_k,                                      H_jk >= |d_jk q.p| on X x U.
+
+Where the grid does not resolve t or e (a jump), t is taken to stay within the values of the neighbouring samples,
+and the padding is at least that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.ndimage import maximum_filter
+
+from simgap.gap.lipschitz.grid import Mask, as_grid, bends, modes, moving_axes, rough_cells, steps, to_cells, window
+from simgap.geometry import Floats, Grid
+
+
+@dataclass(frozen=True, eq=False)
+class LocalPadding:
+    """Local paddings of one target t (N, M) on a grid; `floor` is the size of differences that are rounding alone."""
+
+    target: Floats
+    grid: Grid
+    free: tuple[int, ...]
+    floor: float
+
+    @cached_property
+    def axes(self) -> tuple[int, ...]:
+        """Axes along which the gap may change."""
+        return moving_axes(self.grid, self.free)
+
+    @cached_property
+    def _field(self) -> Floats:
+        return as_grid(self.target, self.grid)
+
+    @cached_property
+    def _rough(self) -> Mask:
+        return rough_cells(self._field, self.grid, self.axes, self.floor)
+
+    def of_target(self) -> tuple[Floats, float]:
+        """Padding of t itself (q = 0): (N, M), and the share of rough cells."""
+        return self.of_residual(np.zeros_like(self.target), lambda j: np.zeros((1, 1)), np.zeros((0, 0)))
+
+    def of_residual(self, values: Floats, slope: Callable[[int], Floats], curvature: Floats) -> tuple[Floats, float]:
+        """Padding of t - q.p, from q.p (N, M), its slopes at the samples, and H (nx, nx): (N, M), share of rough cells."""
+        grid, h = self.grid, self.grid.h
+        moving = np.array([h[j] if j in self.axes else 0.0 for j in range(len(h))])
+        bend = 0.5 * float(moving @ curvature @ moving) if curvature.size else 0.0
+        pad, own = np.zeros_like(self._field), np.zeros_like(self._field)
+        for j in self.axes:
+            step = steps(self._field, j, grid)
+            expected = np.broadcast_to(slope(j) * 2.0 * h[j], self.target.shape).reshape(self._field.shape)
+            local = to_cells(step, j, grid, expected) + bends(step, j, grid)
+            pad += 0.5 * self._widest(local)
+            own += 0.5 * np.abs(expected)
+        pad += bend
+        residual = self._field - values.reshape(self._field.shape)
+        rough = self._rough | rough_cells(residual, grid, self.axes, self.floor)
+        if rough.any():
+            usual = float(pad[~rough].max(initial=0.0))
+            straight = self._widest(residual)[rough] - residual[rough] + 5.0 * bend
+            flat = self._widest(self._field)[rough] - self._field[rough] + own[rough] + bend
+            pad[rough] = np.maximum(pad[rough], np.minimum(straight, flat) + usual)
+        return pad.reshape(self.target.shape), float(rough.mean())
+
+    def _widest(self, values: Floats) -> Floats:
+        return np.asarray(maximum_filter(values, size=window(self.grid, self.axes), mode=modes(self.grid)))
