@@ -33,7 +33,8 @@ def start_log(path: Path | None) -> None:
         handler: logging.Handler = RichHandler(console=Console(stderr=True), show_path=False)
     else:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handler = logging.FileHandler(path, mode="w")
+        path.write_text("")
+        handler = logging.FileHandler(path, mode="a")  # engines append to the same file
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
     logger = logging.getLogger("simgap")
     logger.handlers, logger.propagate = [handler], False

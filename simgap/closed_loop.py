@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -66,30 +67,39 @@ def closed_loop(
     sensing: Sensing,
     rng: np.random.Generator,
     stop: Callable[[Floats], bool],
-    pending: int = 0,
+    seen: Floats | None = None,
 ) -> Run:
     """Run from `start` until `steps` samples, a state where `stop` says so, or one without an admissible input.
 
-    With one sample of latency the input decided from a measurement acts one sample later; `pending` acts first.
+    `seen` is the first measurement, `start` itself if not given. With one sample of latency the input decided from a
+    measurement acts one sample later; the first input is one that the controller accepts as pending at `seen`.
     """
-    lookup = scalar_lookup(policy)
+    lookup, inputs = scalar_lookup(policy), policy.input_set
     exact = not np.any(sensing.error)
     plant.reset(start)
     x = np.array(start, dtype=np.float64)
+    y = x if seen is None else seen
+    pending = _first_pending(lookup, y, len(inputs)) if sensing.latency else 0
     states, applied = [x], []
     stuck = False
     for _ in range(steps):
         if stop(x):
             break
-        decided = lookup(x if exact else sensing.measure(x, rng), pending)
+        decided = lookup(y, pending)
         if decided < 0:
             stuck = True
             break
         now, pending = (pending, decided) if sensing.latency else (decided, 0)
-        x = plant.advance(policy.input_set[now])
+        x = plant.advance(inputs[now])
+        y = x if exact else sensing.measure(x, rng)
         states.append(x)
         applied.append(now)
     return Run(np.array(states), np.array(applied, dtype=np.int64), stuck)
+
+
+def _first_pending(lookup: Callable[[Floats, int], int], seen: Floats, count: int) -> int:
+    """The first input that may be pending at a measurement; 0 if there is none, and then the loop is stuck at once."""
+    return next((p for p in range(count) if lookup(seen, p) >= 0), 0)
 
 
 def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:
@@ -98,23 +108,23 @@ def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:
     if grid is None or choice is None:
         return lambda x, pending: int(policy.lookup(x[None], pending)[0])
     lo, hi = grid.box.lo.tolist(), grid.box.hi.tolist()
-    width, cells = (2.0 * grid.h).tolist(), list(grid.cells)
-    periodic = [j in grid.periodic for j in range(len(cells))]
-    axes = list(range(len(cells)))
-    memory = int(getattr(policy, "memory", 1))
+    width, cells, memory = (2.0 * grid.h).tolist(), list(grid.cells), int(getattr(policy, "memory", 1))
+    axes = [(j, lo[j], hi[j], width[j], cells[j], j in grid.periodic) for j in range(len(cells))]
+    floor, picked = math.floor, choice.tolist()  # a list answers faster than an array, one element at a time
 
     def find(x: Floats, pending: int) -> int:
-        flat = 0
-        for j in axes:  # the same floor as Grid.index, so that both agree on every bit
-            k = int(np.floor((x[j] - lo[j]) / width[j]))
-            if k == cells[j] and x[j] <= hi[j]:
+        flat, values = 0, x.tolist()
+        for j, low, high, size, count, wraps in axes:  # the same floor as Grid.index: both agree on every bit
+            value = values[j]
+            k = floor((value - low) / size)
+            if k == count and value <= high:
                 k -= 1
-            if periodic[j]:
-                k %= cells[j]
-            elif not 0 <= k < cells[j]:
+            if wraps:
+                k %= count
+            elif not 0 <= k < count:
                 return -1
-            flat = flat * cells[j] + k
-        return int(choice[flat * memory + pending])
+            flat = flat * count + k
+        return int(picked[flat * memory + pending])
 
     return find
 

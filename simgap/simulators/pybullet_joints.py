@@ -28,8 +28,8 @@ class PyBulletJoints(Simulator):
         self._client = p.connect(p.DIRECT)
         self._forces = joint_forces(plant, section.effects)
         self._body, self._joints = self._load(section)
-        self._position = plant.positions
-        self._velocity = plant.velocities
+        self._position, self._velocity = plant.positions, plant.velocities
+        self._single = len(self._joints) == 1 and self._forces is None and plant.inputs == ((0,),)
 
     def _load(self, section: PyBulletSection) -> tuple[int, tuple[int, ...]]:
         p, client, plant = self._p, self._client, self._plant
@@ -58,6 +58,8 @@ class PyBulletJoints(Simulator):
 
     def advance(self, u: Floats) -> Floats:
         """Hold u for tau, effects evaluated at every engine step."""
+        if self._single:
+            return self._advance_single(float(u[0]))
         p, body, client, joints = self._p, self._body, self._client, self._joints
         torques = [sum(u[i] for i in drive) for drive in self._plant.inputs]
         for _ in range(self._substeps):
@@ -72,9 +74,18 @@ class PyBulletJoints(Simulator):
             x[a], x[b] = p.getJointState(body, j, physicsClientId=client)[:2]
         return x
 
+    def _advance_single(self, torque: float) -> Floats:
+        """One joint, one input, no effects: the same calls without the loops over joints."""
+        p, body, (j,), client = self._p, self._body, self._joints, self._client
+        for _ in range(self._substeps):
+            p.setJointMotorControl2(body, j, p.TORQUE_CONTROL, force=torque, physicsClientId=client)
+            p.stepSimulation(client)
+        q, v = p.getJointState(body, j, client)[:2]
+        return np.array((q, v) if self._position == (0,) else (v, q))
+
     def rollouts(self, x: Floats, u: Floats) -> Floats:
-        """One step from each state; one joint without effects takes a path without inner loops."""
-        if len(self._joints) != 1 or self._forces is not None or self._plant.inputs != ((0,),) or self.nu != 1:
+        """One step from each state."""
+        if not self._single:
             return super().rollouts(x, u)
         p, body, (j,), client = self._p, self._body, self._joints, self._client
         (a,), (b,) = self._position, self._velocity

@@ -27,7 +27,7 @@ from simgap.stages.context import Context, log
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.regions import partial_box
 
-CHUNK = 25  # runs a worker does between two signs of life
+CHUNK = 50  # runs a worker does between two signs of life
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def _simulate(
         ]
         for k, job in enumerate(jobs):
             yield from job.result()
-            if (k + 1) % 10 == 0 or k + 1 == len(jobs):
+            if (k + 1) % 5 == 0 or k + 1 == len(jobs):
                 log.info("simulated %d of %d runs", min((k + 1) * CHUNK, len(starts)), len(starts))
 
 
@@ -158,8 +158,13 @@ def simulate_chunk(
         return not all(lo[j] <= x[j] <= hi[j] for j in axes)
 
     rng = np.random.default_rng([chunk, case.validation.seed if case.validation else 0])
+    truths = starts - error * rng.uniform(-1.0, 1.0, starts.shape)  # the starts are what is measured
+    truths = np.clip(truths, safe.lo, safe.hi)
     try:
-        return [closed_loop(simulator, controller, x, steps, sensing, rng, left) for x in starts]
+        return [
+            closed_loop(simulator, controller, x, steps, sensing, rng, left, y)
+            for x, y in zip(truths, starts, strict=True)
+        ]
     finally:
         simulator.close()
 
@@ -180,7 +185,7 @@ def _judge(
         if len(kept) < keep:
             kept.append(r)
         batch.append(r)
-        if len(batch) == 4 * CHUNK:
+        if len(batch) == 2 * CHUNK:
             flush()
     if batch:
         flush()

@@ -1,0 +1,77 @@
+"""Stage `synthesis`: the controller on the abstraction of f with its gap, or of f alone."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from simgap.dynamics.build import symbolic_model
+from simgap.dynamics.cases import nominal_model
+from simgap.gap.function import from_json
+from simgap.geometry import Floats
+from simgap.io.documents import read_json, write_json
+from simgap.provenance import provenance
+from simgap.stages.context import Context, log
+from simgap.synthesis.controller import Controller
+from simgap.synthesis.intersample import excursion, rates
+from simgap.synthesis.specifications import Specification, make_specification
+from simgap.synthesis.synthesise import Problem, synthesise
+
+
+def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, threads: int = 2) -> None:
+    """Synthesise, write the controller and its figures.
+
+    Raises:
+        UserError: a specification that does not fit the domain, or that no controller can meet, with the reason.
+    """
+    context = Context.load(case_path)
+    with context.blame():
+        problem, between = pose(context, gap_path)
+        began = time.perf_counter()
+        solution = synthesise(problem, threads)
+    log.info("%d of %d cells win (%.4f)", solution.winning.sum(), solution.free.sum(), solution.fraction)
+    log.info("synthesis took %.2f s, compilation included", time.perf_counter() - began)
+    record = provenance("synthesis", context.case, context.folder)
+    section = context.need(context.case.synthesis, "synthesis")
+    names = tuple(context.states), tuple(context.inputs)
+    Controller(problem.grid, problem.inputs, *names, solution, section.rule, record).save(out)
+    figures = {
+        "model": "with gap" if gap_path else "nominal",
+        "cells": list(problem.cells),
+        "inputs": len(problem.inputs),
+        "winning_cells": int(solution.winning.sum()),
+        "free_cells": int(solution.free.sum()),
+        "winning_fraction": solution.fraction,
+        "between_samples": dict(zip(context.states, between.tolist(), strict=True)),
+        "statistics": solution.statistics,
+        "provenance": record,
+    }
+    write_json(summary, figures)
+
+
+def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
+    """The synthesis problem of a case, and how far a path may stray from its samples, (nx,)."""
+    section = context.need(context.case.synthesis, "synthesis")
+    model = nominal_model(context.case, context.folder)
+    gap = from_json(read_json(gap_path)) if gap_path else None
+    specification: Specification = make_specification(
+        section.specification.model_dump(), tuple(context.states), context.box
+    )
+    flow = rates(symbolic_model(context.case.plant, context.folder))
+    spread = np.array([s.size for s in gap.sup().values()]) if gap else np.zeros(model.nx)
+    between, _ = excursion(flow, specification.region, context.input_set, model.tau, spread / model.tau)
+    sensing = context.case.sensing
+    error = np.array([sensing.error.get(name, 0.0) for name in context.states]) if sensing else None
+    problem = Problem(
+        model=model,
+        specification=specification.with_clearance(between),
+        cells=section.cells,
+        inputs=context.input_set,
+        periodic=tuple(context.states.index(name) for name in context.domain.periodic),
+        gap=gap.kernel() if gap else None,
+        error=error,
+        latency=sensing.latency if sensing else 0,
+    )
+    return problem, between
