@@ -36,7 +36,6 @@ class Controller:
     """Static map from measured states (and the pending input, if there is latency) to admissible inputs.
 
     Attributes:
-        grid: cells of the measured state.
         input_set: U, (M, nu).
         states, input_names: names in order.
         solution: winning domain, admissible inputs and, for reach-avoid, the value function.
@@ -44,7 +43,6 @@ class Controller:
         metadata: what made it; plain JSON values.
     """
 
-    grid: Grid
     input_set: Floats
     states: tuple[str, ...]
     input_names: tuple[str, ...]
@@ -57,8 +55,13 @@ class Controller:
             raise UserError(f"no selection rule '{self.rule}'", remedy=f"Known rules: {', '.join(RULES)}")
 
     @property
+    def grid(self) -> Grid:
+        """Cells of the measured state."""
+        return self.solution.grid
+
+    @property
     def memory(self) -> int:
-        """1, or M when the input that is still pending is part of the controller's state."""
+        """1, or M + 1 when the pending input is part of the controller's state."""
         return self.solution.memory
 
     @cached_property
@@ -161,11 +164,11 @@ class Controller:
                 if name in arrays
             }
             solution = Solution(
-                mask=arrays["mask"], value=arrays.get("value"), memory=about["memory"], statistics=about["statistics"],
+                grid=grid, mask=arrays["mask"], value=arrays.get("value"), memory=about["memory"], statistics=about["statistics"],
                 **flags,
             )  # fmt: skip
             names = tuple(about["states"]), tuple(about["inputs"])
-            return Controller(grid, arrays["input_set"], *names, solution, about["rule"], about["provenance"])
+            return Controller(arrays["input_set"], *names, solution, about["rule"], about["provenance"])
         except FileNotFoundError as error:
             raise UserError("there is no such controller", file=path, remedy="Run the synthesis stage") from error
         except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:

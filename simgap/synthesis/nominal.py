@@ -33,6 +33,8 @@ class Model(Protocol):
     @property
     def nx(self) -> int: ...  # noqa: D102
     @property
+    def kernel(self) -> Any: ...  # noqa: D102
+    @property
     def interval_kernel(self) -> Any: ...  # noqa: D102
     @property
     def jacobian_interval_kernel(self) -> Any: ...  # noqa: D102

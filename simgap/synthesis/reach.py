@@ -25,13 +25,13 @@ class Reach:
 
     Attributes:
         value: worst-case steps to the target, (cells,) int32, 0 in the target and -1 where losing.
-        mask: admissible inputs, (cells, ceil(M / 8)) uint8 as in `bits`; none in the target. None if not asked for.
+        mask: admissible inputs, (cells, ceil(M / 8)) uint8 as in `bits`; none in the target. (cells, 0) if not asked for.
         steps: the largest value.
         backend: `bit_rows` or `table`.
     """
 
     value: NDArray[np.int32]
-    mask: NDArray[np.uint8] | None
+    mask: NDArray[np.uint8]
     steps: int
     backend: str
 

@@ -123,8 +123,8 @@ def reach_by_rows(
     free: NDArray[np.uint8],
     threads: int,
     masks: bool,
-) -> tuple[NDArray[np.int32], NDArray[np.uint8] | None]:
-    """Levels and admissible inputs: flags (cells,) -> value (cells,), mask (cells, bytes) or None."""
+) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+    """Levels and admissible inputs: flags (cells,) -> value (cells,), mask (cells, bytes), (cells, 0) without masks."""
     grid = abstraction.grid
     rows, count = len(system.base), grid.cells[system.bit_axis]
     words = (count + 63) // 64
@@ -155,4 +155,4 @@ def reach_by_rows(
             partial(record, *axes, *boxes, won, fresh, system.base, system.stride, level, value, mask), rows, threads
         )
         news = fresh.any(axis=1).astype(np.uint8)
-    return value, mask if masks else None
+    return value, mask

@@ -17,8 +17,8 @@ from simgap.synthesis.threads import over_rows
 
 def reach_by_table(
     abstraction: Abstraction, target: NDArray[np.uint8], free: NDArray[np.uint8], threads: int, masks: bool
-) -> tuple[NDArray[np.int32], NDArray[np.uint8] | None]:
-    """Levels and admissible inputs: flags (cells,) -> value (cells,), mask (cells, bytes) or None."""
+) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+    """Levels and admissible inputs: flags (cells,) -> value (cells,), mask (cells, bytes), (cells, 0) without masks."""
     grid, n, shape = abstraction.grid, abstraction.grid.box.size, abstraction.shape
     row, rows = grid.cells[-1], grid.size // grid.cells[-1]
     model = (abstraction.post, abstraction.meta, abstraction.data, abstraction.table)
@@ -37,7 +37,7 @@ def reach_by_table(
         quiet[:] = 1
         state = (table, news, reach, free, quiet, value, mask)
         over_rows(partial(_level, *model, shape, n, inputs, row, *state, level), rows, threads)
-    return value, mask if masks else None
+    return value, mask
 
 
 @nb.njit(cache=True, nogil=True)

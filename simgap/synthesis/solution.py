@@ -7,21 +7,25 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.geometry import Grid
+
 
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Winning domain and all admissible inputs.
 
     Attributes:
-        winning: (cells,) bool, target cells included.
+        grid: cells of the measured state.
+        winning: (cells,) bool, where a run may start (cells of the true state); target cells included.
         mask: (cells * memory, ceil(M / 8)) uint8, bit m % 8 of byte m // 8 is input m; empty on target cells.
         value: worst-case steps to the target, (cells,) int32, -1 where losing; None for invariance.
         target: (cells,) bool, where a run may end; None for invariance.
         free: (cells,) bool, cells that the specification allows at all; winning fractions are of these.
-        memory: discrete states of the controller: 1, or M when it remembers the pending input.
+        memory: discrete states of the controller: 1, or M + 1 when it remembers the pending input (M: none yet).
         statistics: counts such as sweeps, steps and admissible pairs, and the backend that was used.
     """
 
+    grid: Grid
     winning: NDArray[np.bool_]
     mask: NDArray[np.uint8]
     free: NDArray[np.bool_]
