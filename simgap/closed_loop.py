@@ -72,18 +72,18 @@ def closed_loop(
     """Run from `start` until `steps` samples, a state where `stop` says so, or one without an admissible input.
 
     `seen` is the first measurement, `start` itself if not given. With one sample of latency the input decided from a
-    measurement acts one sample later; the first input is one that the controller accepts as pending at `seen`.
+    measurement acts one sample later; the first input is the one that the controller gives at `seen`.
     """
     lookup, inputs = scalar_lookup(policy), policy.input_set
     exact = not np.any(sensing.error)
     plant.reset(start)
     x = np.array(start, dtype=np.float64)
     y = x if seen is None else seen
-    pending = _first_pending(lookup, y, len(inputs)) if sensing.latency else 0
+    pending = lookup(y, getattr(policy, "memory", 1) - 1) if sensing.latency else 0  # "nothing is pending yet"
     states, applied = [x], []
-    stuck = False
+    stuck = pending < 0
     for _ in range(steps):
-        if stop(x):
+        if stuck or stop(x):
             break
         decided = lookup(y, pending)
         if decided < 0:
@@ -95,11 +95,6 @@ def closed_loop(
         states.append(x)
         applied.append(now)
     return Run(np.array(states), np.array(applied, dtype=np.int64), stuck)
-
-
-def _first_pending(lookup: Callable[[Floats, int], int], seen: Floats, count: int) -> int:
-    """The first input that may be pending at a measurement; 0 if there is none, and then the loop is stuck at once."""
-    return next((p for p in range(count) if lookup(seen, p) >= 0), 0)
 
 
 def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:

@@ -36,7 +36,7 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
     record = provenance("synthesis", context.case, context.folder)
     section = context.need(context.case.synthesis, "synthesis")
     names = tuple(context.states), tuple(context.inputs)
-    Controller(problem.grid, problem.inputs, *names, solution, section.rule, record).save(out)
+    Controller(problem.inputs, *names, solution, section.rule, record).save(out)
     figures = {
         "model": "with gap" if gap_path else "nominal",
         "cells": list(problem.cells),
@@ -71,6 +71,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
         inputs=context.input_set,
         periodic=tuple(context.states.index(name) for name in context.domain.periodic),
         gap=gap.kernel() if gap else None,
+        gap_axes=[j for j in range(model.nx) if j not in gap.domain.free] if gap else None,
         error=error,
         latency=sensing.latency if sensing else 0,
     )

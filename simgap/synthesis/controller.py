@@ -164,9 +164,13 @@ class Controller:
                 if name in arrays
             }
             solution = Solution(
-                grid=grid, mask=arrays["mask"], value=arrays.get("value"), memory=about["memory"], statistics=about["statistics"],
+                grid=grid,
+                mask=arrays["mask"],
+                value=arrays.get("value"),
+                memory=about["memory"],
+                statistics=about["statistics"],
                 **flags,
-            )  # fmt: skip
+            )
             names = tuple(about["states"]), tuple(about["inputs"])
             return Controller(arrays["input_set"], *names, solution, about["rule"], about["provenance"])
         except FileNotFoundError as error:

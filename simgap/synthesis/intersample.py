@@ -31,7 +31,7 @@ def rates(model: SymbolicModel) -> Rates:
 def excursion(
     rates_over: Rates, region: Box, inputs: Floats, tau: float, extra_rate: Floats | None = None
 ) -> tuple[Floats, Floats]:
-    """Bound of how far a path strays from its samples: -> (V_i tau / 2, V_i), each (nx,), in state units and per second.
+    """Bound of how far a path strays from its samples: -> (V_i tau / 2, V_i), each (nx,).
 
     Args:
         rates_over: enclosure of dx/dt over boxes, outward rounded.

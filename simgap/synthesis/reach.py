@@ -1,8 +1,8 @@
 """Reach-while-avoid: the value function is the level at which a cell is won, counted in worst-case steps to the target.
 
 Level 0 is the target. A free cell is won at level l when some input's box lies wholly in the cells of levels below l;
-the inputs that do so at that moment are exactly those that go down a level, and they are the admissible ones. Only cells
-from which a newly won cell can be reached are looked at again.
+the inputs that do so at that moment are exactly those that go down a level, and they are the admissible ones. Only
+cells from which a newly won cell can be reached are looked at again.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Reach:
 
     Attributes:
         value: worst-case steps to the target, (cells,) int32, 0 in the target and -1 where losing.
-        mask: admissible inputs, (cells, ceil(M / 8)) uint8 as in `bits`; none in the target. (cells, 0) if not asked for.
+        mask: admissible inputs, (cells, ceil(M / 8)) uint8 as in `bits`, none in the target; (cells, 0) if not asked.
         steps: the largest value.
         backend: `bit_rows` or `table`.
     """

@@ -77,7 +77,7 @@ def reason_for_empty(
 
 @nb.njit(error_model="numpy")
 def _extremes(kernel, gap, centres, inputs, out):  # type: ignore[no-untyped-def]
-    """Per centre and dimension: least and largest f_i - x_i over U, then the least -lo_i and the least hi_i of the gap."""
+    """Per centre and dimension over U: least and largest f_i - x_i, then the least -lo_i and hi_i of the gap."""
     n = centres.shape[1]
     lo, hi = np.empty(n), np.empty(n)
     for c in range(centres.shape[0]):

@@ -127,12 +127,12 @@ def _with_latency(abstraction: Abstraction, margin: tuple[int, ...], threads: in
         rounds += 1
         after = _after(abstraction, allowed, threads).reshape(grid.size, -1)
         after = window_and(embed(after, grid, larger, np.tile(full, inputs)), larger, margin)
-        served = after.reshape(larger.size, inputs, -1).any(axis=2)
+        served: NDArray[np.bool_] = np.any(after.reshape(larger.size, inputs, -1), axis=2)
         fine = crop(window_and(_pack(served, inputs), larger, margin), grid, larger)
         if np.array_equal(fine & allowed, allowed):
             break
         allowed &= fine
-    inside = allowed.any(axis=1)
+    inside: NDArray[np.bool_] = np.any(allowed, axis=1)
     first = _shared(allowed, inside, grid, margin, inputs)
     start = inside & ~_unserved(first, _near(inside, grid, margin), grid, margin)
     possible = ~window_and(embed(~allowed, grid, larger, ~np.zeros_like(full)), larger, margin)

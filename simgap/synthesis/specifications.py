@@ -166,7 +166,6 @@ class ReachAvoidSpecification(Specification):
                 remedy="Move the target, or lower the clearance",
             )
         found = reach_avoid(abstraction, target, free, threads)
-        assert_mask = found.mask if found.mask is not None else np.zeros((0, 0), np.uint8)
         return Solution(
             grid=abstraction.grid,
             winning=found.winning,

@@ -45,7 +45,7 @@ def margins(grid: Grid, error: NDArray[np.float64]) -> tuple[int, ...]:
 
 
 def padded(grid: Grid, margin: tuple[int, ...]) -> Grid:
-    """The grid with `margin` more cells on either side of each axis that ends: where a state of the grid is measured."""
+    """The grid with `margin` more cells at both ends of each axis that ends: where its states are measured."""
     width = 2.0 * grid.h
     pad = np.array([0 if j in grid.periodic else m for j, m in enumerate(margin)])
     if not pad.any():
