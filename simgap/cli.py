@@ -145,6 +145,10 @@ def main(arguments: list[str] | None = None) -> None:
     except (typer.Abort, KeyboardInterrupt):
         sys.stderr.write("simgap: interrupted\n")
         status = 130
+    finally:
+        for handler in logging.getLogger("simgap").handlers[:]:
+            logging.getLogger("simgap").removeHandler(handler)
+            handler.close()
     sys.exit(status)
 
 

@@ -66,7 +66,7 @@ class ConformalSection(Section):
 class GapSection(Section):
     """How the gap d = simulator - nominal is bounded on all of X x U, and how the bound is checked."""
 
-    basis: tuple[str, ...] | BasisSection = Field(
+    basis: tuple[str | float, ...] | BasisSection = Field(
         description="Terms of the bound as expressions over states and inputs, such as [x1^2, x1*x2, u, 1]; or a kind "
         "with options, such as {kind: monomials, degree: 2}."
     )
@@ -121,7 +121,7 @@ class GapSection(Section):
         listed = isinstance(self.basis, tuple)
         return GapSettings(
             basis="expressions" if isinstance(self.basis, tuple) else self.basis.kind,
-            basis_options={"terms": self.basis} if listed else self.basis.options(),  # type: ignore[union-attr]
+            basis_options={"terms": tuple(map(str, self.basis))} if listed else self.basis.options(),  # type: ignore[union-attr]
             objective=self.objective,
             sides=self.sides,
             padding=self.padding,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, WithJsonSchema
 
 from simgap.errors import UserError
 from simgap.units import conversion
@@ -25,4 +25,5 @@ def _to(unit: str) -> BeforeValidator:
     return BeforeValidator(read)
 
 
-Seconds = Annotated[float, _to("s")]
+_NUMBER_OR_TEXT: dict[str, Any] = {"anyOf": [{"type": "number"}, {"type": "string"}]}
+Seconds = Annotated[float, _to("s"), WithJsonSchema(_NUMBER_OR_TEXT)]

@@ -1,0 +1,105 @@
+"""Case files: the shipped ones check, mistakes are one line with file, key and remedy."""
+
+import json
+
+import jsonschema
+import pytest
+import yaml
+
+from simgap.cli import main
+from simgap.config.load import load_case
+from simgap.config.schema import schema_text
+from simgap.errors import UserError
+
+
+def shipped(root):
+    return sorted((root / "configs" / "cases").glob("*.yaml"))
+
+
+def test_shipped_cases_check_against_models_and_schema(root):
+    schema = json.loads(schema_text())
+    for path in shipped(root):
+        assert load_case(path).name == path.stem
+        jsonschema.validate(json.loads(json.dumps(yaml.safe_load(path.read_text()))), schema)
+
+
+def test_the_schema_file_is_what_the_sections_say(root):
+    assert (root / "configs" / "schema.json").read_text() == schema_text(), "run `simgap schema`"
+
+
+def test_every_key_has_a_description():
+    def walk(node, place):
+        for name, field in node.get("properties", {}).items():
+            assert field.get("description") or "$ref" in field, f"{place}.{name} has no description"
+        for name, part in node.get("$defs", {}).items():
+            walk(part, name)
+
+    walk(json.loads(schema_text()), "case")
+
+
+def test_input_steps_are_the_decimals_a_person_writes(root):
+    values = load_case(root / "configs/cases/pendulum.yaml").domain.U["u"].list()
+    assert values.tolist() == [round(-1.2 + 0.1 * k, 1) for k in range(25)]
+
+
+MISTAKES = {
+    "unknown key": ({"grid.epz": 0.1}, (), "grid.epz", "eps"),
+    "missing key": ({}, ("simulator.inertia",), "inertia", "missing"),
+    "wrong unit": ({"domain.tau": "0.005 kg"}, (), "domain.tau", "kg"),
+    "not a number": ({"domain.tau": "soon"}, (), "domain.tau", "soon"),
+    "box upside down": ({"domain.X.x1": [0.2, -0.2]}, (), "domain", "upside down"),
+    "eps not positive": ({"grid.eps": 0}, (), "grid.eps", "greater than 0"),
+    "empty U": ({"domain.U.u": {"values": []}}, (), "domain.U.u", "empty"),
+    "U upside down": ({"domain.U.u": {"min": 1, "max": -1, "step": 0.1}}, (), "domain.U.u", "empty"),
+    "state without a box": ({}, ("domain.X.x2",), "domain.X", "x2"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistakes_are_one_line_with_file_and_key(vary, mistake):
+    changes, removed, key, word = MISTAKES[mistake]
+    path = vary("pendulum", changes, removed)
+    with pytest.raises(UserError) as caught:
+        load_case(path)
+    text = str(caught.value)
+    assert "\n" not in text
+    assert str(path) in text
+    assert key in text
+    assert word in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"plant.urdf": "nowhere.urdf"}, ["nowhere.urdf", "does not exist"]),
+        ({"plant.states.x1.unit": "kg"}, ["x1.unit", "kg", "rad"]),
+        ({"plant.states.x1.unit": "deg"}, ["x1.unit", "deg", "SI"]),
+        ({"synthesis.specification.safe.x1": [0.0, 0.3]}, ["safe", "0.3"]),
+        ({"synthesis.specification.safe.x9": [0.0, 0.3]}, ["x9"]),
+    ],
+)
+def test_mistakes_that_a_stage_meets_leave_status_2_and_no_file(vary, tmp_path, capsys, changes, words):
+    path, out = vary("pendulum", changes), tmp_path / "out" / "controller.npz"
+    with pytest.raises(SystemExit) as caught:
+        main(["synthesis", str(path), "--out", str(out), "--summary", str(tmp_path / "out" / "s.json"), "--log", str(tmp_path / "l")])
+    assert caught.value.code == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert str(path) in line or "nowhere.urdf" in line
+    for word in words:
+        assert word in line
+    assert not list(out.parent.glob("*")) if out.parent.exists() else True
+
+
+def test_a_moving_link_without_inertia_is_refused(vary, root, tmp_path, capsys):
+    text = (root / "configs/models/pendulum.urdf").read_text()
+    start, end = text.index("<inertial>"), text.index("</inertial>") + len("</inertial>")
+    bare = tmp_path / "bare.urdf"
+    bare.write_text(text[:start] + text[end:])
+    path = vary("pendulum", {"plant.urdf": str(bare)})
+    with pytest.raises(SystemExit) as caught:
+        main(["rollouts", str(path), "--eps", "0.1", "--out", str(tmp_path / "x.parquet"), "--log", str(tmp_path / "l")])
+    assert caught.value.code == 2
+    error = capsys.readouterr().err
+    assert "rod" in error
+    assert "inertia" in error
+    assert not (tmp_path / "x.parquet").exists()
