@@ -33,7 +33,7 @@ def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonErr
 
     At each instant the state is estimated from the samples of the last `LOOK_BACK_S` seconds alone (at least
     `LOOK_BACK_SAMPLES`), then the model runs on the recorded input; E is the RMS error at the end. F adds to the noise
-    of the sample at the end what the noise of the look-back does to the state estimate, by the model's own linearisation.
+    of the sample at the end what the noise of the look-back does to the state estimate, by the model's linearisation.
     Returns None if no stretch is long enough.
     """
     base, middle, end = _instants(problem, horizon)

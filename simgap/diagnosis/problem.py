@@ -71,10 +71,10 @@ class Problem:
     def states(self, theta: Floats, x0: Floats) -> Floats:
         """Simulated states of all windows: theta, (w, nx) -> (rows, nx)."""
         level, excess, delay, lag = self._drive(theta)
-        w, rows = self.windows, self.rows
+        w, rows, constants = self.windows, self.rows, self.model.constants_at(theta)
         out = np.empty((int(rows[-1]), x0.shape[1]))
         simulate(
-            self.model.rhs, self.t, level, excess, delay, lag, theta, np.ascontiguousarray(x0), w.first, w.start,
+            self.model.rhs, self.t, level, excess, delay, lag, constants, np.ascontiguousarray(x0), w.first, w.start,
             w.stop, np.ascontiguousarray(rows[:-1]), self.model.speed, self.h_max, out,
         )  # fmt: skip
         return out

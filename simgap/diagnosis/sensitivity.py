@@ -1,8 +1,8 @@
 """Sensitivities of the windows to parameters, with the initial states projected out.
 
-Columns are central differences of the simulation (forward at a physical limit), with a step chosen so that the response
-is a fraction of the noise; the simulation is exact at friction reversals and input switches, so that it is smooth
-enough for that. Eliminating the initial state of each window by a QR factorisation is variable projection: Golub,
+Columns are one-sided differences of the simulation, with a step so small that the response is a fraction of the noise
+and the curvature vanishes beside it; the simulation is exact at friction reversals and input switches, so that it is
+smooth enough for that. Eliminating the initial state of each window by QR is variable projection: Golub,
 Pereyra (1973), SIAM J. Numer. Anal. 10(2).
 """
 
@@ -67,11 +67,13 @@ def _solve_triangular(r: Floats, b: Floats) -> Floats:
 
 
 def slot_direction(problem: Problem, theta: Floats, slot: int, step: float) -> Direction:
-    """Central difference in one parameter; one-sided at a limit of the parameter."""
-    plus, minus = theta.copy(), theta.copy()
-    plus[slot] = min(theta[slot] + step, problem.model.upper[slot])
-    minus[slot] = max(theta[slot] - step, problem.model.lower[slot])
-    return Direction(plus, minus, float(plus[slot] - minus[slot]))
+    """One-sided difference in one parameter, away from its limits."""
+    moved = theta.copy()
+    if theta[slot] + step <= problem.model.upper[slot]:
+        moved[slot] += step
+        return Direction(moved, theta, step)
+    moved[slot] -= step
+    return Direction(theta, moved, step)
 
 
 def choose_step(problem: Problem, theta: Floats, x0: Floats, slot: int, guess: float) -> float:
@@ -103,7 +105,7 @@ def chunks(problem: Problem) -> Iterator[slice]:
 
 def state_steps(problem: Problem, x0: Floats) -> Floats:
     """Difference steps for the initial states, (nx,)."""
-    return 1e-5 * (0.1 + np.abs(x0).max(axis=0))
+    return 1e-6 * (0.1 + np.abs(x0).max(axis=0))
 
 
 def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction]) -> Linearised:
@@ -147,8 +149,7 @@ def _columns(
     for i, step in enumerate(steps):
         shift = np.zeros(x0.shape[1])
         shift[i] = step
-        low, high = problem.residuals(theta, x0 - shift), problem.residuals(theta, x0 + shift)
-        states[:, i] = (low - high).ravel() / (2 * step)
+        states[:, i] = (centre - problem.residuals(theta, x0 + shift).ravel()) / step
     return centre, columns, states
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,11 @@ from numba import float64 as f64
 from numba import njit, types, void
 from numpy.typing import NDArray
 
-from simgap.diagnosis.simulate import RHS_SIGNATURE
+from simgap.diagnosis.rhs import Costly, compile_dynamics, is_costly
 from simgap.dynamics.compile import Kernel, compile_kernel
 from simgap.dynamics.model import SymbolicModel, symbol
 from simgap.effects import EFFECTS, Effect, StaticInputEffect
-from simgap.effects.base import InputEffect
+from simgap.effects.base import CoordinateEffect, InputEffect
 from simgap.effects.input_delay import InputDelay
 from simgap.effects.input_lag import InputLag
 from simgap.errors import UserError
@@ -53,7 +53,8 @@ class SuperModel:
         candidates: every effect that may be tried, on every target.
         null: theta at which no effect acts.
         speed: index of the velocity of each coordinate (dry friction acts on these).
-        rhs: numba, `RHS_SIGNATURE`; its u is what the plant feels.
+        rhs: numba, `RHS_SIGNATURE`; its u is what the plant feels, its third argument what `constants` returns.
+        constants: numba (theta) -> tuple, all that the dynamics need of the parameters.
         static: numba (u rows (n, m), theta, out (n, m)): commands through gain, bias, dead zone and saturation.
         read: numba (x rows (n, nx), theta, out (n, k)): what the measured channels read.
         delay_slots, lag_slots: (m,) places in theta of each input's delay and lag, -1 if not a candidate.
@@ -68,6 +69,7 @@ class SuperModel:
     speed: NDArray[np.int64]
     measured: tuple[str, ...]
     rhs: Any
+    constants: Any
     static: Any
     read: Any
     delay_slots: tuple[int, ...]
@@ -78,6 +80,10 @@ class SuperModel:
     def nx(self) -> int:
         """Number of states."""
         return len(self.model.states)
+
+    def constants_at(self, theta: Floats) -> Floats:
+        """What the dynamics need of the parameters."""
+        return np.array(self.constants(theta), dtype=np.float64)
 
     @property
     def input_slots(self) -> tuple[int, ...]:
@@ -90,7 +96,7 @@ class SuperModel:
 
 
 def build_supermodel(
-    model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = (), *, null_only: bool = False
+    model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = ()
 ) -> SuperModel:
     """Put every effect of the library (or those named) on every target and compile the result once.
 
@@ -103,7 +109,7 @@ def build_supermodel(
     for name in measured:
         if name not in model.state_names:
             raise UserError(f"'{name}' is measured but not a state", remedy=f"States: {list(model.state_names)}.")
-    chosen = [e for e in EFFECTS.values() if (not effects or e.name in effects) and not null_only]
+    chosen = [e for e in EFFECTS.values() if not effects or e.name in effects]
     candidates, specs = [], []
     for e in chosen:
         for on in e.targets(model):
@@ -112,18 +118,19 @@ def build_supermodel(
             candidates.append(Candidate(e, on, tuple(range(len(specs), len(specs) + len(e.parameters)))))
             specs += list(e.parameters)
     theta = tuple(symbol(f"theta_{k}") for k in range(len(specs)))
-    plant, commands = _insert(model, candidates, theta)
+    plant, costly, commands = _insert(model, candidates, theta)
     values = model.values()
-    rhs, speed = _compile_rhs(plant, theta, values)
+    dynamics = compile_dynamics(plant, costly, theta)
     return SuperModel(
         model=model,
         candidates=tuple(candidates),
         null=np.array([p.null for p in specs]),
         lower=np.array([p.lower for p in specs]),
         upper=np.array([p.upper for p in specs]),
-        speed=speed,
+        speed=dynamics.speed,
         measured=measured,
-        rhs=rhs,
+        rhs=dynamics.rhs,
+        constants=dynamics.constants,
         static=_rowwise(compile_kernel(_numeric(commands, values), ([v.symbol for v in model.inputs], theta))),
         read=_rowwise(compile_kernel(_numeric(_readings(plant, measured), values), (_symbols(plant), theta))),
         delay_slots=_slots(model, candidates, InputDelay),
@@ -134,16 +141,29 @@ def build_supermodel(
 
 def _insert(
     model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.Symbol, ...]
-) -> tuple[SymbolicModel, list[sp.Expr]]:
-    """The plant as a function of what it feels, and what it feels as a function of the command (without dynamics)."""
+) -> tuple[SymbolicModel, Costly, list[sp.Expr]]:
+    """The plant as a function of what it feels, costly terms apart, and what it feels as a function of the command."""
     plant, path = model, {n: symbol(n) for n in model.input_names}
+    forces: list[tuple[Candidate, sp.Expr, sp.Expr]] = []
     for c in candidates:
         values = {p.symbol: theta[k] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
-        if isinstance(c.effect, StaticInputEffect):  # inserted from the plant backwards to the command
+        if isinstance(c.effect, CoordinateEffect):
+            joint = plant.coordinate(c.on)
+            away = sum(sp.Abs(theta[k] - p.null) for p, k in zip(c.effect.parameters, c.slots, strict=True))
+            forces.append((c, c.effect.force(symbol(joint.position), symbol(joint.velocity), values), away))
+        elif isinstance(c.effect, StaticInputEffect):  # inserted from the plant backwards to the command
             path[c.on] = path[c.on].subs(symbol(c.on), c.effect.applied(symbol(c.on), values))
         elif not isinstance(c.effect, InputEffect):
             plant = c.effect.insert(plant, c.on, values)
-    return plant, [path[n] for n in model.input_names]
+    extra = [sp.Integer(0) for _ in plant.states]
+    gate = sp.Integer(0)
+    for c, force, away in forces:  # after the plant's own parameters, on which the columns depend
+        if is_costly(force):
+            extra = [e + column * force for e, column in zip(extra, plant.force_map[c.on], strict=True)]
+            gate += away
+        else:
+            plant = plant.with_force(c.on, force)
+    return plant, Costly(tuple(extra), gate), [path[n] for n in model.input_names]
 
 
 def _symbols(model: SymbolicModel) -> list[sp.Symbol]:
@@ -163,25 +183,6 @@ def _slots(model: SymbolicModel, candidates: list[Candidate], kind: type[Effect]
     return tuple(places.get(n, -1) for n in model.input_names)
 
 
-def _compile_rhs(
-    plant: SymbolicModel, theta: tuple[sp.Symbol, ...], values: dict[sp.Symbol, float]
-) -> tuple[Any, NDArray[np.int64]]:
-    speeds = [symbol(c.velocity) for c in plant.coordinates]
-    signs = [symbol(f"sign_{k}") for k in range(len(speeds))]
-    swap = {sp.sign(v): s for v, s in zip(speeds, signs, strict=True)}
-    xdot = [e.subs(swap) for e in _numeric(plant.xdot, values)]
-    kernel = compile_kernel(xdot, (_symbols(plant), [v.symbol for v in plant.inputs], theta, signs))
-    nx = len(plant.states)
-
-    def rhs(x: Any, u: Any, th: Any, s: Any, out: Any) -> None:
-        derivative = kernel(x, u, th, s)
-        for i in range(nx):
-            out[i] = derivative[i]
-
-    index = [plant.state_names.index(c.velocity) for c in plant.coordinates]
-    return njit(RHS_SIGNATURE, error_model="numpy")(rhs), np.array(index, dtype=np.int64)
-
-
 def _rowwise(kernel: Kernel) -> Any:
     def rows(x: Any, th: Any, out: Any) -> None:
         for k in range(x.shape[0]):
@@ -190,12 +191,6 @@ def _rowwise(kernel: Kernel) -> Any:
                 out[k, i] = values[i]
 
     return njit(void(_ROWS, f64[::1], _ROWS), error_model="numpy")(rows)
-
-
-def restrict(model: SuperModel, keep: Collection[tuple[str, str]]) -> SuperModel:
-    """The same compiled model with fewer candidates."""
-    return replace(model, candidates=tuple(c for c in model.candidates if c.key in keep))
-
 
 
 _COMPILED: dict[str, SuperModel] = {}
