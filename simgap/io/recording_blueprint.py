@@ -1,0 +1,114 @@
+"""How the viewer opens a recording: the scene and the winning domains on the left, curves on the right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from simgap.diagnosis.words import pretty_unit
+from simgap.io.recording import TIMELINE, TITLES, Content, PlanarScene, root
+from simgap.io.traces import ROBUST, twin
+
+
+def blueprint(content: Content) -> Any:
+    """The blueprint of a case: tabs for the two controllers' gaps, everything else side by side."""
+    import rerun.blueprint as rrb
+
+    left: list[Any] = [_scene(content)] if content.scene is not None else []
+    if len(content.states) >= 2:
+        left.append(rrb.Spatial2DView(name="Winning domains and runs", origin="/phase", contents="$origin/**"))
+    words = [
+        rrb.TextDocumentView(name="What this shows", origin="/about"),
+        rrb.TextLogView(name="Events", origin="/shown", contents=[f"/shown/{c}/events" for c in content.shown]),
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(*left, rrb.Horizontal(*words), row_shares=[*([3.0] * len(left)), 2.0]),
+            _curves(content),
+            _gaps(content),
+            column_shares=[9, 6, 6],
+        ),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+        auto_views=False,
+    )
+
+
+def _scene(content: Content) -> Any:
+    import rerun.blueprint as rrb
+
+    planar = isinstance(content.scene, PlanarScene)
+    name = "Arena, robots and paths" if planar else "The plant under both controllers; grey: the nominal model"
+    return rrb.Spatial3DView(name=name, origin="/scene", eye_controls=_eye(content), line_grid=False)
+
+
+def _eye(content: Content) -> Any:
+    import rerun.blueprint as rrb
+
+    if isinstance(content.scene, PlanarScene):
+        arena = content.scene.arena
+        x, y = 0.5 * (arena.lo + arena.hi)
+        high = 1.15 * float(max(arena.hi - arena.lo))
+        return rrb.EyeControls3D(position=(x, y - 0.75 * high, high), look_target=(x, y, 0.0), eye_up=(0.0, 0.0, 1.0))
+    return rrb.EyeControls3D(position=(0.55, -1.9, -0.15), look_target=(0.0, 0.2, -0.5), eye_up=(0.0, 0.0, 1.0))
+
+
+def _label(name: str, unit: str) -> str:
+    unit = pretty_unit(unit)
+    return f"{name} ({unit})" if unit else name
+
+
+def first_seconds(content: Content) -> float:
+    """How much of the runs the curves show at first: enough to see the shortest run end, s."""
+    durations = [t.duration for t in content.shown.values()]
+    return max(0.05 * max(durations), min(max(durations), 6.0 * min(durations)))
+
+
+def _plot(content: Content, name: str, contents: Sequence[str]) -> Any:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    boundary = rrb.TimeRangeBoundary.absolute
+    window = rr.TimeRange(boundary(seconds=0.0), boundary(seconds=first_seconds(content)))
+    return rrb.TimeSeriesView(
+        name=name,
+        origin="/",
+        contents=list(contents),
+        axis_x=rrb.TimeAxis(view_range=window),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
+    )
+
+
+def _curves(content: Content) -> Any:
+    """States against the safe set, inputs, the value function."""
+    import rerun.blueprint as rrb
+
+    models = [m for t in content.shown.values() if (m := twin(content.traces, t)) is not None]
+    views = []
+    for name in content.states:
+        runs = [f"/{root(t)}/state/{name}" for t in (*content.shown.values(), *models)]
+        views.append(_plot(content, _label(name, content.units.get(name, "")), [f"/safe_set/{name}/**", *runs]))
+    for name in content.inputs:
+        runs = [f"/{root(t)}/input/{name}" for t in content.shown.values()]
+        views.append(_plot(content, f"input {_label(name, content.units.get(name, ''))}", runs))
+    if any(c.solution.value is not None for c in content.controllers.values()):
+        values = [f"/shown/{controller}/value" for controller in content.shown]
+        views.append(_plot(content, "Value function: steps to the target", values))
+    return rrb.Vertical(*views, name="States and inputs")
+
+
+def _gaps(content: Content) -> Any:
+    """Gap against bound for each controller, a tab each, and where in its bound the gap lies."""
+    import rerun.blueprint as rrb
+
+    tabs = []
+    for controller, trace in content.shown.items():
+        views = []
+        for name in content.states:
+            label = _label(name, content.units.get(name, ""))
+            views.append(_plot(content, f"gap of {label} and its bound", [f"/{root(trace)}/gap/{name}/**"]))
+            share = ["/bound/**", f"/shown/{controller}/share/{name}"]
+            views.append(_plot(content, f"where the gap of {name} lies in its bound, ±1", share))
+        tabs.append(rrb.Vertical(*views, name=f"Gap, {TITLES[controller]}"))
+    return rrb.Tabs(*tabs, active_tab=list(content.shown).index(ROBUST))

@@ -1,0 +1,107 @@
+"""Closed-loop traces as one finds them in `traces.parquet`: a run at a time, with states, inputs, gap and its bound."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from simgap.errors import UserError
+from simgap.geometry import Floats
+from simgap.io.parquet import stack
+
+SIMULATOR, MODEL = "simulator", "nominal model"
+ROBUST, NOMINAL = "gap", "nominal"
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One run of one controller on one plant; row k is the sample at `t[k]`.
+
+    Attributes:
+        controller: "gap" or "nominal"; plant: "simulator" or "nominal model"; run: its number.
+        t: (n,) seconds; x: (n, nx); u: (n, nu) held from there on, NaN in the last row.
+        d, lo, hi: (n, nx) gap of the step that starts there and its bound, NaN in the last row.
+        safe: (n,) whether the state satisfies the safety part of the specification.
+    """
+
+    controller: str
+    plant: str
+    run: int
+    t: Floats
+    x: Floats
+    u: Floats
+    d: Floats
+    lo: Floats
+    hi: Floats
+    safe: NDArray[np.bool_]
+
+    @property
+    def violates(self) -> bool:
+        """Whether some sample is unsafe."""
+        return not bool(self.safe.all())
+
+    @property
+    def duration(self) -> float:
+        """Time of the last sample, s."""
+        return float(self.t[-1])
+
+
+def split(table: pa.Table, states: Sequence[str], inputs: Sequence[str]) -> list[Trace]:
+    """All runs of a table of traces, in its order.
+
+    Raises:
+        UserError: a table that lacks columns of traces.
+    """
+    wanted = ["controller", "plant", "run", "step", "sim_time", *states, *inputs, "safe"]
+    missing = [name for name in wanted if name not in table.column_names]
+    if missing:
+        raise UserError(f"not a table of traces: no column {missing[0]}", remedy="Run the validation stage again.")
+    keys = table.select(["controller", "plant", "run"]).group_by(["controller", "plant", "run"], use_threads=False)
+    return [_one(table, states, inputs, *row.values()) for row in keys.aggregate([]).to_pylist()]
+
+
+def _one(table: pa.Table, states: Sequence[str], inputs: Sequence[str], controller: str, plant: str, run: int) -> Trace:
+    chosen = pc.and_(pc.equal(table["controller"], controller), pc.equal(table["plant"], plant))
+    rows = table.filter(pc.and_(chosen, pc.equal(table["run"], run))).sort_by("step")
+    columns = {prefix: stack(rows, [f"{prefix}_{n}" for n in states]) for prefix in ("gap", "lo", "hi")}
+    return Trace(
+        controller=controller,
+        plant=plant,
+        run=run,
+        t=rows["sim_time"].to_numpy(),
+        x=stack(rows, states),
+        u=stack(rows, inputs) if inputs else np.empty((rows.num_rows, 0)),
+        d=columns["gap"],
+        lo=columns["lo"],
+        hi=columns["hi"],
+        safe=rows["safe"].to_numpy(),
+    )
+
+
+def shown(traces: Sequence[Trace], controller: str) -> Trace:
+    """The run of a controller in the simulator that the pictures show.
+
+    The one that takes longest to violate if there are any that do, so that a reader sees how it comes about, and the
+    first one otherwise.
+
+    Raises:
+        UserError: no trace of this controller.
+    """
+    own = [t for t in traces if t.controller == controller and t.plant == SIMULATOR]
+    if not own:
+        raise UserError(
+            f"there is no trace of the {controller} controller in the simulator",
+            remedy="Run the validation stage again.",
+        )
+    violating = [t for t in own if t.violates]
+    return max(violating, key=lambda t: t.duration) if violating else own[0]
+
+
+def twin(traces: Sequence[Trace], of: Trace) -> Trace | None:
+    """The run of the same controller from the same start on the nominal model."""
+    return next((t for t in traces if (t.controller, t.plant, t.run) == (of.controller, MODEL, of.run)), None)
