@@ -1,0 +1,55 @@
+"""Sections of a case with a wheeled robot: its engine, its hidden state, its symmetry."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from simgap.config.base import Section
+
+
+class WheeledSection(Section):
+    """PyBullet over a differential-drive URDF: wheels in contact with a floor, torque-limited velocity motors."""
+
+    engine: Literal["pybullet_wheeled"] = Field("pybullet_wheeled", description="Which engine.")
+    urdf: str = Field(description="Model file, relative to the case file; its root lies midway between the wheels.")
+    left: str = Field("left_wheel", description="Joint of the left wheel.")
+    right: str = Field("right_wheel", description="Joint of the right wheel.")
+    wheel_radius: float = Field(gt=0, description="Radius that turns speeds into wheel speeds, m.")
+    track: float = Field(gt=0, description="Distance between the wheels that does so, m.")
+    torque: float = Field(gt=0, description="Largest torque of a wheel motor, N m.")
+    floor_friction: float = Field(gt=0, description="Friction coefficient of the floor (times that of the tyre).")
+    payload: float = Field(0.0, ge=0, description="Mass added to the base, its inertia scaled alike, kg.")
+    substeps: int = Field(100, ge=1, description="Engine steps within tau.")
+    poses: int = Field(20, ge=1, description="Poses recorded within tau, evenly spaced; divides substeps.")
+    settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
+
+
+class SymmetrySection(Section):
+    """The gap depends on position and heading through the body frame alone (SE(2)); measured, not believed."""
+
+    group: Literal["planar"] = Field("planar", description="planar: position and heading of `plant.symbolic.wheels`.")
+    headings: int = Field(8, ge=1, description="Random headings at which each checked history is repeated.")
+    histories: int = Field(100, ge=1, description="Random histories that are repeated at them.")
+    tolerance: dict[str, float] = Field(
+        description="For each state the largest deviation between headings; above it the stage fails."
+    )
+    seed: int = Field(3, ge=0, description="Of histories and headings.")
+
+
+class HiddenStateSection(Section):
+    """What earlier inputs leave behind in the simulator, and how it is covered."""
+
+    previous: dict[str, int] = Field(
+        description="For each input how many of its values stand for the previous input: the extremes and between."
+    )
+    length: int = Field(
+        4, ge=1, description="Longest histories tried; the bound must stop growing by then (inputs before the present)."
+    )
+    chains: int = Field(40, ge=2, description="Random input sequences that look for what the previous inputs missed.")
+    chain_length: int = Field(500, ge=10, description="Samples in each of them.")
+    growth: float = Field(
+        0.1, gt=0, description="Largest growth with longer histories, relative to the bound's sup, that counts as none."
+    )
+    seed: int = Field(2, ge=0, description="Of the random sequences.")
