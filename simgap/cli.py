@@ -122,6 +122,94 @@ def validation(
 
 
 @app.command()
+def trace(
+    case: CasePath,
+    nominal: Annotated[Path, typer.Option(help="Controller made for the nominal model.")],
+    robust: Annotated[Path, typer.Option(help="Controller made for the model with its gap.")],
+    traces: Annotated[Path, typer.Option(help="Traces that the validation kept (Parquet).")],
+    out: Out,
+    log: Log = None,
+) -> None:
+    """Record the closed loop for Rerun, and read the recording back."""
+    from simgap.stages import trace as stage
+
+    start_log(log)
+    stage.run(case, nominal, robust, traces, out)
+
+
+@app.command()
+def report(
+    case: CasePath,
+    gaps: Annotated[list[Path], typer.Option("--gap", help="gap.json of each eps.")],
+    samples: Annotated[Path, typer.Option(help="Thinned samples of the gap (Parquet).")],
+    nominal: Annotated[Path, typer.Option(help="Folder of the nominal model's synthesis.")],
+    robust: Annotated[Path, typer.Option(help="Folder of the synthesis with the gap.")],
+    validation: Annotated[Path, typer.Option(help="Folder of the validation.")],
+    out: Out,
+    summary: Annotated[Path, typer.Option(help="File for the figures that a script wants (JSON).")],
+    diagnosis: Annotated[Path | None, typer.Option(help="Folder of a diagnosis, if there is one.")] = None,
+    log: Log = None,
+) -> None:
+    """Write the page of a case: pictures, tables and what the guarantee rests on."""
+    from simgap.stages import report as stage
+
+    start_log(log)
+    stage.run(case, stage.Inputs(gaps, samples, nominal, robust, validation, diagnosis), out, summary)
+
+
+@app.command()
+def index(
+    summaries: Annotated[list[Path], typer.Option("--summary", help="summary.json of each case.")],
+    out: Out,
+    log: Log = None,
+) -> None:
+    """Write the page that links the reports of all cases."""
+    from simgap.stages import index as stage
+
+    start_log(log)
+    stage.run(summaries, out)
+
+
+@app.command()
+def rig(
+    file: Annotated[Path, typer.Argument(help="Rig file (YAML).", show_default=False)], out: Out, log: Log = None
+) -> None:
+    """Move a stand-in for hardware and record it."""
+    from simgap.stages import rig as stage
+
+    start_log(log)
+    stage.run(file, out, log)
+
+
+@app.command()
+def diagnose(
+    case: CasePath,
+    data: Annotated[list[Path] | None, typer.Argument(help="Recordings; those of the case if none is given.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("diagnosis"),
+    log: Log = None,
+) -> None:
+    """Find the physical effect that the nominal model lacks, from recordings."""
+    from rich.console import Console
+
+    from simgap.stages import diagnosis as stage
+
+    start_log(log or out / "diagnosis.log")
+    console = Console(stderr=True)
+    with console.status("starting") as status:
+        result = stage.run(case, data or [], out, status.update)
+    Console().print(f"{result['verdict']}: {result['sentence']}", soft_wrap=True, highlight=False)
+    Console().print(f"Report: {out / 'report.html'}", soft_wrap=True, highlight=False)
+
+
+@app.command()
+def effects(case: Annotated[Path | None, typer.Argument(help="Case file; lists what it can act on.")] = None) -> None:
+    """List the effects with formula, parameters and units; with a case, what each can act on."""
+    from simgap.stages.effects import listing
+
+    typer.echo(listing(case))
+
+
+@app.command()
 def schema(out: Annotated[Path, typer.Option(help="File to write.")] = Path("configs/schema.json")) -> None:
     """Write the JSON schema of case files, for editors that complete and check."""
     from simgap.config.schema import schema_text

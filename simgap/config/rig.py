@@ -1,0 +1,46 @@
+"""A rig file: an experiment on a stand-in for hardware, which leaves recordings and nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field, ValidationError
+
+from simgap.config.base import Section
+from simgap.config.load import read_yaml
+from simgap.errors import UserError
+
+
+class Excitation(Section):
+    """A random-phase multisine on every input."""
+
+    amplitude: float = Field(gt=0, description="Largest |u|, in the unit of the input.")
+    low: float = Field(0.1, gt=0, description="Lowest frequency, Hz.")
+    high: float = Field(8.0, gt=0, description="Highest frequency, Hz.")
+
+
+class Rig(Section):
+    """Which case's simulator stands in for hardware, how it is moved and what is measured."""
+
+    case: str = Field(description="Case file whose simulator is the rig, relative to this file.")
+    traces: int = Field(2, ge=1, description="How many recordings, each from rest at the origin.")
+    seconds: float = Field(15.0, gt=0, description="Length of each, s.")
+    excitation: Excitation = Field(description="What the inputs do.")
+    noise: dict[str, float] = Field(
+        min_length=1, description="For each state that is measured, the standard deviation of its noise."
+    )
+    seed: int = Field(0, ge=0, description="Seed of phases and noise.")
+
+
+def load_rig(path: Path) -> Rig:
+    """Read a rig file.
+
+    Raises:
+        UserError: missing file, unknown, missing or wrong key.
+    """
+    try:
+        return Rig.model_validate(read_yaml(path))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"]) or None
+        raise UserError(str(first["msg"]), file=path, key=key, remedy="See configs/rigs/pendulum.yaml.") from None

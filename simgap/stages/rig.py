@@ -1,0 +1,67 @@
+"""Stage `rig`: recordings of a stand-in for hardware; what the rig is made of goes into no file that a diagnosis reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from simgap.config.case import Case
+from simgap.config.rig import Rig, load_rig
+from simgap.errors import UserError
+from simgap.excitation import multisine
+from simgap.geometry import Floats
+from simgap.io.parquet import table, write_parquet
+from simgap.simulators.process import run_in_processes
+from simgap.stages.context import Context, log
+
+
+def run(rig_path: Path, out: Path, engine_log: Path | None = None) -> None:
+    """Move the rig and write what its sensors and its drive recorded.
+
+    Raises:
+        UserError: a rig that names states which the case does not have.
+    """
+    rig = load_rig(rig_path)
+    context = Context.load(rig_path.parent / rig.case)
+    unknown = [name for name in rig.noise if name not in context.states]
+    if unknown:
+        raise UserError(f"{unknown} are not states", file=rig_path, key="noise", remedy=f"States: {context.states}.")
+    tau = context.domain.tau
+    rng = np.random.default_rng(rig.seed)
+    t = tau * np.arange(round(rig.seconds / tau))
+    band = rig.excitation
+    jobs, parts = [], []
+    for _ in range(rig.traces):
+        u = np.stack([multisine(t, band.amplitude, band.low, band.high, rng) for _ in context.inputs], axis=1)
+        jobs.append((context.case, context.folder, u))
+    for number, (x, (_, _, u)) in enumerate(zip(run_in_processes(move, jobs, log=engine_log), jobs, strict=True)):
+        parts.append(recording(context, rig, number, t, x, u, rng))
+    write_parquet(out, pa.concat_tables(parts))
+    log.info("recorded %d traces of %g s", rig.traces, rig.seconds)
+
+
+def recording(
+    context: Context, rig: Rig, number: int, t: Floats, x: Floats, u: Floats, rng: np.random.Generator
+) -> pa.Table:
+    """One trace: time, the measured states with noise, the inputs."""
+    columns: dict[str, Floats] = {"t": t}
+    for name, sigma in rig.noise.items():
+        columns[name] = x[:, context.states.index(name)] + rng.normal(0.0, sigma, len(t))
+    columns |= {name: u[:, j] for j, name in enumerate(context.inputs)}
+    return table(columns, context.units | {"t": "s"}, {"trace": number}, {"recorded": "rig"})
+
+
+def move(case: Case, folder: Path, u: Floats) -> Floats:
+    """Run in the engine's process: states at the sampling instants, from rest at the origin."""
+    from simgap.simulators.build import make_simulator
+
+    simulator = make_simulator(case, folder)
+    try:
+        x = [np.zeros(simulator.nx)]
+        simulator.reset(x[0])
+        x += [simulator.advance(row) for row in u[:-1]]
+        return np.array(x)
+    finally:
+        simulator.close()
