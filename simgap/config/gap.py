@@ -100,8 +100,8 @@ class GapSection(Section):
     )
     confidence: float = Field(0.95, gt=0.5, lt=1.0, description="Of the Clopper-Pearson bound.")
     envelope_nodes: int = Field(200_000, ge=16, description="envelope: most numbers in the table that is saved.")
-    lipschitz: LipschitzSection = Field(LipschitzSection(), description="Lipschitz estimates.")
-    conformal: ConformalSection = Field(ConformalSection(), description="Split conformal bound.")
+    lipschitz: LipschitzSection = Field(LipschitzSection(), description="How Lipschitz constants are estimated.")
+    conformal: ConformalSection = Field(ConformalSection(), description="Options of the conformal bound.")
     seed: int = Field(1, ge=0, description="Of the fresh samples and of everything random in the fit.")
 
     @field_validator("basis", mode="before")

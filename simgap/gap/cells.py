@@ -111,13 +111,13 @@ class CellGap(GapFunction):
         )
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", cache=True)
 def _over_rows(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slopes, lower, upper):  # type: ignore[no-untyped-def]
     for n in range(len(xlo)):
         _over_box(xlo[n], xhi[n], u[n], lo[n], hi[n], inputs, llo, lhi, edges, nodes, counts, slopes, lower, upper)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", cache=True)
 def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slopes, lower, upper):  # type: ignore[no-untyped-def]
     nx, row = len(counts), 0
     if upper.shape[1] > 1:
@@ -137,7 +137,7 @@ def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slope
             _widen_by_cell(n, xlo, xhi, row, lo, hi, edges, nodes, counts, slopes, lower, upper)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", cache=True)
 def _input_index(inputs, u):  # type: ignore[no-untyped-def]
     """Row of the input set that equals u to 1e-9 of its size; -1 if there is none."""
     for m in range(len(inputs)):
@@ -149,7 +149,7 @@ def _input_index(inputs, u):  # type: ignore[no-untyped-def]
     return -1
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", cache=True)
 def _touched(edges, start, count, a, b):  # type: ignore[no-untyped-def]
     """First and last cell of one axis that [a, b] touches, borders included with a margin of 1e-9 of the axis."""
     axis = edges[start : start + count + 1]
@@ -159,7 +159,7 @@ def _touched(edges, start, count, a, b):  # type: ignore[no-untyped-def]
     return min(max(first, 0), count - 1), min(max(last, 0), count - 1)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", cache=True)
 def _widen_by_cell(n, xlo, xhi, row, lo, hi, edges, nodes, counts, slopes, lower, upper):  # type: ignore[no-untyped-def]
     """Widen lo, hi by the bound over the n-th touched cell; the last axis runs fastest."""
     nx, flat, stride, end = len(counts), 0, 1, len(edges)

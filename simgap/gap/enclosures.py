@@ -112,9 +112,8 @@ def _pow(e: sp.Pow, base: Enclosure) -> Enclosure:
     exponent = e.exp
     if exponent.is_Float and exponent == int(exponent):
         exponent = sp.Integer(int(exponent))
-    if exponent == sp.Rational(1, 2) or exponent == -sp.Rational(1, 2):
-        root = _sqrt(e, base)
-        return root if exponent > 0 else _inverse(e, root)
+    if not exponent.is_Integer and (2 * exponent).is_Integer:
+        base, exponent = _sqrt(e, base), 2 * exponent
     if not exponent.is_Integer:
         raise UserError(f"'{e}' has a power without an interval version", remedy="Use integer powers or sqrt.")
     n = abs(int(exponent))

@@ -1,10 +1,11 @@
 """Lipschitz estimates from the grid that is there: slopes between neighbours, and whether the grid resolves them.
 
 Along axis j with spacing s = 2 h, a sample's slope is the larger of the differences to its two neighbours, over s; its
-change of slope is the second difference over s. The estimate of a constant is the largest slope plus change of slope.
-It is an *estimate*: samples cannot prove a bound between them. The resolution ratio L(s) / L(2 s) tells whether the
-grid sees the steepest part: above `GATE` it does not, and the constant must not be used, unless the steep cells are few
-and are covered by the jump seen there (`rough_cells`), as with Coulomb friction at rest.
+change of slope is the second difference over s, and half the mixed ones for the way to the cell's corners. The estimate
+of a constant is the largest slope plus change of slope. It is an *estimate*: samples cannot prove a bound between them.
+The resolution ratio L(s) / L(2 s) tells whether the grid sees the steepest part: above `GATE` it does not, and the
+constant must not be used, unless the steep cells are few and are covered by the jump seen there (`rough_cells`), as
+with Coulomb friction at rest.
 """
 
 from __future__ import annotations
@@ -77,8 +78,8 @@ def estimate(d: Floats, grid: Grid, free: tuple[int, ...] = (), floor: float = 0
     constants, slopes, ratio, smooth = np.zeros(nx), np.zeros(nx), np.ones(nx), np.zeros(nx)
     for j in axes:
         step, s = steps(e, j, grid), 2.0 * grid.h[j]
-        first, second = to_cells(step, j, grid), bends(step, j, grid)
-        local = (first + second) / s
+        first = to_cells(step, j, grid)
+        local = (first + turns(step, j, grid, axes)) / s
         constants[j], slopes[j] = local.max(), first.max() / s
         ratio[j] = _resolution(e, j, grid, floor)
         smooth[j] = local[~rough].max(initial=0.0)
@@ -181,6 +182,15 @@ def bends(step: Floats, j: int, grid: Grid) -> Floats:
         return np.abs(step - np.roll(step, 1, axis=j))
     inner = np.abs(np.diff(step, axis=j))
     return np.concatenate([np.take(inner, [0], axis=j), inner, np.take(inner, [-1], axis=j)], axis=j)
+
+
+def turns(step: Floats, j: int, grid: Grid, axes: tuple[int, ...]) -> Floats:
+    """How much the differences along axis j change within a cell: along j, and half a cell along the others."""
+    total = bends(step, j, grid)
+    for k in axes:
+        if k != j:
+            total += 0.5 * to_cells(to_cells(steps(step, k, grid), k, grid), j, grid)
+    return total
 
 
 def window(grid: Grid, axes: tuple[int, ...]) -> tuple[int, ...]:

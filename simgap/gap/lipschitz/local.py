@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from simgap.gap.lipschitz.grid import Mask, as_grid, bends, modes, moving_axes, rough_cells, steps, to_cells, window
+from simgap.gap.lipschitz.grid import Mask, as_grid, modes, moving_axes, rough_cells, steps, to_cells, turns, window
 from simgap.geometry import Floats, Grid
 
 
@@ -45,12 +45,16 @@ class LocalPadding:
     def _rough(self) -> Mask:
         return rough_cells(self._field, self.grid, self.axes, self.floor)
 
+    @cached_property
+    def _turns(self) -> dict[int, Floats]:
+        return {j: turns(steps(self._field, j, self.grid), j, self.grid, self.axes) for j in self.axes}
+
     def of_target(self) -> tuple[Floats, float]:
         """Padding of t itself (q = 0): (N, M), and the share of rough cells."""
         return self.of_residual(np.zeros_like(self.target), lambda j: np.zeros((1, 1)), np.zeros((0, 0)))
 
     def of_residual(self, values: Floats, slope: Callable[[int], Floats], curvature: Floats) -> tuple[Floats, float]:
-        """Padding of t - q.p, from q.p (N, M), its slopes at the samples, and H (nx, nx): (N, M), share of rough cells."""
+        """Padding of t - q.p, from q.p (N, M), its slopes there and H (nx, nx): (N, M) and the share of rough cells."""
         grid, h = self.grid, self.grid.h
         moving = np.array([h[j] if j in self.axes else 0.0 for j in range(len(h))])
         bend = 0.5 * float(moving @ curvature @ moving) if curvature.size else 0.0
@@ -58,8 +62,7 @@ class LocalPadding:
         for j in self.axes:
             step = steps(self._field, j, grid)
             expected = np.broadcast_to(slope(j) * 2.0 * h[j], self.target.shape).reshape(self._field.shape)
-            local = to_cells(step, j, grid, expected) + bends(step, j, grid)
-            pad += 0.5 * self._widest(local)
+            pad += 0.5 * self._widest(to_cells(step, j, grid, expected) + self._turns[j])
             own += 0.5 * np.abs(expected)
         pad += bend
         residual = self._field - values.reshape(self._field.shape)

@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+from gap_examples import U, X, coulomb, on_grid, smooth
+from scipy.stats import weibull_max
+
+from simgap.errors import UserError
+from simgap.gap.lipschitz.evt import fit_reverse_weibull, pair_slopes, profile_upper, top_spacing_upper
+from simgap.gap.lipschitz.grid import estimate, rough_cells
+from simgap.gap.lipschitz.local import LocalPadding
+from simgap.geometry import Box, Grid
+
+
+def values(function, grid):
+    return function(grid.centres())[:, None]
+
+
+FUNCTIONS = {
+    "plane": (lambda x: 3.0 * x[:, 0] - 2.0 * x[:, 1], [3.0, 2.0]),
+    "product of sines": (
+        lambda x: np.sin(3 * x[:, 0]) * np.cos(2 * x[:, 1]),
+        [3.0, 2.0 * np.sin(2 * 0.5) * np.sin(0.6)],
+    ),
+    "tanh": (lambda x: np.tanh(x[:, 1] / 0.05), [0.0, 20.0]),
+    "kink": (lambda x: np.abs(x[:, 0] - 0.03), [1.0, 0.0]),
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_grid_estimate_covers_the_true_constants(name):
+    function, true = FUNCTIONS[name]
+    grid = Grid.covering(X, 0.005)
+    found = estimate(values(function, grid), grid)
+    assert found.resolved
+    assert np.all(found.constants >= np.array(true) * (1 - 1e-12))
+    if name != "kink":
+        assert np.all(found.constants <= np.array(true) * 1.06 + 1e-6)
+
+
+@pytest.mark.parametrize("cells", [100, 101])  # the jump between two samples, and on one
+def test_a_jump_is_not_lipschitz_and_is_found(cells):
+    grid = Grid(X, [20, cells])
+    found = estimate(values(lambda x: np.sign(x[:, 1]), grid), grid)
+    assert not found.resolved
+    assert found.ratio[1] == pytest.approx(2.0)
+    assert found.ratio[0] == 1.0
+
+
+def test_rough_cells_are_those_around_the_jump():
+    grid = Grid(X, [20, 100])
+    d = values(lambda x: np.sign(x[:, 1]) + x[:, 0] + x[:, 1], grid)
+    found = estimate(d, grid)
+    assert 0.0 < found.rough_share <= 0.06
+    np.testing.assert_allclose(found.rough_box[:, 1], [-0.02, 0.02], atol=1e-12)
+    assert found.smooth[1] == pytest.approx(1.0, rel=1e-9)
+    assert found.jump >= 2.0
+
+
+def test_rounding_is_not_rough():
+    grid = Grid(X, [20, 20])
+    d = values(lambda x: 1e-16 * np.random.default_rng(0).standard_normal(len(x)), grid)
+    assert not rough_cells(d.reshape(20, 20, 1), grid, (0, 1), 1e-14).any()
+    assert estimate(d, grid, floor=1e-14).resolved
+
+
+def test_periodic_axis_sees_the_seam():
+    box = Box([-np.pi, 0.0], [np.pi, 1.0])
+    for periodic in ((), (0,)):
+        grid = Grid(box, [64, 8], periodic)
+        found = estimate(values(lambda x: x[:, 0] / np.pi, grid), grid)
+        assert found.resolved == (not periodic)
+    grid = Grid(box, [64, 8], (0,))
+    assert estimate(values(lambda x: np.sin(x[:, 0]), grid), grid).constants[0] == pytest.approx(1.0, abs=0.01)
+
+
+def test_too_few_cells_are_refused_but_not_along_free_axes():
+    grid = Grid(X, [1, 50])
+    d = values(lambda x: x[:, 1], grid)
+    with pytest.raises(UserError, match="smaller eps"):
+        estimate(d, grid)
+    assert estimate(d, grid, free=(0,)).constants[0] == 0.0
+
+
+@pytest.mark.parametrize("function", [smooth, coulomb])
+@pytest.mark.parametrize("eps", [0.05, 0.02, 0.0147])
+def test_local_padding_covers_the_cell(function, eps):
+    """d anywhere in a cell exceeds its sample by at most the padding: a dense scan is the oracle."""
+    samples = on_grid(function, eps)
+    target = samples.side(1, upper=True)
+    pad, _ = LocalPadding(target, samples.grid, (), 1e-14).of_target()
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        inside = samples.grid.centres() + samples.grid.h * rng.uniform(-1, 1, (samples.grid.size, 2))
+        x = np.broadcast_to(inside[:, None], (samples.grid.size, len(U), 2))
+        there = function(x, np.broadcast_to(U, (samples.grid.size, len(U), 1)))[:, :, 1]
+        assert (there - target - pad).max() <= 1e-15
+
+
+def test_local_padding_does_not_trust_the_samples_of_the_fit():
+    """A fit that agrees with the samples but turns inside the cells must be paid for."""
+    grid = Grid(X, [10, 10])
+    target = np.zeros((grid.size, 1))
+    curvature = np.array([[0.0, 0.0], [0.0, 400.0]])
+    pad, _ = LocalPadding(target, grid, (), 0.0).of_residual(
+        np.zeros_like(target), lambda j: np.zeros((1, 1)), curvature
+    )
+    assert pad.min() >= 0.5 * 400.0 * grid.h[1] ** 2 * (1 - 1e-12)
+
+
+def test_reverse_weibull_recovers_its_parameters():
+    maxima = weibull_max(2.5, loc=7.0, scale=0.8).rvs(4000, random_state=np.random.default_rng(4))
+    law = fit_reverse_weibull(maxima)
+    assert law.location == pytest.approx(7.0, abs=0.05)
+    assert law.shape == pytest.approx(2.5, rel=0.1)
+    assert law.ks_p > 0.01
+    assert law.log_likelihood >= weibull_max(2.5, loc=7.0, scale=0.8).logpdf(maxima).sum()
+    assert profile_upper(maxima, law) > law.location
+
+
+def test_profile_limit_covers_about_as_often_as_it_says():
+    rng = np.random.default_rng(5)
+    hits = 0
+    for _ in range(40):
+        maxima = weibull_max(3.0, loc=1.0, scale=0.1).rvs(100, random_state=rng)
+        hits += profile_upper(maxima, fit_reverse_weibull(maxima)) >= 1.0
+    assert hits >= 33  # 95 % of 40 is 38; 33 is more than three standard deviations below
+
+
+def test_pair_slopes_and_the_spacing_limit():
+    rng = np.random.default_rng(6)
+    slopes = pair_slopes(lambda x: 2.0 * x[:, 0] + np.sin(x[:, 1]), X, 0.05, 5000, rng)
+    true = np.hypot(2.0, 1.0)
+    assert slopes.max() <= true
+    assert top_spacing_upper(slopes, 4) >= true
