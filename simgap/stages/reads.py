@@ -13,7 +13,8 @@ READS: Mapping[str, tuple[str, ...]] = {
     "gap": ("name", "plant", "domain", "gap"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", "synthesis.specification", "sensing", "validation"),
+    "rig": _SIMULATED,
     "trace": ("name", "plant", "domain", "synthesis.specification"),
     "diagnosis": ("name", "plant", "domain.tau", "measured"),
-    "report": ("name", "title", "plant", "domain", "simulator", "synthesis.specification"),
+    "report": ("name", "title", "plant", "domain", "simulator", "grid.eps", "synthesis.specification", "sensing"),
 }

@@ -1,0 +1,103 @@
+# What a person looks at: the recording, the page of a case, and the page that links them.
+
+from simgap.provenance import file_digest
+
+TEMPLATES = digest({path.name: file_digest(path) for path in sorted(Path("reports").glob("*"))})
+
+
+def final_results(case):
+    """What a plain run makes of a case."""
+    folder = f"results/{case}"
+    return [f"{folder}/report.html", f"{folder}/summary.json", f"{folder}/trace/trace.rrd", "results/index.html"]
+
+
+def gap_files(wildcards):
+    return [f"results/{wildcards.case}/gap/eps~{eps}/gap.json" for eps in eps_table(wildcards.case)]
+
+
+def diagnosis_option(wildcards, input):
+    return f"--diagnosis results/{wildcards.case}/diagnosis" if input.diagnosis else ""
+
+
+def diagnosis_file(wildcards):
+    path = f"results/{wildcards.case}/diagnosis/diagnosis.json"
+    return path if Path(path).exists() else []
+
+
+rule trace:
+    input:
+        nominal="results/{case}/synthesis/nominal/controller.npz",
+        robust="results/{case}/synthesis/gap/controller.npz",
+        traces="results/{case}/validation/traces.parquet",
+    output:
+        "results/{case}/trace/trace.rrd",
+    log:
+        "results/{case}/logs/trace.log",
+    benchmark:
+        "results/{case}/benchmarks/trace.tsv"
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("trace"),
+        code=code("trace"),
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "{wildcards.case}: recording of both controllers for Rerun"
+    shell:
+        "simgap trace {params.case} --nominal {input.nominal} --robust {input.robust} --traces {input.traces}"
+        " --out {output} --log {log}"
+
+
+rule report:
+    input:
+        gaps=gap_files,
+        samples=lambda w: f"results/{w.case}/gap/eps~{eps_of(w)}/samples.parquet",
+        nominal=multiext("results/{case}/synthesis/nominal/", "controller.npz", "synthesis.json"),
+        robust=multiext("results/{case}/synthesis/gap/", "controller.npz", "synthesis.json"),
+        validation=multiext("results/{case}/validation/", "validation.json", "traces.parquet"),
+        diagnosis=diagnosis_file,
+    output:
+        page="results/{case}/report.html",
+        summary="results/{case}/summary.json",
+    log:
+        "results/{case}/logs/report.log",
+    benchmark:
+        "results/{case}/benchmarks/report.tsv"
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("report"),
+        code=code("report"),
+        templates=TEMPLATES,
+        gaps=lambda w, input: " ".join(f"--gap {path}" for path in input.gaps),
+        diagnosis=diagnosis_option,
+    resources:
+        mem_mb=1500,
+        runtime=10,
+    message:
+        "{wildcards.case}: the page"
+    shell:
+        "simgap report {params.case} {params.gaps} --samples {input.samples}"
+        " --nominal results/{wildcards.case}/synthesis/nominal --robust results/{wildcards.case}/synthesis/gap"
+        " --validation results/{wildcards.case}/validation {params.diagnosis}"
+        " --out {output.page} --summary {output.summary} --log {log}"
+
+
+rule index:
+    input:
+        expand("results/{case}/summary.json", case=CASES),
+    output:
+        "results/index.html",
+    log:
+        "results/logs/index.log",
+    params:
+        code=code("index"),
+        templates=TEMPLATES,
+        summaries=lambda w, input: " ".join(f"--summary {path}" for path in input),
+    resources:
+        mem_mb=300,
+        runtime=5,
+    message:
+        "Page that links the reports of all cases"
+    shell:
+        "simgap index {params.summaries} --out {output} --log {log}"

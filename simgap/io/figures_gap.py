@@ -1,0 +1,211 @@
+"""Pictures of the gap bound: its surface with the samples under it, over the inputs, and against eps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from simgap.diagnosis.words import pretty_unit
+from simgap.gap.function import GapFunction
+from simgap.geometry import Floats
+from simgap.io import figure_style as style
+
+_PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""))
+MESH = 41  # points a side of a surface
+
+
+def scaled(largest: float, unit: str) -> tuple[float, str]:
+    """Factor and unit with which numbers up to `largest` are printed: (2e-4, 'rad') -> (1e6, 'µrad')."""
+    pretty = pretty_unit(unit)
+    for size, prefix in reversed(_PREFIXES):
+        if largest >= size or size == _PREFIXES[0][0]:
+            return (1.0 / size, f"{prefix}{pretty}") if pretty else (1.0, "")
+    return 1.0, pretty
+
+
+def middle_input(gap: GapFunction) -> Floats:
+    """The input of U nearest to its centre: (nu,)."""
+    inputs = gap.domain.input_set
+    centre = 0.5 * (inputs.min(axis=0) + inputs.max(axis=0))
+    return np.asarray(inputs[np.argmin(np.abs(inputs - centre).sum(axis=1))])
+
+
+def surface_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> Any:
+    """A row a state: the bound as a surface over the first two states with samples, and what it leaves around them.
+
+    Args:
+        gap: the bound; at least two states.
+        x, u, d: samples (n, nx), (n, nu), (n, nx); those of the middle input are shown on the surface.
+        units: of the states and inputs.
+    """
+    import matplotlib.pyplot as plt
+
+    states = gap.domain.states
+    figure = plt.figure(figsize=(style.WIDTH, 3.9 * len(states)))
+    grid = figure.add_gridspec(len(states), 2, width_ratios=[1.15, 1.0])
+    for i, state in enumerate(states):
+        surface: Any = figure.add_subplot(grid[i, 0], projection="3d")
+        _surface(surface, gap, i, x, u, d, units)
+        _residual(figure.add_subplot(grid[i, 1]), gap, i, x, u, d, units)
+        surface.set_title(f"gap of {state} and its bound, {_at(gap, units)}", pad=0)
+    return figure
+
+
+def _at(gap: GapFunction, units: Mapping[str, str]) -> str:
+    pairs = zip(gap.domain.inputs, middle_input(gap), strict=True)
+    return ", ".join(f"{n} = {round(v, 12) + 0.0:g} {pretty_unit(units.get(n, ''))}" for n, v in pairs)
+
+
+def _surface(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> None:
+    box, at = gap.domain.box, middle_input(gap)
+    ax, ay = (np.linspace(box.lo[j], box.hi[j], MESH) for j in (0, 1))
+    gx, gy = np.meshgrid(ax, ay, indexing="ij")
+    points = np.tile(0.5 * (box.lo + box.hi), (gx.size, 1))
+    points[:, 0], points[:, 1] = gx.ravel(), gy.ravel()
+    lo, hi = gap.bounds(points, np.tile(at, (gx.size, 1)))
+    factor, unit = scaled(float(np.abs([lo[:, i], hi[:, i]]).max()), units[gap.domain.states[i]])
+    for values, colour in ((lo, style.SKY), (hi, style.BLUE)):
+        height = factor * values[:, i].reshape(gx.shape)
+        axes.plot_surface(gx, gy, height, color=colour, alpha=0.45, lw=0, rcount=MESH, ccount=MESH)
+    own = np.abs(u - at).max(axis=1) < 1e-9
+    axes.scatter(x[own, 0], x[own, 1], factor * d[own, i], s=5, color=style.BLACK, depthshade=False)
+    names = gap.domain.states
+    axes.set_xlabel(_axis(names[0], units), labelpad=6)
+    axes.set_ylabel(_axis(names[1], units), labelpad=6)
+    axes.set_zlabel(f"({unit})", labelpad=4)
+    axes.tick_params(labelsize=10, pad=1)
+    for each in (axes.xaxis, axes.yaxis, axes.zaxis):
+        each.set_major_locator(_locator(4))
+    axes.view_init(elev=22, azim=-58)
+    axes.set_box_aspect((1, 1, 0.75), zoom=0.86)
+
+
+def _residual(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> None:
+    """Samples with the middle of the bound taken away, and the band that the bound leaves around it."""
+    lo, hi = gap.bounds(x, u)
+    middle, half = 0.5 * (lo + hi)[:, i], 0.5 * (hi - lo)[:, i]
+    name = gap.domain.states[i]
+    factor, unit = scaled(float(half.max()), units[name])
+    order = np.argsort(x[:, 0])
+    edge, widest, narrowest = _envelope(x[order, 0], half[order])
+    axes.fill_between(edge, -factor * widest, factor * widest, color=style.SKY, alpha=0.3, lw=0, label="bound")
+    axes.plot(edge, factor * narrowest, color=style.BLUE, lw=1.0)
+    axes.plot(edge, -factor * narrowest, color=style.BLUE, lw=1.0, label="bound, narrowest")
+    axes.scatter(x[:, 0], factor * (d[:, i] - middle), s=1.2, color=style.BLACK, lw=0, label="samples", rasterized=True)
+    axes.set_xlabel(_axis(gap.domain.states[0], units))
+    axes.set_ylabel(f"gap − middle of bound ({unit})")
+    axes.set_title("what the bound leaves, all inputs")
+    axes.margins(x=0)
+    axes.set_ylim(top=1.55 * factor * float(half.max()))
+    axes.legend(loc="upper center", ncols=3, markerscale=6, fontsize=10, columnspacing=0.9, handletextpad=0.4)
+
+
+def _envelope(x: Floats, half: Floats, bins: int = 60) -> tuple[Floats, Floats, Floats]:
+    """Largest and smallest half-width in bins of sorted x."""
+    parts = [p for p in np.array_split(np.arange(len(x)), min(bins, len(x))) if len(p)]
+    centre = np.array([x[p].mean() for p in parts])
+    centre[0], centre[-1] = x[0], x[-1]
+    return centre, np.array([half[p].max() for p in parts]), np.array([half[p].min() for p in parts])
+
+
+def _axis(name: str, units: Mapping[str, str]) -> str:
+    unit = pretty_unit(units.get(name, ""))
+    return f"{name} ({unit})" if unit else name
+
+
+def _locator(count: int) -> Any:
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(count)
+
+
+def slices_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> Any:
+    """A panel a state: samples and the bound along the first state, for plants with one state or many."""
+    import matplotlib.pyplot as plt
+
+    states, at = gap.domain.states, middle_input(gap)
+    figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.2), squeeze=False)
+    line = np.linspace(gap.domain.box.lo[0], gap.domain.box.hi[0], 201)
+    points = np.tile(0.5 * (gap.domain.box.lo + gap.domain.box.hi), (len(line), 1))
+    points[:, 0] = line
+    lo, hi = gap.bounds(points, np.tile(at, (len(line), 1)))
+    for i, (axis, name) in enumerate(zip(axes[0], states, strict=True)):
+        factor, unit = scaled(float(np.abs([lo[:, i], hi[:, i]]).max()), units[name])
+        axis.scatter(x[:, 0], factor * d[:, i], s=1.2, color=style.GREY, lw=0, label="samples, all inputs", rasterized=True)
+        axis.fill_between(line, factor * lo[:, i], factor * hi[:, i], color=style.SKY, alpha=0.5, label="bound")
+        axis.set_xlabel(_axis(states[0], units))
+        axis.set_ylabel(f"gap of {name} ({unit})")
+    axes[0, 0].legend(markerscale=6)
+    return figure
+
+
+def inputs_figure(gap: GapFunction, units: Mapping[str, str]) -> Any:
+    """A panel a state: the size of the bound over two inputs, for gaps that hardly depend on the state."""
+    import matplotlib.pyplot as plt
+
+    states, inputs = gap.domain.states, gap.domain.input_set
+    box = gap.domain.box
+    lo, hi = gap.box_bounds(np.tile(box.lo, (len(inputs), 1)), np.tile(box.hi, (len(inputs), 1)), inputs)
+    size = np.maximum(np.abs(lo), np.abs(hi))
+    first, second = (np.unique(inputs[:, j]) for j in (0, 1))
+    rows, columns = (np.searchsorted(axis, inputs[:, j]) for j, axis in enumerate((first, second)))
+    figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.3), squeeze=False, sharey=True)
+    for i, (axis, name) in enumerate(zip(axes[0], states, strict=True)):
+        factor, unit = scaled(float(size[:, i].max()), units[name])
+        table = np.full((len(first), len(second)), np.nan)
+        table[rows, columns] = factor * size[:, i]
+        mesh = axis.pcolormesh(first, second, table.T, cmap="cividis", vmin=0.0, rasterized=True)
+        axis.set_xlabel(_axis(gap.domain.inputs[0], units))
+        axis.set_title(name)
+        axis.grid(visible=False)
+        figure.colorbar(mesh, ax=axis, location="bottom", label=f"bound of the gap ({unit})", shrink=0.95)
+    axes[0, 0].set_ylabel(_axis(gap.domain.inputs[1], units))
+    return figure
+
+
+def depends_on_state(gap: GapFunction) -> bool:
+    """Whether the bound varies over X by more than a hundredth of its size, for some input."""
+    box, inputs = gap.domain.box, gap.domain.input_set
+    n = len(inputs)
+    lo, hi = gap.box_bounds(np.tile(box.lo, (n, 1)), np.tile(box.hi, (n, 1)), inputs)
+    point_lo, point_hi = gap.bounds(np.tile(0.5 * (box.lo + box.hi), (n, 1)), inputs)
+    size = np.maximum(np.abs(lo), np.abs(hi)).max(axis=0)
+    change = np.maximum(point_lo - lo, hi - point_hi).max(axis=0)
+    return bool(np.any(change > 0.01 * size))
+
+
+def sweep_figure(rows: Sequence[Mapping[str, Any]], states: Sequence[str], units: Mapping[str, str]) -> Any:
+    """Suprema of the bound against eps, a panel a state, with values printed elsewhere where there are any.
+
+    Args:
+        rows: each {eps, states: {state: {size, width, sampled, printed (number or None)}}}, largest eps first.
+        states: to show; units: of the states.
+    """
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.4), squeeze=False)
+    eps = [r["eps"] for r in rows]
+    looks = (
+        ("printed", style.VERMILLION, "s", "printed in the paper"),
+        ("size", style.BLUE, "o", "sup of max(|lo|, |hi|)"),
+        ("width", style.GREEN, "D", "sup of the width hi − lo"),
+        ("sampled", style.BLACK, "_", "largest sampled gap"),
+    )
+    for axis, state in zip(axes[0], states, strict=True):
+        for key, colour, marker, label in looks:
+            own = [(e, r["states"][state][key]) for e, r in zip(eps, rows, strict=True)]
+            points = [(e, v) for e, v in own if v is not None and v > 0]
+            if points:
+                ls = "" if key == "sampled" else "-"
+                axis.plot(*zip(*points, strict=True), color=colour, marker=marker, ms=8, ls=ls, label=label)
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.set_xticks(eps, [f"{e:g}" for e in eps])
+        axis.minorticks_off()
+        axis.set_xlabel("eps, radius of the balls that cover X")
+        axis.set_ylabel(f"{_axis(state, units)}")
+        axis.margins(0.15)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=4, columnspacing=1.0)
+    return figure

@@ -1,0 +1,107 @@
+"""Stage `report`: the page of a case, and the figures that a script wants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from simgap.gap.function import GapFunction, from_json
+from simgap.io.atomic import write_text
+from simgap.io.documents import read_json, write_json
+from simgap.io.pages import REPORTS, render
+from simgap.io.parquet import read_parquet
+from simgap.io.traces import NOMINAL, ROBUST, Trace, split
+from simgap.provenance import provenance
+from simgap.stages import report_content as words
+from simgap.stages.context import Context, log
+from simgap.stages.report_figures import draw
+from simgap.synthesis.controller import Controller
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Files that the page is made from.
+
+    Attributes:
+        gaps: gap.json of each eps, the case's own among them; samples: thinned samples of the gap.
+        nominal, robust: folders with controller.npz and synthesis.json; validation: with validation.json and traces.
+        diagnosis: folder with diagnosis.json and report.html, if there is one.
+    """
+
+    gaps: Sequence[Path]
+    samples: Path
+    nominal: Path
+    robust: Path
+    validation: Path
+    diagnosis: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """What was read.
+
+    Attributes:
+        sweep: the content of every gap.json, largest eps first; gap: of the case's own eps; bound: the function in it.
+        syntheses, controllers: by kind, "nominal" and "gap".
+    """
+
+    context: Context
+    sweep: Sequence[Mapping[str, Any]]
+    gap: Mapping[str, Any]
+    bound: GapFunction
+    samples: Any
+    syntheses: Mapping[str, Mapping[str, Any]]
+    controllers: Mapping[str, Controller]
+    validation: Mapping[str, Any]
+    traces: Sequence[Trace]
+    diagnosis: Mapping[str, Any] | None
+    printed: Mapping[str, Any]
+
+
+def run(case_path: Path, inputs: Inputs, out: Path, summary: Path) -> None:
+    """Read the results of a case, write its page and its summary.
+
+    Raises:
+        UserError: a result that is missing or damaged.
+    """
+    material = read(case_path, inputs)
+    record = provenance("report", material.context.case, material.context.folder)
+    content = words.content(material)
+    figures, notes = draw(material)
+    page = render("report.html.j2", figures=figures, notes=notes, provenance=record, **content)
+    write_text(out, page)
+    write_json(summary, words.summary(material, content) | {"provenance": record})
+    log.info("page of %d kB", len(page) // 1024)
+
+
+def read(case_path: Path, inputs: Inputs) -> Material:
+    """Everything that the page needs, in memory."""
+    context = Context.load(case_path)
+    sweep = sorted((read_json(path) for path in inputs.gaps), key=lambda g: -float(g["eps"]))
+    own = context.need(context.case.grid, "grid").eps
+    gap = min(sweep, key=lambda g: abs(float(g["eps"]) - own))
+    folders = {NOMINAL: inputs.nominal, ROBUST: inputs.robust}
+    table = read_parquet(inputs.validation / "traces.parquet")
+    return Material(
+        context=context,
+        sweep=sweep,
+        gap=gap,
+        bound=from_json(gap),
+        samples=read_parquet(inputs.samples),
+        syntheses={kind: read_json(folder / "synthesis.json") for kind, folder in folders.items()},
+        controllers={kind: Controller.load(folder / "controller.npz") for kind, folder in folders.items()},
+        validation=read_json(inputs.validation / "validation.json"),
+        traces=split(table, context.states, context.inputs),
+        diagnosis=read_json(inputs.diagnosis / "diagnosis.json") if inputs.diagnosis else None,
+        printed=printed_values(context.case.name),
+    )
+
+
+def printed_values(case: str) -> Mapping[str, Any]:
+    """What the paper prints for this case; nothing for most."""
+    import yaml
+
+    content: Mapping[str, Any] = yaml.safe_load((REPORTS / "paper.yaml").read_text())
+    return content.get(case, {})

@@ -1,0 +1,94 @@
+"""The pictures of a case's page, each as text to put into it, with what must be said under them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from simgap.config.synthesis import ReachAvoidSpecification
+from simgap.io import figure_style as style
+from simgap.io import figures_domains, figures_gap, figures_traces
+from simgap.io.parquet import stack
+from simgap.io.traces import MODEL, NOMINAL, ROBUST, shown
+from simgap.stages.report_content import is_signed, sweep
+from simgap.stages.trace import limits, scene
+
+if TYPE_CHECKING:
+    from simgap.stages.report import Material
+
+
+def draw(m: Material) -> tuple[dict[str, Any], dict[str, str]]:
+    """Figures by name as markup, empty where a case has no use for one, and notes by name."""
+    from markupsafe import Markup
+
+    figures: dict[str, Any] = dict.fromkeys(("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times"), "")
+    with style.figure_style():
+        made = {"bound": _bound(m), "sweep": _sweep(m), **_loop(m)}
+        if len(m.context.inputs) == 2 and not figures_gap.depends_on_state(m.bound):
+            made["inputs"] = figures_gap.inputs_figure(m.bound, m.context.units)
+        for name, figure in made.items():
+            if figure is not None:
+                figures[name] = Markup(style.svg_text(figure))
+                style.close(figure)
+    return figures, {"model": model_note(m)}
+
+
+def _bound(m: Material) -> Any:
+    states, inputs = m.context.states, m.context.inputs
+    x, u = stack(m.samples, states), stack(m.samples, inputs)
+    d = stack(m.samples, [f"gap_{n}" for n in states])
+    draw_it = figures_gap.surface_figure if len(states) == 2 else figures_gap.slices_figure
+    return draw_it(m.bound, x, u, d, m.context.units)
+
+
+def _sweep(m: Material) -> Any:
+    rows = sweep(m)
+    return figures_gap.sweep_figure(rows, m.context.states, m.context.units) if len(rows) > 1 else None
+
+
+def _loop(m: Material) -> dict[str, Any]:
+    """Winning domains, trajectories and the gap along the run."""
+    context = m.context
+    chosen = {kind: shown(m.traces, kind) for kind in (NOMINAL, ROBUST)}
+    until = figures_traces.first_seconds(chosen)
+    gap = figures_traces.gap_figure(chosen[ROBUST], context.states, context.units, until)
+    section = context.need(context.case.synthesis, "synthesis")
+    if isinstance(section.specification, ReachAvoidSpecification):
+        return {"gap": gap, **_arena(m)}
+    out = {"gap": gap}
+    if len(context.states) == 2:
+        out["domains"] = figures_domains.domains_figure(m.controllers, m.traces, context.units)
+    out["trajectories"] = figures_traces.trajectories_figure(
+        chosen, m.traces, limits(context), context.states, context.units
+    )
+    return out
+
+
+def _arena(m: Material) -> dict[str, Any]:
+    from simgap.io import figures_arena
+    from simgap.io.recording import PlanarScene
+
+    where = scene(m.context)
+    out: dict[str, Any] = {}
+    if isinstance(where, PlanarScene):
+        out["trajectories"] = figures_arena.arena_figure(where, m.traces, m.context.units, m.context.states)
+    if len(m.context.states) == 3:
+        out["domains"] = figures_domains.slices_figure(m.controllers[ROBUST], m.context.units)
+    times = m.validation["controllers"][ROBUST]["simulator"].get("steps_to_target")
+    if times:
+        out["times"] = figures_arena.times_figure(m.validation["controllers"], m.context.domain.tau)
+    return out
+
+
+def model_note(m: Material) -> str:
+    """Why the gap-aware controller may fail on the nominal model, where it does."""
+    tally = m.validation["controllers"][ROBUST].get(MODEL)
+    if not tally or not tally["runs_that_violated_it"]:
+        return ""
+    bad, runs = tally["runs_that_violated_it"], tally["runs"]
+    if is_signed(m.gap):
+        return (
+            f"On the nominal model itself the gap-aware controller ends {bad:,} of {runs:,} runs early. That is no "
+            "fault: a signed gap takes the simulator's bias out of the model, so this controller is made for the "
+            "simulator, and the nominal model is outside its bound."
+        )
+    return f"On the nominal model itself the gap-aware controller ends {bad:,} of {runs:,} runs early."
