@@ -221,13 +221,18 @@ def _held_out(origins: Mapping[str, tuple[str, str | None]], options: ReadingOpt
 def _warnings(notes: Sequence[FileNotes]) -> Iterator[str]:
     for n in notes:
         if n.repeated:
-            yield f"{n.file}: {n.repeated} rows repeated a time stamp and were merged with it (mean)"
+            yield f"{n.file}: {_count(n.repeated, 'row')} repeated a time stamp: the mean stands for each"
         if n.gaps:
-            yield f"{n.file}: {n.gaps} gaps in time split its traces"
+            yield f"{n.file}: traces are split at {_count(n.gaps, 'gap')} in time"
         if n.short_pieces:
-            yield f"{n.file}: {n.short_pieces} pieces shorter than a window were dropped ({n.short_rows} rows)"
+            pieces = _count(n.short_pieces, "piece")
+            yield f"{n.file}: {pieces} shorter than a window dropped ({_count(n.short_rows, 'row')})"
         if n.unwrapped:
             yield f"{n.file}: {', '.join(n.unwrapped)} jumped by full turns and was unwrapped"
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
 def _uncommon(tables: Sequence[RawTable], found: Sequence[tuple[str, ...]], measured: tuple[str, ...]) -> Iterator[str]:

@@ -67,11 +67,11 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
         model: gives units, coordinates and the shape of the dynamics.
         noise: standard deviations that are known, by channel; the others are estimated.
     """
-    sigma = noise_floor(record)
+    quantum = resolution(record)
+    sigma = np.maximum(noise_floor(record), quantum / np.sqrt(12.0))  # rounding is noise too, also where nothing moves
     for name, value in (noise or {}).items():
         if name in record.measured:
             sigma[record.measured.index(name)] = value
-    quantum = resolution(record)
     lags = tuple(
         lag
         for c in model.coordinates

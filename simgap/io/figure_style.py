@@ -20,7 +20,7 @@ WIDTH = 8.6  # inches: 12 pt text stays legible at half of a page's width
 
 _RC: dict[str, Any] = {
     "figure.dpi": 100,
-    "savefig.dpi": 200,
+    "savefig.dpi": 150,
     "font.size": 12,
     "font.family": "DejaVu Sans",
     "axes.titlesize": 12,

@@ -14,7 +14,7 @@ from simgap.diagnosis.missing import missing_terms
 from simgap.diagnosis.reading import Reading
 from simgap.diagnosis.remainder import Remainder, bound_remainder, without_memory
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
-from simgap.diagnosis.survey import survey
+from simgap.diagnosis.survey import Survey, survey
 from simgap.dynamics.build import symbolic_model
 from simgap.dynamics.model import SymbolicModel
 from simgap.errors import UserError
@@ -68,7 +68,7 @@ def run(
         tell(f"{record.rows} samples in {len(record.traces)} traces; measured: {', '.join(record.measured)}")
         look = survey(record, model, section.noise)
         tell("searching for what the model lacks")
-        found = diagnose(model, record, _settings(section, reading))
+        found = diagnose(model, record, _settings(section, reading, look))
     tell("bounding what is left, drawing, writing")
     remainder = _remainder(context, section, model, found, reading)
     made_of = provenance("diagnosis", context.case, context.folder)
@@ -91,11 +91,11 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
     return [context.folder / name for name in section.files]
 
 
-def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
+def _settings(section: MeasuredSection, reading: Reading, look: Survey) -> DiagnosisSettings:
     return DiagnosisSettings(
         window_s=section.window_s,
         horizon_s=section.horizon_s,
-        noise=section.noise,
+        noise={c.name: c.noise for c in look.channels if c.noise is not None},
         effects=section.effects,
         max_effects=section.max_effects,
         held_out_traces=reading.held_out,

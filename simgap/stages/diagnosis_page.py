@@ -80,6 +80,8 @@ def draw(
     texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "ranking": ""}
 
     def keep(figure: Any, name: str) -> str:
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # laid out once, drawn twice
         style.save_picture(figure, folder / f"{name}.png")
         text = style.svg_text(figure)
         style.close(figure)

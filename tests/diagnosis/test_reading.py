@@ -171,6 +171,15 @@ def test_traces_of_one_file_and_held_out_ones(tmp_path):
     reading = read(write(tmp_path / "run.csv", both), held_out={"traces": ["a"]})
     assert [t.name for t in reading.record.traces] == ["run:b", "run:a"]
     assert reading.held_out == ("run:a",)
+    free = load_reading(
+        MODEL,
+        MeasuredSection.model_validate({"held_out": {"traces": ["c"]}}),
+        [tmp_path / "run.csv"],
+        tmp_path,
+        strict=False,
+    )
+    assert free.held_out == ()
+    assert "a share of them is held out" in free.warnings[-1]
     assert "holds out every trace" in refusal(tmp_path / "run.csv", held_out={"traces": ["a", "b"]})
     assert "'c' is not among the data" in refusal(tmp_path / "run.csv", held_out={"traces": ["c"]})
 
@@ -211,7 +220,7 @@ def test_short_pieces_are_dropped_with_a_count(tmp_path):
     reading = read(write(tmp_path / "run.csv", swing()), masks=[{"drop": [0.5, 0.6]}])
     assert len(reading.record.traces) == 1
     assert (reading.files[0].short_pieces, reading.files[0].short_rows) == (1, 50)
-    assert any("1 pieces shorter than a window" in w for w in reading.warnings)
+    assert any("1 piece shorter than a window" in w for w in reading.warnings)
 
 
 @pytest.mark.parametrize("text", [";", "\t"])

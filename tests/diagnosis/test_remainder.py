@@ -1,0 +1,84 @@
+"""The conformal bound covers fresh transitions as often as it says, and shrinks when the model is right."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
+import diagnosis_example as example
+
+from simgap.config.load import parse_case
+from simgap.diagnosis.remainder import bound_remainder, without_memory
+from simgap.dynamics.build import symbolic_model
+from simgap.effects import AppliedEffect
+
+
+@pytest.fixture(scope="module")
+def model():
+    import yaml
+
+    return symbolic_model(parse_case(yaml.safe_load(example.CASE), Path("bench.yaml")).plant, Path())
+
+
+FOUND = (AppliedEffect("coulomb_friction", "hinge", {"F_c": 0.19}),)
+
+
+def remainder(model, seed=3, level=0.9, tau=0.05):
+    data = example.record(seed=seed)
+    corrected, shifts = without_memory(model, FOUND)
+    return bound_remainder(example.windows(data), data.measured, (model, corrected), shifts, tau, "rk4", level)
+
+
+def test_the_corrected_model_needs_a_smaller_bound(model):
+    r = remainder(model)
+    assert r.count == 3 * 19
+    assert r.after["v"] < 0.7 * r.before["v"]
+    assert r.after["v"] < 6 * 1e-2  # noise at both ends: sqrt(2) sigma, and its largest of many
+    assert "at least 90 %" in r.statement
+    assert r.unbounded == ()
+
+
+def one_step(y, u, tau):
+    """The corrected pendulum over tau, written out by hand: (n, 2), (n,) -> (n, 2)."""
+
+    def rate(x):
+        dry = 0.19 * np.sign(x[:, 1])
+        return np.stack([x[:, 1], (u - example.WEIGHT * np.sin(x[:, 0]) - dry) / example.INERTIA], axis=1)
+
+    k1 = rate(y)
+    k2 = rate(y + tau / 2 * k1)
+    k3 = rate(y + tau / 2 * k2)
+    return y + tau / 6 * (k1 + 2 * k2 + 2 * k3 + rate(y + tau * k3))
+
+
+def test_coverage_of_other_recordings(model):
+    bound = remainder(model, seed=3).after
+    limits = np.array([bound["q"], bound["v"]])
+    shares = []
+    for seed in range(10, 16):
+        (trace,) = example.record(seed=seed).traces
+        starts = np.arange(0, len(trace.t) - 5, 5)
+        u = np.mean([trace.u[starts + k, 0] for k in range(5)], axis=0)
+        residual = trace.y[starts + 5] - one_step(trace.y[starts], u, 0.05)
+        shares.append(np.mean(np.all(np.abs(residual) <= limits, axis=1)))
+    # 57 calibration transitions: the coverage of one draw is Beta(52, 6), 0.90 with a standard deviation of 0.04
+    assert 0.82 <= np.mean(shares) <= 0.99
+
+
+def test_too_few_transitions_bound_nothing(model):
+    r = remainder(model, level=0.999)
+    assert np.isinf(r.after["q"])
+    assert "too few" in r.statement
+
+
+def test_a_step_is_never_shorter_than_the_sampling(model):
+    assert remainder(model, tau=1e-4).tau == pytest.approx(0.01)
+
+
+def test_delay_and_lag_become_shifts(model):
+    applied = [AppliedEffect("input_delay", "u", {"delay": 0.02}), AppliedEffect("input_lag", "u", {"T": 0.01})]
+    same, shifts = without_memory(model, applied)
+    assert shifts == pytest.approx({"u": 0.03})
+    assert same.state_names == model.state_names

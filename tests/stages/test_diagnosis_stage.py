@@ -1,0 +1,176 @@
+"""What the stage writes, from a diagnosis made by hand: contract keys, page, pictures, recording, corrected case."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import diagnosis_example as example
+
+from simgap.config.load import load_case
+from simgap.config.measured import MeasuredSection
+from simgap.diagnosis.survey import survey
+from simgap.dynamics.build import symbolic_model
+from simgap.effects import AppliedEffect
+from simgap.errors import UserError
+from simgap.provenance import provenance
+from simgap.stages import diagnosis as stage
+from simgap.stages.context import Context
+from simgap.stages.corrected_case import corrected_case
+from simgap.stages.diagnosis_document import document
+
+ARM = """\
+name: arm
+plant:
+  urdf: models/arm.urdf
+  states:
+    q: {unit: rad, joint: j, quantity: position}
+    v: {unit: rad/s, joint: j, quantity: velocity}
+  inputs:
+    u: {unit: N*m, joint: j}
+simulator: {engine: pybullet, inertia: file}
+measured: {files: [a.csv]}
+"""
+
+
+def write(folder, verdict="attributed"):
+    (folder / "case.yaml").write_text(example.CASE)
+    context = Context.load(folder / "case.yaml")
+    model = symbolic_model(context.case.plant, folder)
+    data = example.record()
+    found, reading, section = example.diagnosis(model, data, verdict), example.reading(data), MeasuredSection()
+    remainder = stage._remainder(context, section, model, found, reading)
+    made_of = provenance("diagnosis", context.case, folder)
+    content = document(found, reading, survey(data, model), remainder, context.units, made_of)
+    stage._write(context, section, model, found, reading, content, [folder / "bench.csv"], folder / "out")
+    return content
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("diagnosis")
+    write(folder)
+    return folder / "out"
+
+
+def test_the_document_has_the_keys_of_the_contract(written):
+    d = json.loads((written / "diagnosis.json").read_text())
+    assert d["verdict"] == "attributed"
+    (effect,) = d["effects"]
+    assert effect["parameters"] == {"F_c": {"value": 0.19, "ci95": [0.18, 0.2], "unit": "N*m"}}
+    assert effect["alternatives"] == [[{"name": "stribeck_friction", "on": "hinge"}]]
+    for which in ("before", "after", "noise_floor"):
+        assert set(d["error"][which]) == {"fit_rmse", "horizon_s", "horizon_rmse"}
+        assert set(d["error"][which]["horizon_rmse"]) == {"q", "v"}
+    assert d["held_out"] == {
+        "traces": [],
+        "windows": [{"trace": "bench", "from": 2.0, "to": 3.0}, {"trace": "bench", "from": 6.0, "to": 7.0}],
+    }
+    assert {"file", "sha256", "rows"} <= set(d["data"][0])
+    assert {"name", "on", "score"} <= set(d["candidates"][0])
+    assert isinstance(d["warnings"], list)
+    assert "explains 84 % of the excess error" in d["sentence"]
+    assert set(d["remainder"]["after"]) == {"q", "v"}
+    assert {"stage", "reads", "code", "versions"} <= set(d["provenance"])
+    assert str(written.parent) not in json.dumps(d)
+
+
+def test_the_page_stands_alone(written):
+    page = (written / "report.html").read_text()
+    assert "Coulomb friction of 0.19 ± 0.01 N m at the hinge explains 84 %" in page
+    assert page.count("<svg") >= 4
+    outside = re.findall(r'(?:src|href)="(?!#)([^"]+)"', page)
+    assert [link for link in outside if not link.startswith("http://www.w3.org")] == []
+    for heading in (
+        "Before and after",
+        "Measured against predicted",
+        "The residual against",
+        "Candidates",
+        "A look at the data",
+    ):
+        assert heading in page
+    assert "&lt;svg" not in page
+
+
+def test_pictures_are_there_and_not_empty(written):
+    from matplotlib.image import imread
+
+    for name in ("error", "measured-1", "residual-1", "candidates"):
+        picture = imread(written / f"{name}.png")
+        assert picture.shape[1] >= 1200
+        assert np.ptp(picture[..., :3]) > 0.5
+
+
+def test_the_same_content_gives_the_same_bytes(written, tmp_path):
+    write(tmp_path)
+    for path in written.iterdir():
+        if path.suffix != ".rrd":
+            assert path.read_bytes() == (tmp_path / "out" / path.name).read_bytes(), path.name
+    assert not [p for p in (tmp_path / "out").iterdir() if p.name.startswith(".")]
+
+
+@pytest.mark.parametrize("verdict", ["none", "partial", "unexplained"])
+def test_every_verdict_has_a_page(tmp_path, verdict):
+    content = write(tmp_path, verdict)
+    assert content["sentence"] in (tmp_path / "out" / "report.html").read_text()
+    assert bool(content["effects"]) == (verdict == "partial")
+    case = load_case(tmp_path / "out" / "corrected_case.yaml")
+    assert len(case.plant.effects) == (1 if verdict == "partial" else 0)
+    assert case.name == ("bench_corrected" if verdict == "partial" else "bench")
+
+
+def test_the_recording_reads_back(written):
+    from rerun.chunk import RrdReader
+
+    data, columns = example.record(), {}
+    for chunk in RrdReader(written / "residual.rrd").store().stream().to_chunks():
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            if name.endswith("Scalars:scalars") and "sim_time" in batch.schema.names:
+                times = batch.column("sim_time").cast("int64").to_numpy() * 1e-9
+                values = np.array([v[0] for v in batch.column(name).to_pylist()])
+                columns.setdefault(str(chunk.entity_path), []).append((times, values))
+    found = {path: tuple(np.concatenate(side) for side in zip(*parts, strict=True)) for path, parts in columns.items()}
+    residuals = {f"/bench/residual/{s}/{side}" for s in "qv" for side in ("before", "after")}
+    states = {f"/bench/{s}/{side}" for s in "qv" for side in ("measured", "before", "after")}
+    assert set(found) == residuals | states | {"/bench/input/u"}
+    times, values = found["/bench/q/measured"]
+    order = np.argsort(times)
+    np.testing.assert_allclose(times[order], data.traces[0].t, atol=2e-9)
+    np.testing.assert_allclose(values[order], data.traces[0].y[:, 0])
+    np.testing.assert_allclose(found["/bench/residual/q/after"][1], values - found["/bench/q/after"][1], atol=1e-12)
+
+
+def test_the_corrected_case_runs_from_where_it_is(tmp_path):
+    case, target = tmp_path / "case.yaml", tmp_path / "results" / "deep" / "corrected_case.yaml"
+    case.write_text(ARM)
+    source = Path(__file__).parents[2] / "configs" / "models" / "pendulum.urdf"
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "arm.urdf").write_text(source.read_text())
+    joint = re.search(r'<joint name="([^"]+)" type="(?:revolute|continuous)"', source.read_text()).group(1)
+    case.write_text(case.read_text().replace("joint: j", f"joint: {joint}"))
+    target.parent.mkdir(parents=True)
+    found = [AppliedEffect("viscous_friction", joint, {"b": np.float64(0.05)})]
+    for rig, twins in (("hardware", 1), ("simulator", 0)):
+        target.write_text(corrected_case(case, target, found, [tmp_path / "a.csv"], rig, "Found."))
+        again = load_case(target)
+        assert (target.parent / again.plant.urdf).resolve() == (tmp_path / "models" / "arm.urdf").resolve()
+        assert again.measured.files == ("../../a.csv",)
+        assert [dict(e.parameters) for e in again.plant.effects] == [{"b": 0.05}]
+        assert len(again.simulator.effects) == twins
+        assert symbolic_model(again.plant, target.parent).parameters[f"{joint}.viscous_friction.b"].value == 0.05
+    second = tmp_path / "results" / "second.yaml"
+    text = corrected_case(target, second, [AppliedEffect("spring", joint, {"k": 0.1})], [], "hardware", "Again.")
+    assert text.count("name: arm_corrected\n") == 1
+    assert [line for line in text.splitlines() if line.startswith("#")]
+
+
+def test_a_case_without_data_says_what_to_do(tmp_path):
+    (tmp_path / "case.yaml").write_text(example.CASE)
+    with pytest.raises(UserError, match=r"measured\.files: no data are given"):
+        stage.run(tmp_path / "case.yaml", [], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
