@@ -10,6 +10,7 @@ configfile: "configs/default.yaml"
 include: "rules/common.smk"
 include: "rules/gap.smk"
 include: "rules/control.smk"
+include: "rules/diagnosis.smk"
 include: "rules/report.smk"
 
 

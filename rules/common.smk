@@ -7,7 +7,7 @@ from snakemake.exceptions import WorkflowError
 
 from simgap.config.load import load_case
 from simgap.errors import SimgapError
-from simgap.provenance import code_digest, digest, sections_digest, versions
+from simgap.provenance import code_digest, digest, file_digest, sections_digest, versions
 from simgap.stages.reads import READS
 
 CASE_FOLDER = Path(config["case_folder"])
@@ -16,14 +16,26 @@ ENGINES = digest(versions("drake", "pybullet", "numpy", "numba", "clarabel", "cv
 
 
 wildcard_constraints:
-    case="[a-z][a-z0-9_-]*",
+    case="[a-z][a-z0-9_-]*(/corrected)?",
     eps=r"[0-9]+(\.[0-9]+)?(e-?[0-9]+)?",
     shard="[0-9]+",
     kind="nominal|gap",
 
 
+def base(name):
+    """The case that a corrected case came from."""
+    return name.removesuffix("/corrected")
+
+
 def case_path(name):
+    if name != base(name):
+        return f"results/{base(name)}/diagnosis/corrected_case.yaml"
     return str(CASE_FOLDER / f"{name}.yaml")
+
+
+def correction(wildcards):
+    """A corrected case's file is made by a rule, so it is an input; a case's own file is hashed section by section."""
+    return case_path(wildcards.case) if wildcards.case != base(wildcards.case) else []
 
 
 def load(name):
@@ -37,7 +49,11 @@ LOADED = {name: load(name) for name in CASES}
 
 
 def case_of(wildcards):
-    return LOADED.setdefault(wildcards.case, None) or load(wildcards.case)
+    """The case, or the one that it came from: they differ in the nominal model alone."""
+    name = base(wildcards.case)
+    if name not in LOADED:
+        LOADED[name] = load(name)
+    return LOADED[name]
 
 
 def reads(stage):

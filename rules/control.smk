@@ -7,6 +7,7 @@ def gap_option(wildcards, input):
 
 rule synthesis:
     input:
+        case=correction,
         gap=lambda w: f"results/{w.case}/gap/eps~{eps_of(w)}/gap.json" if w.kind == "gap" else [],
     output:
         controller="results/{case}/synthesis/{kind}/controller.npz",
@@ -32,6 +33,7 @@ rule synthesis:
 
 rule validation:
     input:
+        case=correction,
         nominal="results/{case}/synthesis/nominal/controller.npz",
         robust="results/{case}/synthesis/gap/controller.npz",
         gap=lambda w: f"results/{w.case}/gap/eps~{eps_of(w)}/gap.json",

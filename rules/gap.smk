@@ -45,7 +45,7 @@ def shards(wildcards):
     count = case_of(wildcards).grid.shards
     return expand(
         "results/{case}/rollouts/eps~{eps}/shard-{shard}.parquet",
-        case=wildcards.case,
+        case=base(wildcards.case),
         eps=wildcards.eps,
         shard=range(count),
     )
@@ -53,8 +53,9 @@ def shards(wildcards):
 
 rule gap:
     input:
+        case=correction,
         rollouts=shards,
-        fresh="results/{case}/fresh/samples.parquet",
+        fresh=lambda w: f"results/{base(w.case)}/fresh/samples.parquet",
     output:
         gap="results/{case}/gap/eps~{eps}/gap.json",
         samples="results/{case}/gap/eps~{eps}/samples.parquet",

@@ -18,7 +18,7 @@ from simgap.dynamics.model import (
     symbol,
 )
 from simgap.dynamics.urdf import JointState, load_urdf
-from simgap.effects import effect
+from simgap.effects import AppliedEffect, apply_effects
 from simgap.errors import UserError
 from simgap.units import conversion
 
@@ -29,10 +29,8 @@ def symbolic_model(section: PlantSection, folder: Path) -> SymbolicModel:
     Raises:
         UserError: whatever is wrong with the model file, the equations, the units or the effects.
     """
-    model = bare_model(section, folder)
-    for added in section.effects:
-        model = effect(added.name).apply(model, added.on, added.parameters)
-    return model
+    added = [AppliedEffect(e.name, e.on, e.parameters) for e in section.effects]
+    return apply_effects(bare_model(section, folder), added)
 
 
 def bare_model(section: PlantSection, folder: Path) -> SymbolicModel:

@@ -14,6 +14,7 @@ from numba import njit
 from simgap.dynamics.compile import Kernel, compile_interval_kernel, compile_kernel
 from simgap.dynamics.integrators import discretise
 from simgap.dynamics.model import SymbolicModel
+from simgap.errors import UserError
 from simgap.geometry import Floats
 
 
@@ -31,7 +32,17 @@ class NominalModel:
 
     @staticmethod
     def of(model: SymbolicModel, tau: float, integrator: str, substeps: int = 1) -> NominalModel:
-        """Discretise a symbolic model; `integrator` is a key of `integrators.INTEGRATORS`."""
+        """Discretise a symbolic model; `integrator` is a key of `integrators.INTEGRATORS`.
+
+        Raises:
+            UserError: for a model whose inputs act late.
+        """
+        if model.delays:
+            raise UserError(
+                f"the input delay of {sorted(model.delays)} is not a function of the present state and input",
+                key="plant.effects",
+                remedy="Leave it out and let gamma cover it, or state whole samples of it as sensing.latency.",
+            )
         x, u = (tuple(v.symbol for v in group) for group in (model.states, model.inputs))
         return NominalModel(x, u, discretise(model, tau, integrator, substeps), tau)
 

@@ -1,0 +1,69 @@
+# The loop closed with measured data: recordings -> diagnosis -> corrected case -> the same stages again.
+#
+# A corrected case is called `<case>/corrected`. It runs on its own case file, which the diagnosis writes, and on the roll-outs
+# of the case that it came from: they do not depend on the nominal model.
+
+
+def rig_file(case):
+    path = Path(config["rig_folder"]) / f"{case}.yaml"
+    return path if path.is_file() else None
+
+
+def recordings(wildcards):
+    """What is diagnosed: the case's own recordings, or those of its rig."""
+    measured = case_of(wildcards).measured
+    if measured is not None and measured.files:
+        return [str(CASE_FOLDER / name) for name in measured.files]
+    return [f"results/{wildcards.case}/rig/recordings.parquet"]
+
+
+def diagnosed(case):
+    measured = LOADED[case].measured
+    return rig_file(case) is not None or (measured is not None and bool(measured.files))
+
+
+rule rig:
+    output:
+        "results/{case}/rig/recordings.parquet",
+    log:
+        "results/{case}/logs/rig.log",
+    benchmark:
+        "results/{case}/benchmarks/rig.tsv"
+    params:
+        rig=lambda w: rig_file(w.case),
+        content=lambda w: file_digest(rig_file(w.case)),
+        reads=reads("rig"),
+        code=code("rig"),
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "{wildcards.case}: moving and recording the rig"
+    shell:
+        "simgap rig {params.rig} --out {output} --log {log}"
+
+
+rule diagnosis:
+    input:
+        recordings,
+    output:
+        document="results/{case}/diagnosis/diagnosis.json",
+        corrected="results/{case}/diagnosis/corrected_case.yaml",
+        report="results/{case}/diagnosis/report.html",
+        recording="results/{case}/diagnosis/residual.rrd",
+    log:
+        "results/{case}/logs/diagnosis.log",
+    benchmark:
+        "results/{case}/benchmarks/diagnosis.tsv"
+    params:
+        case=lambda w: case_path(w.case),
+        out=lambda w, output: Path(output.document).parent,
+        reads=reads("diagnosis"),
+        code=code("diagnosis"),
+    resources:
+        mem_mb=3000,
+        runtime=60,
+    message:
+        "{wildcards.case}: from residuals to the effect that the model lacks"
+    shell:
+        "simgap diagnose {params.case} {input} --out {params.out} --log {log}"

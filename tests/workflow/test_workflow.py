@@ -1,0 +1,152 @@
+"""Snakemake as a person runs it, on a copy of the project with a small case."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+SMALL = {
+    "domain": {"tau": 0.005, "X": {"x1": [-0.2, 0.2], "x2": [-0.5, 0.5]}, "U": {"u": {"min": -1.2, "max": 1.2, "step": 0.4}}},
+    "grid": {"eps": 0.02, "shards": 2},
+    "synthesis": {"cells": [200, 100], "specification": {"kind": "invariance", "safe": {"x1": [0.0, 0.2], "x2": [-0.5, 0.5]}}},
+    "validation": {"starts": 20, "steps": 100, "seed": 1},
+}
+
+
+class Project:
+    """A copy of the workflow with one small case, on whose own package Python imports."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        for name in ("Snakefile", "rules", "profiles", "configs", "reports", "simgap"):
+            source = ROOT / name
+            copy = shutil.copytree if source.is_dir() else shutil.copy
+            copy(source, folder / name, **({"ignore": shutil.ignore_patterns("__pycache__")} if source.is_dir() else {}))
+        self.case = folder / "configs/cases/small.yaml"
+        content = yaml.safe_load((ROOT / "configs/cases/pendulum.yaml").read_text())
+        content.pop("measured", None)
+        content |= SMALL | {"name": "small"}
+        content["gap"]["fresh_samples"] = 2000
+        self.write(content)
+        (folder / "configs/default.yaml").write_text(
+            yaml.safe_dump(
+                {"case_folder": "configs/cases", "rig_folder": "configs/rigs", "cases": ["small"], "sweeps": {}}
+            )
+        )
+
+    def write(self, content):
+        self.case.write_text(yaml.safe_dump(content, sort_keys=False))
+
+    def change(self, edit):
+        content = yaml.safe_load(self.case.read_text())
+        edit(content)
+        self.write(content)
+
+    def snakemake(self, *arguments, check=True):
+        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        env = os.environ | {"PYTHONPATH": str(self.folder), "PATH": path}
+        command = [sys.executable, "-m", "snakemake", "--cores", "2", *arguments]
+        done = subprocess.run(command, cwd=self.folder, env=env, capture_output=True, text=True, timeout=900, check=False)
+        if check and done.returncode:
+            pytest.fail(f"{command} failed:\n{done.stdout[-3000:]}\n{done.stderr[-6000:]}")
+        return done
+
+    def planned(self, *arguments):
+        """How many jobs of each rule a call would run."""
+        done = self.snakemake("-n", "--quiet", "rules", *arguments)
+        text = done.stdout + done.stderr
+        if "Nothing to be done" in text:
+            return {}
+        rows = [line.split() for line in text.splitlines()]
+        jobs = {row[0]: int(row[1]) for row in rows if len(row) == 2 and row[1].isdigit()}
+        jobs.pop("total", None)
+        jobs.pop("all", None)
+        return jobs
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    made = Project(tmp_path_factory.mktemp("project"))
+    made.snakemake()
+    return made
+
+
+def test_everything_is_there(project):
+    results = project.folder / "results/small"
+    for name in ("report.html", "summary.json", "trace/trace.rrd", "validation/traces.parquet", "gap/eps~0.02/gap.json"):
+        assert (results / name).stat().st_size > 0
+    logs = sorted(p.name for p in (results / "logs").glob("*.log"))
+    assert "validation.log" in logs
+    assert "rollouts-eps~0.02-0.log" in logs
+
+
+def test_a_second_call_runs_nothing(project):
+    assert project.planned() == {}
+
+
+def test_a_synthesis_key_reruns_no_rollout(project):
+    original = project.case.read_text()
+    project.change(lambda c: c["synthesis"].__setitem__("cells", [180, 90]))
+    jobs = project.planned()
+    project.case.write_text(original)
+    assert jobs.get("synthesis") == 2
+    assert jobs.get("validation") == 1
+    assert not {"rollouts", "fresh", "gap"} & set(jobs)
+
+
+def test_an_edited_kernel_reruns_exactly_its_dependents(project):
+    kernel = project.folder / "simgap/synthesis/invariance.py"
+    original = kernel.read_text()
+    kernel.write_text(original + "\n# changed\n")
+    jobs = project.planned()
+    kernel.write_text(original)
+    assert jobs.get("synthesis") == 2
+    assert not {"rollouts", "fresh", "gap"} & set(jobs)
+
+
+def test_a_model_file_is_part_of_what_was_read(project):
+    urdf = project.folder / "configs/models/pendulum.urdf"
+    original = urdf.read_text()
+    urdf.write_text(original.replace('mass value="1.0"', 'mass value="1.1"'))
+    jobs = project.planned()
+    urdf.write_text(original)
+    assert jobs.get("rollouts") == 2
+
+
+def test_an_overlay_of_the_sweep_adds_only_new_points(project):
+    overlay = project.folder / "more.yaml"
+    overlay.write_text(yaml.safe_dump({"sweeps": {"small": {"eps": [0.02, 0.05]}}}))
+    jobs = project.planned("--configfile", str(overlay))
+    assert jobs.get("rollouts") == 2
+    assert jobs.get("gap") == 1
+    assert not {"fresh", "synthesis", "validation"} & set(jobs)
+
+
+def test_a_truncated_shard_is_one_line_with_the_file_and_the_remedy(project, tmp_path):
+    shard = project.folder / "results/small/rollouts/eps~0.02/shard-0.parquet"
+    cut = tmp_path / "cut.parquet"
+    cut.write_bytes(shard.read_bytes()[:-200])
+    command = [sys.executable, "-m", "simgap.cli", "gap", str(project.case), "--eps", "0.02", "--rollouts", str(cut)]
+    command += ["--rollouts", str(shard.with_name("shard-1.parquet"))]
+    command += ["--fresh", str(project.folder / "results/small/fresh/samples.parquet")]
+    command += ["--out", str(tmp_path / "gap.json"), "--samples", str(tmp_path / "s.parquet"), "--log", str(tmp_path / "l")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert str(cut) in done.stderr
+    assert "Delete it" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "gap.json").exists()
+
+
+def test_a_mistake_in_a_case_is_told_by_the_workflow(project):
+    original = project.case.read_text()
+    project.change(lambda c: c["grid"].__setitem__("epz", 1))
+    done = project.snakemake("-n", check=False)
+    project.case.write_text(original)
+    assert done.returncode != 0
+    assert "grid.epz" in done.stderr + done.stdout
