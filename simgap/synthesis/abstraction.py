@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.synthesis.holes import layout
+from simgap.synthesis.sweep import Sweep
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,6 +30,7 @@ class Abstraction:
         meta, data, table: flat arrays that `post` reads.
         axes: for each dimension i, the state axes on which the offset f_i(x, u) - x_i and its spread depend.
         error: bound of the measurement error that the boxes account for, (nx,).
+        sweep: cells that the way between samples may touch, for each input; None where it does not matter.
     """
 
     grid: Grid
@@ -39,6 +41,7 @@ class Abstraction:
     table: NDArray[np.int32]
     axes: tuple[tuple[int, ...], ...]
     error: Floats
+    sweep: Sweep | None = None
 
     def __post_init__(self) -> None:
         if self.grid.box.size > MAX_AXES:

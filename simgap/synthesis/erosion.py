@@ -98,9 +98,9 @@ def spread(flags, lengths, periodic, lower, upper, out):  # type: ignore[no-unty
 
 @nb.njit(cache=True, nogil=True)
 def smallest_boxes(lower, extent, keep, number):  # type: ignore[no-untyped-def]
-    """Per layer the inputs whose box holds no other input's box: a cell that any input wins is won by one of these.
+    """Per layer the inputs whose boxes hold no other input's boxes: a cell that any input wins is won by one of these.
 
-    lower, extent (layers, M, 4) -> keep (layers, M) input numbers in front, number (layers,) how many.
+    lower, extent (layers, M, k), one or more boxes beside each other -> keep (layers, M) input numbers in front, number (layers,) how many.
     """
     inputs = lower.shape[1]
     for layer in range(lower.shape[0]):
@@ -110,7 +110,7 @@ def smallest_boxes(lower, extent, keep, number):  # type: ignore[no-untyped-def]
             for o in range(inputs):
                 inside = o != m
                 same = True
-                for j in range(4):
+                for j in range(lower.shape[2]):
                     a, b = lower[layer, m, j], lower[layer, o, j]
                     c, d = a + extent[layer, m, j], b + extent[layer, o, j]
                     inside = inside and b >= a and d <= c
@@ -125,7 +125,24 @@ def smallest_boxes(lower, extent, keep, number):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True)
 def predecessors(  # type: ignore[no-untyped-def]
-    lengths, periodic, layer, rel, shape_of, eroded, keep, number, changed, near, won, free, fresh, first, last
+    lengths,
+    periodic,
+    layer,
+    rel,
+    shape_of,
+    eroded,
+    way,
+    way_of,
+    clear,
+    keep,
+    number,
+    changed,
+    near,
+    won,
+    free,
+    fresh,
+    first,
+    last,
 ):
     """Newly won bits of the rows first..last; returns how many rows gained some.
 
@@ -133,10 +150,10 @@ def predecessors(  # type: ignore[no-untyped-def]
         layer: (rows,) which entry of `rel` a row uses; rel: (layers, M, 4) int32 lower offsets of the three row axes
             and of the bit axis; shape_of: (layers, M) which erosion; keep, number: the inputs to try.
         eroded: (shapes, rows, words); changed: (shapes, rows): an erosion that did not grow wins nothing new.
+        way, way_of, clear: as rel, shape_of, eroded, for the box of the way between samples in the free cells; no
+            shapes in `clear` when the way does not matter.
     """
     words = won.shape[1]
-    n0, n1, n2 = lengths
-    p0, p1, p2 = periodic
     gained = 0
     for r in range(first, last):
         missing = np.uint64(0)
@@ -149,24 +166,18 @@ def predecessors(  # type: ignore[no-untyped-def]
         t = layer[r]
         for i in range(number[t]):
             m = keep[t, i]
-            b0, b1, b2 = a0 + rel[t, m, 0], a1 + rel[t, m, 1], a2 + rel[t, m, 2]
-            if (b0 < 0 or b0 >= n0) and p0:
-                b0 %= n0
-            if (b1 < 0 or b1 >= n1) and p1:
-                b1 %= n1
-            if (b2 < 0 or b2 >= n2) and p2:
-                b2 %= n2
-            if b0 < 0 or b0 >= n0 or b1 < 0 or b1 >= n1 or b2 < 0 or b2 >= n2:
+            other = _row_at(lengths, periodic, a0, a1, a2, rel[t, m])
+            s = shape_of[t, m]
+            if other < 0 or not changed[s, other]:
                 continue
-            s, other = shape_of[t, m], (b0 * n1 + b1) * n2 + b2
-            if not changed[s, other]:
+            along = _row_at(lengths, periodic, a0, a1, a2, way[t, m]) if clear.shape[0] else other
+            if along < 0:
                 continue
-            by = rel[t, m, 3]
-            skip, bit = by >> 6, np.uint64(by & 63)
+            skip = rel[t, m, 3] >> 6
             for w in range(max(0, -skip - 1), min(words, words - skip)):
-                low = eroded[s, other, w + skip] >> bit if w + skip >= 0 else np.uint64(0)
-                if bit and w + skip + 1 < words:
-                    low |= eroded[s, other, w + skip + 1] << (np.uint64(64) - bit)
+                low = _shifted(eroded[s], other, w, rel[t, m, 3], words)
+                if clear.shape[0]:
+                    low &= _shifted(clear[way_of[t, m]], along, w, way[t, m, 3], words)
                 fresh[r, w] |= low
         any_new = np.uint64(0)
         for w in range(words):
@@ -177,27 +188,29 @@ def predecessors(  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
+def _row_at(lengths, periodic, a0, a1, a2, rel):  # type: ignore[no-untyped-def]
+    """Row at an offset along the row axes; -1 beyond an axis that ends."""
+    n0, n1, n2 = lengths
+    b0, b1, b2 = a0 + rel[0], a1 + rel[1], a2 + rel[2]
+    if (b0 < 0 or b0 >= n0) and periodic[0]:
+        b0 %= n0
+    if (b1 < 0 or b1 >= n1) and periodic[1]:
+        b1 %= n1
+    if (b2 < 0 or b2 >= n2) and periodic[2]:
+        b2 %= n2
+    if b0 < 0 or b0 >= n0 or b1 < 0 or b1 >= n1 or b2 < 0 or b2 >= n2:
+        return -1
+    return (b0 * n1 + b1) * n2 + b2
+
+
+@nb.njit(cache=True, nogil=True)
 def _successor_words(lengths, periodic, r, w, rel, shape_of, eroded, words, out):  # type: ignore[no-untyped-def]
     """For every input, which cells of word `w` of row `r` it takes into the set: -> (M,) uint64."""
-    n0, n1, n2 = lengths
+    n1, n2 = lengths[1], lengths[2]
     a0, a1, a2 = r // (n1 * n2), r // n2 % n1, r % n2
     for m in range(rel.shape[0]):
-        out[m] = 0
-        b0, b1, b2 = a0 + rel[m, 0], a1 + rel[m, 1], a2 + rel[m, 2]
-        if periodic[0]:
-            b0 %= n0
-        if periodic[1]:
-            b1 %= n1
-        if periodic[2]:
-            b2 %= n2
-        if b0 < 0 or b0 >= n0 or b1 < 0 or b1 >= n1 or b2 < 0 or b2 >= n2:
-            continue
-        other = (b0 * n1 + b1) * n2 + b2
-        word, bit = w + (rel[m, 3] >> 6), np.uint64(rel[m, 3] & 63)
-        if 0 <= word < words:
-            out[m] = eroded[shape_of[m], other, word] >> bit
-        if bit and 0 <= word + 1 < words:
-            out[m] |= eroded[shape_of[m], other, word + 1] << (np.uint64(64) - bit)
+        other = _row_at(lengths, periodic, a0, a1, a2, rel[m])
+        out[m] = _shifted(eroded[shape_of[m]], other, w, rel[m, 3], words) if other >= 0 else np.uint64(0)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -217,11 +230,28 @@ def _scatter(inputs, new, start, stride, mask):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True)
 def record(  # type: ignore[no-untyped-def]
-    lengths, periodic, layer, rel, shape_of, eroded, won, fresh, base, stride, level, value, mask, first, last
+    lengths,
+    periodic,
+    layer,
+    rel,
+    shape_of,
+    eroded,
+    way,
+    way_of,
+    clear,
+    won,
+    fresh,
+    base,
+    stride,
+    level,
+    value,
+    mask,
+    first,
+    last,
 ):
     """Give the fresh cells of the rows first..last their level and the bits of their inputs, then count them as won."""
     words = won.shape[1]
-    inputs = np.zeros(rel.shape[1], np.uint64)
+    inputs, ways = np.zeros(rel.shape[1], np.uint64), np.zeros(rel.shape[1], np.uint64)
     for r in range(first, last):
         for w in range(words):
             new = fresh[r, w]
@@ -235,5 +265,9 @@ def record(  # type: ignore[no-untyped-def]
             if mask.shape[1] > 0:
                 t = layer[r]
                 _successor_words(lengths, periodic, r, w, rel[t], shape_of[t], eroded, words, inputs)
+                if clear.shape[0]:
+                    _successor_words(lengths, periodic, r, w, way[t], way_of[t], clear, words, ways)
+                    for m in range(inputs.size):
+                        inputs[m] &= ways[m]
                 _scatter(inputs, new, start, stride, mask)
     return 0

@@ -71,6 +71,11 @@ def reach_avoid(
             "no axis allows bit rows: every offset depends on it, it is periodic, or the boxes differ too much",
             remedy="Use the table backend",
         )
+    if rows is None and abstraction.sweep is not None:
+        raise UserError(
+            "the way between samples is checked on bit rows only, and no axis allows them",
+            remedy="Use a gap that does not depend on the position, or fewer cells",
+        )
     solve = (target & free).astype(np.uint8), free.astype(np.uint8)
     if rows is not None:
         value, mask = reach_by_rows(abstraction, rows, *solve, threads, masks)

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.geometry import Grid
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.bits import packed_width
 from simgap.synthesis.erosion import (
@@ -19,11 +20,12 @@ from simgap.synthesis.erosion import (
     smallest_boxes,
     spread,
 )
+from simgap.synthesis.sweep import Sweep
 from simgap.synthesis.tables import reduced_cells, reduced_size
 from simgap.synthesis.threads import over_rows
 
 Ints = NDArray[np.int64]
-MAX_SHAPES = 128
+MAX_SHAPE_CELLS = 4_000_000_000  # bits: 500 MB of eroded sets
 MAX_BOXES = 40_000_000
 
 
@@ -39,6 +41,8 @@ class RowSystem:
         rel: (layers, M, 4) int32 lower offsets along the row axes and the bit axis.
         shape_of: (layers, M) int16 which of `shapes` (k, 4), the box's extent along the same axes.
         keep, number: (layers, M), (layers,) the inputs that can win a cell first (`erosion.smallest_boxes`).
+        way, way_of, ways: as rel, shape_of, shapes, for the box of the way between samples; no ways where it does not
+            matter.
         reach: (2, 3) least lower and largest upper offset along the row axes.
     """
 
@@ -54,6 +58,9 @@ class RowSystem:
     shapes: Ints
     keep: NDArray[np.int32]
     number: NDArray[np.int32]
+    way: NDArray[np.int32]
+    way_of: NDArray[np.int16]
+    ways: Ints
     reach: Ints
 
     @staticmethod
@@ -67,11 +74,14 @@ class RowSystem:
         bit_axis = max(idle, key=lambda j: grid.cells[j])
         row_axes = tuple(j for j in range(grid.box.size) if j != bit_axis)
         rel, extent = _offsets(abstraction, tuple(used), [*row_axes, bit_axis])
+        way, length = _ways(abstraction.sweep, grid, tuple(used), [*row_axes, bit_axis], rel.shape[:2])
         shapes, shape_of = np.unique(extent.reshape(-1, 4), axis=0, return_inverse=True)
-        if len(shapes) > MAX_SHAPES:
+        ways, way_of = np.unique(length.reshape(-1, 4), axis=0, return_inverse=True)
+        if (len(shapes) + len(ways)) * grid.size > MAX_SHAPE_CELLS:
             return None
         keep, number = np.zeros(rel.shape[:2], np.int32), np.zeros(len(rel), np.int32)
-        smallest_boxes(rel, extent, keep, number)
+        both = np.concatenate([rel, way], axis=2) if len(way) else rel
+        smallest_boxes(both, np.concatenate([extent, length], axis=2) if len(way) else extent, keep, number)
         missing = 3 - len(row_axes)
         lengths = np.array([1] * missing + [grid.cells[j] for j in row_axes])
         strides = np.cumprod([1, *grid.cells[:0:-1]])[::-1]
@@ -92,6 +102,9 @@ class RowSystem:
             shapes=shapes.astype(np.int64),
             keep=keep,
             number=number,
+            way=way,
+            way_of=way_of.reshape(way.shape[:2]).astype(np.int16),
+            ways=ways.astype(np.int64),
             reach=np.stack([rel[..., :3].min((0, 1)), (rel + extent - 1)[..., :3].max((0, 1))]).astype(np.int64),
         )
 
@@ -116,6 +129,31 @@ def _offsets(abstraction: Abstraction, used: tuple[int, ...], order: list[int]) 
     return lower, extent
 
 
+def _ways(
+    sweep: Sweep | None, grid: Grid, used: tuple[int, ...], order: list[int], shape: tuple[int, ...]
+) -> tuple[NDArray[np.int32], ...]:
+    """Lower offsets and extents of the ways, laid out as `_offsets`; (0, M, 4) without a sweep."""
+    lower = np.zeros((shape[0] if sweep is not None else 0, shape[1], 4), np.int32)
+    extent = np.ones_like(lower)
+    if sweep is not None:
+        low, high = sweep.at(reduced_cells(grid, used), grid)
+        lower[..., -len(order) :] = low[..., order]
+        extent[..., -len(order) :] = (high - low + 1)[..., order]
+    return lower, extent
+
+
+def _clear(system: RowSystem, allowed: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The free cells eroded by the box of each way, (ways, rows, words)."""
+    rows, words = allowed.shape
+    clear, along = np.zeros((len(system.ways), rows, words), np.uint64), np.empty((rows, words), np.uint64)
+    everywhere, grew = np.ones(rows, np.uint8), np.zeros(rows, np.uint8)
+    axes = (system.lengths, system.periodic)
+    for s, box in enumerate(system.ways):
+        erode_along_rows(allowed, box[3], along)
+        erode_across_rows(*axes, box[:3], rows, along, everywhere, clear[s], grew)
+    return clear
+
+
 def reach_by_rows(
     abstraction: Abstraction,
     system: RowSystem,
@@ -138,7 +176,7 @@ def reach_by_rows(
     along = np.empty((rows, words), np.uint64)
     news = won.any(axis=1).astype(np.uint8)
     axes = (system.lengths, system.periodic)
-    boxes = (system.layer, system.rel, system.shape_of, eroded)
+    boxes = (system.layer, system.rel, system.shape_of, eroded, system.way, system.way_of, _clear(system, allowed))
     level = 0
     while news.any():
         level += 1

@@ -17,6 +17,7 @@ from simgap.synthesis.refusals import hopeless_dimension, reason_for_empty
 from simgap.synthesis.sensing import sensed_invariance
 from simgap.synthesis.solution import Solution
 from simgap.synthesis.specifications import InvarianceSpecification, Specification
+from simgap.synthesis.sweep import Sweep
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +36,8 @@ class Problem:
         gap_axes: state axes on which the gap depends, None for all.
         error: bound of the measurement error per state, (nx,); None for a perfect measurement.
         latency: whole samples between a measurement and the input that uses it, 0 or 1.
+        sweep: cells that the way between samples may touch, for each input; None where the specification's clearance
+            covers it.
     """
 
     model: Model
@@ -46,6 +49,7 @@ class Problem:
     gap_axes: Sequence[int] | None = None
     error: Floats | None = None
     latency: int = 0
+    sweep: Sweep | None = None
 
     @property
     def grid(self) -> Grid:
@@ -69,7 +73,8 @@ class Problem:
     def abstraction(self) -> Abstraction:
         """The abstraction of the model with its gap; of measured cells for reach-avoid, of true ones otherwise."""
         error = None if self.sensed else self.error
-        return nominal_abstraction(self.model, self.grid, self.inputs, self.gap, self.gap_axes, error)
+        plain = nominal_abstraction(self.model, self.grid, self.inputs, self.gap, self.gap_axes, error)
+        return replace(plain, sweep=self.sweep)
 
 
 def synthesise(problem: Problem, threads: int = 1) -> Solution:

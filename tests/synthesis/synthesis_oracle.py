@@ -18,7 +18,14 @@ def random_abstraction(rng, cells, periodic=(), inputs=5, axes=None, spread=2, d
     low = rng.integers(-drift, drift + 1, total)
     table = np.stack([low, low + rng.integers(0, spread + 1, total)], axis=1).astype(np.int32)
     return Abstraction(
-        grid, np.arange(inputs, dtype=float)[:, None], table_post(), meta, np.zeros(1), table.reshape(-1), axes, np.zeros(n)
+        grid,
+        np.arange(inputs, dtype=float)[:, None],
+        table_post(),
+        meta,
+        np.zeros(1),
+        table.reshape(-1),
+        axes,
+        np.zeros(n),
     )
 
 
@@ -80,9 +87,7 @@ def delayed(moves, inputs):
     """Greatest set of (cell, pending input) pairs when the next input rests on the measurement before."""
     pairs = {(k, p) for k in moves for p in range(inputs) if moves[k][p] is not None}
     while True:
-        left = {
-            (k, p) for k, p in pairs if any(all((to, u) in pairs for to in moves[k][p]) for u in range(inputs))
-        }
+        left = {(k, p) for k, p in pairs if any(all((to, u) in pairs for to in moves[k][p]) for u in range(inputs))}
         if left == pairs:
             return pairs
         pairs = left

@@ -22,7 +22,9 @@ def unicycle(tau=1.0, exact=False):
     """A unicycle, explicit Euler or the second-order arc."""
     x, y, t, v, w = sp.symbols("x y t v w", real=True)
     heading = t + tau * w / 2 if exact else t
-    return NominalModel((x, y, t), (v, w), (x + tau * v * sp.cos(heading), y + tau * v * sp.sin(heading), t + tau * w), tau)
+    return NominalModel(
+        (x, y, t), (v, w), (x + tau * v * sp.cos(heading), y + tau * v * sp.sin(heading), t + tau * w), tau
+    )
 
 
 @cache
@@ -40,12 +42,12 @@ def random_plant(seed):
 
 @cache
 def constant_gap(*size):
-    """The gap kernel of |d_i| <= size_i."""
+    """The gap kernel of |d_i| <= size_i; more sizes than states do no harm."""
     sizes = np.array(size)
 
     @njit
     def gap(xlo, xhi, u, lo, hi):
-        for i in range(sizes.size):
+        for i in range(xlo.size):
             lo[i], hi[i] = -sizes[i], sizes[i]
 
     return gap

@@ -1,0 +1,136 @@
+"""Time and memory of synthesis: `python benchmarks/synthesis.py` prints a table and writes results/synthesis.json.
+
+Every row runs in a process of its own, twice in it: the first run compiles or loads the kernels, the second is timed (CPU
+time and wall time). Memory is the peak of that process above what it held after importing the package.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+RESULT = Path(__file__).parent / "results" / "synthesis.json"
+
+
+def _status(key: str) -> float:
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(key):
+            return int(line.split()[1]) / 1024
+    raise KeyError(key)
+
+
+def _timed(name: str, run) -> dict[str, object]:
+    before = _status("VmRSS")
+    run()
+    cpu, wall = time.process_time(), time.perf_counter()
+    facts = run()
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    memory = _status("VmHWM") - before
+    return {"problem": name, **facts, "cpu_s": round(cpu, 3), "wall_s": round(wall, 3), "peak_MiB": round(memory)}
+
+
+def _pinned_pendulum(number: int) -> dict[str, object]:
+    from pinned_problems import PENDULUM, pendulum
+
+    from simgap.synthesis.invariance import invariance
+
+    cells = list(PENDULUM)[number]
+
+    def run() -> dict[str, object]:
+        found = invariance(pendulum(cells))
+        counts = int(found.winning.sum()), found.pairs
+        return {"winning": counts[0], "pairs": counts[1], "exact": counts == PENDULUM[cells]}
+
+    return _timed(f"(a) pendulum {cells[0]} x {cells[1]} x 25", run)
+
+
+def _pinned_unicycle(number: int, backend: str, masks: bool) -> dict[str, object]:
+    from pinned_problems import UNICYCLE, unicycle
+
+    from simgap.synthesis.reach import reach_avoid
+
+    row = list(UNICYCLE)[number]
+
+    def run() -> dict[str, object]:
+        found = reach_avoid(*unicycle(*row), backend=backend, masks=masks)
+        counts = int(found.winning.sum()), found.steps
+        return {"winning": counts[0], "steps": counts[1], "exact": counts == UNICYCLE[row]}
+
+    what = "all inputs" if masks else "values only"
+    return _timed(f"(b) unicycle {row[0]}, {row[1] ** 2} inputs, {backend}, {what}", run)
+
+
+def _product(gap_kind: str, threads: int) -> dict[str, object]:
+    import numpy as np
+    import sympy as sp
+    from numba import njit
+
+    from simgap.dynamics.nominal import NominalModel
+    from simgap.geometry import Box, Grid
+    from simgap.synthesis.invariance import invariance
+    from simgap.synthesis.nominal import nominal_abstraction
+
+    a, b, u = sp.symbols("x1 x2 u", real=True)
+    tau = 0.005
+    model = NominalModel((a, b), (u,), (a + tau * b, b - 1.5 * 9.81 * tau * sp.sin(a) + 3 * tau * u), tau)
+    inputs = np.round(np.linspace(-1.2, 1.2, 25), 12)[:, None]
+    grid = Grid(Box([0, -0.5], [0.2, 0.5]), (800, 800))
+
+    @njit
+    def constant(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
+        lo[0], lo[1], hi[0], hi[1] = -1.6e-4, -1.3e-4, 1.6e-4, 1.3e-4
+
+    @njit
+    def sloped(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
+        for i in range(2):
+            low = high = 0.0
+            for j in range(2):
+                c, r = 0.5 * (xlo[j] + xhi[j]), 0.5 * (xhi[j] - xlo[j])
+                slope = 0.02 * c + 0.01 * u[0]
+                value, spread = 0.01 * c * c + 0.01 * c * u[0], abs(slope) * r + 0.01 * r * r
+                low, high = low + value - spread, high + value + spread
+            lo[i], hi[i] = 0.01 * low - 1e-5, 0.01 * high + 1e-5
+
+    gaps = {"nominal": (None, None), "constant gap": (constant, ()), "gap in x and u": (sloped, None)}
+
+    def run() -> dict[str, object]:
+        found = invariance(nominal_abstraction(model, grid, inputs, *gaps[gap_kind]), threads=threads)
+        return {"winning": int(found.winning.sum()), "pairs": found.pairs}
+
+    return _timed(f"pendulum 800 x 800 x 25, {gap_kind}, {threads} threads", run)
+
+
+JOBS = [
+    *[("_pinned_pendulum", k) for k in range(4)],
+    *[("_pinned_unicycle", k, "bit_rows", False) for k in range(4)],
+    ("_pinned_unicycle", 3, "bit_rows", True),
+    *[("_pinned_unicycle", k, "table", False) for k in range(4)],
+    *[("_product", gap, threads) for gap in ("nominal", "constant gap", "gap in x and u") for threads in (1, 2)],
+]
+
+
+def main() -> None:
+    """Run all jobs, or the one given as JSON in the first argument (how the rows get a process of their own)."""
+    if len(sys.argv) > 1:
+        name, *arguments = json.loads(sys.argv[1])
+        print(json.dumps(globals()[name](*arguments)))
+        return
+    rows = []
+    for job in JOBS:
+        command = [sys.executable, __file__, json.dumps(job)]
+        for _ in range(2):  # the first process fills the cache of compiled kernels
+            done = subprocess.run(command, check=True, capture_output=True, text=True)
+        rows.append(json.loads(done.stdout))
+        print("  ".join(f"{key} {value}" for key, value in rows[-1].items()), flush=True)
+    machine = {"cores": os.cpu_count(), "platform": platform.platform(), "python": platform.python_version()}
+    RESULT.parent.mkdir(exist_ok=True)
+    RESULT.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

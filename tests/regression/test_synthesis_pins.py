@@ -1,0 +1,31 @@
+"""Pinned counts. To add a row, run `python benchmarks/synthesis.py` and confirm the count with another tool first."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+from pinned_problems import PENDULUM, UNICYCLE, pendulum, unicycle  # noqa: E402
+
+from simgap.synthesis.invariance import invariance  # noqa: E402
+from simgap.synthesis.reach import reach_avoid  # noqa: E402
+
+
+@pytest.mark.parametrize("cells", PENDULUM)
+def test_invariance_of_the_pendulum(cells):
+    found = invariance(pendulum(cells))
+    assert (int(found.winning.sum()), found.pairs) == PENDULUM[cells]
+
+
+@pytest.mark.parametrize("row", UNICYCLE)
+def test_reach_of_the_unicycle_on_bit_rows(row):
+    found = reach_avoid(*unicycle(*row), masks=False)
+    assert (int(found.winning.sum()), found.steps, found.backend) == (*UNICYCLE[row], "bit_rows")
+
+
+def test_reach_of_the_unicycle_by_table():
+    row = next(iter(UNICYCLE))
+    found = reach_avoid(*unicycle(*row), backend="table")
+    assert (int(found.winning.sum()), found.steps, found.backend) == (*UNICYCLE[row], "table")

@@ -1,0 +1,209 @@
+"""Controllers as files, specifications on cells, refusals in one line, motion between samples."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from pydantic import ValidationError
+from synthesis_plants import constant_gap, pendulum, unicycle
+
+from simgap.config.synthesis import SynthesisSection
+from simgap.dynamics.nominal import NominalModel
+from simgap.errors import BrokenPromise, UserError
+from simgap.geometry import Box, Grid
+from simgap.synthesis.controller import Controller, least_effort
+from simgap.synthesis.intersample import excursion
+from simgap.synthesis.regions import cells_meeting, cells_within
+from simgap.synthesis.solution import Solution
+from simgap.synthesis.specifications import make_specification
+from simgap.synthesis.synthesise import Problem, synthesise
+
+STATES = ("x1", "x2")
+DOMAIN = Box([-0.2, -0.5], [0.2, 0.5])
+
+
+def invariance(**changes):
+    return make_specification({"kind": "invariance", "safe": {"x1": (0.0, 0.2)}} | changes, STATES, DOMAIN)
+
+
+def pendulum_problem(cells=(200, 100), gap=None, **more):
+    model, inputs = pendulum()
+    axes = () if gap is not None else None
+    return Problem(model, invariance(), cells, inputs, gap=gap, gap_axes=axes, **more)
+
+
+@pytest.fixture(scope="module")
+def controller():
+    problem = pendulum_problem()
+    return Controller(problem.inputs, STATES, ("u",), synthesise(problem), "least_effort", {"seed": 0})
+
+
+def test_a_controller_reads_back_the_same(controller, tmp_path):
+    controller.save(tmp_path / "a.npz")
+    controller.save(tmp_path / "b.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    read = Controller.load(tmp_path / "a.npz")
+    assert np.array_equal(read.solution.mask, controller.solution.mask)
+    assert np.array_equal(read.solution.winning, controller.solution.winning)
+    assert (read.states, read.input_names, read.rule, read.metadata) == (STATES, ("u",), "least_effort", {"seed": 0})
+    assert read.solution.statistics == controller.solution.statistics
+    assert Controller.load(tmp_path / "a.npz").input([0.1, 0.0]).shape == (1,)
+    read.save(tmp_path / "c.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "c.npz").read_bytes()
+
+
+def test_the_chosen_input_is_admissible_and_of_least_effort(controller):
+    x = DOMAIN.sample(np.random.default_rng(0), 300)
+    chosen = controller.lookup(x)
+    assert np.array_equal(chosen >= 0, controller.contains(x))
+    for point, m in zip(x, chosen, strict=True):
+        allowed = controller.inputs(point)
+        if m < 0:
+            assert len(allowed) == 0
+        else:
+            assert np.array_equal(controller.input(point), controller.input_set[m])
+            assert abs(controller.input_set[m, 0]) == np.abs(allowed).min()
+
+
+def test_the_middle_rule_takes_the_median(controller):
+    middle = Controller(controller.input_set, STATES, ("u",), controller.solution, "middle", {})
+    x = [0.1, 0.0]
+    allowed = middle.inputs(x)[:, 0]
+    assert middle.input(x)[0] == np.sort(allowed)[(len(allowed) - 1) // 2]
+
+
+def test_effort_orders_by_scaled_squares():
+    assert least_effort(np.array([[2.0, 0.0], [0.0, 0.1], [0.0, 0.0], [-1.0, 0.0]])).tolist() == [2, 3, 0, 1]
+
+
+def test_outside_the_domain_there_is_no_input(controller):
+    with pytest.raises(BrokenPromise, match="no input at"):
+        controller.input([0.0, -0.5])
+    assert not controller.contains([[9.0, 9.0]])[0]
+    assert controller.lookup([[9.0, 9.0]]).tolist() == [-1]
+
+
+def test_a_missing_or_damaged_file_is_one_line(tmp_path):
+    with pytest.raises(UserError, match="no such controller"):
+        Controller.load(tmp_path / "none.npz")
+    (tmp_path / "bad.npz").write_bytes(b"PK not really")
+    with pytest.raises(UserError, match="not a controller file"):
+        Controller.load(tmp_path / "bad.npz")
+    with pytest.raises(UserError, match="Known rules: least_effort, middle"):
+        Controller(np.zeros((1, 1)), (), (), Solution(Grid(DOMAIN, (1, 1)), *[np.zeros((1, 1))] * 3), "random", {})
+
+
+def test_cells_meet_by_interiors_and_lie_within_closed_boxes():
+    grid = Grid(Box([0, 0], [1, 1]), (10, 10))
+    box = Box([0.2, 0.3], [0.4, 0.5])
+    assert cells_meeting(grid, box).reshape(10, 10).sum() == 4
+    assert np.array_equal(cells_meeting(grid, box), cells_within(grid, box))
+    assert cells_meeting(grid, Box([0.19, 0.3], [0.4, 0.5])).sum() == 6
+    assert cells_within(grid, Box([0.21, 0.3], [0.4, 0.5])).sum() == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"kind": "invariance", "safe": {"x1": (0, 0.3)}}, "sticks out of X"),
+        ({"kind": "invariance", "safe": {"x3": (0, 0.3)}}, "no state 'x3'"),
+        ({"kind": "stay"}, "Known kinds: invariance, reach_avoid"),
+    ],
+)
+def test_a_wrong_specification_names_key_and_remedy(options, text):
+    with pytest.raises(UserError, match=text) as caught:
+        make_specification(options, STATES, DOMAIN)
+    assert caught.value.key.startswith("synthesis.specification")
+    assert caught.value.remedy
+
+
+ROBOT = Box([0, 0, -np.pi], [10, 10, np.pi])
+NAMES = ("x", "y", "t")
+
+
+def robot(target=((8, 9), (8, 9)), obstacles=(), clearance=0.0, cells=(50, 50, 12), gap=None, **more):
+    options = {
+        "kind": "reach_avoid",
+        "arena": {},
+        "obstacles": [dict(zip("xy", box, strict=True)) for box in obstacles],
+        "target": dict(zip("xy", target, strict=True)),
+        "clearance": {"x": clearance, "y": clearance},
+    }
+    inputs = np.array([(v, w) for v in (-0.3, 0.0, 0.3) for w in (-0.5, 0.0, 0.5)])
+    specification = make_specification(options, NAMES, ROBOT)
+    return Problem(unicycle(), specification, cells, inputs, (2,), gap, None if gap is None else (), **more)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"obstacles": [((11, 12), (0, 1))]}, "obstacle lies outside the arena"),
+        ({"target": ((9, 11), (8, 9))}, "target lies outside the arena"),
+        ({"target": ((8, 9), (8, 9)), "obstacles": [((7, 9.5), (7, 9.5))]}, "inside an obstacle"),
+        ({"target": ((8.05, 8.25), (8, 9))}, "no cell fits into the target along x.*Cells of 0.1 or less would do"),
+        ({"clearance": 6.0}, "clearance leaves nothing"),
+    ],
+)
+def test_a_reach_specification_that_cannot_be_met_is_refused(changes, text):
+    with pytest.raises(UserError, match=text):
+        synthesise(robot(**changes))
+
+
+def test_clearance_keeps_free_cells_away_from_walls_and_obstacles():
+    problem = robot(obstacles=[((4, 5), (0, 6))], clearance=0.3)
+    free = problem.specification.free(problem.grid).reshape(problem.grid.cells)
+    c = problem.grid.centres().reshape(*problem.grid.cells, 3)
+    near_wall = (np.abs(c[..., :2] - 5) + 0.1 > 4.7 + 1e-6).any(-1)
+    near_obstacle = (c[..., 0] + 0.1 > 3.7 + 1e-6) & (c[..., 0] - 0.1 < 5.3 - 1e-6) & (c[..., 1] - 0.1 < 6.3 - 1e-6)
+    assert np.array_equal(free, ~(near_wall | near_obstacle))
+
+
+def test_a_gap_beyond_the_authority_names_the_dimension_and_both_numbers():
+    with pytest.raises(
+        UserError, match=r"hold x1: the gap in x1 is at least 0\.004 .* largest step .* in x1 is 0\.0024"
+    ):
+        synthesise(pendulum_problem(gap=constant_gap(0.004, 0.001)))
+    with pytest.raises(UserError, match=r"steer x: the gap in x is at least 0\.4 .* in x is 0\.2[89]"):
+        synthesise(robot(gap=constant_gap(0.4, 0.01, 0.01)))
+
+
+def test_an_empty_domain_says_whether_gap_or_spacing_caused_it():
+    with pytest.raises(UserError, match=r"because of the gap.*wins 0\.8\d+ of the free cells"):
+        synthesise(pendulum_problem(gap=constant_gap(0.0022, 0.001)))
+    with pytest.raises(UserError, match=r"even for the nominal model alone, on cells of 0\.02 along x1"):
+        synthesise(pendulum_problem(cells=(10, 5)))
+
+
+def test_latency_is_refused_for_reach():
+    with pytest.raises(UserError, match=r"sensing\.latency"):
+        synthesise(robot(latency=1))
+
+
+def test_the_motion_between_samples_is_bounded():
+    x, v, u = sp.symbols("x v u", real=True)
+    flow = NominalModel((x, v), (u,), (v, -sp.sin(x) + u), 0.0).enclosure
+    inputs = np.array([[-1.0], [1.0]])
+    reach, speed = excursion(flow, Box([-0.1, -0.5], [0.1, 0.5]), inputs, 0.1, np.array([0.0, 0.2]))
+    assert np.all(reach >= 0.05 * speed * (1 - 1e-9))
+    assert speed[1] == pytest.approx(1.2 + np.sin(0.1 + reach[0]), rel=1e-6)
+    assert speed[0] == pytest.approx(0.5 + reach[1], rel=1e-6)
+
+
+def test_a_motion_without_bound_is_a_broken_promise():
+    x, u = sp.symbols("x u", real=True)
+    flow = NominalModel((x,), (u,), (x**3 + u,), 0.0).enclosure
+    with pytest.raises(BrokenPromise, match="no bound"):
+        excursion(flow, Box([-9.0], [9.0]), np.zeros((1, 1)), 1.0)
+
+
+def test_the_section_refuses_unknown_keys_and_upside_down_boxes():
+    good = {"cells": [10, 10], "specification": {"kind": "invariance", "safe": {"x1": [0, 1]}}}
+    assert SynthesisSection.model_validate(good).cells == (10, 10)
+    for bad in (
+        good | {"cell": 3},
+        good | {"cells": [0, 10]},
+        good | {"specification": {"kind": "invariance", "safe": {"x1": [1, 0]}}},
+        good | {"specification": {"kind": "reach_avoid", "safe": {}}},
+        good | {"specification": {"kind": "reach_avoid", "target": {"x": [0, 1]}, "clearance": {"x": -1}}},
+    ):
+        with pytest.raises(ValidationError):
+            SynthesisSection.model_validate(bad)
