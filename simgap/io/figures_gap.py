@@ -32,54 +32,68 @@ def middle_input(gap: GapFunction) -> Floats:
     return np.asarray(inputs[np.argmin(np.abs(inputs - centre).sum(axis=1))])
 
 
+def shown_inputs(gap: GapFunction) -> list[Floats]:
+    """With one input its lowest, middle and highest value; with more, the middle of U."""
+    inputs = gap.domain.input_set
+    if inputs.shape[1] != 1:
+        return [middle_input(gap)]
+    order = np.argsort(inputs[:, 0])
+    return [np.asarray(inputs[k]) for k in dict.fromkeys((order[0], order[len(order) // 2], order[-1]))]
+
+
 def surface_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> Any:
-    """A row a state: the bound as a surface over the first two states with samples, and what it leaves around them.
+    """A row a state: the bound as surfaces over the first two states with samples, and what it leaves around them.
 
     Args:
         gap: the bound; at least two states.
-        x, u, d: samples (n, nx), (n, nu), (n, nx); those of the middle input are shown on the surface.
+        x, u, d: samples (n, nx), (n, nu), (n, nx); those of the inputs shown are put on the surfaces.
         units: of the states and inputs.
     """
     import matplotlib.pyplot as plt
 
     states = gap.domain.states
-    figure = plt.figure(figsize=(style.WIDTH, 3.9 * len(states)))
-    grid = figure.add_gridspec(len(states), 2, width_ratios=[1.15, 1.0])
-    for i, state in enumerate(states):
-        surface: Any = figure.add_subplot(grid[i, 0], projection="3d")
-        _surface(surface, gap, i, x, u, d, units)
-        _residual(figure.add_subplot(grid[i, 1]), gap, i, x, u, d, units)
-        surface.set_title(f"gap of {state} and its bound, {_at(gap, units)}", pad=0)
+    n = len(states)
+    figure = plt.figure(figsize=(style.WIDTH, 3.6 * n))
+    figure.set_layout_engine("none")  # automatic layouts waste room around 3-D axes
+    for i in range(n):
+        bottom = (n - 1 - i) / n
+        surface: Any = figure.add_axes((0.0, bottom + 0.02 / n, 0.56, 0.96 / n), projection="3d")
+        _surfaces(surface, gap, i, x, u, d, units)
+        _residual(figure.add_axes((0.67, bottom + 0.16 / n, 0.32, 0.74 / n)), gap, i, x, u, d, units)
     return figure
 
 
-def _at(gap: GapFunction, units: Mapping[str, str]) -> str:
-    pairs = zip(gap.domain.inputs, middle_input(gap), strict=True)
+def _at(gap: GapFunction, u: Floats, units: Mapping[str, str]) -> str:
+    pairs = zip(gap.domain.inputs, u, strict=True)
     return ", ".join(f"{n} = {round(v, 12) + 0.0:g} {pretty_unit(units.get(n, ''))}" for n, v in pairs)
 
 
-def _surface(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> None:
-    box, at = gap.domain.box, middle_input(gap)
-    ax, ay = (np.linspace(box.lo[j], box.hi[j], MESH) for j in (0, 1))
-    gx, gy = np.meshgrid(ax, ay, indexing="ij")
+def _surfaces(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> None:
+    """Upper and lower bound of one state for a few inputs, with the samples of these inputs."""
+    box, chosen = gap.domain.box, shown_inputs(gap)
+    gx, gy = np.meshgrid(*(np.linspace(box.lo[j], box.hi[j], MESH) for j in (0, 1)), indexing="ij")
     points = np.tile(0.5 * (box.lo + box.hi), (gx.size, 1))
     points[:, 0], points[:, 1] = gx.ravel(), gy.ravel()
-    lo, hi = gap.bounds(points, np.tile(at, (gx.size, 1)))
-    factor, unit = scaled(float(np.abs([lo[:, i], hi[:, i]]).max()), units[gap.domain.states[i]])
-    for values, colour in ((lo, style.SKY), (hi, style.BLUE)):
-        height = factor * values[:, i].reshape(gx.shape)
-        axes.plot_surface(gx, gy, height, color=colour, alpha=0.45, lw=0, rcount=MESH, ccount=MESH)
-    own = np.abs(u - at).max(axis=1) < 1e-9
-    axes.scatter(x[own, 0], x[own, 1], factor * d[own, i], s=5, color=style.BLACK, depthshade=False)
+    bounds = [gap.bounds(points, np.tile(at, (gx.size, 1))) for at in chosen]
+    largest = float(max(np.abs(side[:, i]).max() for pair in bounds for side in pair))
+    factor, unit = scaled(largest, units[gap.domain.states[i]])
+    for pair, at in zip(bounds, chosen, strict=True):
+        for values, colour in zip(pair, (style.SKY, style.BLUE), strict=True):
+            height = factor * values[:, i].reshape(gx.shape)
+            axes.plot_surface(gx, gy, height, color=colour, alpha=0.4, lw=0, rcount=MESH, ccount=MESH)
+        own = np.abs(u - at).max(axis=1) < 1e-9
+        axes.scatter(x[own, 0], x[own, 1], factor * d[own, i], s=3, color=style.BLACK, depthshade=False, lw=0)
+        end = factor * float(pair[1][0, i])
+        axes.text(box.lo[0], box.lo[1], end, f"{_at(gap, at, units)}  ", fontsize=11, ha="right", va="center")
     names = gap.domain.states
     axes.set_xlabel(_axis(names[0], units), labelpad=6)
     axes.set_ylabel(_axis(names[1], units), labelpad=6)
-    axes.set_zlabel(f"({unit})", labelpad=4)
+    axes.set_zlabel(f"gap of {names[i]} ({unit})", labelpad=5)
     axes.tick_params(labelsize=10, pad=1)
     for each in (axes.xaxis, axes.yaxis, axes.zaxis):
         each.set_major_locator(_locator(4))
-    axes.view_init(elev=22, azim=-58)
-    axes.set_box_aspect((1, 1, 0.75), zoom=0.86)
+    axes.view_init(elev=20, azim=-58)
+    axes.set_box_aspect((1, 1, 0.9), zoom=0.93)
 
 
 def _residual(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> None:
@@ -92,14 +106,14 @@ def _residual(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floa
     edge, widest, narrowest = _envelope(x[order, 0], half[order])
     axes.fill_between(edge, -factor * widest, factor * widest, color=style.SKY, alpha=0.3, lw=0, label="bound")
     axes.plot(edge, factor * narrowest, color=style.BLUE, lw=1.0)
-    axes.plot(edge, -factor * narrowest, color=style.BLUE, lw=1.0, label="bound, narrowest")
+    axes.plot(edge, -factor * narrowest, color=style.BLUE, lw=1.0, label="narrowest")
     axes.scatter(x[:, 0], factor * (d[:, i] - middle), s=1.2, color=style.BLACK, lw=0, label="samples", rasterized=True)
     axes.set_xlabel(_axis(gap.domain.states[0], units))
-    axes.set_ylabel(f"gap − middle of bound ({unit})")
-    axes.set_title("what the bound leaves, all inputs")
+    axes.set_ylabel(f"gap of {name} − middle ({unit})")
+    axes.set_title("around the middle of the bound", fontsize=11)
     axes.margins(x=0)
     axes.set_ylim(top=1.55 * factor * float(half.max()))
-    axes.legend(loc="upper center", ncols=3, markerscale=6, fontsize=10, columnspacing=0.9, handletextpad=0.4)
+    axes.legend(loc="upper center", ncols=3, markerscale=6, fontsize=9.5, columnspacing=0.7, handlelength=1.2, handletextpad=0.3)
 
 
 def _envelope(x: Floats, half: Floats, bins: int = 60) -> tuple[Floats, Floats, Floats]:
@@ -189,8 +203,8 @@ def sweep_figure(rows: Sequence[Mapping[str, Any]], states: Sequence[str], units
     eps = [r["eps"] for r in rows]
     looks = (
         ("printed", style.VERMILLION, "s", "printed in the paper"),
-        ("size", style.BLUE, "o", "sup of max(|lo|, |hi|)"),
-        ("width", style.GREEN, "D", "sup of the width hi − lo"),
+        ("size", style.BLUE, "o", "sup of the size"),
+        ("width", style.GREEN, "D", "sup of the width"),
         ("sampled", style.BLACK, "_", "largest sampled gap"),
     )
     for axis, state in zip(axes[0], states, strict=True):

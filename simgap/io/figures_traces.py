@@ -33,6 +33,7 @@ def trajectories_figure(
         safe: what is outside is shaded; states and units: names.
     """
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import MaxNLocator
 
     window = first_seconds(shown)
     columns = [(NOMINAL, window), (ROBUST, window), (ROBUST, shown[ROBUST].duration)]
@@ -47,6 +48,7 @@ def trajectories_figure(
         title = TITLES[kind] if k < 2 else f"{TITLES[kind]}, whole run"
         axes[0, k].set_title(title, color=COLOURS[kind])
         axes[-1, k].set_xlabel("time (s)")
+        axes[-1, k].xaxis.set_major_locator(MaxNLocator(3))
     for j, name in enumerate(states):
         axes[j, 0].set_ylabel(_axis(name, units))
     _legend(figure)
@@ -108,17 +110,14 @@ def gap_figure(trace: Trace, states: Sequence[str], units: Mapping[str, str], un
     """A column a state: the gap of each step with its bound, and below where in its bound the gap lies."""
     import matplotlib.pyplot as plt
 
-    size = (style.WIDTH, 4.6)
-    figure, axes = plt.subplots(
-        2, len(states), figsize=size, squeeze=False, sharex=True, height_ratios=[1.25, 1.0]
-    )
+    size, heights = (style.WIDTH, 4.8), [1.25, 1.0]
+    figure, axes = plt.subplots(2, len(states), figsize=size, squeeze=False, sharex=True, height_ratios=heights)
     share = share_of_bound(trace)
     own = (trace.t <= until) & np.isfinite(trace.d).all(axis=1)
     t = trace.t[own]
     for j, name in enumerate(states):
         bounded = np.isfinite(trace.lo[own, j]) & np.isfinite(trace.hi[own, j])
-        _band(axes[0, j], t, trace, own, j, bounded, units[name])
-        axes[0, j].set_title(f"gap of {name}")
+        _band(axes[0, j], t, trace, own, j, bounded, name, units[name])
         axes[1, j].axhspan(-1, 1, color=style.SKY, alpha=0.3, lw=0)
         axes[1, j].plot(t, share[own, j], ".", color=style.BLACK, ms=3)
         axes[1, j].set_ylim(-1.25, 1.25)
@@ -126,15 +125,15 @@ def gap_figure(trace: Trace, states: Sequence[str], units: Mapping[str, str], un
         axes[1, j].set_xlabel("time (s)")
         axes[1, j].set_xlim(0.0, until)
     axes[1, 0].set_ylabel("place in the bound")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, markerscale=3)
     return figure
 
 
-def _band(axis: Any, t: Floats, trace: Trace, own: Any, j: int, bounded: Any, unit: str) -> None:
+def _band(axis: Any, t: Floats, trace: Trace, own: Any, j: int, bounded: Any, name: str, unit: str) -> None:
     d, lo, hi = trace.d[own, j], trace.lo[own, j], trace.hi[own, j]
     factor, label = scaled(float(np.abs(d).max(initial=0.0)), unit)
     axis.fill_between(t[bounded], factor * lo[bounded], factor * hi[bounded], color=style.SKY, alpha=0.6, label="bound")
     axis.plot(t[bounded], factor * hi[bounded], color=style.BLUE, lw=0.8)
     axis.plot(t[bounded], factor * lo[bounded], color=style.BLUE, lw=0.8)
     axis.plot(t, factor * d, ".", color=style.BLACK, ms=3, label="gap of each step")
-    axis.set_ylabel(f"({label})")
-    axis.legend(loc="upper right", markerscale=3)
+    axis.set_ylabel(f"gap of {name} ({label})")

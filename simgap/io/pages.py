@@ -8,6 +8,7 @@ from typing import Any
 
 from simgap.diagnosis.words import phrase, pretty_unit
 
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 REPORTS = Path(__file__).resolve().parents[2] / "reports"
 
 
@@ -21,17 +22,14 @@ def number(value: Any, digits: int = 4) -> str:
     text = f"{x:.{digits}g}"
     if "e" in text:
         mantissa, exponent = text.split("e")
-        return (
-            f"{mantissa}·10^{int(exponent)}"
-            if abs(int(exponent)) > 9
-            else text.replace("e-0", "e-").replace("e+0", "e")
-        )
+        return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
     return text
 
 
 def render(template: str, **content: Any) -> str:
     """A page from `reports/<template>`; figures given as SVG text are put in as they are, all else is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
 
     environment = Environment(
         loader=FileSystemLoader(REPORTS),
@@ -41,5 +39,5 @@ def render(template: str, **content: Any) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "unit": pretty_unit, "phrase": phrase}
-    style = (REPORTS / "style.css").read_text()
+    style = Markup((REPORTS / "style.css").read_text())  # quotes of font names must stay quotes
     return environment.get_template(template).render(style=style, **content)

@@ -152,7 +152,8 @@ def _style(recording: Any, entity: str, trace: Trace) -> None:
     if last in ("lower", "upper"):
         line(recording, entity, style.ORANGE, 1.5, f"{TITLES[trace.controller]}, {last} bound")
     else:
-        line(recording, entity, colour, 2.0 if plant == "simulator" else 1.3, f"{TITLES[trace.controller]}, {plant}")
+        width = 3.5 if last == "actual" else 2.0 if plant == "simulator" else 1.3
+        line(recording, entity, colour, width, f"{TITLES[trace.controller]}, {plant}")
 
 
 def _log_shown(recording: Any, content: Content, controller: str, trace: Trace) -> None:

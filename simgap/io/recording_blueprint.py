@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from simgap.diagnosis.words import pretty_unit
-from simgap.io.recording import TIMELINE, TITLES, Content, PlanarScene, root
+from simgap.geometry import Box
+from simgap.io.recording import TIMELINE, TITLES, Content, JointScene, PlanarScene, root
 from simgap.io.traces import ROBUST, twin
 
 
@@ -19,7 +22,7 @@ def blueprint(content: Content) -> Any:
         left.append(rrb.Spatial2DView(name="Winning domains and runs", origin="/phase", contents="$origin/**"))
     words = [
         rrb.TextDocumentView(name="What this shows", origin="/about"),
-        rrb.TextLogView(name="Events", origin="/shown", contents=[f"/shown/{c}/events" for c in content.shown]),
+        rrb.TextLogView(name="Events", origin="/shown", contents=[f"/shown/{c}/events" for c in content.shown], columns=_columns()),
     ]
     return rrb.Blueprint(
         rrb.Horizontal(
@@ -35,23 +38,41 @@ def blueprint(content: Content) -> Any:
     )
 
 
+def _columns() -> Any:
+    """Time and text, without the entity's path."""
+    import rerun.blueprint as rrb
+    from rerun.blueprint import encodings
+
+    kinds = encodings.TextLogColumnKind
+    shown = [encodings.TextLogColumn(kind, visible=kind != kinds.EntityPath) for kind in (kinds.LogLevel, kinds.Body)]
+    return rrb.TextLogColumns(text_log_columns=shown)
+
+
 def _scene(content: Content) -> Any:
     import rerun.blueprint as rrb
 
     planar = isinstance(content.scene, PlanarScene)
     name = "Arena, robots and paths" if planar else "The plant under both controllers; grey: the nominal model"
-    return rrb.Spatial3DView(name=name, origin="/scene", eye_controls=_eye(content), line_grid=False)
+    bodies = [f"/body_{controller}_{plant}/**" for controller in content.shown for plant in ("simulator", "model")]
+    return rrb.Spatial3DView(
+        name=name, origin="/scene", contents=["/scene/**", *bodies], eye_controls=_eye(content), line_grid=False
+    )
 
 
 def _eye(content: Content) -> Any:
     import rerun.blueprint as rrb
 
-    if isinstance(content.scene, PlanarScene):
-        arena = content.scene.arena
+    from simgap.io.recording_scene import stance
+
+    if not isinstance(content.scene, JointScene):
+        arena = content.scene.arena if content.scene is not None else Box([0.0, 0.0], [1.0, 1.0])
         x, y = 0.5 * (arena.lo + arena.hi)
         high = 1.15 * float(max(arena.hi - arena.lo))
         return rrb.EyeControls3D(position=(x, y - 0.75 * high, high), look_target=(x, y, 0.0), eye_up=(0.0, 0.0, 1.0))
-    return rrb.EyeControls3D(position=(0.55, -1.9, -0.15), look_target=(0.0, 0.2, -0.5), eye_up=(0.0, 0.0, 1.0))
+    along, across, reach = stance(content.scene)
+    target = np.array([0.0, 0.0, -0.45 * reach])
+    eye = target + reach * (-1.35 * along + 0.12 * across) + np.array([0.0, 0.0, 0.12 * reach])
+    return rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0))
 
 
 def _label(name: str, unit: str) -> str:
@@ -65,7 +86,7 @@ def first_seconds(content: Content) -> float:
     return max(0.05 * max(durations), min(max(durations), 6.0 * min(durations)))
 
 
-def _plot(content: Content, name: str, contents: Sequence[str]) -> Any:
+def _plot(content: Content, name: str, contents: Sequence[str], legend: str = "RightTop") -> Any:
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -76,7 +97,7 @@ def _plot(content: Content, name: str, contents: Sequence[str]) -> Any:
         origin="/",
         contents=list(contents),
         axis_x=rrb.TimeAxis(view_range=window),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
+        plot_legend=rrb.PlotLegend(getattr(rrb.Corner2D, legend)),
     )
 
 
@@ -107,7 +128,7 @@ def _gaps(content: Content) -> Any:
         views = []
         for name in content.states:
             label = _label(name, content.units.get(name, ""))
-            views.append(_plot(content, f"gap of {label} and its bound", [f"/{root(trace)}/gap/{name}/**"]))
+            views.append(_plot(content, f"gap of {label} and its bound", [f"/{root(trace)}/gap/{name}/**"], "LeftTop"))
             share = ["/bound/**", f"/shown/{controller}/share/{name}"]
             views.append(_plot(content, f"where the gap of {name} lies in its bound, ±1", share))
         tabs.append(rrb.Vertical(*views, name=f"Gap, {TITLES[controller]}"))

@@ -14,7 +14,7 @@ from simgap.io.recording import COLOURS, TIMELINE, TITLES, Content, JointScene, 
 from simgap.io.traces import MODEL, Trace, twin
 
 WORLD = "tf#/scene"  # the frame of the entity /scene
-APART = 0.45  # m between copies of a plant that is fixed to the ground
+APART = 0.6  # between copies of a plant that is fixed to the ground, as a share of its reach
 _COLOURED = {"cylinder": "Cylinders3D", "box": "Boxes3D", "sphere": "Ellipsoids3D", "capsule": "Capsules3D"}
 
 
@@ -33,24 +33,38 @@ def log_scene(recording: Any, content: Content) -> None:
 
 def _joints(recording: Any, content: Content, scene: JointScene) -> None:
     """A copy for each controller: the simulator solid, the nominal model as a ghost, limits of the safe set in grey."""
+    _, across, reach = stance(scene)
     for number, (controller, trace) in enumerate(content.shown.items()):
-        offset = (0.0, APART * number, 0.0)
-        _label(recording, f"scene/{controller}/label", (0.0, offset[1], 0.08), TITLES[controller], COLOURS[controller])
-        _jointed(recording, scene, f"scene/{controller}/simulator", offset, trace, rgb(COLOURS[controller]))
+        offset = APART * reach * (number - 0.5) * across
+        above = offset + np.array([0.0, 0.0, 0.1 * reach])
+        _label(recording, f"scene/{controller}/label", above, TITLES[controller], COLOURS[controller])
+        _jointed(recording, scene, f"body_{controller}_simulator", offset, trace, rgb(COLOURS[controller]))
         model = twin(content.traces, trace)
         if model is not None:
-            _jointed(recording, scene, f"scene/{controller}/nominal_model", offset, model, rgb(style.GREY, 110))
+            _jointed(recording, scene, f"body_{controller}_model", offset, model, rgb(style.GREY, 110))
         if len(scene.joints) == 1:
             _limits(recording, content, scene, f"scene/{controller}/safe_set", offset)
 
 
-def _limits(recording: Any, content: Content, scene: JointScene, prefix: str, offset: tuple[float, ...]) -> None:
+def stance(scene: JointScene) -> tuple[Floats, Floats, float]:
+    """Unit vectors along which to look at the plant and side by side, and how far it reaches, m."""
+    tree = _tree(scene.urdf, "stance")
+    joints = [tree.get_joint_by_name(name) for name in scene.joints]
+    axis = np.asarray(joints[0].axis if joints else (0.0, 1.0, 0.0), dtype=float)
+    along = axis if abs(axis[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    across = np.cross(along, [0.0, 0.0, 1.0])
+    document = ET.parse(scene.urdf).getroot()
+    reach = sum(float(np.linalg.norm(_reach(document, j.child_link))) for j in joints)
+    return along / np.linalg.norm(along), across / np.linalg.norm(across), max(reach, 0.1)
+
+
+def _limits(recording: Any, content: Content, scene: JointScene, prefix: str, offset: Floats) -> None:
     """For one joint: the ends of the safe set as thin lines from the joint to the end of the link."""
     import rerun as rr
 
     tree = ET.parse(scene.urdf).getroot()
     name, j = next(iter(scene.joints.items()))
-    joint = _tree(scene.urdf, prefix, prefix).get_joint_by_name(name)
+    joint = _tree(scene.urdf, "limits").get_joint_by_name(name)
     if joint is None or joint.joint_type not in ("revolute", "continuous"):
         return
     reach = _reach(tree, joint.child_link)
@@ -58,7 +72,7 @@ def _limits(recording: Any, content: Content, scene: JointScene, prefix: str, of
         if np.isfinite(value):
             tip = _rotated(np.asarray(joint.axis), float(value), reach) + np.asarray(joint.origin_xyz)
             strip = [np.add(joint.origin_xyz, offset), np.add(tip, offset)]
-            look = rr.LineStrips3D([strip], colors=rgb(style.GREEN), radii=0.004)
+            look = rr.LineStrips3D([strip], colors=rgb(style.GREEN), radii=0.004 * float(np.linalg.norm(reach)))
             recording.log(f"{prefix}/{side}", look, static=True)
 
 
@@ -75,23 +89,24 @@ def _rotated(axis: Floats, angle: float, v: Floats) -> Floats:
     return np.asarray(v * np.cos(angle) + cross * np.sin(angle) + along * (1.0 - np.cos(angle)))
 
 
-def _label(recording: Any, entity: str, at: tuple[float, ...], text: str, colour: str) -> None:
+def _label(recording: Any, entity: str, at: Floats, text: str, colour: str) -> None:
     import rerun as rr
 
     recording.log(entity, rr.Points3D([at], labels=[text], colors=rgb(colour), radii=0.012), static=True)
 
 
-def _tree(urdf: Path, entity: str, frames: str) -> Any:
+def _tree(urdf: Path, prefix: str) -> Any:
+    """The URDF with all its entities under `/prefix`, and its frames apart from those of other copies."""
     import rerun as rr
 
-    return rr.urdf.UrdfTree.from_file_path(urdf, entity_path_prefix=entity, frame_prefix=f"{frames}/")
+    return rr.urdf.UrdfTree.from_file_path(urdf, entity_path_prefix=prefix, frame_prefix=f"{prefix}/")
 
 
 def _place(recording: Any, urdf: Path, prefix: str, colour: list[int]) -> Any:
     """Log a URDF under a prefix, all of it in one colour: -> its tree."""
     import rerun as rr
 
-    tree = _tree(urdf, prefix, prefix)
+    tree = _tree(urdf, prefix)
     tree.log_urdf_to_recording(recording=recording)
     links = {link.get("name"): link for link in ET.parse(urdf).getroot().findall("link")}
     for name, link in links.items():
@@ -105,7 +120,7 @@ def _place(recording: Any, urdf: Path, prefix: str, colour: list[int]) -> Any:
 
 
 def _jointed(
-    recording: Any, scene: JointScene, prefix: str, offset: tuple[float, ...], trace: Trace, colour: list[int]
+    recording: Any, scene: JointScene, prefix: str, offset: Floats, trace: Trace, colour: list[int]
 ) -> None:
     """A URDF fixed to the ground whose joints follow a trace."""
     import rerun as rr
@@ -131,7 +146,7 @@ def _planar(recording: Any, content: Content, scene: PlanarScene) -> None:
     for k, obstacle in enumerate(scene.obstacles):
         _floor(recording, f"scene/obstacles/{k}", obstacle, rgb("#3A3F47"), 0.35)
     for controller, trace in content.shown.items():
-        _driven(recording, scene, f"scene/{controller}/simulator", trace, rgb(COLOURS[controller]))
+        _driven(recording, scene, f"body_{controller}_simulator", trace, rgb(COLOURS[controller]))
         _path(recording, scene, f"scene/{controller}/path", trace, rgb(COLOURS[controller]))
         model = twin(content.traces, trace)
         if model is not None:

@@ -58,7 +58,7 @@ def verdict(m: Material) -> dict[str, Any]:
         "robust": f"Gap-aware controller: {kept:,} of {runs:,} runs {deed}, "
         f"{robust['steps_outside_gamma']:,} of {robust['steps']:,} steps outside gamma.",
         "nominal": f"Nominal-only controller: {_violations(nominal)}.",
-        "winning": f"It wins {m.syntheses[ROBUST]['winning_fraction']:.3f} of the "
+        "winning": f"The gap-aware controller wins {m.syntheses[ROBUST]['winning_fraction']:.3f} of the "
         f"{'safe set' if _is_invariance(m) else 'free cells'} with the gap taken into account; the nominal model "
         f"alone would promise {m.syntheses[NOMINAL]['winning_fraction']:.3f}.",
         "tolerated": m.gap["fresh"]["violations"],

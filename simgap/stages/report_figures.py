@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from typing import TYPE_CHECKING, Any
 
 from simgap.config.synthesis import ReachAvoidSpecification
 from simgap.io import figure_style as style
 from simgap.io import figures_domains, figures_gap, figures_traces
 from simgap.io.parquet import stack
-from simgap.io.traces import MODEL, NOMINAL, ROBUST, shown
+from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, shown
 from simgap.stages.report_content import is_signed, sweep
 from simgap.stages.trace import limits, scene
 
 if TYPE_CHECKING:
     from simgap.stages.report import Material
+
+
+DENSE = ("bound", "inputs")  # too many paths for SVG
+
+
+def embedded(figure: Any) -> str:
+    """A figure as an image element that carries its PNG; without a date, so equal figures are equal text."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=170, metadata={"Software": None})
+    data = base64.b64encode(buffer.getvalue()).decode()
+    return f'<img alt="" style="width: 100%" src="data:image/png;base64,{data}">'
 
 
 def draw(m: Material) -> tuple[dict[str, Any], dict[str, str]]:
@@ -27,7 +40,7 @@ def draw(m: Material) -> tuple[dict[str, Any], dict[str, str]]:
             made["inputs"] = figures_gap.inputs_figure(m.bound, m.context.units)
         for name, figure in made.items():
             if figure is not None:
-                figures[name] = Markup(style.svg_text(figure))
+                figures[name] = Markup(embedded(figure) if name in DENSE else style.svg_text(figure))
                 style.close(figure)
     return figures, {"model": model_note(m)}
 
@@ -73,9 +86,9 @@ def _arena(m: Material) -> dict[str, Any]:
         out["trajectories"] = figures_arena.arena_figure(where, m.traces, m.context.units, m.context.states)
     if len(m.context.states) == 3:
         out["domains"] = figures_domains.slices_figure(m.controllers[ROBUST], m.context.units)
-    times = m.validation["controllers"][ROBUST]["simulator"].get("steps_to_target")
-    if times:
-        out["times"] = figures_arena.times_figure(m.validation["controllers"], m.context.domain.tau)
+    steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
+    if any(len(s) for s in steps.values()):
+        out["times"] = figures_arena.times_figure(steps, m.context.domain.tau)
     return out
 
 
