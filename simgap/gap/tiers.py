@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from simgap.errors import UserError
 from simgap.geometry import Floats
@@ -46,7 +46,7 @@ def clopper_pearson_upper(n: int, violations: int, confidence: float = 0.95) -> 
     """
     if n < 1 or not 0 <= violations <= n:
         raise UserError(f"{violations} violations among {n} samples cannot be")
-    return 1.0 if violations == n else float(beta.ppf(confidence, violations + 1, n - violations))
+    return 1.0 if violations == n else float(betaincinv(violations + 1, n - violations, confidence))
 
 
 @dataclass(frozen=True)
