@@ -1,27 +1,41 @@
 # What a person looks at: the recording, the page of a case, and the page that links them.
 
-from simgap.provenance import file_digest
-
 TEMPLATES = digest({path.name: file_digest(path) for path in sorted(Path("reports").glob("*"))})
 
 
 def final_results(case):
     """What a plain run makes of a case."""
     folder = f"results/{case}"
-    return [f"{folder}/report.html", f"{folder}/summary.json", f"{folder}/trace/trace.rrd", "results/index.html"]
+    own = [f"{folder}/report.html", f"{folder}/summary.json", f"{folder}/trace/trace.rrd", "results/index.html"]
+    return own + ([f"{folder}/diagnosis/report.html", f"{folder}/corrected/report.html"] if diagnosed(case) else [])
 
 
 def gap_files(wildcards):
-    return [f"results/{wildcards.case}/gap/eps~{eps}/gap.json" for eps in eps_table(wildcards.case)]
-
-
-def diagnosis_option(wildcards, input):
-    return f"--diagnosis results/{wildcards.case}/diagnosis" if input.diagnosis else ""
+    """The bounds in the table of eps; a corrected case has its own eps alone."""
+    corrected = wildcards.case != base(wildcards.case)
+    points = [eps_of(wildcards)] if corrected else eps_table(wildcards.case)
+    return [f"results/{wildcards.case}/gap/eps~{eps}/gap.json" for eps in points]
 
 
 def diagnosis_file(wildcards):
+    """What measured data said: made if the case has recordings, shown if a person has made it."""
     path = f"results/{wildcards.case}/diagnosis/diagnosis.json"
-    return path if Path(path).exists() else []
+    wanted = wildcards.case == base(wildcards.case) and diagnosed(wildcards.case)
+    return path if wanted or Path(path).exists() else []
+
+
+def corrected_files(wildcards):
+    """The corrected case's figures and controllers, to stand beside the first ones."""
+    if wildcards.case != base(wildcards.case) or not diagnosed(wildcards.case):
+        return []
+    folder = f"results/{wildcards.case}/corrected"
+    return [f"{folder}/summary.json", *(f"{folder}/synthesis/{kind}/controller.npz" for kind in ("nominal", "gap"))]
+
+
+def report_options(wildcards, input):
+    folder = f"results/{wildcards.case}"
+    options = [f"--diagnosis {folder}/diagnosis"] if input.diagnosis else []
+    return " ".join([*options, *([f"--corrected {folder}/corrected"] if input.corrected else [])])
 
 
 rule trace:
@@ -29,6 +43,7 @@ rule trace:
         nominal="results/{case}/synthesis/nominal/controller.npz",
         robust="results/{case}/synthesis/gap/controller.npz",
         traces="results/{case}/validation/traces.parquet",
+        case=correction,
     output:
         "results/{case}/trace/trace.rrd",
     log:
@@ -57,6 +72,8 @@ rule report:
         robust=multiext("results/{case}/synthesis/gap/", "controller.npz", "synthesis.json"),
         validation=multiext("results/{case}/validation/", "validation.json", "traces.parquet"),
         diagnosis=diagnosis_file,
+        corrected=corrected_files,
+        case=correction,
     output:
         page="results/{case}/report.html",
         summary="results/{case}/summary.json",
@@ -70,7 +87,7 @@ rule report:
         code=code("report"),
         templates=TEMPLATES,
         gaps=lambda w, input: " ".join(f"--gap {path}" for path in input.gaps),
-        diagnosis=diagnosis_option,
+        more=report_options,
     resources:
         mem_mb=1500,
         runtime=10,
@@ -79,7 +96,7 @@ rule report:
     shell:
         "simgap report {params.case} {params.gaps} --samples {input.samples}"
         " --nominal results/{wildcards.case}/synthesis/nominal --robust results/{wildcards.case}/synthesis/gap"
-        " --validation results/{wildcards.case}/validation {params.diagnosis}"
+        " --validation results/{wildcards.case}/validation {params.more}"
         " --out {output.page} --summary {output.summary} --log {log}"
 
 

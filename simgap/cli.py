@@ -148,13 +148,14 @@ def report(
     out: Out,
     summary: Annotated[Path, typer.Option(help="File for the figures that a script wants (JSON).")],
     diagnosis: Annotated[Path | None, typer.Option(help="Folder of a diagnosis, if there is one.")] = None,
+    corrected: Annotated[Path | None, typer.Option(help="Results of the corrected case, if there are any.")] = None,
     log: Log = None,
 ) -> None:
     """Write the page of a case: pictures, tables and what the guarantee rests on."""
     from simgap.stages import report as stage
 
     start_log(log)
-    stage.run(case, stage.Inputs(gaps, samples, nominal, robust, validation, diagnosis), out, summary)
+    stage.run(case, stage.Inputs(gaps, samples, nominal, robust, validation, diagnosis, corrected), out, summary)
 
 
 @app.command()

@@ -28,6 +28,7 @@ class Inputs:
         gaps: gap.json of each eps, the case's own among them; samples: thinned samples of the gap.
         nominal, robust: folders with controller.npz and synthesis.json; validation: with validation.json and traces.
         diagnosis: folder with diagnosis.json and report.html, if there is one.
+        corrected: folder of the corrected case's results, with summary.json and synthesis/, if there is one.
     """
 
     gaps: Sequence[Path]
@@ -36,6 +37,15 @@ class Inputs:
     robust: Path
     validation: Path
     diagnosis: Path | None = None
+    corrected: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """The same case with the nominal model that the diagnosis corrected."""
+
+    summary: Mapping[str, Any]
+    controllers: Mapping[str, Controller]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +67,7 @@ class Material:
     validation: Mapping[str, Any]
     traces: Sequence[Trace]
     diagnosis: Mapping[str, Any] | None
+    corrected: Corrected | None
     printed: Mapping[str, Any]
 
 
@@ -80,7 +91,7 @@ def read(case_path: Path, inputs: Inputs) -> Material:
     """Everything that the page needs, in memory."""
     context = Context.load(case_path)
     sweep = sorted((read_json(path) for path in inputs.gaps), key=lambda g: -float(g["eps"]))
-    own = context.need(context.case.grid, "grid").eps
+    own = context.case.grid.eps if context.case.grid is not None else float(sweep[-1]["eps"])
     gap = min(sweep, key=lambda g: abs(float(g["eps"]) - own))
     folders = {NOMINAL: inputs.nominal, ROBUST: inputs.robust}
     table = read_parquet(inputs.validation / "traces.parquet")
@@ -95,8 +106,14 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         validation=read_json(inputs.validation / "validation.json"),
         traces=split(table, context.states, context.inputs),
         diagnosis=read_json(inputs.diagnosis / "diagnosis.json") if inputs.diagnosis else None,
+        corrected=_corrected(inputs.corrected) if inputs.corrected else None,
         printed=printed_values(context.case.name),
     )
+
+
+def _corrected(folder: Path) -> Corrected:
+    controllers = {kind: Controller.load(folder / "synthesis" / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
+    return Corrected(read_json(folder / "summary.json"), controllers)
 
 
 def printed_values(case: str) -> Mapping[str, Any]:

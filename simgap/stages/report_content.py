@@ -36,6 +36,7 @@ def content(m: Material) -> dict[str, Any]:
         "between": m.validation.get("between_samples"),
         "validation": m.validation,
         "diagnosis": diagnosis(m),
+        "corrected": corrected(m),
         "sources": sources(m),
     }
 
@@ -216,6 +217,28 @@ def diagnosis(m: Material) -> dict[str, Any] | None:
     rows = [{"state": s, "before": before[s], "after": after[s], "floor": floor[s]} for s in before]
     return {"verdict": d["verdict"], "sentence": d.get("sentence", ""), "effects": d["effects"], "rows": rows,
             "horizon": d["error"]["before"]["horizon_s"]}  # fmt: skip
+
+
+def corrected(m: Material) -> Rows:
+    """What the corrected model changes: a row a figure, before and after."""
+    if m.corrected is None:
+        return []
+    after = m.corrected.summary
+    bounds = after["sup_gamma"][f"{after['eps']:g}"]
+    rows: Rows = []
+    for key, name in (("size", "sup of gamma's size"), ("width", "sup of its width"), ("sampled", "largest sampled gap")):
+        for d in m.gap["dimensions"]:
+            before = d[{"size": "sup_size", "width": "sup_width", "sampled": "largest_sampled_gap"}[key]]
+            state = d["state"]
+            row = {"what": f"{name}, {state}", "before": before, "after": bounds[state][key], "unit": m.context.units[state]}
+            rows.append(row)
+    for kind, name in ((NOMINAL, "nominal-only"), (ROBUST, "gap-aware")):
+        before, later = m.syntheses[kind]["winning_fraction"], after["winning_fraction"][kind]
+        rows.append({"what": f"winning fraction, {name}", "before": before, "after": later, "unit": ""})
+    for kind, name in ((NOMINAL, "nominal-only"), (ROBUST, "gap-aware")):
+        counts = [t[kind][SIMULATOR]["runs_that_violated_it"] for t in (m.validation["controllers"], after["closed_loop"])]
+        rows.append({"what": f"runs that violate, {name}", "before": counts[0], "after": counts[1], "unit": ""})
+    return rows
 
 
 def sources(m: Material) -> Rows:

@@ -33,11 +33,13 @@ def draw(m: Material) -> tuple[dict[str, Any], dict[str, str]]:
     """Figures by name as markup, empty where a case has no use for one, and notes by name."""
     from markupsafe import Markup
 
-    figures: dict[str, Any] = dict.fromkeys(("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times"), "")
+    figures: dict[str, Any] = dict.fromkeys(("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected"), "")
     with style.figure_style():
         made = {"bound": _bound(m), "sweep": _sweep(m), **_loop(m)}
         if len(m.context.inputs) == 2 and not figures_gap.depends_on_state(m.bound):
             made["inputs"] = figures_gap.inputs_figure(m.bound, m.context.units)
+        if m.corrected is not None and len(m.context.states) == 2:
+            made["corrected"] = figures_domains.domains_figure(m.corrected.controllers, [], m.context.units)
         for name, figure in made.items():
             if figure is not None:
                 figures[name] = Markup(embedded(figure) if name in DENSE else style.svg_text(figure))
