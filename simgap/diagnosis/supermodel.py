@@ -131,7 +131,9 @@ def build_supermodel(
         measured=measured,
         rhs=dynamics.rhs,
         constants=dynamics.constants,
-        static=_rowwise(compile_kernel(_numeric(commands, values), ([v.symbol for v in model.inputs], theta))),
+        static=_rowwise(compile_kernel(_numeric(commands, values), ([v.symbol for v in model.inputs], theta)))
+        if commands
+        else _no_columns,
         read=_rowwise(compile_kernel(_numeric(_readings(plant, measured), values), (_symbols(plant), theta))),
         delay_slots=_slots(model, candidates, InputDelay),
         lag_slots=_slots(model, candidates, InputLag),
@@ -191,6 +193,10 @@ def _rowwise(kernel: Kernel) -> Any:
                 out[k, i] = values[i]
 
     return njit(void(_ROWS, f64[::1], _ROWS), error_model="numpy")(rows)
+
+
+def _no_columns(x: Floats, theta: Floats, out: Floats) -> None:
+    """The inputs of a plant that has none."""
 
 
 _COMPILED: dict[str, SuperModel] = {}

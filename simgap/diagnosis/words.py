@@ -77,7 +77,8 @@ def describe(effect: Mapping[str, Any]) -> str:
         case "cubic_spring":
             return f"a cubic spring of {_quoted(p, 'k3')} at the {on}"
         case "cogging":
-            return f"cogging of {_quoted(p, 'A')} with {p['n']['value']:.0f} periods a turn at the {on}"
+            n = round(float(p["n"]["value"]))
+            return f"cogging of {_quoted(p, 'A')} with {n} period{'' if n == 1 else 's'} a turn at the {on}"
         case "input_gain":
             return f"a gain of {on} that is {_ratio(p)} the declared one"
         case "input_bias":
