@@ -1,7 +1,7 @@
 """The two pinned synthesis problems, with the counts that every correct implementation of their conventions finds.
 
-Both give the growth bound instead of deriving it; they anchor `synthesis.growth`, the fixed points and nothing else. The
-counts agree with SCOTS v0.2 where it fits into memory.
+Both give the growth bound instead of deriving it; they anchor `synthesis.growth`, the fixed points and nothing else.
+The counts agree with SCOTS v0.2 where it fits into memory.
 """
 
 from __future__ import annotations

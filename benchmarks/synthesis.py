@@ -1,7 +1,7 @@
 """Time and memory of synthesis: `python benchmarks/synthesis.py` prints a table and writes results/synthesis.json.
 
-Every row runs in a process of its own, twice in it: the first run compiles or loads the kernels, the second is timed (CPU
-time and wall time). Memory is the peak of that process above what it held after importing the package.
+Every row runs in a process of its own, twice in it: the first run compiles or loads the kernels, the second is timed
+(CPU time and wall time). Memory is the peak of that process above what it held after importing the package.
 """
 
 from __future__ import annotations

@@ -98,9 +98,10 @@ def spread(flags, lengths, periodic, lower, upper, out):  # type: ignore[no-unty
 
 @nb.njit(cache=True, nogil=True)
 def smallest_boxes(lower, extent, keep, number):  # type: ignore[no-untyped-def]
-    """Per layer the inputs whose boxes hold no other input's boxes: a cell that any input wins is won by one of these.
+    """Per layer the inputs whose boxes hold no other input's boxes: what any input wins, one of these wins.
 
-    lower, extent (layers, M, k), one or more boxes beside each other -> keep (layers, M) input numbers in front, number (layers,) how many.
+    lower, extent (layers, M, k), one or more boxes beside each other -> keep (layers, M) input numbers in front,
+    number (layers,) how many.
     """
     inputs = lower.shape[1]
     for layer in range(lower.shape[0]):
@@ -124,36 +125,47 @@ def smallest_boxes(lower, extent, keep, number):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
+def _row(n0, n1, n2, p0, p1, p2, b0, b1, b2):  # type: ignore[no-untyped-def]
+    """Row of the indices b along the row axes; -1 beyond an axis that ends. Scalars only, so that it is inlined."""
+    if (b0 < 0 or b0 >= n0) and p0:
+        b0 %= n0
+    if (b1 < 0 or b1 >= n1) and p1:
+        b1 %= n1
+    if (b2 < 0 or b2 >= n2) and p2:
+        b2 %= n2
+    if b0 < 0 or b0 >= n0 or b1 < 0 or b1 >= n1 or b2 < 0 or b2 >= n2:
+        return -1
+    return (b0 * n1 + b1) * n2 + b2
+
+
+@nb.njit(cache=True, nogil=True)
+def _word(sets, s, row, w, by, words):  # type: ignore[no-untyped-def]
+    """Word `w` of a row of set `s`, moved so that its bit j is bit j + by of the row; zero beyond both ends."""
+    word, bit = w + (by >> 6), np.uint64(by & 63)
+    low = sets[s, row, word] >> bit if 0 <= word < words else np.uint64(0)
+    if bit and 0 <= word + 1 < words:
+        low |= sets[s, row, word + 1] << (np.uint64(64) - bit)
+    return low
+
+
+@nb.njit(cache=True, nogil=True)
 def predecessors(  # type: ignore[no-untyped-def]
-    lengths,
-    periodic,
-    layer,
-    rel,
-    shape_of,
-    eroded,
-    way,
-    way_of,
-    clear,
-    keep,
-    number,
-    changed,
-    near,
-    won,
-    free,
-    fresh,
-    first,
-    last,
-):
+    lengths, periodic, layer, rel, shape_of, eroded, way, way_of, clear,
+    keep, number, changed, near, won, free, fresh, first, last,
+):  # fmt: skip
     """Newly won bits of the rows first..last; returns how many rows gained some.
 
     Args:
-        layer: (rows,) which entry of `rel` a row uses; rel: (layers, M, 4) int32 lower offsets of the three row axes
-            and of the bit axis; shape_of: (layers, M) which erosion; keep, number: the inputs to try.
-        eroded: (shapes, rows, words); changed: (shapes, rows): an erosion that did not grow wins nothing new.
-        way, way_of, clear: as rel, shape_of, eroded, for the box of the way between samples in the free cells; no
-            shapes in `clear` when the way does not matter.
+        layer: (rows,) which entry of `rel` a row uses; keep, number: the inputs to try.
+        rel: (layers, M, 4) int32 lower offsets of the three row axes and of the bit axis; shape_of: (layers, M) which
+            erosion; eroded: (shapes, rows, words).
+        way, way_of, clear: the same for the box of the way between samples, eroded from the free cells; no shapes
+            where the way does not matter.
+        changed: (shapes, rows): an erosion that did not grow wins nothing new.
     """
-    words = won.shape[1]
+    words, ways = won.shape[1], clear.shape[0] > 0
+    n0, n1, n2 = lengths
+    p0, p1, p2 = periodic
     gained = 0
     for r in range(first, last):
         missing = np.uint64(0)
@@ -166,18 +178,19 @@ def predecessors(  # type: ignore[no-untyped-def]
         t = layer[r]
         for i in range(number[t]):
             m = keep[t, i]
-            other = _row_at(lengths, periodic, a0, a1, a2, rel[t, m])
             s = shape_of[t, m]
+            other = _row(n0, n1, n2, p0, p1, p2, a0 + rel[t, m, 0], a1 + rel[t, m, 1], a2 + rel[t, m, 2])
             if other < 0 or not changed[s, other]:
                 continue
-            along = _row_at(lengths, periodic, a0, a1, a2, way[t, m]) if clear.shape[0] else other
+            along = 0
+            if ways:
+                along = _row(n0, n1, n2, p0, p1, p2, a0 + way[t, m, 0], a1 + way[t, m, 1], a2 + way[t, m, 2])
             if along < 0:
                 continue
-            skip = rel[t, m, 3] >> 6
-            for w in range(max(0, -skip - 1), min(words, words - skip)):
-                low = _shifted(eroded[s], other, w, rel[t, m, 3], words)
-                if clear.shape[0]:
-                    low &= _shifted(clear[way_of[t, m]], along, w, way[t, m, 3], words)
+            for w in range(words):
+                low = _word(eroded, s, other, w, rel[t, m, 3], words)
+                if ways:
+                    low &= _word(clear, way_of[t, m], along, w, way[t, m, 3], words)
                 fresh[r, w] |= low
         any_new = np.uint64(0)
         for w in range(words):
@@ -188,29 +201,14 @@ def predecessors(  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def _row_at(lengths, periodic, a0, a1, a2, rel):  # type: ignore[no-untyped-def]
-    """Row at an offset along the row axes; -1 beyond an axis that ends."""
+def _successor_words(lengths, periodic, r, w, t, rel, shape_of, eroded, words, out):  # type: ignore[no-untyped-def]
+    """For every input, AND into `out` (M,) which cells of word `w` of row `r` its box keeps in the eroded sets."""
     n0, n1, n2 = lengths
-    b0, b1, b2 = a0 + rel[0], a1 + rel[1], a2 + rel[2]
-    if (b0 < 0 or b0 >= n0) and periodic[0]:
-        b0 %= n0
-    if (b1 < 0 or b1 >= n1) and periodic[1]:
-        b1 %= n1
-    if (b2 < 0 or b2 >= n2) and periodic[2]:
-        b2 %= n2
-    if b0 < 0 or b0 >= n0 or b1 < 0 or b1 >= n1 or b2 < 0 or b2 >= n2:
-        return -1
-    return (b0 * n1 + b1) * n2 + b2
-
-
-@nb.njit(cache=True, nogil=True)
-def _successor_words(lengths, periodic, r, w, rel, shape_of, eroded, words, out):  # type: ignore[no-untyped-def]
-    """For every input, which cells of word `w` of row `r` it takes into the set: -> (M,) uint64."""
-    n1, n2 = lengths[1], lengths[2]
+    p0, p1, p2 = periodic
     a0, a1, a2 = r // (n1 * n2), r // n2 % n1, r % n2
-    for m in range(rel.shape[0]):
-        other = _row_at(lengths, periodic, a0, a1, a2, rel[m])
-        out[m] = _shifted(eroded[shape_of[m]], other, w, rel[m, 3], words) if other >= 0 else np.uint64(0)
+    for m in range(out.size):
+        other = _row(n0, n1, n2, p0, p1, p2, a0 + rel[t, m, 0], a1 + rel[t, m, 1], a2 + rel[t, m, 2])
+        out[m] &= _word(eroded, shape_of[t, m], other, w, rel[t, m, 3], words) if other >= 0 else np.uint64(0)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -230,28 +228,12 @@ def _scatter(inputs, new, start, stride, mask):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True)
 def record(  # type: ignore[no-untyped-def]
-    lengths,
-    periodic,
-    layer,
-    rel,
-    shape_of,
-    eroded,
-    way,
-    way_of,
-    clear,
-    won,
-    fresh,
-    base,
-    stride,
-    level,
-    value,
-    mask,
-    first,
-    last,
-):
+    lengths, periodic, layer, rel, shape_of, eroded, way, way_of, clear,
+    won, fresh, base, stride, level, value, mask, first, last,
+):  # fmt: skip
     """Give the fresh cells of the rows first..last their level and the bits of their inputs, then count them as won."""
     words = won.shape[1]
-    inputs, ways = np.zeros(rel.shape[1], np.uint64), np.zeros(rel.shape[1], np.uint64)
+    inputs = np.zeros(rel.shape[1], np.uint64)
     for r in range(first, last):
         for w in range(words):
             new = fresh[r, w]
@@ -263,11 +245,10 @@ def record(  # type: ignore[no-untyped-def]
                 if new >> np.uint64(j) & np.uint64(1):
                     value[start + j * stride] = level
             if mask.shape[1] > 0:
-                t = layer[r]
-                _successor_words(lengths, periodic, r, w, rel[t], shape_of[t], eroded, words, inputs)
-                if clear.shape[0]:
-                    _successor_words(lengths, periodic, r, w, way[t], way_of[t], clear, words, ways)
-                    for m in range(inputs.size):
-                        inputs[m] &= ways[m]
+                for m in range(inputs.size):
+                    inputs[m] = new
+                _successor_words(lengths, periodic, r, w, layer[r], rel, shape_of, eroded, words, inputs)
+                if clear.shape[0] > 0:
+                    _successor_words(lengths, periodic, r, w, layer[r], way, way_of, clear, words, inputs)
                 _scatter(inputs, new, start, stride, mask)
     return 0

@@ -36,7 +36,7 @@ def hopeless_dimension(
         if worst > authority and j not in grid.periodic:
             return UserError(
                 f"no input can {'hold' if holding else 'steer'} {name}: the gap in {name} is at least {worst:.6g} "
-                f"everywhere, while the largest step of the nominal model in {name} is {authority:.6g} (at cell centres)",
+                f"everywhere, while the largest step of the nominal model in {name} is {authority:.6g} (cell centres)",
                 key="synthesis",
                 remedy="Tighten the gap (smaller eps, signed bound, better model), enlarge tau or the inputs",
             )

@@ -7,10 +7,10 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
-from pinned_problems import PENDULUM, UNICYCLE, pendulum, unicycle  # noqa: E402
+from pinned_problems import PENDULUM, UNICYCLE, pendulum, unicycle
 
-from simgap.synthesis.invariance import invariance  # noqa: E402
-from simgap.synthesis.reach import reach_avoid  # noqa: E402
+from simgap.synthesis.invariance import invariance
+from simgap.synthesis.reach import reach_avoid
 
 
 @pytest.mark.parametrize("cells", PENDULUM)
