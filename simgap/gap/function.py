@@ -152,8 +152,9 @@ def from_json(data: Mapping[str, Any]) -> GapFunction:
     """
     from simgap.gap.cells import CellGap
     from simgap.gap.linear import LinearGap
+    from simgap.gap.symmetry import BodyFrameGap
 
-    kinds: dict[str, Any] = {"linear": LinearGap, "cells": CellGap}
+    kinds: dict[str, Any] = {"linear": LinearGap, "cells": CellGap, "body_frame": BodyFrameGap}
     try:
         domain = GapDomain.from_json(data["domain"])
         tiers = tuple(Tier.from_json(t) for t in data["guarantee"])

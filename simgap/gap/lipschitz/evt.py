@@ -44,7 +44,8 @@ def fit_reverse_weibull(maxima: Floats, starts: int = 80) -> ReverseWeibull:
     fine = minimize_scalar(lambda t: -_profile(maxima, top + np.exp(t))[0], bounds=ends, method="bounded")
     location = top + float(np.exp(fine.x if -fine.fun >= values[k] else mesh[k]))
     likelihood, shape = _profile(maxima, location)
-    scale = float(np.mean((location - maxima) ** shape) ** (1.0 / shape))
+    farthest = location - float(maxima.min())
+    scale = farthest * float(np.mean(((location - maxima) / farthest) ** shape) ** (1.0 / shape))
     p = float(kstest(maxima, weibull_max(shape, loc=location, scale=scale).cdf).pvalue)
     return ReverseWeibull(shape, location, scale, likelihood, p)
 
