@@ -10,16 +10,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-
-@nb.njit(cache=True, nogil=True)
-def pack_rows(cells, base, stride, count, bits):  # type: ignore[no-untyped-def]
-    """Pack flags of cells (flat uint8) into rows (rows, words) uint64; cell j of a row is `base[row] + j stride`."""
-    for r in range(base.size):
-        for w in range(bits.shape[1]):
-            bits[r, w] = np.uint64(0)
-        for j in range(count):
-            if cells[base[r] + j * stride]:
-                bits[r, j >> 6] |= np.uint64(1) << np.uint64(j & 63)
+from simgap.synthesis.bit_rows import scatter
 
 
 @nb.njit(cache=True, nogil=True)
@@ -94,34 +85,6 @@ def spread(flags, lengths, periodic, lower, upper, out):  # type: ignore[no-unty
                 for b2 in range(a2 - upper[2], a2 - lower[2] + 1):
                     if periodic[2] or 0 <= b2 < n2:
                         out[(b0 % n0 * n1 + b1 % n1) * n2 + b2 % n2] = 1
-
-
-@nb.njit(cache=True, nogil=True)
-def smallest_boxes(lower, extent, keep, number):  # type: ignore[no-untyped-def]
-    """Per layer the inputs whose boxes hold no other input's boxes: what any input wins, one of these wins.
-
-    lower, extent (layers, M, k), one or more boxes beside each other -> keep (layers, M) input numbers in front,
-    number (layers,) how many.
-    """
-    inputs = lower.shape[1]
-    for layer in range(lower.shape[0]):
-        number[layer] = 0
-        for m in range(inputs):
-            smallest = True
-            for o in range(inputs):
-                inside = o != m
-                same = True
-                for j in range(lower.shape[2]):
-                    a, b = lower[layer, m, j], lower[layer, o, j]
-                    c, d = a + extent[layer, m, j], b + extent[layer, o, j]
-                    inside = inside and b >= a and d <= c
-                    same = same and a == b and c == d
-                if inside and (not same or o < m):
-                    smallest = False
-                    break
-            if smallest:
-                keep[layer, number[layer]] = m
-                number[layer] += 1
 
 
 @nb.njit(cache=True, nogil=True)
@@ -212,21 +175,6 @@ def _successor_words(lengths, periodic, r, w, t, rel, shape_of, eroded, words, o
 
 
 @nb.njit(cache=True, nogil=True)
-def _scatter(inputs, new, start, stride, mask):  # type: ignore[no-untyped-def]
-    """Turn words of cells, one per input, into bytes of inputs, one row per cell in `new`."""
-    for byte in range(mask.shape[1]):
-        used = np.uint64(0)
-        for m in range(8 * byte, min(8 * byte + 8, inputs.size)):
-            used |= inputs[m] & new
-        for j in range(64):
-            if used >> np.uint64(j) & np.uint64(1):
-                bits = np.uint64(0)
-                for m in range(8 * byte, min(8 * byte + 8, inputs.size)):
-                    bits |= (inputs[m] >> np.uint64(j) & np.uint64(1)) << np.uint64(m & 7)
-                mask[start + j * stride, byte] = bits
-
-
-@nb.njit(cache=True, nogil=True)
 def record(  # type: ignore[no-untyped-def]
     lengths, periodic, layer, rel, shape_of, eroded, way, way_of, clear,
     won, fresh, base, stride, level, value, mask, first, last,
@@ -250,5 +198,5 @@ def record(  # type: ignore[no-untyped-def]
                 _successor_words(lengths, periodic, r, w, layer[r], rel, shape_of, eroded, words, inputs)
                 if clear.shape[0] > 0:
                     _successor_words(lengths, periodic, r, w, layer[r], way, way_of, clear, words, inputs)
-                _scatter(inputs, new, start, stride, mask)
+                scatter(inputs, new, start, stride, mask)
     return 0

@@ -10,16 +10,9 @@ from numpy.typing import NDArray
 
 from simgap.geometry import Grid
 from simgap.synthesis.abstraction import Abstraction
+from simgap.synthesis.bit_rows import pack_rows, smallest_boxes
 from simgap.synthesis.bits import packed_width
-from simgap.synthesis.erosion import (
-    erode_across_rows,
-    erode_along_rows,
-    pack_rows,
-    predecessors,
-    record,
-    smallest_boxes,
-    spread,
-)
+from simgap.synthesis.erosion import erode_across_rows, erode_along_rows, predecessors, record, spread
 from simgap.synthesis.sweep import Sweep
 from simgap.synthesis.tables import reduced_cells, reduced_size
 from simgap.synthesis.threads import over_rows
