@@ -16,8 +16,9 @@ from simgap.config.sensing import SensingSection
 from simgap.config.simulator import MuJoCoSection, PyBulletSection
 from simgap.config.synthesis import SynthesisSection
 from simgap.config.validation import ValidationSection
+from simgap.config.wheeled import HiddenStateSection, SymmetrySection, WheeledSection
 
-SimulatorSection = Annotated[PyBulletSection | MuJoCoSection, Field(discriminator="engine")]
+SimulatorSection = Annotated[PyBulletSection | WheeledSection | MuJoCoSection, Field(discriminator="engine")]
 
 
 class Case(Section):
@@ -30,6 +31,8 @@ class Case(Section):
     simulator: SimulatorSection | None = Field(None, description="The high-fidelity side.")
     grid: GridSection | None = Field(None, description="Where the two are compared.")
     gap: GapSection | None = Field(None, description="How the gap is bounded.")
+    symmetry: SymmetrySection | None = Field(None, description="A declared symmetry of the gap, measured before use.")
+    hidden_state: HiddenStateSection | None = Field(None, description="How the simulator's memory is covered.")
     sensing: SensingSection | None = Field(None, description="What the controller knows of the state.")
     synthesis: SynthesisSection | None = Field(None, description="What the controller is asked for.")
     validation: ValidationSection | None = Field(None, description="The closed loop that checks it.")

@@ -1,4 +1,4 @@
-"""Boxes of the body frame seen from the world: the exact range of `R(theta) b` over a box of b and an interval of theta.
+"""Boxes of the body frame seen from the world: the range of `R(theta) b` over a box and an interval of theta.
 
 Each coordinate of R(theta) b is linear in b, so its extremes are at corners of the box; for a corner at distance r and
 bearing phi it is r cos(theta + phi) or r sin(theta + phi), with extremes at the ends of the interval and where the

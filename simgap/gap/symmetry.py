@@ -52,7 +52,7 @@ class BodyFrameGap(GapFunction):
 
     def sup(self) -> dict[str, GapSuprema]:
         """Suprema over all headings and inputs: in the plane the farthest corner, and the widest view of the box."""
-        i, j, k = self.pose
+        i, j, _ = self.pose
         corner = np.maximum(np.abs(self.lower), np.abs(self.upper))
         wide = self.upper - self.lower
         size, width = corner.max(axis=0), wide.max(axis=0)
@@ -202,5 +202,5 @@ def check_symmetry(deviation: HeadingDeviation, states: Sequence[str], tolerance
             raise BrokenPromise(
                 f"the declared symmetry does not hold in the simulator: between headings the gap in {name} deviates "
                 f"by {value:.3g}, symmetry.tolerance allows {tolerance[name]:.3g}",
-                "Remove `symmetry`, raise the tolerance knowingly, or make the contacts regular (more grip, less torque)",
+                "Remove `symmetry`, raise the tolerance knowingly, or make contacts regular (more grip, less torque)",
             )

@@ -51,7 +51,18 @@ def _mujoco(case: Case, folder: Path) -> Simulator:
     return MuJoCoJoints(joint_plant(case, folder), section)
 
 
-ENGINES: Mapping[str, Callable[[Case, Path], Simulator]] = {"pybullet": _pybullet, "mujoco": _mujoco}
+def _pybullet_wheeled(case: Case, folder: Path) -> Simulator:
+    from simgap.simulators.wheeled import PyBulletWheeled, wheeled_plant
+
+    section: Any = case.simulator
+    return PyBulletWheeled(wheeled_plant(case, folder), section)
+
+
+ENGINES: Mapping[str, Callable[[Case, Path], Simulator]] = {
+    "pybullet": _pybullet,
+    "pybullet_wheeled": _pybullet_wheeled,
+    "mujoco": _mujoco,
+}
 
 
 def make_simulator(case: Case, folder: Path) -> Simulator:

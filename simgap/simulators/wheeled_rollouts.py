@@ -1,0 +1,90 @@
+"""Roll-outs of the wheeled robot that the body-frame bound is made of; each runs in the engine's own process.
+
+Every function takes a case and its folder, makes the simulator, and gives arrays back together with the engine's name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from simgap.config.case import Case
+from simgap.errors import UserError
+from simgap.gap.hidden_state import BodySamples, Ints
+from simgap.geometry import Floats
+from simgap.simulators.wheeled import PyBulletWheeled
+
+
+@contextmanager
+def _robot(case: Case, folder: Path) -> Iterator[PyBulletWheeled]:
+    from simgap.simulators.build import make_simulator
+
+    simulator = make_simulator(case, folder)
+    try:
+        if not isinstance(simulator, PyBulletWheeled):
+            raise UserError("hidden states are sampled for wheeled robots", key="simulator.engine")
+        yield simulator
+    finally:
+        simulator.close()
+
+
+def after_previous(case: Case, folder: Path, previous: Floats, inputs: Floats) -> tuple[BodySamples, str]:
+    """All inputs (M, nu) after each previous input (P, nu) from rest: (P M) rows, the input running fastest."""
+    every = np.arange(len(inputs))
+    with _robot(case, folder) as robot:
+        parts = [BodySamples.of_paths(every, robot.responses(u[None], inputs)) for u in previous]
+        return joined(parts), robot.engine
+
+
+def along_sequences(case: Case, folder: Path, sequences: Ints, inputs: Floats, seed: int) -> tuple[BodySamples, str]:
+    """Every step of random input sequences (n, length), each from rest at a random heading: n length rows."""
+    rng = np.random.default_rng(seed)
+    with _robot(case, folder) as robot:
+        parts = []
+        for numbers in sequences:
+            start = np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+            parts.append(BodySamples.of_paths(numbers, robot.chain(start, inputs[numbers])[1]))
+        return joined(parts), robot.engine
+
+
+def with_longer_histories(case: Case, folder: Path, sequences: Ints, inputs: Floats) -> Floats:
+    """Final poses after the last 1, ..., L - 1 inputs of sequences (n, L), the last of which is the present input.
+
+    -> (L - 1, n, 3) in the body frame, for `hidden_state.fading`.
+    """
+    n, length = sequences.shape
+    out = np.empty((length - 1, n, 3))
+    with _robot(case, folder) as robot:
+        for i, numbers in enumerate(sequences):
+            for back in range(1, length):
+                history = inputs[numbers[length - 1 - back : length - 1]]
+                out[back - 1, i] = robot.responses(history, inputs[numbers[-1:]])[0, -1]
+    return out
+
+
+def at_headings(
+    case: Case, folder: Path, sequences: Ints, inputs: Floats, headings: int, seed: int
+) -> tuple[Floats, Floats]:
+    """Final body-frame poses of sequences (n, L) at heading 0 and at random headings: -> (n, 3), (headings, n, 3)."""
+    rng = np.random.default_rng(seed)
+    angles = rng.uniform(-np.pi, np.pi, (headings, len(sequences)))
+    reference, turned = np.empty((len(sequences), 3)), np.empty((headings, len(sequences), 3))
+    with _robot(case, folder) as robot:
+        for i, numbers in enumerate(sequences):
+            history, present = inputs[numbers[:-1]], inputs[numbers[-1:]]
+            reference[i] = robot.responses(history, present)[0, -1]
+            for h in range(headings):
+                turned[h, i] = robot.responses(history, present, float(angles[h, i]))[0, -1]
+    return reference, turned
+
+
+def joined(parts: list[BodySamples]) -> BodySamples:
+    """Samples under each other."""
+    return BodySamples(
+        np.concatenate([p.m for p in parts]),
+        np.concatenate([p.final for p in parts]),
+        np.concatenate([p.extent for p in parts]),
+    )
