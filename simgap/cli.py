@@ -18,7 +18,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Measure, bound and close the gap between a robot model, its simulator and its recordings.",
 )
-_USAGE = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")  # typer carries its own click
+# Typer carries a click of its own; its usage errors are found through one of them.
+_USAGE: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 CasePath = Annotated[Path, typer.Argument(help="Case file (YAML).", show_default=False)]
 Out = Annotated[Path, typer.Option(help="File to write.", show_default=False)]
 Log = Annotated[Path | None, typer.Option(help="File for the log of this stage; stderr if not given.")]
@@ -229,7 +230,7 @@ def main(arguments: list[str] | None = None) -> None:
         sys.stderr.write(f"simgap: {error}\n")
         status = error.exit_status
     except _USAGE as error:
-        sys.stderr.write(f"simgap: {error.format_message()} (simgap --help lists what there is)\n")
+        sys.stderr.write(f"simgap: {error} (simgap --help lists what there is)\n")
         status = 2
     except (typer.Abort, KeyboardInterrupt):
         sys.stderr.write("simgap: interrupted\n")

@@ -80,7 +80,7 @@ class Context:
     def units(self) -> dict[str, str]:
         """Unit of each state and input."""
         plant = self.case.plant
-        return {n: v.unit for n, v in (*plant.states.items(), *plant.inputs.items())}
+        return {n: s.unit for n, s in plant.states.items()} | {n: i.unit for n, i in plant.inputs.items()}
 
     @contextmanager
     def blame(self) -> Iterator[None]:

@@ -1,4 +1,4 @@
-"""Stage `rig`: recordings of a stand-in for hardware; what the rig is made of goes into no file that a diagnosis reads."""
+"""Stage `rig`: recordings of a stand-in for hardware; no file that a diagnosis reads tells what the rig is made of."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def run(rig_path: Path, out: Path, engine_log: Path | None = None) -> None:
         raise UserError(f"{unknown} are not states", file=rig_path, key="noise", remedy=f"States: {context.states}.")
     tau = context.domain.tau
     rng = np.random.default_rng(rig.seed)
-    t = tau * np.arange(round(rig.seconds / tau))
+    t: Floats = np.asarray(tau * np.arange(round(rig.seconds / tau)), dtype=np.float64)
     band = rig.excitation
     jobs, parts = [], []
     for _ in range(rig.traces):

@@ -6,6 +6,7 @@ roll-out, and that is what a corrected model is.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -68,7 +69,7 @@ def write(
     x: Floats,
     u: Floats,
     following: Floats,
-    constants: dict[str, object],
+    constants: Mapping[str, object],
     stage: str,
 ) -> None:
     """One Parquet file: states, inputs, successors `next_<state>`."""

@@ -172,7 +172,9 @@ def simulate_chunk(
 def _judge(
     runs: Iterator[Run], controller: Controller, model: NominalModel, gap: GapFunction, safe: Box, steps: int, keep: int
 ) -> tuple[Tally, list[Run]]:
-    tally, kept, batch = Tally(), [], []
+    tally = Tally()
+    kept: list[Run] = []
+    batch: list[Run] = []
 
     def flush() -> None:
         x, u, following = steps_of(batch, controller.input_set)

@@ -81,7 +81,18 @@ def test_mistakes_are_one_line_with_file_and_key(vary, mistake):
 def test_mistakes_that_a_stage_meets_leave_status_2_and_no_file(vary, tmp_path, capsys, changes, words):
     path, out = vary("pendulum", changes), tmp_path / "out" / "controller.npz"
     with pytest.raises(SystemExit) as caught:
-        main(["synthesis", str(path), "--out", str(out), "--summary", str(tmp_path / "out" / "s.json"), "--log", str(tmp_path / "l")])
+        main(
+            [
+                "synthesis",
+                str(path),
+                "--out",
+                str(out),
+                "--summary",
+                str(tmp_path / "out" / "s.json"),
+                "--log",
+                str(tmp_path / "l"),
+            ]
+        )
     assert caught.value.code == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert str(path) in line or "nowhere.urdf" in line
@@ -97,7 +108,9 @@ def test_a_moving_link_without_inertia_is_refused(vary, root, tmp_path, capsys):
     bare.write_text(text[:start] + text[end:])
     path = vary("pendulum", {"plant.urdf": str(bare)})
     with pytest.raises(SystemExit) as caught:
-        main(["rollouts", str(path), "--eps", "0.1", "--out", str(tmp_path / "x.parquet"), "--log", str(tmp_path / "l")])
+        main(
+            ["rollouts", str(path), "--eps", "0.1", "--out", str(tmp_path / "x.parquet"), "--log", str(tmp_path / "l")]
+        )
     assert caught.value.code == 2
     error = capsys.readouterr().err
     assert "rod" in error

@@ -58,7 +58,8 @@ def test_pybullets_default_inertia_makes_the_gap_of_the_paper(vary):
 
 def test_collision_geometry_changes_pybullets_default_inertia(vary, root, tmp_path):
     urdf = (root / "configs/models/pendulum.urdf").read_text()
-    box = '<collision><origin xyz="0 0 -0.5"/><geometry><box size="0.05 0.05 1"/></geometry></collision>\n  </link>\n  <joint'
+    shape = '<origin xyz="0 0 -0.5"/><geometry><box size="0.05 0.05 1"/></geometry>'
+    box = f"<collision>{shape}</collision>\n  </link>\n  <joint"
     with_box = tmp_path / "boxed.urdf"
     with_box.write_text(urdf.replace("</link>\n  <joint", box))
     x, u = samples(200)

@@ -11,9 +11,16 @@ import yaml
 
 ROOT = Path(__file__).parents[2]
 SMALL = {
-    "domain": {"tau": 0.005, "X": {"x1": [-0.2, 0.2], "x2": [-0.5, 0.5]}, "U": {"u": {"min": -1.2, "max": 1.2, "step": 0.4}}},
+    "domain": {
+        "tau": 0.005,
+        "X": {"x1": [-0.2, 0.2], "x2": [-0.5, 0.5]},
+        "U": {"u": {"min": -1.2, "max": 1.2, "step": 0.4}},
+    },
     "grid": {"eps": 0.02, "shards": 2},
-    "synthesis": {"cells": [200, 100], "specification": {"kind": "invariance", "safe": {"x1": [0.0, 0.2], "x2": [-0.5, 0.5]}}},
+    "synthesis": {
+        "cells": [200, 100],
+        "specification": {"kind": "invariance", "safe": {"x1": [0.0, 0.2], "x2": [-0.5, 0.5]}},
+    },
     "validation": {"starts": 20, "steps": 100, "seed": 1},
 }
 
@@ -26,7 +33,9 @@ class Project:
         for name in ("Snakefile", "rules", "profiles", "configs", "reports", "simgap"):
             source = ROOT / name
             copy = shutil.copytree if source.is_dir() else shutil.copy
-            copy(source, folder / name, **({"ignore": shutil.ignore_patterns("__pycache__")} if source.is_dir() else {}))
+            copy(
+                source, folder / name, **({"ignore": shutil.ignore_patterns("__pycache__")} if source.is_dir() else {})
+            )
         self.case = folder / "configs/cases/small.yaml"
         content = yaml.safe_load((ROOT / "configs/cases/pendulum.yaml").read_text())
         content.pop("measured", None)
@@ -51,7 +60,9 @@ class Project:
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         env = os.environ | {"PYTHONPATH": str(self.folder), "PATH": path}
         command = [sys.executable, "-m", "snakemake", "--cores", "2", *arguments]
-        done = subprocess.run(command, cwd=self.folder, env=env, capture_output=True, text=True, timeout=900, check=False)
+        done = subprocess.run(
+            command, cwd=self.folder, env=env, capture_output=True, text=True, timeout=900, check=False
+        )
         if check and done.returncode:
             pytest.fail(f"{command} failed:\n{done.stdout[-3000:]}\n{done.stderr[-6000:]}")
         return done
@@ -78,7 +89,13 @@ def project(tmp_path_factory):
 
 def test_everything_is_there(project):
     results = project.folder / "results/small"
-    for name in ("report.html", "summary.json", "trace/trace.rrd", "validation/traces.parquet", "gap/eps~0.02/gap.json"):
+    for name in (
+        "report.html",
+        "summary.json",
+        "trace/trace.rrd",
+        "validation/traces.parquet",
+        "gap/eps~0.02/gap.json",
+    ):
         assert (results / name).stat().st_size > 0
     logs = sorted(p.name for p in (results / "logs").glob("*.log"))
     assert "validation.log" in logs
@@ -134,7 +151,14 @@ def test_a_truncated_shard_is_one_line_with_the_file_and_the_remedy(project, tmp
     command = [sys.executable, "-m", "simgap.cli", "gap", str(project.case), "--eps", "0.02", "--rollouts", str(cut)]
     command += ["--rollouts", str(shard.with_name("shard-1.parquet"))]
     command += ["--fresh", str(project.folder / "results/small/fresh/samples.parquet")]
-    command += ["--out", str(tmp_path / "gap.json"), "--samples", str(tmp_path / "s.parquet"), "--log", str(tmp_path / "l")]
+    command += [
+        "--out",
+        str(tmp_path / "gap.json"),
+        "--samples",
+        str(tmp_path / "s.parquet"),
+        "--log",
+        str(tmp_path / "l"),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert str(cut) in done.stderr
