@@ -59,7 +59,7 @@ def _arena(axis: Any, scene: PlanarScene) -> None:
 def _rectangle(axis: Any, box: Box, **look: Any) -> None:
     from matplotlib.patches import Rectangle
 
-    axis.add_patch(Rectangle(box.lo, *(box.hi - box.lo), **look))
+    axis.add_patch(Rectangle((box.lo[0], box.lo[1]), *(box.hi - box.lo), **look))
 
 
 def _run(axis: Any, scene: PlanarScene, trace: Trace, colour: str) -> None:
@@ -83,7 +83,7 @@ def _footprint(axis: Any, scene: PlanarScene, x: Floats, colour: str) -> None:
 
     centre, heading = x[list(scene.axes[:2])], x[scene.axes[2]]
     nose = centre + scene.radius * np.array([np.cos(heading), np.sin(heading)])
-    axis.add_patch(Circle(centre, scene.radius, facecolor="none", edgecolor=colour, lw=0.9, zorder=5))
+    axis.add_patch(Circle((centre[0], centre[1]), scene.radius, facecolor="none", edgecolor=colour, lw=0.9, zorder=5))
     axis.plot(*np.column_stack([centre, nose]), color=colour, lw=0.9, zorder=5)
 
 
@@ -116,7 +116,7 @@ def times_figure(steps: Mapping[str, Sequence[int]], tau: float) -> Any:
     figure, axis = plt.subplots(figsize=(style.WIDTH, 3.0))
     own = {kind: tau * np.asarray(steps[kind], dtype=float) for kind in (NOMINAL, ROBUST) if len(steps.get(kind, ()))}
     longest = max(float(t.max()) for t in own.values())
-    bins = np.linspace(0.0, longest, 41)
+    bins = np.linspace(0.0, longest, 41).tolist()
     for kind, t in own.items():
         label = f"{TITLES[kind]}: {len(t):,} runs, median {np.median(t):g} s"
         axis.hist(t, bins, histtype="stepfilled", color=COLOURS[kind], alpha=0.35, label=label)

@@ -45,7 +45,7 @@ def domains_figure(controllers: Mapping[str, Controller], traces: Sequence[Trace
         axis.set_xlabel(_axis(controller.states[0], units))
         axis.grid(visible=False)
     axes[0].set_ylabel(_axis(controllers[ROBUST].states[1], units))
-    _legend(figure)
+    _legend(figure, bool(traces))
     return figure
 
 
@@ -76,7 +76,7 @@ def _run(axis: Any, trace: Trace, colour: str) -> None:
         axis.plot(*trace.x[-1, :2], "X", color=style.BLACK, ms=10, mec="white", mew=1.0, clip_on=False, zorder=5)
 
 
-def _legend(figure: Any) -> None:
+def _legend(figure: Any, runs: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -87,7 +87,8 @@ def _legend(figure: Any) -> None:
         Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10),
     ]
     labels = ["winning domain", "outline of the other one", "run in the simulator", "leaves the safe set"]
-    figure.legend(handles, labels, loc="outside upper left", ncols=4, columnspacing=1.1)
+    shown = 4 if runs else 2
+    figure.legend(handles[:shown], labels[:shown], loc="outside upper left", ncols=4, columnspacing=1.1)
 
 
 def slices_figure(
@@ -109,12 +110,10 @@ def slices_figure(
     size = (style.WIDTH, 2.75 * rows + 0.5)
     figure, axes = plt.subplots(rows, columns, figsize=size, sharex=True, sharey=True, squeeze=False)
     extent = (grid.box.lo[0], grid.box.hi[0], grid.box.lo[1], grid.box.hi[1])
-    picture = None
+    picture, most = None, max(1.0, float(np.max(shades.filled(0.0))))
     for axis, k in zip(axes.ravel(), layers, strict=False):
-        picture = axis.imshow(
-            shades[:, :, k].T, origin="lower", extent=extent, cmap="viridis_r", vmin=0, vmax=max(1.0, shades.max() or 1.0),
-            interpolation="nearest",
-        )  # fmt: skip
+        look = {"cmap": "viridis_r", "vmin": 0.0, "vmax": most, "interpolation": "nearest"}
+        picture = axis.imshow(shades[:, :, k].T, origin="lower", extent=extent, **look)
         third = grid.box.lo[2] + grid.h[2] * (2 * k + 1)
         axis.set_title(f"{controller.states[2]} = {third:.2f} {pretty_unit(units.get(controller.states[2], ''))}")
         axis.grid(visible=False)

@@ -113,7 +113,9 @@ def _residual(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floa
     axes.set_title("around the middle of the bound", fontsize=11)
     axes.margins(x=0)
     axes.set_ylim(top=1.55 * factor * float(half.max()))
-    axes.legend(loc="upper center", ncols=3, markerscale=6, fontsize=9.5, columnspacing=0.7, handlelength=1.2, handletextpad=0.3)
+    axes.legend(
+        loc="upper center", ncols=3, markerscale=6, fontsize=9.5, columnspacing=0.7, handlelength=1.2, handletextpad=0.3
+    )
 
 
 def _envelope(x: Floats, half: Floats, bins: int = 60) -> tuple[Floats, Floats, Floats]:
@@ -147,7 +149,9 @@ def slices_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapp
     lo, hi = gap.bounds(points, np.tile(at, (len(line), 1)))
     for i, (axis, name) in enumerate(zip(axes[0], states, strict=True)):
         factor, unit = scaled(float(np.abs([lo[:, i], hi[:, i]]).max()), units[name])
-        axis.scatter(x[:, 0], factor * d[:, i], s=1.2, color=style.GREY, lw=0, label="samples, all inputs", rasterized=True)
+        axis.scatter(
+            x[:, 0], factor * d[:, i], s=1.2, color=style.GREY, lw=0, label="samples, all inputs", rasterized=True
+        )
         axis.fill_between(line, factor * lo[:, i], factor * hi[:, i], color=style.SKY, alpha=0.5, label="bound")
         axis.set_xlabel(_axis(states[0], units))
         axis.set_ylabel(f"gap of {name} ({unit})")

@@ -169,8 +169,8 @@ def _log_shown(recording: Any, content: Content, controller: str, trace: Trace) 
     if policy.solution.value is not None:
         line(recording, f"shown/{controller}/value", COLOURS[controller], 2.0, f"{TITLES[controller]}, steps to target")
         send(recording, f"shown/{controller}/value", trace.t, policy.value(trace.x).astype(float))
-    for t, text, level in events(content, controller, trace):
-        recording.set_time(TIMELINE, duration=t)
+    for when, text, level in events(content, controller, trace):
+        recording.set_time(TIMELINE, duration=when)
         recording.log(f"shown/{controller}/events", rr.TextLog(text, level=level))
     recording.reset_time()
 

@@ -22,7 +22,9 @@ def blueprint(content: Content) -> Any:
         left.append(rrb.Spatial2DView(name="Winning domains and runs", origin="/phase", contents="$origin/**"))
     words = [
         rrb.TextDocumentView(name="What this shows", origin="/about"),
-        rrb.TextLogView(name="Events", origin="/shown", contents=[f"/shown/{c}/events" for c in content.shown], columns=_columns()),
+        rrb.TextLogView(
+            name="Events", origin="/shown", contents=[f"/shown/{c}/events" for c in content.shown], columns=_columns()
+        ),
     ]
     return rrb.Blueprint(
         rrb.Horizontal(

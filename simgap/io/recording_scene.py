@@ -119,16 +119,12 @@ def _place(recording: Any, urdf: Path, prefix: str, colour: list[int]) -> Any:
     return tree
 
 
-def _jointed(
-    recording: Any, scene: JointScene, prefix: str, offset: Floats, trace: Trace, colour: list[int]
-) -> None:
+def _jointed(recording: Any, scene: JointScene, prefix: str, offset: Floats, trace: Trace, colour: list[int]) -> None:
     """A URDF fixed to the ground whose joints follow a trace."""
     import rerun as rr
 
     tree = _place(recording, scene.urdf, prefix, colour)
-    base = rr.Transform3D(
-        translation=offset, parent_frame=WORLD, child_frame=f"{prefix}/{tree.root_link().name}"
-    )
+    base = rr.Transform3D(translation=offset, parent_frame=WORLD, child_frame=f"{prefix}/{tree.root_link().name}")
     recording.log(f"{prefix}/base", base, static=True)
     times = [rr.TimeColumn(TIMELINE, duration=trace.t)]
     for name, j in scene.joints.items():

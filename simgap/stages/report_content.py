@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from simgap.config.synthesis import InvarianceSpecification
 from simgap.diagnosis.words import pretty_unit
-from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR
+from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR
+from simgap.stages import report_tables as tables
 
 if TYPE_CHECKING:
     from simgap.stages.report import Material
-
-Rows = list[dict[str, Any]]
 
 
 def content(m: Material) -> dict[str, Any]:
@@ -25,19 +24,19 @@ def content(m: Material) -> dict[str, Any]:
         "invariance": _is_invariance(m),
         "settings": settings(m),
         "gap": m.gap,
-        "coefficients": coefficients(m.gap),
-        "sweep": sweep(m),
+        "coefficients": tables.coefficients(m.gap),
+        "sweep": tables.sweep(m),
         "printed": m.printed,
-        "signed": is_signed(m.gap),
-        "lipschitz": lipschitz(m),
-        "scenario": scenario(m.gap),
+        "signed": tables.is_signed(m.gap),
+        "lipschitz": tables.lipschitz(m),
+        "scenario": tables.scenario(m.gap),
         "syntheses": m.syntheses,
-        "loops": loops(m),
+        "loops": tables.loops(m),
         "between": m.validation.get("between_samples"),
         "validation": m.validation,
-        "diagnosis": diagnosis(m),
-        "corrected": corrected(m),
-        "sources": sources(m),
+        "diagnosis": tables.diagnosis(m),
+        "corrected": tables.corrected(m),
+        "sources": tables.sources(m),
     }
 
 
@@ -95,9 +94,9 @@ def settings(m: Material) -> list[tuple[str, str]]:
     rows += [("effect in the model", _effect(e)) for e in plant.effects]
     if case.simulator is not None:
         given = case.simulator.model_dump(mode="json")
-        effects = given.pop("effects", ())
+        given.pop("effects", None)
         rows.append(("simulator", "; ".join(_plain(given))))
-        rows += [("effect in the simulator", _effect(e)) for e in case.simulator.effects] if effects else []
+        rows += [("effect in the simulator", _effect(e)) for e in getattr(case.simulator, "effects", ())]
     rows.append(("specification", _specification(m)))
     sensing = case.sensing
     if sensing is not None:
@@ -136,117 +135,6 @@ def _box(named: Mapping[str, tuple[float, float]], m: Material) -> str:
 
 def _distances(named: Mapping[str, float], m: Material) -> str:
     return ", ".join(f"{v:g} {pretty_unit(m.context.units[n])} in {n}" for n, v in named.items())
-
-
-def is_signed(gap: Mapping[str, Any]) -> bool:
-    """Whether lower and upper bound were fitted apart."""
-    return all("lower" in d["scenario"] and "upper" in d["scenario"] for d in gap["dimensions"])
-
-
-def coefficients(gap: Mapping[str, Any]) -> Rows:
-    """For bounds linear in a basis: each state with its terms and both coefficients."""
-    if gap.get("kind") != "linear":
-        return []
-    out = []
-    for state, sides in gap["gap"].items():
-        terms = list(sides["upper"]["coefficients"])
-        rows = [{"term": t, **{s: sides[s]["coefficients"].get(t) for s in ("lower", "upper")}} for t in terms]
-        rows.append({"term": "raised by", "lower": sides["lower"]["offset"], "upper": sides["upper"]["offset"]})
-        out.append({"state": state, "rows": rows})
-    return out
-
-
-def sweep(m: Material) -> Rows:
-    """The table of suprema against eps, with the values that the paper prints."""
-    rows = []
-    for gap in m.sweep:
-        printed = m.printed.get("sup_gamma", {}).get(f"{gap['eps']:g}", {})
-        states = {
-            d["state"]: {
-                "size": d["sup_size"],
-                "width": d["sup_width"],
-                "sampled": d["largest_sampled_gap"],
-                "printed": printed.get(d["state"]),
-            }
-            for d in gap["dimensions"]
-        }
-        fresh = gap["fresh"]
-        rows.append({"eps": gap["eps"], "samples": gap["samples"], "states": states, "fresh": fresh})
-    return rows
-
-
-def lipschitz(m: Material) -> Rows:
-    """Estimates of each state side by side: method, value, goodness of fit, remark."""
-    printed = m.printed.get("lipschitz", {})
-    out = []
-    for d in m.gap["dimensions"]:
-        rows = [dict(e) for e in d.get("lipschitz_estimates", [])]
-        if d["state"] in printed:
-            rows.append({"method": "printed in the paper", "value": printed[d["state"]], "ks_p": None, "note": ""})
-        out.append({"state": d["state"], "rows": rows})
-    return out
-
-
-def scenario(gap: Mapping[str, Any]) -> Rows:
-    """One row a scenario program."""
-    return [
-        {"state": d["state"], "side": side, **program}
-        for d in gap["dimensions"]
-        for side, program in d.get("scenario", {}).items()
-    ]
-
-
-def loops(m: Material) -> Rows:
-    """One row for each controller on each plant."""
-    titles = {ROBUST: "gap-aware", NOMINAL: "nominal-only"}
-    return [
-        {"controller": titles[kind], "plant": plant, **m.validation["controllers"][kind][plant]}
-        for kind in (ROBUST, NOMINAL)
-        for plant in (SIMULATOR, MODEL)
-        if plant in m.validation["controllers"][kind]
-    ]
-
-
-def diagnosis(m: Material) -> dict[str, Any] | None:
-    """What measured data said about the model, for a short section with a link."""
-    d = m.diagnosis
-    if d is None:
-        return None
-    before, after = d["error"]["before"]["horizon_rmse"], d["error"]["after"]["horizon_rmse"]
-    floor = d["error"]["noise_floor"]["horizon_rmse"]
-    rows = [{"state": s, "before": before[s], "after": after[s], "floor": floor[s]} for s in before]
-    return {"verdict": d["verdict"], "sentence": d.get("sentence", ""), "effects": d["effects"], "rows": rows,
-            "horizon": d["error"]["before"]["horizon_s"]}  # fmt: skip
-
-
-def corrected(m: Material) -> Rows:
-    """What the corrected model changes: a row a figure, before and after."""
-    if m.corrected is None:
-        return []
-    after = m.corrected.summary
-    bounds = after["sup_gamma"][f"{after['eps']:g}"]
-    rows: Rows = []
-    for key, name in (("size", "sup of gamma's size"), ("width", "sup of its width"), ("sampled", "largest sampled gap")):
-        for d in m.gap["dimensions"]:
-            before = d[{"size": "sup_size", "width": "sup_width", "sampled": "largest_sampled_gap"}[key]]
-            state = d["state"]
-            row = {"what": f"{name}, {state}", "before": before, "after": bounds[state][key], "unit": m.context.units[state]}
-            rows.append(row)
-    for kind, name in ((NOMINAL, "nominal-only"), (ROBUST, "gap-aware")):
-        before, later = m.syntheses[kind]["winning_fraction"], after["winning_fraction"][kind]
-        rows.append({"what": f"winning fraction, {name}", "before": before, "after": later, "unit": ""})
-    for kind, name in ((NOMINAL, "nominal-only"), (ROBUST, "gap-aware")):
-        counts = [t[kind][SIMULATOR]["runs_that_violated_it"] for t in (m.validation["controllers"], after["closed_loop"])]
-        rows.append({"what": f"runs that violate, {name}", "before": counts[0], "after": counts[1], "unit": ""})
-    return rows
-
-
-def sources(m: Material) -> Rows:
-    """The provenance of every result that went into the page."""
-    named = [(f"gap, eps = {g['eps']:g}", g) for g in m.sweep]
-    named += [("synthesis, gap-aware", m.syntheses[ROBUST]), ("synthesis, nominal", m.syntheses[NOMINAL])]
-    named.append(("validation", m.validation))
-    return [{"what": what, **document["provenance"]} for what, document in named if "provenance" in document]
 
 
 def summary(m: Material, page: Mapping[str, Any]) -> dict[str, Any]:

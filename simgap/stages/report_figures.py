@@ -11,13 +11,14 @@ from simgap.io import figure_style as style
 from simgap.io import figures_domains, figures_gap, figures_traces
 from simgap.io.parquet import stack
 from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, shown
-from simgap.stages.report_content import is_signed, sweep
+from simgap.stages.report_tables import is_signed, sweep
 from simgap.stages.trace import limits, scene
 
 if TYPE_CHECKING:
     from simgap.stages.report import Material
 
 
+NAMES = ("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected")
 DENSE = ("bound", "inputs")  # too many paths for SVG
 
 
@@ -33,7 +34,7 @@ def draw(m: Material) -> tuple[dict[str, Any], dict[str, str]]:
     """Figures by name as markup, empty where a case has no use for one, and notes by name."""
     from markupsafe import Markup
 
-    figures: dict[str, Any] = dict.fromkeys(("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected"), "")
+    figures: dict[str, Any] = dict.fromkeys(NAMES, "")
     with style.figure_style():
         made = {"bound": _bound(m), "sweep": _sweep(m), **_loop(m)}
         if len(m.context.inputs) == 2 and not figures_gap.depends_on_state(m.bound):

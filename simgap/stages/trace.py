@@ -92,9 +92,9 @@ def scene(context: Context) -> JointScene | PlanarScene | None:
             s.joint: k for k, s in enumerate(plant.states.values()) if s.joint is not None and s.quantity == "position"
         }
         return JointScene(context.folder / plant.urdf, joints)
-    if plant.symbolic is not None and plant.symbolic.wheels is not None:
-        if isinstance(specification, ReachAvoidSpecification):
-            return _planar(context, specification)
+    wheels = plant.symbolic.wheels if plant.symbolic is not None else None
+    if wheels is not None and isinstance(specification, ReachAvoidSpecification):
+        return _planar(context, specification)
     return None
 
 
@@ -103,7 +103,7 @@ def _planar(context: Context, specification: ReachAvoidSpecification) -> PlanarS
     wheels = context.need(symbolic.wheels, "plant.symbolic.wheels")
     names = (wheels.x, wheels.y)
     axes = [context.states.index(n) for n in (*names, wheels.heading)]
-    outer = {n: specification.arena.get(n, tuple(context.domain.X[n])) for n in names}
+    outer = {n: specification.arena.get(n, context.domain.X[n]) for n in names}
     urdf = context.case.simulator.urdf if context.case.simulator is not None else None
     return PlanarScene(
         urdf=context.folder / urdf if urdf else None,
