@@ -48,11 +48,20 @@ class Missing:
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """A trace on even stamps: smoothed states, inputs, and the rates of states."""
+    """A trace on even stamps: smoothed states and inputs, and for each rate the raw channel that it is had from.
+
+    `channels` maps a state to (channel, how often that channel is differentiated to give the rate of the state).
+    """
 
     t: Floats
+    size: int
     values: Mapping[str, Floats]
-    rates: Mapping[str, Floats]
+    channels: Mapping[str, tuple[Floats, int]]
+
+    @property
+    def dt(self) -> float:
+        """Spacing of the stamps, s."""
+        return float(self.t[1] - self.t[0])
 
 
 def missing_terms(
@@ -73,7 +82,7 @@ def missing_terms(
     if not motions or any(n not in motions[0].values for n in before.state_names):
         return ()
     rows, labels, regressors = _rows(before)
-    if not rows or any(r not in motions[0].rates for r in rows):
+    if not rows or any(r not in motions[0].channels for r in rows):
         return ()
     first, second = (
         np.concatenate([_lack(m, model, rows, moved) for m in motions], axis=1)
@@ -81,7 +90,7 @@ def missing_terms(
     )
     columns = {n: np.concatenate([m.values[n] for m in motions]) for n in regressors}
     columns = {n: c for n, c in columns.items() if np.ptp(c) > 0.0}
-    thin = max(1.0, SPAN_S / float(np.median(np.diff(motions[0].t))))  # neighbours share a span: fewer are independent
+    thin = max(1.0, SPAN_S / motions[0].dt)  # neighbours share a span: fewer are independent
     units = {v.name: v.unit for v in (*before.states, *before.inputs)}
     return tuple(
         Missing(
@@ -125,40 +134,49 @@ def _motion(record: Record, trace: Trace, model: SymbolicModel, sigma: Floats) -
     t = np.arange(trace.t[0], trace.t[-1], dt)
     if t.size < 2 * size:
         return None
-    values, rates = {}, {}
-    noise = {}
+    values: dict[str, Floats] = {}
+    channels: dict[str, tuple[Floats, int]] = {}
     for k, name in enumerate(record.measured):
         y = np.interp(t, trace.t, trace.y[:, k])
-        values[name] = savgol_filter(y, size, ORDER)
-        rates[name] = savgol_filter(y, size, ORDER, deriv=1, delta=dt)
-        noise[name] = sigma[k] * float(np.linalg.norm(savgol_coeffs(size, ORDER, deriv=1, delta=dt)))
-    bend = float(np.linalg.norm(savgol_coeffs(size, ORDER, deriv=2, delta=dt)))
+        values[name], channels[name] = savgol_filter(y, size, ORDER), (y, 1)
+    slope, bend = (float(np.linalg.norm(savgol_coeffs(size, ORDER, deriv=d, delta=dt))) for d in (1, 2))
+    noise = dict(zip(record.measured, sigma, strict=True))
     for c in model.coordinates:
-        if c.position not in values:
+        if c.position not in channels:
             continue
-        k = record.measured.index(c.position)
+        y = channels[c.position][0]
         if c.velocity not in values:
-            values[c.velocity] = rates[c.position]
-        if noise.get(c.velocity, np.inf) > sigma[k] * bend:  # the quieter of the two ways to an acceleration
-            y = np.interp(t, trace.t, trace.y[:, k])
-            rates[c.velocity] = savgol_filter(y, size, ORDER, deriv=2, delta=dt)
+            values[c.velocity] = savgol_filter(y, size, ORDER, deriv=1, delta=dt)
+        if noise.get(c.velocity, np.inf) * slope > noise[c.position] * bend:  # the quieter way to an acceleration
+            channels[c.velocity] = (y, 2)
     held = np.clip(np.searchsorted(trace.t, t, side="right") - 1, 0, len(trace.t) - 1)
     values |= {name: trace.u[held, j] for j, name in enumerate(record.inputs)}
-    return _Motion(t, values, rates)
+    return _Motion(t, size, values, channels)
 
 
 def _lack(motion: _Motion, model: SymbolicModel, rows: Sequence[str], shifts: Mapping[str, float]) -> Floats:
-    """Measured minus modelled rates, turned into forces or the body frame: (rows, n)."""
+    """Measured minus modelled rates, turned into forces or the body frame: (rows, n).
+
+    The modelled rate is integrated and taken off the channel before the filter differentiates: what the filter does to
+    fast motion then falls on the small remainder alone.
+    """
     values = dict(motion.values)
     for name, late in shifts.items():
         values[name] = np.interp(motion.t - late, motion.t, values[name])
     names = [*model.state_names, *model.input_names]
     exprs = dict(zip(model.state_names, model.numeric(), strict=True))
     arguments = [values[n] for n in names]
-    modelled = evaluate([exprs[r] for r in rows], names, arguments)
-    dt = float(np.median(np.diff(motion.t)))
-    size = max(MIN_POINTS, 2 * round(0.5 * SPAN_S / dt) + 1)
-    lack = np.stack([motion.rates[r] for r in rows]) - savgol_filter(modelled, size, ORDER, axis=1)
+    ends = [np.append(v[1:], v[-1]) if n in model.state_names else v for n, v in zip(names, arguments, strict=True)]
+    wanted = [exprs[r] for r in rows]
+    modelled = 0.5 * (evaluate(wanted, names, arguments) + evaluate(wanted, names, ends))  # over each held input
+    lack = np.empty_like(modelled)
+    for i, r in enumerate(rows):
+        channel, times = motion.channels[r]
+        steps, whole = modelled[i][:-1], np.zeros_like(channel)
+        for _ in range(times):
+            whole = np.concatenate([[0.0], np.cumsum(steps)]) * motion.dt
+            steps = 0.5 * (whole[1:] + whole[:-1])
+        lack[i] = savgol_filter(channel - whole, motion.size, ORDER, deriv=times, delta=motion.dt)
     if model.coordinates:
         numbers = model.values()
         columns = [
