@@ -94,8 +94,8 @@ def _next_input(post, meta, data, tab, shape, n, inputs, table, k, first, out, o
     while m < inputs:
         last = min(m + 8, inputs)
         post(k.ctypes, 1, m, last, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
-        clip_boxes(shape, n, out, 0, last - m, ok)
-        drop_boxes_with_holes(table, shape, n, out, 0, last - m, ok)
+        clip_boxes(shape, n, out, np.int64(0), last - m, ok)
+        drop_boxes_with_holes(table, shape, n, out, np.int64(0), last - m, ok)
         for i in range(last - m):
             if ok[i]:
                 for j in range(2 * n):
@@ -114,7 +114,7 @@ def _start(post, meta, data, tab, shape, n, row, table, boxes, first, last):  # 
     for r in range(first, last):
         row_index(r, shape, n, k)
         post(k.ctypes, row, 0, 1, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
-        clip_boxes(shape, n, out, 0, row, ok)
+        clip_boxes(shape, n, out, np.int64(0), row, ok)
         for i in range(row):
             for j in range(2 * n):
                 boxes[2 * n * (r * row + i) + j] = out[2 * n * i + j] if ok[i] else -1
@@ -126,7 +126,7 @@ def _idle(changed, lead_shape, lead, reach, r, dirty):  # type: ignore[no-untype
     """Whether no cell that row `r` relies on has been lost in the last sweep."""
     dirty[0] = 1
     if reach[2 * lead * r] <= reach[2 * lead * r + lead]:  # else the row is empty and relies on nothing
-        drop_boxes_with_holes(changed, lead_shape, lead, reach, r, 1, dirty)
+        drop_boxes_with_holes(changed, lead_shape, lead, reach, r, np.int64(1), dirty)
     return dirty[0] == 1
 
 
@@ -198,8 +198,8 @@ def _admissible(post, meta, data, tab, shape, n, inputs, row, table, inside, mas
                 continue
             k[n - 1] = left
             post(k.ctypes, count, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
-            clip_boxes(shape, n, out, 0, count * inputs, ok)
-            drop_boxes_with_holes(table, shape, n, out, 0, count * inputs, ok)
+            clip_boxes(shape, n, out, np.int64(0), count * inputs, ok)
+            drop_boxes_with_holes(table, shape, n, out, np.int64(0), count * inputs, ok)
             for i in range(count):
                 cell = r * row + left + i
                 if inside[cell]:

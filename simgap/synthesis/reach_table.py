@@ -69,7 +69,7 @@ def _surroundings(shape, n, k, row, reach, boxes, ok):  # type: ignore[no-untype
             if not shape[1, j]:
                 lo, hi = min(max(lo, 0), shape[0, j] - 1), min(max(hi, 0), shape[0, j] - 1)
             boxes[2 * n * i + j], boxes[2 * n * i + n + j] = lo, hi
-    clip_boxes(shape, n, boxes, 0, row, ok)
+    clip_boxes(shape, n, boxes, np.int64(0), row, ok)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -84,15 +84,15 @@ def _level(  # type: ignore[no-untyped-def]
     for r in range(first, last):
         row_index(r, shape, n, k)
         _surroundings(shape, n, k, row, reach[r], around, far)
-        drop_boxes_with_holes(news, shape, n, around, 0, row, far)  # what is left has no newly won cell in reach
+        drop_boxes_with_holes(news, shape, n, around, np.int64(0), row, far)  # what is left has no newly won cell in reach
         for i in range(row):
             cell = r * row + i
             if far[i] or value[cell] >= 0 or not free[cell]:
                 continue
             k[n - 1] = i
             post(k.ctypes, 1, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
-            clip_boxes(shape, n, out, 0, inputs, ok)
-            drop_boxes_with_holes(table, shape, n, out, 0, inputs, ok)
+            clip_boxes(shape, n, out, np.int64(0), inputs, ok)
+            drop_boxes_with_holes(table, shape, n, out, np.int64(0), inputs, ok)
             if not ok.any():
                 continue
             value[cell] = level
