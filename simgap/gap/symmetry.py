@@ -101,9 +101,11 @@ class BodyFrameGap(GapFunction):
     def from_content(data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> BodyFrameGap:
         """The inverse of `_content`."""
         names = domain.states
-        sides = (np.stack([np.array(data["gap"][s][side]) for s in names], axis=-1) for side in ("lower", "upper"))
+        lower, upper = (
+            np.stack([np.array(data["gap"][s][side]) for s in names], axis=-1) for side in ("lower", "upper")
+        )
         x, y, heading = (names.index(s) for s in data["pose"])
-        return BodyFrameGap(domain, tiers, *sides, (x, y, heading))
+        return BodyFrameGap(domain, tiers, lower, upper, (x, y, heading))
 
 
 @njit(error_model="numpy")

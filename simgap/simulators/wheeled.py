@@ -63,7 +63,7 @@ class PyBulletWheeled(Simulator):
 
     def __init__(self, plant: WheeledPlant, section: WheeledSection) -> None:
         import pybullet as p
-        from pybullet_utils.bullet_client import BulletClient
+        from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
         check_urdf(plant.urdf)
         if section.substeps % section.poses:

@@ -1,0 +1,146 @@
+"""The paper's printed numbers held against what they imply and against what is measured here.
+
+Equations and tables are those of the paper's case studies ("Pendulum System", "Turtlebot Model").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import sympy as sp
+
+from simgap.dynamics.expressions import parse
+from simgap.errors import UserError
+from simgap.gap.bases import Basis
+from simgap.gap.forms import Form, make_form, negated
+from simgap.gap.function import GapDomain
+from simgap.gap.linear import LinearGap
+from simgap.gap.supremum import supremum
+from simgap.gap.tiers import Tier
+from simgap.geometry import Box, Floats
+from simgap.synthesis.synthesise import Problem, synthesise
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: a printed number beside a reproduced one; None where there is nothing to print."""
+
+    quantity: str
+    printed: float | None
+    reproduced: float | None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """What synthesis finds with the printed gamma: cells, target cells among them, and the refusal if there is one."""
+
+    winning: int
+    target: int
+    free: int
+    reason: str
+
+
+def printed_gap(domain: GapDomain, gamma: Mapping[str, str]) -> LinearGap:
+    """`|d_i| <= gamma_i` from printed polynomials, one per state."""
+    names = (*domain.states, *domain.inputs)
+    parts = {s: sp.expand(parse(gamma[s], names)).as_coefficients_dict() for s in domain.states}
+    monomials = sorted({m for p in parts.values() for m in p}, key=str)
+    basis = Basis(tuple(str(m).replace("**", "^") for m in monomials), domain.states, domain.inputs)
+    forms = []
+    for s in domain.states:
+        coefficients = np.array([float(parts[s].get(m, 0.0)) for m in monomials])
+        forms.append(make_form(basis, domain.box, domain.input_set, coefficients))
+    return LinearGap.unsigned(domain, (Tier(2, "As printed in the paper; not checked."),), forms)
+
+
+def lowest(form: Form, domain: GapDomain) -> float:
+    """Infimum of a printed function over X x U, to 1e-7."""
+    return -supremum(negated(form), domain.input_set)[1]
+
+
+def highest(form: Form, domain: GapDomain) -> float:
+    """Supremum over X x U, to 1e-7."""
+    return supremum(form, domain.input_set)[1]
+
+
+def allowed(problem: Problem, threads: int = 1) -> Allowed:
+    """Run synthesis and count; an empty domain is a result here, not an error."""
+    try:
+        solution = synthesise(problem, threads)
+        reason = ""
+    except UserError as error:
+        solution, reason = None, str(error)
+    if solution is None:
+        solution = problem.specification.solve(problem.abstraction(), threads)
+    target = int(solution.target.sum()) if solution.target is not None else 0
+    return Allowed(int(solution.winning.sum()), target, int(solution.free.sum()), reason)
+
+
+def slope_bound(form: Form, domain: GapDomain, part: Box) -> float:
+    """Euclidean Lipschitz constant of a printed function over a part of X, by the corners of its gradient's range."""
+    smaller = make_form(form.basis, part, domain.input_set, form.coefficients)
+    return float(np.linalg.norm(smaller.gradient_bound))
+
+
+def pendulum_rows(
+    domain: GapDomain, printed: Mapping[str, object], gravity: float, length: float, tau: float,
+    measured: Mapping[str, Floats],
+) -> list[Row]:  # fmt: skip
+    """The pendulum's table.
+
+    Args:
+        domain: X and U of the paper.
+        printed: `pendulum` of configs/paper/printed.yaml.
+        measured: `gap`: largest |d_i| in PyBullet with default flags; `L1`: its Lipschitz constants.
+    """
+    gamma, q = (printed_gap(domain, printed[key]).upper for key in ("gamma", "q"))  # type: ignore[arg-type]
+    numbers: list[dict[str, float]] = [dict(printed[key]) for key in ("eta", "L1", "L2")]  # type: ignore[call-overload]
+    eta, one, two = numbers
+    rows = []
+    for i, s in enumerate(domain.states):
+        pad = float(one[s]) + float(two[s])
+        constant = _constant(q[i])
+        rows += [
+            Row(f"eta_{i + 1}", float(eta[s]), float(measured["gap"][i]), "largest |d| in PyBullet, default flags"),
+            Row(f"L1^({i + 1})", float(one[s]), float(measured["L1"][i]), "of the measured gap"),
+            Row(
+                f"L2^({i + 1})",
+                float(two[s]),
+                slope_bound(q[i], domain, Box([0.0, -0.5], [0.2, 0.5])),
+                "analytic, of q.p on the safe set",
+            ),
+            Row(f"constant of gamma_{i + 1}", _constant(gamma[i]), constant + pad * 0.0022, "eps = 0.0022 as stated"),
+            Row(f"constant of gamma_{i + 1}", _constant(gamma[i]), constant + pad * 0.0056, "eps = 0.0056"),
+            Row(f"least q_{i + 1}.p on X", None, lowest(q[i], domain), "must cover |d|, so must not be negative"),
+            Row(f"least gamma_{i + 1} on X", None, lowest(gamma[i], domain), "must not be negative"),
+        ]
+        for entry in printed["suprema"]:  # type: ignore[attr-defined]
+            rows.append(
+                Row(f"sup gamma_{i + 1}, eps = {entry['eps']}", entry[s], highest(gamma[i], domain), "printed formula")
+            )
+    rows.append(Row("L1^(1), theory", float(one["x1"]), 1.5 * tau**2 * gravity / length, "tau^2 3 g / (2 l)"))
+    rows.append(
+        Row(
+            "largest gamma_1 any invariant set allows", highest(gamma[0], domain), tau * float(domain.box.hi[1]),
+            "at the smallest x1 of the set tau x2 >= gamma_1 must hold; beside it the printed supremum",
+        )
+    )  # fmt: skip
+    return rows
+
+
+def turtlebot_rows(domain: GapDomain, printed: Mapping[str, object], tau: float) -> list[Row]:
+    """The robot's table: the printed gap against the longest step."""
+    gamma = printed_gap(domain, printed["gamma"]).upper  # type: ignore[arg-type]
+    fastest = np.abs(domain.input_set).max(axis=0)
+    steps = (fastest[0] * tau, fastest[0] * tau, fastest[1] * tau)
+    return [
+        Row(f"least gamma_{i + 1}", lowest(gamma[i], domain), float(steps[i]), "beside it the longest nominal step")
+        for i in range(3)
+    ]
+
+
+def _constant(form: Form) -> float:
+    return float(sum(c for c, t in zip(form.coefficients, form.basis.terms, strict=True) if t == "1"))
