@@ -30,6 +30,7 @@ class Remainder:
         tau: the step, s; integrator: how f was discretised.
         level: coverage asked for; count: held-out transitions that set the bound.
         before, after: state -> bound under the declared and the corrected model; inf if there are too few transitions.
+        noise_only: state -> what the bound would be if measurement noise were all there is.
         inside: share of the held-out transitions inside the bound, for the corrected model.
         unbounded: states that were not measured.
         statement: the coverage in words.
@@ -41,6 +42,7 @@ class Remainder:
     count: int
     before: Mapping[str, float]
     after: Mapping[str, float]
+    noise_only: Mapping[str, float]
     inside: float
     unbounded: tuple[str, ...]
     statement: str
@@ -57,7 +59,7 @@ def without_memory(model: SymbolicModel, applied: Sequence[AppliedEffect]) -> tu
 
 def bound_remainder(
     windows: Sequence[WindowPrediction],
-    measured: Sequence[str],
+    sigma: Mapping[str, float],
     models: tuple[SymbolicModel, SymbolicModel],
     shifts: Mapping[str, float],
     tau: float,
@@ -68,7 +70,7 @@ def bound_remainder(
 
     Args:
         windows: with measured channels, inputs, and the states that the corrected model gives where none was measured.
-        measured: names of the measured columns.
+        sigma: noise of each measured state, in the order of the columns.
         models: declared and corrected, over the same states.
         shifts: seconds by which inputs act later in the corrected model.
         tau: sampling time, s; at least the interval of the data is used.
@@ -78,7 +80,7 @@ def bound_remainder(
     Returns:
         None if nothing was held out.
     """
-    held = [w for w in windows if w.held_out]
+    held, measured = [w for w in windows if w.held_out], list(sigma)
     if not held:
         return None
     step = max(tau, float(np.median(np.concatenate([np.diff(w.t) for w in held]))))
@@ -95,15 +97,23 @@ def bound_remainder(
         return None
     reach = [_quantile(s, level) for s in scores]
     bounds = [{n: float(r * s[k]) for k, n in enumerate(measured)} for r, s in zip(reach, scale, strict=True)]
+    noise = _noise_only(np.array(list(sigma.values())), scale[1], level)
     inside = float(np.mean(scores[1] <= reach[1]))
     missing = tuple(n for n in models[0].state_names if n not in measured)
     statement = _statement(level, count, step, integrator, missing, math.isfinite(reach[1]))
-    return Remainder(step, integrator, level, count, bounds[0], bounds[1], inside, missing, statement)
+    alone = dict(zip(measured, noise.tolist(), strict=True))
+    return Remainder(step, integrator, level, count, bounds[0], bounds[1], alone, inside, missing, statement)
 
 
 def _quantile(scores: Floats, level: float) -> float:
     rank = math.ceil((len(scores) + 1) * level)
     return float(np.sort(scores)[rank - 1]) if rank <= len(scores) else math.inf
+
+
+def _noise_only(sigma: Floats, scale: Floats, level: float) -> Floats:
+    """The same bound for residuals that are the difference of two noisy readings and nothing else (seeded draws)."""
+    draws = np.random.default_rng(0).standard_normal((20_000, len(sigma))) * np.sqrt(2.0) * sigma
+    return scale * float(np.quantile(np.max(np.abs(draws) / scale, axis=1), level))
 
 
 def _residuals(

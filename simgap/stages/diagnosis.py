@@ -110,7 +110,7 @@ def _remainder(
     domain = context.case.domain
     return bound_remainder(
         found.windows,
-        reading.record.measured,
+        {name: found.sigma[name] for name in reading.record.measured},
         (model, corrected),
         shifts,
         domain.tau if domain is not None else 0.0,
