@@ -26,7 +26,7 @@ def arena_figure(scene: PlanarScene, traces: Sequence[Trace], units: Mapping[str
     """
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(style.WIDTH, 4.9), sharex=True, sharey=True)
+    figure, axes = plt.subplots(1, 2, figsize=(style.WIDTH, 5.2), sharex=True, sharey=True)
     for axis, kind in zip(axes, (NOMINAL, ROBUST), strict=True):
         _arena(axis, scene)
         for trace in traces:

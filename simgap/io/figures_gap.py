@@ -13,7 +13,7 @@ from simgap.geometry import Floats
 from simgap.io import figure_style as style
 
 _PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""))
-MESH = 41  # points a side of a surface
+MESH = 25  # points a side of a surface
 
 
 def scaled(largest: float, unit: str) -> tuple[float, str]:
@@ -138,7 +138,10 @@ def _locator(count: int) -> Any:
 
 
 def slices_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> Any:
-    """A panel a state: samples and the bound along the first state, for plants with one state or many."""
+    """A panel a state: the bound along the first state, with samples, for plants with one state or many.
+
+    The other states are at the middle of X, the input at the middle of U; samples of that input are shown.
+    """
     import matplotlib.pyplot as plt
 
     states, at = gap.domain.states, middle_input(gap)
@@ -147,29 +150,50 @@ def slices_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapp
     points = np.tile(0.5 * (gap.domain.box.lo + gap.domain.box.hi), (len(line), 1))
     points[:, 0] = line
     lo, hi = gap.bounds(points, np.tile(at, (len(line), 1)))
+    own = np.abs(u - at).max(axis=1) < 1e-9
     for i, (axis, name) in enumerate(zip(axes[0], states, strict=True)):
         factor, unit = scaled(float(np.abs([lo[:, i], hi[:, i]]).max()), units[name])
-        axis.scatter(
-            x[:, 0], factor * d[:, i], s=1.2, color=style.GREY, lw=0, label="samples, all inputs", rasterized=True
-        )
         axis.fill_between(line, factor * lo[:, i], factor * hi[:, i], color=style.SKY, alpha=0.5, label="bound")
+        axis.scatter(x[own, 0], factor * d[own, i], s=3, color=style.BLACK, lw=0, label="samples")
         axis.set_xlabel(_axis(states[0], units))
         axis.set_ylabel(f"gap of {name} ({unit})")
-    axes[0, 0].legend(markerscale=6)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, markerscale=4)
     return figure
 
 
-def inputs_figure(gap: GapFunction, units: Mapping[str, str]) -> Any:
-    """A panel a state: the size of the bound over two inputs, for gaps that hardly depend on the state."""
+def over_inputs(gap: GapFunction) -> tuple[Floats, Floats] | None:
+    """Bounds for each input, (M, nx) each, of a gap that depends on the input alone; None for any other.
+
+    A gap given in the robot's own frame is returned in that frame; else the bound must vary over X by less than a
+    hundredth of its size.
+    """
+    from simgap.gap.symmetry import BodyFrameGap
+
+    if isinstance(gap, BodyFrameGap):
+        return gap.lower, gap.upper
+    box, inputs = gap.domain.box, gap.domain.input_set
+    n = len(inputs)
+    lo, hi = gap.box_bounds(np.tile(box.lo, (n, 1)), np.tile(box.hi, (n, 1)), inputs)
+    point_lo, point_hi = gap.bounds(np.tile(0.5 * (box.lo + box.hi), (n, 1)), inputs)
+    size = np.maximum(np.abs(lo), np.abs(hi)).max(axis=0)
+    change = np.maximum(point_lo - lo, hi - point_hi).max(axis=0)
+    return (lo, hi) if np.all(change <= 0.01 * size) else None
+
+
+def inputs_figure(gap: GapFunction, lo: Floats, hi: Floats, units: Mapping[str, str]) -> Any:
+    """A panel a state: the size of the bound over two inputs.
+
+    Args:
+        gap: names and inputs; lo, hi: bounds for each input, (M, nx).
+        units: of states and inputs.
+    """
     import matplotlib.pyplot as plt
 
     states, inputs = gap.domain.states, gap.domain.input_set
-    box = gap.domain.box
-    lo, hi = gap.box_bounds(np.tile(box.lo, (len(inputs), 1)), np.tile(box.hi, (len(inputs), 1)), inputs)
     size = np.maximum(np.abs(lo), np.abs(hi))
-    first, second = (np.unique(inputs[:, j]) for j in (0, 1))
-    rows, columns = (np.searchsorted(axis, inputs[:, j]) for j, axis in enumerate((first, second)))
-    figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.3), squeeze=False, sharey=True)
+    first, second = (np.unique(inputs[:, j].round(12)) for j in (0, 1))
+    rows, columns = (np.searchsorted(axis, inputs[:, j].round(12)) for j, axis in enumerate((first, second)))
+    figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.7), squeeze=False, sharey=True)
     for i, (axis, name) in enumerate(zip(axes[0], states, strict=True)):
         factor, unit = scaled(float(size[:, i].max()), units[name])
         table = np.full((len(first), len(second)), np.nan)
@@ -181,17 +205,6 @@ def inputs_figure(gap: GapFunction, units: Mapping[str, str]) -> Any:
         figure.colorbar(mesh, ax=axis, location="bottom", label=f"bound of the gap ({unit})", shrink=0.95)
     axes[0, 0].set_ylabel(_axis(gap.domain.inputs[1], units))
     return figure
-
-
-def depends_on_state(gap: GapFunction) -> bool:
-    """Whether the bound varies over X by more than a hundredth of its size, for some input."""
-    box, inputs = gap.domain.box, gap.domain.input_set
-    n = len(inputs)
-    lo, hi = gap.box_bounds(np.tile(box.lo, (n, 1)), np.tile(box.hi, (n, 1)), inputs)
-    point_lo, point_hi = gap.bounds(np.tile(0.5 * (box.lo + box.hi), (n, 1)), inputs)
-    size = np.maximum(np.abs(lo), np.abs(hi)).max(axis=0)
-    change = np.maximum(point_lo - lo, hi - point_hi).max(axis=0)
-    return bool(np.any(change > 0.01 * size))
 
 
 def sweep_figure(rows: Sequence[Mapping[str, Any]], states: Sequence[str], units: Mapping[str, str]) -> Any:

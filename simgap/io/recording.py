@@ -27,6 +27,7 @@ from simgap.synthesis.controller import Controller
 TIMELINE = "sim_time"
 COLOURS = {ROBUST: style.BLUE, NOMINAL: style.VERMILLION}
 TITLES = {ROBUST: "gap-aware", NOMINAL: "nominal-only"}
+SERIES = (style.SKY, style.PURPLE, style.GREEN, style.YELLOW)
 _PLANTS = {SIMULATOR: "simulator", MODEL: "nominal_model"}
 
 
@@ -163,11 +164,11 @@ def _log_shown(recording: Any, content: Content, controller: str, trace: Trace) 
     share = share_of_bound(trace)
     for j, name in enumerate(content.states):
         entity, t, values = _finite(f"shown/{controller}/share/{name}", trace.t, share[:, j])
-        line(recording, entity, COLOURS[controller], 1.5, TITLES[controller])
+        line(recording, entity, SERIES[j % len(SERIES)], 2.0, name)
         send(recording, entity, t, values)
     policy = content.controllers[controller]
     if policy.solution.value is not None:
-        line(recording, f"shown/{controller}/value", COLOURS[controller], 2.0, f"{TITLES[controller]}, steps to target")
+        line(recording, f"shown/{controller}/value", COLOURS[controller], 2.0, TITLES[controller])
         send(recording, f"shown/{controller}/value", trace.t, policy.value(trace.x).astype(float))
     for when, text, level in events(content, controller, trace):
         recording.set_time(TIMELINE, duration=when)

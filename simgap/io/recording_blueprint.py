@@ -69,8 +69,8 @@ def _eye(content: Content) -> Any:
     if not isinstance(content.scene, JointScene):
         arena = content.scene.arena if content.scene is not None else Box([0.0, 0.0], [1.0, 1.0])
         x, y = 0.5 * (arena.lo + arena.hi)
-        high = 1.15 * float(max(arena.hi - arena.lo))
-        return rrb.EyeControls3D(position=(x, y - 0.75 * high, high), look_target=(x, y, 0.0), eye_up=(0.0, 0.0, 1.0))
+        high = 0.85 * float(max(arena.hi - arena.lo))
+        return rrb.EyeControls3D(position=(x, y - 0.7 * high, high), look_target=(x, y, 0.0), eye_up=(0.0, 0.0, 1.0))
     along, across, reach = stance(content.scene)
     target = np.array([0.0, 0.0, -0.45 * reach])
     eye = target + reach * (-1.35 * along + 0.12 * across) + np.array([0.0, 0.0, 0.12 * reach])
@@ -131,7 +131,7 @@ def _gaps(content: Content) -> Any:
         for name in content.states:
             label = _label(name, content.units.get(name, ""))
             views.append(_plot(content, f"gap of {label} and its bound", [f"/{root(trace)}/gap/{name}/**"], "LeftTop"))
-            share = ["/bound/**", f"/shown/{controller}/share/{name}"]
-            views.append(_plot(content, f"where the gap of {name} lies in its bound, ±1", share))
+        share = ["/bound/**", f"/shown/{controller}/share/**"]
+        views.append(_plot(content, "where each gap lies in its bound, ±1", share))
         tabs.append(rrb.Vertical(*views, name=f"Gap, {TITLES[controller]}"))
     return rrb.Tabs(*tabs, active_tab=list(content.shown).index(ROBUST))

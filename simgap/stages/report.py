@@ -90,9 +90,9 @@ def run(case_path: Path, inputs: Inputs, out: Path, summary: Path) -> None:
 def read(case_path: Path, inputs: Inputs) -> Material:
     """Everything that the page needs, in memory."""
     context = Context.load(case_path)
-    sweep = sorted((read_json(path) for path in inputs.gaps), key=lambda g: -float(g["eps"]))
-    own = context.case.grid.eps if context.case.grid is not None else float(sweep[-1]["eps"])
-    gap = min(sweep, key=lambda g: abs(float(g["eps"]) - own))
+    sweep = sorted((read_json(path) for path in inputs.gaps), key=lambda g: -float(g.get("eps", 0.0)))
+    grid = context.case.grid
+    gap = min(sweep, key=lambda g: abs(float(g["eps"]) - grid.eps)) if grid is not None else sweep[-1]
     folders = {NOMINAL: inputs.nominal, ROBUST: inputs.robust}
     table = read_parquet(inputs.validation / "traces.parquet")
     return Material(

@@ -61,7 +61,7 @@ def verdict(m: Material) -> dict[str, Any]:
         "winning": f"The gap-aware controller wins {m.syntheses[ROBUST]['winning_fraction']:.3f} of the "
         f"{'safe set' if _is_invariance(m) else 'free cells'} with the gap taken into account; the nominal model "
         f"alone would promise {m.syntheses[NOMINAL]['winning_fraction']:.3f}.",
-        "tolerated": m.gap["fresh"]["violations"],
+        "tolerated": m.gap.get("fresh", {}).get("violations", 0),
     }
 
 
@@ -144,9 +144,11 @@ def summary(m: Material, page: Mapping[str, Any]) -> dict[str, Any]:
         "title": page["title"],
         "promise_kept": page["verdict"]["good"],
         "verdict": [page["verdict"][k] for k in ("robust", "nominal", "winning")],
-        "eps": m.gap["eps"],
-        "sup_gamma": {f"{r['eps']:g}": r["states"] for r in page["sweep"]},
-        "fresh": {k: m.gap["fresh"][k] for k in ("samples", "violations", "upper", "confidence")},
+        "eps": m.gap.get("eps"),
+        "sup_gamma": [{"eps": r["eps"], "states": r["states"]} for r in page["sweep"]],
+        "fresh": {
+            k: v for k, v in m.gap.get("fresh", {}).items() if k in ("samples", "violations", "upper", "confidence")
+        },
         "winning_fraction": {kind: s["winning_fraction"] for kind, s in m.syntheses.items()},
         "winning_cells": {kind: s["winning_cells"] for kind, s in m.syntheses.items()},
         "closed_loop": m.validation["controllers"],

@@ -36,9 +36,7 @@ def draw(m: Material) -> tuple[dict[str, Any], dict[str, str]]:
 
     figures: dict[str, Any] = dict.fromkeys(NAMES, "")
     with style.figure_style():
-        made = {"bound": _bound(m), "sweep": _sweep(m), **_loop(m)}
-        if len(m.context.inputs) == 2 and not figures_gap.depends_on_state(m.bound):
-            made["inputs"] = figures_gap.inputs_figure(m.bound, m.context.units)
+        made = {**_bound(m), "sweep": _sweep(m), **_loop(m)}
         if m.corrected is not None and len(m.context.states) == 2:
             made["corrected"] = figures_domains.domains_figure(m.corrected.controllers, [], m.context.units)
         for name, figure in made.items():
@@ -48,12 +46,16 @@ def draw(m: Material) -> tuple[dict[str, Any], dict[str, str]]:
     return figures, {"model": model_note(m)}
 
 
-def _bound(m: Material) -> Any:
+def _bound(m: Material) -> dict[str, Any]:
+    """The bound over states or, where it depends on two inputs alone, over these."""
+    by_input = figures_gap.over_inputs(m.bound) if len(m.context.inputs) == 2 else None
+    if by_input is not None:
+        return {"inputs": figures_gap.inputs_figure(m.bound, *by_input, m.context.units)}
     states, inputs = m.context.states, m.context.inputs
     x, u = stack(m.samples, states), stack(m.samples, inputs)
     d = stack(m.samples, [f"gap_{n}" for n in states])
     draw_it = figures_gap.surface_figure if len(states) == 2 else figures_gap.slices_figure
-    return draw_it(m.bound, x, u, d, m.context.units)
+    return {"bound": draw_it(m.bound, x, u, d, m.context.units)}
 
 
 def _sweep(m: Material) -> Any:

@@ -12,15 +12,16 @@ if TYPE_CHECKING:
 
 Rows = list[dict[str, Any]]
 BOUND_FIGURES = (
-    ("size", "sup_size", "sup of gamma's size"),
-    ("width", "sup_width", "sup of its width"),
-    ("sampled", "largest_sampled_gap", "largest sampled gap"),
+    ("size", "sup of gamma's size"),
+    ("width", "sup of its width"),
+    ("sampled", "largest sampled gap"),
 )
 
 
 def is_signed(gap: Mapping[str, Any]) -> bool:
     """Whether lower and upper bound were fitted apart."""
-    return all("lower" in d["scenario"] and "upper" in d["scenario"] for d in gap["dimensions"])
+    programs = [d["scenario"] for d in gap.get("dimensions", ()) if "scenario" in d]
+    return all("lower" in p and "upper" in p for p in programs)
 
 
 def coefficients(gap: Mapping[str, Any]) -> Rows:
@@ -40,30 +41,32 @@ def sweep(m: Material) -> Rows:
     """The table of suprema against eps, with the values that the paper prints."""
     rows = []
     for gap in m.sweep:
-        printed = m.printed.get("sup_gamma", {}).get(f"{gap['eps']:g}", {})
-        states = {
-            d["state"]: {
-                "size": d["sup_size"],
-                "width": d["sup_width"],
-                "sampled": d["largest_sampled_gap"],
-                "printed": printed.get(d["state"]),
-            }
-            for d in gap["dimensions"]
-        }
-        fresh = gap["fresh"]
-        rows.append({"eps": gap["eps"], "samples": gap["samples"], "states": states, "fresh": fresh})
+        printed = m.printed.get("sup_gamma", {}).get(f"{gap.get('eps') or 0:g}", {})
+        states = {s: row | {"printed": printed.get(s)} for s, row in suprema(m, gap).items()}
+        row = {"eps": gap.get("eps"), "samples": gap.get("samples"), "states": states, "fresh": gap.get("fresh")}
+        rows.append(row)
     return rows
+
+
+def suprema(m: Material, gap: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Suprema of a bound by state: of its size and of its width, with the largest sampled gap where it is known."""
+    reports = {d["state"]: d for d in gap.get("dimensions", ())}
+    if reports:
+        keys = (("size", "sup_size"), ("width", "sup_width"), ("sampled", "largest_sampled_gap"))
+        return {s: {short: d.get(key) for short, key in keys} for s, d in reports.items()}
+    return {s: {"size": v.size, "width": v.width, "sampled": None} for s, v in m.bound.sup().items()}
 
 
 def lipschitz(m: Material) -> Rows:
     """Estimates of each state side by side: method, value, goodness of fit, remark."""
     printed = m.printed.get("lipschitz", {})
     out = []
-    for d in m.gap["dimensions"]:
-        rows = [dict(e) for e in d.get("lipschitz_estimates", [])]
-        if d["state"] in printed:
+    for d in m.gap.get("dimensions", ()):
+        rows = [dict(e) for e in d.get("lipschitz_estimates", ())]
+        if rows and d["state"] in printed:
             rows.append({"method": "printed in the paper", "value": printed[d["state"]], "ks_p": None, "note": ""})
-        out.append({"state": d["state"], "rows": rows})
+        if rows:
+            out.append({"state": d["state"], "rows": rows})
     return out
 
 
@@ -71,7 +74,7 @@ def scenario(gap: Mapping[str, Any]) -> Rows:
     """One row a scenario program."""
     return [
         {"state": d["state"], "side": side, **program}
-        for d in gap["dimensions"]
+        for d in gap.get("dimensions", ())
         for side, program in d.get("scenario", {}).items()
     ]
 
@@ -104,13 +107,12 @@ def corrected(m: Material) -> Rows:
     if m.corrected is None:
         return []
     after = m.corrected.summary
-    bounds = after["sup_gamma"][f"{after['eps']:g}"]
+    bounds, own = after["sup_gamma"][-1]["states"], suprema(m, m.gap)
     rows: Rows = []
-    for key, own, name in BOUND_FIGURES:
-        for d in m.gap["dimensions"]:
-            state = d["state"]
-            row = {"what": f"{name}, {state}", "before": d[own], "after": bounds[state][key]}
-            rows.append(row | {"unit": m.context.units[state]})
+    for key, name in BOUND_FIGURES:
+        for state, unit in ((s, m.context.units[s]) for s in own):
+            row = {"what": f"{name}, {state}", "before": own[state][key], "after": bounds[state][key], "unit": unit}
+            rows.append(row)
     for kind, name in ((NOMINAL, "nominal-only"), (ROBUST, "gap-aware")):
         before, later = m.syntheses[kind]["winning_fraction"], after["winning_fraction"][kind]
         rows.append({"what": f"winning fraction, {name}", "before": before, "after": later, "unit": ""})
@@ -123,7 +125,7 @@ def corrected(m: Material) -> Rows:
 
 def sources(m: Material) -> Rows:
     """The provenance of every result that went into the page."""
-    named = [(f"gap, eps = {g['eps']:g}", g) for g in m.sweep]
+    named = [(f"gap, eps = {g['eps']:g}" if "eps" in g else "gap", g) for g in m.sweep]
     named += [("synthesis, gap-aware", m.syntheses[ROBUST]), ("synthesis, nominal", m.syntheses[NOMINAL])]
     named.append(("validation", m.validation))
     return [{"what": what, **document["provenance"]} for what, document in named if "provenance" in document]

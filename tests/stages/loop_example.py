@@ -1,0 +1,179 @@
+"""Results of two small cases, made by hand and without any engine: a pendulum to keep safe, a robot to bring home."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import yaml
+
+from simgap.gap.fit import fit_gap
+from simgap.gap.samples import GapSamples
+from simgap.gap.settings import GapSettings
+from simgap.gap.tiers import check_fresh
+from simgap.geometry import Box, Grid
+from simgap.io.documents import write_json
+from simgap.io.parquet import table, write_parquet
+from simgap.synthesis.controller import Controller
+from simgap.synthesis.solution import Solution
+
+RECORD = {"stage": "made by hand", "case": "example", "reads": {"sections": [], "sha256": "0"}, "code": "0",
+          "versions": {}, "seeds": {"starts": 1}}  # fmt: skip
+ROBOT = """
+name: robot
+title: A robot among obstacles
+plant:
+  symbolic:
+    dynamics: {x: v*cos(heading), y: v*sin(heading), heading: w}
+    wheels: {x: x, y: y, heading: heading, linear: v, angular: w, track: 0.2}
+  states: {x: {unit: m}, y: {unit: m}, heading: {unit: rad}}
+  inputs: {v: {unit: m/s}, w: {unit: rad/s}}
+  integrator: exact_arc
+domain:
+  tau: 1 s
+  X: {x: [0, 4], y: [0, 4], heading: [-3.141592653589793, 3.141592653589793]}
+  U: {v: {min: -0.2, max: 0.2, step: 0.1}, w: {min: -0.2, max: 0.2, step: 0.1}}
+synthesis:
+  cells: [20, 20, 8]
+  specification:
+    kind: reach_avoid
+    obstacles: [{x: [1.5, 2.0], y: [0, 2.5]}]
+    target: {x: [3, 4], y: [3, 4]}
+    clearance: {x: 0.18, y: 0.18}
+"""
+UNITS = {"pendulum": {"x1": "rad", "x2": "rad/s", "u": "N*m"},
+         "robot": {"x": "m", "y": "m", "heading": "rad", "v": "m/s", "w": "rad/s"}}  # fmt: skip
+
+
+def pendulum(root, folder):
+    """Write case and results of the pendulum: -> the case's path."""
+    content = yaml.safe_load((root / "configs/cases/pendulum.yaml").read_text())
+    content["plant"]["urdf"] = str(root / "configs/models/pendulum.urdf")
+    content["grid"]["eps"] = 0.05
+    content.pop("measured", None)
+    box, inputs = Box([-0.2, -0.5], [0.2, 0.5]), np.linspace(-1.2, 1.2, 25)[:, None]
+    safe = Box([0.0, -0.5], [0.2, 0.5])
+    _results(folder, "pendulum", box, inputs, safe, Grid(safe, (20, 10), ()), _pendulum_gap, 0.005, 40)
+    return _case(folder, content)
+
+
+def robot(folder):
+    """Write case and results of the robot: -> the case's path."""
+    content = yaml.safe_load(ROBOT)
+    box = Box([0.0, 0.0, -np.pi], [4.0, 4.0, np.pi])
+    values = np.linspace(-0.2, 0.2, 5)
+    inputs = np.stack(np.meshgrid(values, values, indexing="ij"), axis=-1).reshape(-1, 2)
+    _results(folder, "robot", box, inputs, box, Grid(box, (20, 20, 8), (2,)), _robot_gap, 1.0, 30)
+    return _case(folder, content)
+
+
+def arguments(folder):
+    """What the report stage reads of a folder of results."""
+    return {"gaps": [folder / "gap.json"], "samples": folder / "samples.parquet", "nominal": folder / "nominal",
+            "robust": folder / "gap", "validation": folder / "validation"}  # fmt: skip
+
+
+def _case(folder, content):
+    path = folder / "case.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    return path
+
+
+def _pendulum_gap(x, u):
+    d2 = -0.02 * x[..., 0] + 0.005 * u[..., 0] - 3e-4 * x[..., 1] ** 3
+    return np.stack([0.005 * d2, d2], axis=-1)
+
+
+def _robot_gap(x, u):
+    v, w = u[..., 0], u[..., 1]
+    return np.stack([0.01 * v, 0.02 * v * w, 0.05 * w + 0.001], axis=-1)
+
+
+def _results(folder, case, box, inputs, safe, grid, gap, tau, steps):
+    names = list(UNITS[case])
+    states, input_names = tuple(names[: box.size]), tuple(names[box.size :])
+    _write_gap(folder, box, inputs, states, input_names, gap, UNITS[case])
+    tables, tallies = [], {}
+    for kind in ("nominal", "gap"):
+        controller = _controller(grid, inputs, states, input_names, kind, box)
+        (folder / kind).mkdir(parents=True)
+        controller.save(folder / kind / "controller.npz")
+        s = controller.solution
+        write_json(folder / kind / "synthesis.json", {
+            "model": kind, "cells": list(grid.cells), "inputs": len(inputs), "winning_cells": int(s.winning.sum()),
+            "free_cells": int(s.free.sum()), "winning_fraction": s.fraction, "statistics": {},
+            "provenance": RECORD})  # fmt: skip
+        tallies[kind] = {}
+        for plant in ("simulator", "nominal model"):
+            bad = kind == "nominal" and plant == "simulator"
+            tables += [
+                _trace(case, kind, plant, run, safe, inputs, states, input_names, gap, tau, steps, bad)
+                for run in (0, 1)
+            ]
+            tallies[kind][plant] = {
+                "runs": 2, "steps": 2 * steps, "runs_that_kept_the_specification": 0 if bad else 2,
+                "runs_that_violated_it": 2 if bad else 0, "ends": {"left the safe set": 2} if bad else {"stayed": 2},
+                "steps_outside_gamma": 0, "median_steps_until_violation": 20.0 if bad else None}  # fmt: skip
+            if case == "robot" and not bad:
+                tallies[kind][plant]["steps_to_target"] = [28, 30]
+    write_parquet(folder / "validation/traces.parquet", pa.concat_tables(tables).unify_dictionaries())
+    write_json(folder / "validation/validation.json", {
+        "starts": 2, "steps": steps, "controllers": tallies, "provenance": RECORD})  # fmt: skip
+
+
+def _write_gap(folder, box, inputs, states, input_names, gap, units):
+    grid = Grid.covering(box, 0.05 if box.size == 2 else 0.6)
+    x = np.broadcast_to(grid.centres()[:, None, :], (grid.size, len(inputs), box.size))
+    d = np.ascontiguousarray(gap(x, inputs[None].repeat(grid.size, 0)))
+    terms = ("x1", "x2", "u", "1") if box.size == 2 else ("v", "w", "1")
+    samples = GapSamples(grid, inputs, d, states, input_names)
+    result = fit_gap(samples, GapSettings(basis="expressions", basis_options={"terms": terms}, extreme_value=False))
+    rng = np.random.default_rng(1)
+    fresh_x, fresh_u = box.sample(rng, 200), inputs[rng.integers(0, len(inputs), 200)]
+    check = check_fresh(result.function, fresh_x, fresh_u, gap(fresh_x, fresh_u))
+    function = result.function.with_tiers([*result.function.tiers, check.tier])
+    fresh = {"samples": 200, "violations": check.violations, "upper": check.upper, "confidence": check.confidence}
+    content = result.to_json() | function.to_json() | {"eps": 0.05, "fresh": fresh, "provenance": RECORD}
+    write_json(folder / "gap.json", content)
+    columns = {n: x.reshape(-1, box.size)[:, j] for j, n in enumerate(states)}
+    columns |= {n: np.tile(inputs[:, j], grid.size) for j, n in enumerate(input_names)}
+    columns |= {f"gap_{n}": d.reshape(-1, box.size)[:, j] for j, n in enumerate(states)}
+    write_parquet(folder / "samples.parquet", table(columns, units, {"case": "example"}, RECORD))
+
+
+def _controller(grid, inputs, states, input_names, kind, box):
+    centres = grid.centres()
+    winning = centres[:, 0] + 0.1 * centres[:, 1] > (0.01 if kind == "gap" else -0.01)
+    mask = np.where(winning[:, None], 255, 0).astype(np.uint8).repeat(-(-len(inputs) // 8), axis=1)
+    more = {}
+    if box.size == 3:
+        target = (centres[:, 0] > 3) & (centres[:, 1] > 3)
+        distance = np.ceil(5 * np.hypot(4 - centres[:, 0], 4 - centres[:, 1])).astype(np.int32)
+        more = {"value": np.where(winning, np.where(target, 0, distance), -1).astype(np.int32), "target": target}
+    solution = Solution(grid=grid, mask=mask, winning=winning, free=np.ones(grid.size, bool), **more)
+    return Controller(inputs, states, input_names, solution, "least_effort", RECORD)
+
+
+def _trace(case, kind, plant, run, safe, inputs, states, input_names, gap, tau, steps, bad):
+    rng = np.random.default_rng([run, len(kind), len(plant)])
+    n = (steps // 2 if bad else steps) + 1
+    s = np.linspace(0.0, 1.0, n)[:, None]
+    start, end = safe.lo + 0.2 * (safe.hi - safe.lo), safe.lo + 0.9 * (safe.hi - safe.lo)
+    x = start + s * (end - start) + 0.01 * (safe.hi - safe.lo) * rng.standard_normal((n, 1))
+    if bad:
+        x[-1, 0] = safe.lo[0] - 0.01
+    u = inputs[rng.integers(0, len(inputs), n)].astype(float)
+    d = gap(x, u)
+    u[-1], d[-1] = np.nan, np.nan
+    columns = {"run": np.full(n, run), "step": np.arange(n), "sim_time": tau * np.arange(n)}
+    columns |= {name: x[:, j] for j, name in enumerate(states)} | {name: u[:, j] for j, name in enumerate(input_names)}
+    for prefix, values in (("gap", d), ("lo", d - 1e-3), ("hi", d + 2e-3)):
+        columns |= {f"{prefix}_{name}": values[:, j] for j, name in enumerate(states)}
+    columns["safe"] = safe.contains(x)
+    return table(columns, UNITS[case], {"case": case, "controller": kind, "plant": plant}, RECORD)
+
+
+def read_json(path):
+    """Plain JSON, without the package."""
+    return json.loads(path.read_text())
