@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,18 @@ from pydantic import BaseModel, ValidationError
 
 from simgap.config.case import Case
 from simgap.errors import UserError
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML with the booleans of version 1.2, true and false: `on` is a key of an effect, and `y` may be a state."""
+
+
+_BOOL = "tag:yaml.org,2002:bool"
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag != _BOOL]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver(_BOOL, re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
 
 
 def load_case(path: Path) -> Case:
@@ -25,7 +38,7 @@ def load_case(path: Path) -> Case:
 def read_yaml(path: Path) -> Any:
     """The plain content of a YAML file."""
     try:
-        return yaml.safe_load(path.read_text())
+        return yaml.load(path.read_text(), Loader=_Loader)
     except FileNotFoundError:
         raise UserError("the file does not exist", file=path, remedy="Give the path of a case file.") from None
     except (OSError, UnicodeDecodeError) as error:
