@@ -1,0 +1,115 @@
+"""The wheeled robot: physics a person can work out, independence of order, what sub-steps and histories do."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simgap.config.load import load_case
+from simgap.errors import UserError
+from simgap.simulators.process import run_in_processes
+from simgap.simulators.wheeled import PyBulletWheeled, wheeled_plant
+
+CASE = Path(__file__).parents[2] / "configs/cases/turtlebot.yaml"
+
+
+def make(**changes):
+    case = load_case(CASE)
+    section = case.simulator.model_copy(update=changes)
+    return PyBulletWheeled(wheeled_plant(case, CASE.parent), section)
+
+
+def rollouts(x, u, changes):
+    robot = make(**changes)
+    try:
+        return robot.rollouts(x, u)
+    finally:
+        robot.close()
+
+
+def histories(history, inputs, heading, before, changes):
+    """Responses after unrelated motion, in a fresh engine."""
+    robot = make(**changes)
+    for u in before:
+        robot.chain(np.array([3.0, 1.0, 0.4]), u[None])
+    return robot.responses(history, inputs, heading)
+
+
+def run(task, *jobs):
+    return run_in_processes(task, jobs)
+
+
+def samples(n=12, seed=0):
+    rng = np.random.default_rng(seed)
+    x = np.stack([rng.uniform(0, 10, n), rng.uniform(0, 10, n), rng.uniform(-np.pi, np.pi, n)], axis=1)
+    return x, np.stack([rng.uniform(-0.5, 0.5, n), rng.uniform(-1, 1, n)], axis=1)
+
+
+def test_rollouts_are_the_same_bits_in_any_order():
+    x, u = samples()
+    order = np.random.default_rng(1).permutation(len(x))
+    straight, shuffled, alone = run(rollouts, (x, u, {}), (x[order], u[order], {}), (x[3:4], u[3:4], {}))
+    assert np.array_equal(straight[order], shuffled)
+    assert np.array_equal(straight[3], alone[0])
+
+
+def test_a_history_leaves_the_same_state_whatever_ran_before():
+    _, u = samples(8, seed=2)
+    nothing = np.zeros((0, 2))
+    fresh, used, reversed_ = run(
+        histories,
+        (u[:3], u[3:], 0.0, nothing, {}),
+        (u[:3], u[3:], 0.0, u[:5], {}),
+        (u[:3], u[3:][::-1], 0.0, u[:2], {}),
+    )
+    assert np.array_equal(fresh, used)
+    assert np.array_equal(fresh, reversed_[::-1])
+
+
+def test_a_straight_start_loses_the_distance_that_the_motors_need():
+    """From rest the robot covers v tau - v^2 / (2 a) with a = 2 T / (r m), the wheels' inertia in m."""
+    speed = 0.4
+    mass = 5.9 + 2 * 0.2 + 2 * 0.05 + 2 * 1.5e-4 / 0.038**2
+    acceleration = 2 * 0.3 / 0.038 / mass
+    ((out,),) = run(rollouts, (np.zeros((1, 3)), np.array([[speed, 0.0]]), {}))
+    assert out[0] == pytest.approx(speed - speed**2 / (2 * acceleration), abs=0.004)
+    assert np.abs(out[1:]).max() < 1e-3
+
+
+def test_at_a_held_command_the_robot_follows_the_arc():
+    v, w = 0.4, 0.8
+    ((paths),) = run(histories, (np.tile([v, w], (3, 1)), np.array([[v, w]]), 0.0, np.zeros((0, 2)), {}))
+    assert paths[0, -1] == pytest.approx([v / w * np.sin(w), v / w * (1 - np.cos(w)), w], abs=3e-3)
+
+
+def test_engine_steps_count_alike_however_they_are_grouped():
+    """PyBullet scales a motor's limit with its outer step; the simulator takes that back."""
+    x, u = samples(4, seed=3)
+    grouped, single = run(rollouts, (x, u, {"poses": 20}), (x, u, {"poses": 100}))
+    assert np.abs(grouped - single).max() < 1e-9
+
+
+def test_the_previous_input_matters():
+    u = np.array([[0.3, 0.0]])
+    forward, backward = run(
+        histories, (np.array([[0.5, 0.0]]), u, 0.0, u[:0], {}), (np.array([[-0.5, 0.0]]), u, 0.0, u[:0], {})
+    )
+    assert forward[0, -1, 0] - backward[0, -1, 0] > 0.05
+
+
+def test_more_load_answers_more_slowly():
+    x, u = np.zeros((1, 3)), np.array([[0.5, 0.0]])
+    light, heavy = run(rollouts, (x, u, {}), (x, u, {"payload": 5.0}))
+    assert heavy[0, 0] < light[0, 0] - 0.01
+
+
+def test_mistakes_name_what_is_wrong():
+    case = load_case(CASE)
+    with pytest.raises(UserError, match="divide"):
+        make(poses=7)
+    with pytest.raises(UserError, match="no joint"):
+        make(left="wheel_of_fortune")
+    with pytest.raises(UserError, match="wheels"):
+        wheeled_plant(case.model_copy(update={"plant": case.plant.model_copy(update={"symbolic": None})}), CASE.parent)
+    assert replace(wheeled_plant(case, CASE.parent), tau=2.0).tau == 2.0
