@@ -21,13 +21,17 @@ def read_curves(path: Path) -> dict[str, tuple[Floats, Floats]]:
     Raises:
         UserError: a file that is missing or not a recording.
     """
+    import warnings
+
     from rerun.chunk import RrdReader
 
     if not path.is_file():
         raise UserError("the file does not exist", file=path, remedy="Run the trace stage.")
     try:
-        chunks = RrdReader(path).store().stream().to_chunks()
-    except (RuntimeError, ValueError, OSError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # the reader only warns of a file that was cut off
+            chunks = RrdReader(path).store().stream().to_chunks()
+    except (RuntimeError, ValueError, OSError, Warning) as error:
         reason = str(error).splitlines()[0]
         raise UserError(f"not a whole recording ({reason})", file=path, remedy="Run the trace stage again.") from None
     parts: dict[str, list[tuple[Floats, Floats]]] = {}

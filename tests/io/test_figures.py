@@ -1,0 +1,130 @@
+"""What the figures of the main report show, read back from the figures themselves."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
+import loop_example as example
+
+from simgap.gap.function import from_json
+from simgap.geometry import Box
+from simgap.io import figure_style as style
+from simgap.io import figures_arena, figures_domains, figures_gap, figures_traces
+from simgap.io.parquet import stack
+from simgap.io.recording_phase import domains_image, to_pixels
+from simgap.io.traces import NOMINAL, ROBUST, shown, split
+from simgap.synthesis.controller import Controller
+
+UNITS = example.UNITS["pendulum"]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, root):
+    folder = tmp_path_factory.mktemp("pendulum")
+    example.pendulum(root, folder)
+    traces = split(pq.read_table(folder / "validation/traces.parquet"), ["x1", "x2"], ["u"])
+    controllers = {kind: Controller.load(folder / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
+    return from_json(example.read_json(folder / "gap.json")), traces, controllers, folder
+
+
+@pytest.mark.parametrize(
+    ("largest", "unit", "expected"),
+    [
+        (2.2e-4, "rad", (1e6, "µrad")),
+        (0.011, "rad/s", (1e3, "mrad/s")),
+        (1.5, "m", (1.0, "m")),
+        (3e-12, "m", (1e9, "nm")),
+        (2.0, "1", (1.0, "")),
+    ],
+)
+def test_units_get_prefixes(largest, unit, expected):
+    factor, text = figures_gap.scaled(largest, unit)
+    assert text == expected[1]
+    assert factor == pytest.approx(expected[0])
+
+
+def test_samples_lie_within_the_drawn_band(made):
+    gap, _, _, folder = made
+    samples = pq.read_table(folder / "samples.parquet")
+    x, u, d = stack(samples, ["x1", "x2"]), stack(samples, ["u"]), stack(samples, ["gap_x1", "gap_x2"])
+    with style.figure_style():
+        figure = figures_gap.surface_figure(gap, x, u, d, UNITS)
+        panels = [a for a in figure.axes if a.name == "rectilinear"]
+        assert len(panels) == 2
+        for panel in panels:
+            points = panel.collections[-1].get_offsets()
+            band = np.abs(panel.collections[0].get_paths()[0].vertices[:, 1]).max()
+            assert len(points) == len(x)
+            assert np.abs(points[:, 1]).max() <= band * (1 + 1e-9)
+        style.close(figure)
+
+
+def test_trajectories_show_the_violation(made):
+    _, traces, _, _ = made
+    runs = {kind: shown(traces, kind) for kind in (NOMINAL, ROBUST)}
+    safe = Box([0.0, -0.5], [0.2, 0.5])
+    with style.figure_style():
+        figure = figures_traces.trajectories_figure(runs, traces, safe, ["x1", "x2"], UNITS)
+        first = figure.axes[0]
+        crosses = [line for line in first.lines if line.get_marker() == "X"]
+        assert len(crosses) == 1
+        assert crosses[0].get_ydata()[0] == runs[NOMINAL].x[-1, 0] < 0.0
+        assert first.get_ylim()[0] < runs[NOMINAL].x[-1, 0]
+        assert not [line for line in figure.axes[1].lines if line.get_marker() == "X"]
+        style.close(figure)
+
+
+def test_domains_are_drawn_where_they_win(made):
+    _, traces, controllers, _ = made
+    with style.figure_style():
+        figure = figures_domains.domains_figure(controllers, traces, UNITS)
+        for axis, kind in zip(figure.axes, (NOMINAL, ROBUST), strict=False):
+            image = axis.images[0].get_array()
+            winning = controllers[kind].solution.winning.reshape(controllers[kind].grid.cells)
+            np.testing.assert_array_equal(~np.ma.getmaskarray(image), winning.T)
+        style.close(figure)
+
+
+def test_the_image_of_the_recording_agrees_with_the_controllers(made):
+    _, _, controllers, _ = made
+    image = domains_image(controllers[ROBUST], controllers[NOMINAL])
+    grid = controllers[ROBUST].grid
+    rng = np.random.default_rng(5)
+    for x in grid.box.sample(rng, 50):
+        column, row = np.floor(to_pixels(x[None], grid.box, image.shape[:2])[0]).astype(int)
+        both = [bool(controllers[kind].contains(x)[0]) for kind in (ROBUST, NOMINAL)]
+        expected = {(True, True): "#C9D3DC", (False, False): "#FFFFFF", (True, False): style.BLUE,
+                    (False, True): style.VERMILLION}[tuple(both)]  # fmt: skip
+        assert "#{:02X}{:02X}{:02X}".format(*image[row, column]) == expected.upper()
+
+
+def test_a_body_that_only_feels_its_input_is_shown_over_inputs(tmp_path):
+    example.robot(tmp_path)
+    gap = from_json(example.read_json(tmp_path / "gap.json"))
+    bounds = figures_gap.over_inputs(gap)
+    if bounds is None:
+        pytest.fail("the bound of the example depends on v and w alone")
+    with style.figure_style():
+        figure = figures_gap.inputs_figure(gap, *bounds, example.UNITS["robot"])
+        table = figure.axes[0].collections[0].get_array().reshape(5, 5)
+        assert np.ptp(table, axis=0).max() < 1e-3 * table.max()  # the bound of x follows v, drawn along the columns
+        assert table[0, 2] < 0.01 * table[0, 0]
+        style.close(figure)
+
+
+def test_times_are_in_seconds():
+    with style.figure_style():
+        figure = figures_arena.times_figure({ROBUST: [10, 20, 30], NOMINAL: []}, 0.5)
+        assert figure.axes[0].get_xlim()[1] == pytest.approx(15.0)
+        counts = sum(p.get_height() for p in figure.axes[0].patches if hasattr(p, "get_height"))
+        assert "3 runs, median 10 s" in figure.legends[0].get_texts()[0].get_text()
+        assert counts >= 0
+        style.close(figure)
+
+
+def test_a_bound_over_states_is_not_shown_over_inputs(made):
+    assert figures_gap.over_inputs(made[0]) is None

@@ -1,0 +1,116 @@
+"""Recordings hold what the table of traces holds, and say so when they do not."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
+import loop_example as example
+
+from simgap.errors import BrokenPromise, UserError
+from simgap.io import recording_check
+from simgap.io.recording import share_of_bound
+from simgap.io.traces import NOMINAL, ROBUST, shown, split, twin
+from simgap.stages import trace as stage
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, root):
+    """(folder, case) of the pendulum with its recording written."""
+    folder = tmp_path_factory.mktemp("pendulum")
+    case = example.pendulum(root, folder)
+    record(folder, case)
+    return folder
+
+
+def record(folder, case):
+    controllers = folder / "nominal/controller.npz", folder / "gap/controller.npz"
+    stage.run(case, *controllers, folder / "validation/traces.parquet", folder / "trace.rrd")
+
+
+def table(folder):
+    return pq.read_table(folder / "validation/traces.parquet")
+
+
+def test_every_number_of_the_table_is_in_the_recording(made):
+    """Read without this package's notion of a trace: rows of the table against curves by name."""
+    curves = recording_check.read_curves(made / "trace.rrd")
+    frame = table(made).to_pylist()
+    parts = {"actual": "gap", "lower": "lo", "upper": "hi"}
+    columns = {f"state/{n}": n for n in ("x1", "x2")} | {"input/u": "u"}
+    columns |= {f"gap/{n}/{p}": f"{c}_{n}" for n in ("x1", "x2") for p, c in parts.items()}
+    for controller in ("gap", "nominal"):
+        for plant in ("simulator", "nominal model"):
+            for run in (0, 1):
+                key = (controller, plant, run)
+                rows = [r for r in frame if (r["controller"], r["plant"], r["run"]) == key]
+                for name, column in columns.items():
+                    entity = f"runs/{controller}/{plant.replace(' ', '_')}/run-{run}/{name}"
+                    wanted = np.array([(r["sim_time"], r[column]) for r in rows if np.isfinite(r[column])])
+                    t, values = curves[entity]
+                    np.testing.assert_array_equal(values, wanted[:, 1])
+                    np.testing.assert_allclose(t, wanted[:, 0], rtol=0, atol=1e-9)
+
+
+def test_a_changed_trace_is_noticed(made):
+    traces = split(table(made), ["x1", "x2"], ["u"])
+    assert recording_check.verify(made / "trace.rrd", traces, ["x1", "x2"], ["u"]) > 1000
+    traces[3].x[5, 1] = np.nextafter(traces[3].x[5, 1], 9.0)
+    with pytest.raises(BrokenPromise, match="state/x2 is not what the table of traces holds"):
+        recording_check.verify(made / "trace.rrd", traces, ["x1", "x2"], ["u"])
+
+
+def test_a_truncated_recording_is_refused(made, tmp_path):
+    whole = (made / "trace.rrd").read_bytes()
+    for content in (b"", b"not a recording", whole[: len(whole) // 2]):
+        (tmp_path / "cut.rrd").write_bytes(content)
+        traces = split(table(made), ["x1", "x2"], ["u"])
+        with pytest.raises((UserError, BrokenPromise)):
+            recording_check.verify(tmp_path / "cut.rrd", traces, ["x1", "x2"], ["u"])
+    with pytest.raises(UserError, match="does not exist"):
+        recording_check.read_curves(tmp_path / "none.rrd")
+
+
+def test_the_pendulum_swings_about_its_hinge(made):
+    """The rod's transform in the recording is a rotation by the angle about the URDF's axis (0, 1, 0)."""
+    from rerun.chunk import RrdReader
+
+    turned = {}
+    for chunk in RrdReader(made / "trace.rrd").store().stream().to_chunks():
+        if str(chunk.entity_path).strip("/") == "body_gap_simulator/joints/hinge":
+            batch = chunk.to_record_batch()
+            times = batch.column("sim_time").cast("int64").to_pylist()
+            turned |= dict(zip(times, batch.column("Transform3D:quaternion").to_pylist(), strict=True))
+    run = shown(split(table(made), ["x1", "x2"], ["u"]), ROBUST)
+    quaternions = np.array([turned[k][0] for k in sorted(turned)])
+    assert len(quaternions) == len(run.t)
+    np.testing.assert_allclose(2.0 * np.arctan2(quaternions[:, 1], quaternions[:, 3]), run.x[:, 0], atol=1e-6)
+    np.testing.assert_allclose(quaternions[:, [0, 2]], 0.0, atol=1e-7)
+
+
+def test_shown_runs_are_the_telling_ones(made):
+    traces = split(table(made), ["x1", "x2"], ["u"])
+    worst, best = shown(traces, NOMINAL), shown(traces, ROBUST)
+    assert worst.violates
+    assert not worst.safe[-1]
+    assert not best.violates
+    model = twin(traces, best)
+    assert model is not None
+    assert (model.plant, model.run) == ("nominal model", best.run)
+    with pytest.raises(UserError, match="no trace of the gap controller"):
+        shown([t for t in traces if t.controller != ROBUST], ROBUST)
+
+
+def test_share_of_the_bound(made):
+    """lo = d - 1e-3 and hi = d + 2e-3: the gap lies a third of the half-width below the middle."""
+    share = share_of_bound(shown(split(table(made), ["x1", "x2"], ["u"]), ROBUST))
+    np.testing.assert_allclose(share[:-1], -1.0 / 3.0, rtol=1e-9)
+    assert np.isnan(share[-1]).all()
+
+
+def test_a_table_that_is_no_trace_is_refused(made):
+    with pytest.raises(UserError, match="no column safe"):
+        split(table(made).drop_columns(["safe"]), ["x1", "x2"], ["u"])

@@ -1,0 +1,186 @@
+"""The page of a case says what the results say, opens offline, and is the same bytes every time."""
+
+import json
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import loop_example as example
+
+from simgap.errors import UserError
+from simgap.stages import index, report
+from simgap.stages.report import Inputs
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory, root):
+    folder = tmp_path_factory.mktemp("pendulum")
+    case = example.pendulum(root, folder)
+    report.run(case, Inputs(**example.arguments(folder)), folder / "report.html", folder / "summary.json")
+    return folder, case
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("robot")
+    case = example.robot(folder)
+    report.run(case, Inputs(**example.arguments(folder)), folder / "report.html", folder / "summary.json")
+    return folder
+
+
+class Page(HTMLParser):
+    """Text and every address that a page refers to."""
+
+    VOID = ("meta", "br", "img", "link", "hr", "input")
+
+    def __init__(self, text):
+        super().__init__()
+        self.addresses, self.words, self.open, self.figures = [], [], [], 0
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.figures += tag == "figure"
+        self.addresses += [v for k, v in attrs if k in ("src", "href", "xlink:href") and v]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag in self.open:
+            while self.open.pop() != tag:
+                pass
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+    @property
+    def text(self):
+        return re.sub(r"\s+", " ", "".join(self.words))
+
+
+def page(folder):
+    return Page((folder / "report.html").read_text())
+
+
+def test_the_verdict_is_the_counts(pendulum):
+    text = page(pendulum[0]).text
+    assert "Gap-aware controller: 2 of 2 runs safe, 0 of 80 steps outside gamma." in text
+    assert "Nominal-only controller: 2 of 2 runs violate the specification in the simulator" in text
+    assert "promise kept" in text
+
+
+def test_the_page_needs_nothing_else(pendulum, robot):
+    for folder in (pendulum[0], robot):
+        shown = page(folder)
+        outside = [a for a in shown.addresses if not a.startswith(("data:", "#"))]
+        assert outside == []
+        assert "http://" not in re.sub(r'xmlns(:\w+)?="[^"]+"', "", (folder / "report.html").read_text()).replace(
+            "http://www.w3.org", ""
+        )
+        assert not shown.open
+
+
+def test_the_pendulum_has_its_pictures(pendulum):
+    assert page(pendulum[0]).figures == 4  # trajectories, winning domains, bound, gap along the run
+
+
+def test_the_robot_has_its_pictures(robot):
+    shown = page(robot)
+    assert shown.figures == 5  # arena, times, slices, bound over the inputs, gap along the run
+    assert "in the target without touching anything" in shown.text
+
+
+def test_no_machine_paths_and_no_dates(pendulum):
+    folder, _ = pendulum
+    for name in ("report.html", "summary.json"):
+        text = (folder / name).read_text()
+        assert str(folder) not in text
+        assert not re.search(r"20[2-9]\d-\d\d-\d\dT", text)
+
+
+def test_the_same_bytes_again(pendulum, tmp_path):
+    folder, case = pendulum
+    report.run(case, Inputs(**example.arguments(folder)), tmp_path / "report.html", tmp_path / "summary.json")
+    for name in ("report.html", "summary.json"):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_the_summary_holds_the_numbers(pendulum):
+    folder, _ = pendulum
+    summary, gap = example.read_json(folder / "summary.json"), example.read_json(folder / "gap.json")
+    synthesis = example.read_json(folder / "gap/synthesis.json")
+    assert summary["promise_kept"] is True
+    assert summary["winning_fraction"]["gap"] == synthesis["winning_fraction"]
+    for row in gap["dimensions"]:
+        assert summary["sup_gamma"][0]["states"][row["state"]]["size"] == row["sup_size"]
+    assert summary["closed_loop"]["nominal"]["simulator"]["runs_that_violated_it"] == 2
+
+
+def test_printed_values_stand_beside_ours(pendulum, tmp_path):
+    """A gap.json at an eps of the paper's table gets the paper's number in its row."""
+    folder, case = pendulum
+    content = example.read_json(folder / "gap.json") | {"eps": 0.0056}
+    (tmp_path / "gap.json").write_text(json.dumps(content))
+    given = example.arguments(folder) | {"gaps": [folder / "gap.json", tmp_path / "gap.json"]}
+    report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
+    text = page(tmp_path).text
+    assert "printed in the paper" in text
+    assert "0.00757" in text
+    assert page(tmp_path).figures == 5
+
+
+def test_a_broken_promise_is_the_headline(pendulum, tmp_path):
+    folder, case = pendulum
+    content = example.read_json(folder / "validation/validation.json")
+    content["controllers"]["gap"]["simulator"]["steps_outside_gamma"] = 3
+    content["between_samples"] = {"x1": 0.0025}
+    (tmp_path / "validation").mkdir()
+    (tmp_path / "validation/validation.json").write_text(json.dumps(content))
+    traces = (folder / "validation/traces.parquet").read_bytes()
+    (tmp_path / "validation/traces.parquet").write_bytes(traces)
+    given = example.arguments(folder) | {"validation": tmp_path / "validation"}
+    report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
+    text = page(tmp_path).text
+    assert "promise broken" in text
+    assert "3 of 80 steps outside gamma" in text
+    assert "at most 0.0025 rad in x1" in text
+
+
+def test_the_corrected_case_stands_beside_the_first(pendulum, tmp_path):
+    folder, case = pendulum
+    for kind in ("nominal", "gap"):
+        (tmp_path / "corrected/synthesis" / kind).mkdir(parents=True)
+        controller = (folder / kind / "controller.npz").read_bytes()
+        (tmp_path / "corrected/synthesis" / kind / "controller.npz").write_bytes(controller)
+    after = example.read_json(folder / "summary.json")
+    after["winning_fraction"]["gap"] = 0.8125
+    (tmp_path / "corrected/summary.json").write_text(json.dumps(after))
+    given = Inputs(**example.arguments(folder), corrected=tmp_path / "corrected")
+    report.run(case, given, tmp_path / "report.html", tmp_path / "summary.json")
+    shown = page(tmp_path)
+    assert re.search(r"winning fraction, gap-aware\s*[\d.]+\s*0.8125", shown.text)
+    assert "corrected/report.html" in shown.addresses
+
+
+def test_the_index_links_every_case(pendulum, robot, tmp_path):
+    summaries = []
+    for name, folder in (("pendulum", pendulum[0]), ("robot", robot)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "summary.json").write_bytes((folder / "summary.json").read_bytes())
+        summaries.append(tmp_path / name / "summary.json")
+    index.run(summaries, tmp_path / "index.html")
+    shown = Page((tmp_path / "index.html").read_text())
+    assert {"pendulum/report.html", "robot/report.html"} <= set(shown.addresses)
+    assert "A robot among obstacles" in shown.text
+
+
+def test_a_missing_result_is_named(pendulum, tmp_path):
+    folder, case = pendulum
+    given = example.arguments(folder) | {"validation": tmp_path}
+    with pytest.raises(UserError, match=r"traces\.parquet.*does not exist"):
+        report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
+    assert not (tmp_path / "report.html").exists()

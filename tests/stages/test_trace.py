@@ -1,0 +1,74 @@
+"""The trace stage on both kinds of case, from the command line as well."""
+
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import loop_example as example
+
+from simgap.cli import main
+from simgap.io.recording import JointScene, PlanarScene, events
+from simgap.io.recording_check import read_curves
+from simgap.io.traces import split
+from simgap.stages import trace as stage
+from simgap.stages.context import Context
+from simgap.synthesis.controller import Controller
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("robot")
+    return folder, example.robot(folder)
+
+
+def command(folder, case, *more):
+    return ["trace", str(case), "--nominal", str(folder / "nominal/controller.npz"), "--robust",
+            str(folder / "gap/controller.npz"), "--traces", str(folder / "validation/traces.parquet"),
+            "--out", str(folder / "trace.rrd"), *more]  # fmt: skip
+
+
+def test_robot_by_the_command_line(robot):
+    folder, case = robot
+    with pytest.raises(SystemExit) as exit_:
+        main(command(folder, case, "--log", str(folder / "trace.log")))
+    assert exit_.value.code == 0
+    assert "read back and equal to the table" in (folder / "trace.log").read_text()
+    curves = read_curves(folder / "trace.rrd")
+    states = {f"runs/gap/simulator/run-0/state/{n}" for n in ("x", "y", "heading")}
+    assert states | {"shown/gap/value", "shown/nominal/value", "shown/gap/share/x"} <= set(curves)
+
+
+def test_the_scene_follows_from_the_case(robot, tmp_path, root):
+    _, case = robot
+    planar = stage.scene(Context.load(case))
+    assert isinstance(planar, PlanarScene)
+    assert planar.axes == (0, 1, 2)
+    assert planar.radius == 0.18
+    assert [list(b.hi) for b in planar.obstacles] == [[2.0, 2.5]]
+    assert list(planar.target.lo) == [3.0, 3.0]
+    jointed = stage.scene(Context.load(example.pendulum(root, tmp_path)))
+    assert isinstance(jointed, JointScene)
+    assert jointed.joints == {"hinge": 0}
+
+
+def test_what_the_recording_says_happened(robot):
+    folder, case = robot
+    context = Context.load(case)
+    traces = split(pq.read_table(folder / "validation/traces.parquet"), context.states, context.inputs)
+    controllers = [Controller.load(folder / kind / "controller.npz") for kind in ("nominal", "gap")]
+    content = stage.recording_content(context, traces, *controllers)
+    told = [text for kind, t in content.shown.items() for _, text, _ in events(content, kind, t)]
+    assert any(text.startswith("nominal-only: the simulator is unsafe at x = -0.01") for text in told)
+    assert "gap-aware: target reached after 30 s" in told
+
+
+def test_missing_traces_are_one_line(robot, capsys, tmp_path):
+    folder, case = robot
+    wrong = [str(tmp_path / "none.parquet") if a.endswith("traces.parquet") else a for a in command(folder, case)]
+    with pytest.raises(SystemExit) as exit_:
+        main(wrong)
+    assert exit_.value.code == 2
+    assert capsys.readouterr().err.count("does not exist") >= 1
