@@ -67,6 +67,8 @@ def run(
         record = reading.record
         tell(f"{record.rows} samples in {len(record.traces)} traces; measured: {', '.join(record.measured)}")
         look = survey(record, model, section.noise)
+        for warning in (*reading.warnings, *look.warnings):
+            log.warning("%s", warning)
         tell("searching for what the model lacks")
         found = diagnose(model, record, _settings(section, reading, look))
     tell("bounding what is left, drawing, writing")
