@@ -1,0 +1,116 @@
+"""The loop against hand-made plants and policies."""
+
+import numpy as np
+import pytest
+
+from simgap.audit import Tally, judge_invariance, split_by_run, steps_of
+from simgap.closed_loop import Run, Sensing, batch_loop, closed_loop, scalar_lookup
+from simgap.geometry import Box, Grid
+
+INPUTS = np.array([[-1.0], [0.0], [1.0]])
+
+
+class Integrator:
+    """x+ = x + 0.1 u."""
+
+    def reset(self, x):
+        self.x = np.array(x)
+
+    def advance(self, u):
+        self.x = self.x + 0.1 * u
+        return self.x
+
+
+class Table:
+    """A grid policy like the saved controller's."""
+
+    def __init__(self, choice, memory=1, periodic=()):
+        self.grid = Grid(Box([-1.0], [1.0]), [len(choice) // memory], periodic)
+        self.choice, self.memory, self.input_set = np.array(choice), memory, INPUTS
+
+    def lookup(self, x, pending=0):
+        cells = self.grid.index(x)
+        return np.where(cells >= 0, self.choice[cells * self.memory + pending], -1)
+
+
+def never(x):
+    return False
+
+
+EXACT = Sensing(np.zeros(1))
+
+
+def test_a_run_follows_the_policy_and_stops_where_it_has_no_input():
+    policy = Table([-1, 2, 2, 2])  # to the right, no input in the leftmost quarter
+    rng = np.random.default_rng(0)
+    run = closed_loop(Integrator(), policy, np.array([0.05]), 5, EXACT, rng, never)
+    assert np.allclose(run.x[:, 0], 0.05 + 0.1 * np.arange(6))
+    assert run.inputs.tolist() == [2] * 5
+    assert not run.stuck
+    assert closed_loop(Integrator(), policy, np.array([-0.9]), 5, EXACT, rng, never).stuck
+
+
+def test_a_run_stops_where_it_is_told():
+    run = closed_loop(
+        Integrator(), Table([2, 2]), np.array([0.0]), 50, EXACT, np.random.default_rng(0), lambda x: x[0] > 0.35
+    )
+    assert len(run.inputs) == 4
+    assert run.x[-1, 0] > 0.35
+
+
+def test_latency_applies_the_decision_one_sample_later():
+    # rows of a cell: the three inputs that may be pending, then nothing pending; the last picks what acts first
+    policy = Table([2, 2, 2, 1, 2, 2, 2, 1], memory=4)
+    run = closed_loop(
+        Integrator(), policy, np.array([0.0]), 3, Sensing(np.zeros(1), 1), np.random.default_rng(0), never
+    )
+    assert run.inputs.tolist() == [1, 2, 2]
+
+
+def test_measurements_stay_within_the_error_and_reach_its_corners():
+    sensing = Sensing(np.array([0.01, 0.2]))
+    rng = np.random.default_rng(1)
+    e = np.array([sensing.measure(np.zeros(2), rng) for _ in range(500)])
+    assert np.all(np.abs(e) <= sensing.error)
+    assert np.isclose(np.abs(e), sensing.error).all(axis=1).mean() > 0.3
+
+
+@pytest.mark.parametrize("periodic", [(), (0,)])
+def test_the_scalar_lookup_is_the_grids_own_on_every_bit(periodic):
+    rng = np.random.default_rng(2)
+    policy = Table(rng.integers(-1, 3, 37), periodic=periodic)
+    edges = policy.grid.box.lo + 2.0 * policy.grid.h * np.arange(38)
+    points = np.concatenate([edges, np.nextafter(edges, 9), np.nextafter(edges, -9), rng.uniform(-1.2, 1.2, 500)])
+    find = scalar_lookup(policy)
+    assert [find(np.array([p]), 0) for p in points] == policy.lookup(points[:, None]).tolist()
+
+
+def test_the_batch_is_the_loop():
+    policy = Table([2, 2, 2, 1, 0, 0])
+    starts = np.random.default_rng(3).uniform(-1, 1, (40, 1))
+    runs = batch_loop(lambda x, u: x + 0.1 * u, policy, starts, 30, lambda x: np.abs(x[:, 0]) < 0.95)
+    for start, run in zip(starts, runs, strict=True):
+        alone = closed_loop(
+            Integrator(), policy, start, 30, EXACT, np.random.default_rng(0), lambda x: not abs(x[0]) < 0.95
+        )
+        assert np.array_equal(run.x, alone.x)
+        assert np.array_equal(run.inputs, alone.inputs)
+
+
+def test_counting():
+    safe = Box([-1.0], [1.0])
+    good = Run(np.zeros((4, 1)), np.zeros(3, dtype=np.int64), False)
+    out = Run(np.array([[0.0], [2.0]]), np.zeros(1, dtype=np.int64), False)
+    assert judge_invariance(good, safe, 3) == ("stayed", True)
+    assert judge_invariance(out, safe, 3) == ("left the safe set", False)
+    assert judge_invariance(Run(good.x, good.inputs, True), safe, 9) == ("no admissible input", False)
+    x, u, following = steps_of([good, out], INPUTS)
+    assert (len(x), len(u), following[-1, 0]) == (4, 4, 2.0)
+    assert split_by_run([True, False, True, True], [good, out]) == [2, 1]
+    tally = Tally()
+    tally.add("stayed", True, 3, 0)
+    tally.add("left the safe set", False, 1, 1)
+    content = tally.to_json()
+    assert content["runs_that_violated_it"] == 1
+    assert content["steps_outside_gamma"] == 1
+    assert content["median_steps_until_violation"] == 1.0
