@@ -30,6 +30,7 @@ class Abstraction:
         meta, data, table: flat arrays that `post` reads.
         axes: for each dimension i, the state axes on which the offset f_i(x, u) - x_i and its spread depend.
         error: bound of the measurement error that the boxes account for, (nx,).
+        group: neighbouring cells over which `post` may bound the gap at once, 1 if that would save nothing.
         sweep: cells that the way between samples may touch, for each input; None where it does not matter.
     """
 
@@ -42,6 +43,7 @@ class Abstraction:
     axes: tuple[tuple[int, ...], ...]
     error: Floats
     sweep: Sweep | None = None
+    group: int = 1
 
     def __post_init__(self) -> None:
         if self.grid.box.size > MAX_AXES:
@@ -66,4 +68,4 @@ class Abstraction:
 @nb.njit(cache=True, nogil=True)
 def _boxes(post, k, first, last, meta, data, table, out):  # type: ignore[no-untyped-def]
     for i in range(k.shape[0]):
-        post(k[i].ctypes, 1, first, last, meta.ctypes, data.ctypes, table.ctypes, out[i].ctypes)
+        post(k[i].ctypes, 1, 1, first, last, meta.ctypes, data.ctypes, table.ctypes, out[i].ctypes)

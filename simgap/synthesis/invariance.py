@@ -72,9 +72,8 @@ def invariance(abstraction: Abstraction, safe: NDArray[np.bool_] | None = None, 
         lost = over_rows(partial(_sweep, abstraction.post, *arrays, *frame, *state, start), rows, threads)
         sweeps += 1
     mask = np.zeros((grid.size, (inputs + 7) // 8), np.uint8)
-    pairs = over_rows(
-        partial(_admissible, abstraction.post, *arrays, shape, n, inputs, row, table, inside, mask), rows, threads
-    )
+    last = (shape, n, inputs, row, abstraction.group, table, inside, mask)
+    pairs = over_rows(partial(_admissible, abstraction.post, *arrays, *last), rows, threads)
     return Invariance(inside.view(np.bool_), mask, pairs, sweeps)
 
 
@@ -93,7 +92,7 @@ def _next_input(post, meta, data, tab, shape, n, inputs, table, k, first, out, o
     m = first
     while m < inputs:
         last = min(m + 8, inputs)
-        post(k.ctypes, 1, m, last, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
+        post(k.ctypes, 1, 1, m, last, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
         clip_boxes(shape, n, out, np.int64(0), last - m, ok)
         drop_boxes_with_holes(table, shape, n, out, np.int64(0), last - m, ok)
         for i in range(last - m):
@@ -113,7 +112,7 @@ def _start(post, meta, data, tab, shape, n, row, table, boxes, first, last):  # 
     ok = np.ones(row, np.uint8)
     for r in range(first, last):
         row_index(r, shape, n, k)
-        post(k.ctypes, row, 0, 1, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
+        post(k.ctypes, row, 1, 0, 1, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
         clip_boxes(shape, n, out, np.int64(0), row, ok)
         for i in range(row):
             for j in range(2 * n):
@@ -180,12 +179,26 @@ def _rely(inside, boxes, reach, r, row, n, lead):  # type: ignore[no-untyped-def
 
 
 @nb.njit(cache=True, nogil=True)
-def _admissible(post, meta, data, tab, shape, n, inputs, row, table, inside, mask, first, last):  # type: ignore[no-untyped-def]
-    """Write the bits of all admissible inputs of the rows first..last; returns how many."""
+def _fits(post, meta, data, tab, shape, n, k, m, table, out, ok):  # type: ignore[no-untyped-def]
+    """Whether the tightest box of one pair lies in the set."""
+    post(k.ctypes, 1, 1, m, m + 1, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
+    clip_boxes(shape, n, out, np.int64(0), np.int64(1), ok)
+    drop_boxes_with_holes(table, shape, n, out, np.int64(0), np.int64(1), ok)
+    return ok[0]
+
+
+@nb.njit(cache=True, nogil=True)
+def _admissible(  # type: ignore[no-untyped-def]
+    post, meta, data, tab, shape, n, inputs, row, group, table, inside, mask, first, last
+):
+    """Write the bits of all admissible inputs of the rows first..last; returns how many.
+
+    What a box for a group of cells cannot decide is decided by the cell's own.
+    """
     k = np.zeros(4, np.int64)
-    batch = min(row, max(1, 4096 // inputs))
-    out = np.zeros(2 * n * inputs * batch, np.int32)
-    ok = np.zeros(inputs * batch, np.uint8)
+    batch = min(row, max(8, 4096 // inputs))
+    out, own = np.zeros(2 * n * inputs * batch, np.int32), np.zeros(2 * n, np.int32)
+    ok, fit = np.zeros(inputs * batch, np.uint8), np.zeros(1, np.uint8)
     pairs = 0
     for r in range(first, last):
         row_index(r, shape, n, k)
@@ -197,13 +210,18 @@ def _admissible(post, meta, data, tab, shape, n, inputs, row, table, inside, mas
             if alive == 0:
                 continue
             k[n - 1] = left
-            post(k.ctypes, count, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
+            post(k.ctypes, count, group, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
             clip_boxes(shape, n, out, np.int64(0), count * inputs, ok)
             drop_boxes_with_holes(table, shape, n, out, np.int64(0), count * inputs, ok)
             for i in range(count):
                 cell = r * row + left + i
-                if inside[cell]:
-                    for m in range(inputs):
-                        mask[cell, m >> 3] |= np.uint8(ok[i * inputs + m] << (m & 7))
-                        pairs += ok[i * inputs + m]
+                if not inside[cell]:
+                    continue
+                for m in range(inputs):
+                    good = ok[i * inputs + m]
+                    if group > 1 and not good:
+                        k[n - 1] = left + i
+                        good = _fits(post, meta, data, tab, shape, n, k, m, table, own, fit)
+                    mask[cell, m >> 3] |= np.uint8(good << (m & 7))
+                    pairs += good
     return pairs

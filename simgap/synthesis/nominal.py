@@ -25,6 +25,8 @@ from simgap.synthesis.tables import reduced_cells, reduced_size, table_meta, tab
 
 Floats = NDArray[np.float64]
 Axes = tuple[tuple[int, ...], ...]
+GROUP = 8
+"""Cells whose gap is bounded at once before a pair is looked at by itself."""
 
 
 class Model(Protocol):
@@ -86,7 +88,7 @@ def nominal_abstraction(
     else:
         meta, data = frame.arrays(tuple(() for _ in own), None)
         post = direct_post(model.interval_kernel, model.jacobian_interval_kernel, kernel)
-    return Abstraction(grid, u, post, meta, data, np.zeros(1, np.int32), with_gap, errors)
+    return Abstraction(grid, u, post, meta, data, np.zeros(1, np.int32), with_gap, errors, group=GROUP)
 
 
 def _fits(grid: Grid, inputs: int, axes: Axes) -> bool:

@@ -51,62 +51,78 @@ def image(f: Kernel, jacobian: Kernel) -> Kernel:
     return image_of_box
 
 
+@nb.njit(error_model="numpy")
+def group_box(index, extra, n, data, lo, hi, spare):  # type: ignore[no-untyped-def]
+    """`cell_box` of the cell `index` and of the `extra` cells after it along the last axis, together."""
+    if extra:
+        index[n - 1] += extra
+        cell_box(index, n, data, spare, hi)
+        index[n - 1] -= extra
+        cell_box(index, n, data, lo, spare)
+    else:
+        cell_box(index, n, data, lo, hi)
+
+
 @cache
 def direct_post(f: Kernel, jacobian: Kernel, gap: Kernel) -> Any:
-    """The post that evaluates model and gap for every pair (nothing can be tabulated)."""
+    """The post that evaluates the model for every pair, because nothing can be tabulated."""
     image_of_box = image(f, jacobian)
 
     @nb.cfunc(POST, error_model="numpy")
-    def post(k, cells, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
+    def post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
         n, nu = meta[0], meta[2]
         numbers = nb.carray(data, (meta[3],))
-        index, work = np.empty(n, np.int64), np.empty((7, n))
+        index, work = np.empty(n, np.int64), np.empty((9, n))
         for j in range(n):
             index[j] = k[j]
-        at = 0
-        for cell in range(cells):
-            index[n - 1] = k[n - 1] + cell
-            cell_box(index, n, numbers, work[0], work[1])
+        for start in range(0, cells, group):
+            end = min(start + group, cells)
+            index[n - 1] = k[n - 1] + start
+            group_box(index, end - start - 1, n, numbers, work[5], work[6], work[4])
             for m in range(m0, m1):
                 u = numbers[6 * n + m * nu : 6 * n + (m + 1) * nu]
-                image_of_box(work[0], work[1], u, n, work[2], work[3], work[4])
-                gap(work[0], work[1], u, work[5], work[6])
-                for i in range(n):
-                    lo, hi = to_cells(work[2, i] + work[5, i], work[3, i] + work[6, i], i, n, numbers)
-                    out[at + i], out[at + n + i] = lo, hi
-                at += 2 * n
+                gap(work[5], work[6], u, work[7], work[8])
+                for cell in range(start, end):
+                    index[n - 1] = k[n - 1] + cell
+                    cell_box(index, n, numbers, work[0], work[1])
+                    image_of_box(work[0], work[1], u, n, work[2], work[3], work[4])
+                    at = 2 * n * (cell * (m1 - m0) + m - m0)
+                    for i in range(n):
+                        lo, hi = to_cells(work[2, i] + work[7, i], work[3, i] + work[8, i], i, n, numbers)
+                        out[at + i], out[at + n + i] = lo, hi
 
     return post
 
 
 @cache
 def tabulated_post(gap: Kernel) -> Any:
-    """The post that reads the model from tables and evaluates the gap for every pair."""
+    """The post that reads the model from tables and evaluates the gap for every pair or group of pairs."""
 
     @nb.cfunc(POST, error_model="numpy")
-    def post(k, cells, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
+    def post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
         n, inputs, nu = meta[0], meta[1], meta[2]
         numbers = nb.carray(data, (meta[3],))
-        index, row, work = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((4, n))
-        for j in range(n):
-            index[j] = k[j]
-        at = 0
-        for cell in range(cells):
-            index[n - 1] = k[n - 1] + cell
-            cell_box(index, n, numbers, work[0], work[1])
-            for i in range(n):
-                row[i] = 0
-                for j in range(n):
-                    row[i] += index[j] * meta[4 + i * (n + 1) + 1 + j]
+        index, row, work = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((5, n))
+        for i in range(n):
+            index[i] = k[i]
+            row[i] = 0
+            for j in range(n):
+                row[i] += k[j] * meta[4 + i * (n + 1) + 1 + j]
+        for start in range(0, cells, group):
+            end = min(start + group, cells)
+            index[n - 1] = k[n - 1] + start
+            group_box(index, end - start - 1, n, numbers, work[0], work[1], work[4])
             for m in range(m0, m1):
                 gap(work[0], work[1], numbers[6 * n + m * nu : 6 * n + (m + 1) * nu], work[2], work[3])
                 for i in range(n):
-                    entry = meta[4 + i * (n + 1)] + 2 * (row[i] * inputs + m)
-                    centre = numbers[i] + numbers[n + i] * (index[i] + 0.5)
-                    low, high = centre + numbers[entry] + work[2, i], centre + numbers[entry + 1] + work[3, i]
-                    lo, hi = to_cells(low, high, i, n, numbers)
-                    out[at + i], out[at + n + i] = lo, hi
-                at += 2 * n
+                    first, stride = meta[4 + i * (n + 1)], meta[4 + i * (n + 1) + n]
+                    for cell in range(start, end):
+                        entry = first + 2 * ((row[i] + cell * stride) * inputs + m)
+                        own = k[i] + cell if i == n - 1 else k[i]
+                        centre = numbers[i] + numbers[n + i] * (own + 0.5)
+                        low, high = centre + numbers[entry] + work[2, i], centre + numbers[entry + 1] + work[3, i]
+                        at = 2 * n * (cell * (m1 - m0) + m - m0) + i
+                        out[at], out[at + n] = to_cells(low, high, i, n, numbers)
 
     return post
 

@@ -51,7 +51,7 @@ def _reach(post, meta, data, tab, shape, n, inputs, row, reach, first, last):  #
             reach[r, j], reach[r, n + j] = 2**30, -(2**30)
         for i in range(row):
             k[n - 1] = i
-            post(k.ctypes, 1, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
+            post(k.ctypes, 1, 1, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
             for m in range(inputs):
                 for j in range(n):
                     reach[r, j] = min(reach[r, j], out[2 * n * m + j] - k[j])
@@ -84,13 +84,13 @@ def _level(  # type: ignore[no-untyped-def]
     for r in range(first, last):
         row_index(r, shape, n, k)
         _surroundings(shape, n, k, row, reach[r], around, far)
-        drop_boxes_with_holes(news, shape, n, around, np.int64(0), row, far)  # what is left has no newly won cell in reach
+        drop_boxes_with_holes(news, shape, n, around, np.int64(0), row, far)  # left: no newly won cell in reach
         for i in range(row):
             cell = r * row + i
             if far[i] or value[cell] >= 0 or not free[cell]:
                 continue
             k[n - 1] = i
-            post(k.ctypes, 1, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
+            post(k.ctypes, 1, 1, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
             clip_boxes(shape, n, out, np.int64(0), inputs, ok)
             drop_boxes_with_holes(table, shape, n, out, np.int64(0), inputs, ok)
             if not ok.any():

@@ -182,7 +182,7 @@ def _after_rows(post, meta, data, tab, shape, n, inputs, row, allowed, full, out
         row_index(r, shape, n, k)
         for i in range(row):
             k[n - 1] = i
-            post(k.ctypes, 1, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, boxes.ctypes)
+            post(k.ctypes, 1, 1, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, boxes.ctypes)
             clip_boxes(shape, n, boxes, np.int64(0), inputs, ok)
             for m in range(inputs):
                 chosen = allowed[r * row + i, m >> 5] >> np.uint32(m & 31) & np.uint32(1)

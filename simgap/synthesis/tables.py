@@ -23,7 +23,7 @@ def table_post() -> Any:
     return nb.cfunc(POST, cache=True)(_post)
 
 
-def _post(k, cells, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
+def _post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
     n, inputs = meta[0], meta[1]
     count = m1 - m0
     for i in range(n):

@@ -64,3 +64,16 @@ def sloped_gap():
             hi[i] = 0.02 * xhi[0] + 0.01 * abs(u[0]) + 0.01 * i + 1e-12
 
     return gap
+
+
+@cache
+def small_slope():
+    """A signed gap of the pendulum's size that depends on both states."""
+
+    @njit
+    def gap(xlo, xhi, u, lo, hi):
+        for i in range(2):
+            lo[i] = 1e-3 * (xlo[0] + 0.1 * xlo[1] + 0.01 * u[0])
+            hi[i] = 1e-3 * (xhi[0] + 0.1 * xhi[1] + 0.01 * u[0]) + 1e-5
+
+    return gap

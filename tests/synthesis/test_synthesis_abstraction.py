@@ -1,14 +1,17 @@
 """Every sampled successor lies in the computed box, and every winning cell has an input that keeps it winning."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from synthesis_plants import constant_gap, pendulum, random_plant, sloped_gap, unicycle
+from synthesis_plants import constant_gap, pendulum, random_plant, sloped_gap, small_slope, unicycle
 
 from simgap.geometry import Box, Grid
 from simgap.synthesis.bits import unpack
 from simgap.synthesis.growth import growth_abstraction
+from simgap.synthesis.invariance import invariance
 from simgap.synthesis.nominal import nominal_abstraction
 from simgap.synthesis.reach import reach_avoid
 from simgap.synthesis.specifications import InvarianceSpecification
@@ -110,6 +113,17 @@ def test_tables_and_direct_evaluation_agree(gap, monkeypatch):
     for other in (mixed, direct):
         assert np.mean(tables != other) < 1e-3  # ties at a cell's face may round differently
         assert np.max(np.abs(tables - other)) <= 1
+
+
+def test_bounding_the_gap_over_groups_of_cells_changes_no_result():
+    model, inputs = pendulum()
+    grid = Grid(Box([0, -0.5], [0.2, 0.5]), (130, 77))
+    a = nominal_abstraction(model, grid, inputs, small_slope())
+    assert a.group > 1
+    grouped, alone = invariance(a), invariance(replace(a, group=1), threads=2)
+    assert 0.3 < alone.winning.mean() < 1
+    assert np.array_equal(grouped.mask, alone.mask)
+    assert grouped.pairs == alone.pairs == unpack(alone.mask, 25).sum()
 
 
 @pytest.mark.parametrize("cells", [(40, 30), (33, 57)])
