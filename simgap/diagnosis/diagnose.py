@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis import answer
-from simgap.diagnosis.equivalence import collinear_pairs, rivals
+from simgap.diagnosis.equivalence import Rival, collinear_pairs, rivals
 from simgap.diagnosis.fit import Fit, fit
 from simgap.diagnosis.initial import initial_states
-from simgap.diagnosis.judge import HeldOut, chi2_dof, excess, folds_agree, judge, judged, verdict
+from simgap.diagnosis.judge import HeldOut, chi2_dof, excess, judge, judged, verdict
 from simgap.diagnosis.noise import noise_floor
 from simgap.diagnosis.problem import Problem, build_problem
 from simgap.diagnosis.record import Record
@@ -21,6 +21,7 @@ from simgap.diagnosis.scoring import list_starts
 from simgap.diagnosis.selection import Explanation, Search, select
 from simgap.diagnosis.supermodel import cached_supermodel
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
+from simgap.diagnosis.transfer import transferable
 from simgap.diagnosis.windows import Windows, held_out_mask, split_windows
 from simgap.dynamics.model import SymbolicModel
 from simgap.effects import apply_effects
@@ -88,15 +89,20 @@ def _conclude(
 ) -> Diagnosis:  # fmt: skip
     problem, empty = search.problem, search.empty(base)
     old, new = (judge(held, at.theta, settings.horizon_s) for at in (base, found.fit))
-    floor = None if new.horizon is None else new.horizon.floor
-    was = excess(old, floor, problem.sigma)
-    share = excess(new, floor, problem.sigma) / was if was > 0 else 1.0
     before, after = chi2_dof(problem, base), chi2_dof(problem, found.fit)
     at_floor = after <= FIT_QUALITY and new.ratio <= HELD_OUT_QUALITY
-    agree = not found.members or at_floor or folds_agree(problem, found, search.steps)
-    word = verdict(before, after, new.ratio, found, share, agree)
+    agree, carried = at_floor, None
+    if found.members and not at_floor:
+        carried = transferable(search, base, found, held, settings.horizon_s, settings.max_effects)
+        agree = carried is not None
+        if carried is not None:
+            search, found, new = carried.search, carried.chosen, carried.held_out
+    share = _share(old, new, problem)
+    word = verdict(before, chi2_dof(problem, found.fit), new.ratio, found, share, agree)
     kept, kept_held, kept_share = (found, new, share) if word in ("attributed", "partial") else (empty, old, 1.0)
     others = rivals(search, kept)
+    if carried is not None:  # what fits as well need not carry over as well
+        others = [r for r in others if r.exact] + [Rival(e, False) for e in carried.rivals]
     applied = answer.applied(kept)
     names = [trace.name for trace in record.traces]
     windows = answer.predictions(problem, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
@@ -119,6 +125,13 @@ def _conclude(
         corrected=apply_effects(model, applied),
         windows=tuple(windows),
     )
+
+
+def _share(old: HeldOut, new: HeldOut, problem: Problem) -> float:
+    """Held-out excess after over before."""
+    floor = None if new.horizon is None else new.horizon.floor
+    was = excess(old, floor, problem.sigma)
+    return excess(new, floor, problem.sigma) / was if was > 0 else 1.0
 
 
 def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:

@@ -60,8 +60,11 @@ def excess(held: HeldOut, floor: Floats | None, sigma: Floats) -> float:
     return float(np.sqrt(np.mean(np.maximum(held.horizon.rmse**2 - floor**2, 0.0) / sigma**2)))
 
 
-def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float]) -> bool:
-    """Whether two halves of the fitted windows give the same coefficients, within their size or their intervals."""
+def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], samples: float) -> bool:
+    """Whether two halves of the fitted windows give the same coefficients, within their size or two standard errors.
+
+    `samples` is how many samples one independent sample is worth: the standard errors grow with its root.
+    """
     w = problem.windows
     traces = np.unique(w.trace)
     half = np.isin(w.trace, traces[: len(traces) // 2]) if len(traces) > 1 else np.arange(len(w)) < len(w) // 2
@@ -70,12 +73,11 @@ def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float]) -
     ends = []
     for side in (half, ~half):
         part = problem.on(w.pick(side))
-        ends.append(fit(part, found.fit.theta, found.fit.x0[side], found.fit.slots, steps))
-    if any(e.at_limit for e in ends):
-        return False
+        ends.append((part, fit(part, found.fit.theta, found.fit.x0[side], found.fit.slots, steps)))
     null, slots = problem.model.null, list(found.fit.slots)
-    a, b = (e.theta[slots] - np.where(np.isfinite(null[slots]), null[slots], 0.0) for e in ends)
-    spread = np.sqrt(sum(np.diag(e.covariance) * max(chi2_dof(problem, e), 1.0) for e in ends))
+    a, b = (e.theta[slots] - np.where(np.isfinite(null[slots]), null[slots], 0.0) for _, e in ends)
+    variances = [np.maximum(np.diag(e.covariance), 0.0) * max(chi2_dof(part, e), 1.0) for part, e in ends]
+    spread = np.sqrt(sum(variances) * samples)
     near = np.abs(a - b) <= np.maximum(FOLD_AGREEMENT * np.maximum(np.abs(a), np.abs(b)), 2.0 * spread)
     return bool(np.all(near))
 

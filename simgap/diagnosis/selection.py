@@ -13,7 +13,7 @@ from simgap.diagnosis.problem import Problem
 from simgap.diagnosis.scoring import Score, Starts, best_of_each, score
 from simgap.diagnosis.sensitivity import choose_step, with_values
 from simgap.diagnosis.supermodel import Candidate
-from simgap.diagnosis.thresholds import BIC_GAIN, FINALISTS, NEAR_TIE
+from simgap.diagnosis.thresholds import BIC_GAIN, FINALISTS, NEAR_TIE, SAME_PROMISE
 
 Key = tuple[str, str]
 
@@ -99,7 +99,16 @@ class Search:
     def joined(self, base: Explanation, exclude: Collection[Key] = (), most: int = FINALISTS) -> list[Explanation]:
         """The most promising extensions of the base, fitted, physical ones only."""
         worth = [s for s in self.ranked(base) if s.candidate.key not in exclude and s.drop / self.scale > BIC_GAIN]
-        return [e for e in (self.extend(base, s) for s in worth[:most]) if e.physical]
+        return [e for e in (self.extend(base, s) for s in _distinct(worth)[:most]) if e.physical]
+
+
+def _distinct(scores: list[Score]) -> list[Score]:
+    """Scores without those that promise exactly what a better one does: the same direction under another name."""
+    kept: list[Score] = []
+    for s in scores:
+        if not kept or s.drop < kept[-1].drop * (1.0 - SAME_PROMISE):
+            kept.append(s)
+    return kept
 
 
 def _integers(c: Candidate) -> tuple[int, ...]:

@@ -25,6 +25,9 @@ HELD_OUT_QUALITY = 1.08
 EXCESS_KEPT = 0.5
 """A partial explanation leaves at most this share of the held-out excess error."""
 
+SIMPLER_SHARE = 0.9
+"""Above the noise floor, one more parameter must leave at most this share of the held-out excess."""
+
 FOLD_AGREEMENT = 0.5
 """Coefficients of two folds agree if they differ by less than this share of their size (or by their intervals)."""
 
@@ -37,11 +40,8 @@ COLLINEAR = 0.99
 EXACTLY_COLLINEAR = 1.0 - 1e-6
 """Projected sensitivities with a larger correlation are the same direction."""
 
+SAME_PROMISE = 1e-5
+"""Candidates whose promised drops of chi^2 differ by a smaller share are one direction, refitted once."""
+
 FINALISTS = 5
 """How many of the most promising candidates are refitted in full at each round."""
-
-MAX_EFFECTS = 3
-"""Largest number of effects in one explanation."""
-
-WHITENESS = 1e-4
-"""Smallest p-value of the residuals' autocorrelation for a model that reaches the noise floor."""

@@ -9,6 +9,7 @@ import sympy as sp
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
 from simgap.effects.start import Scales, Start
 
+LEAST_PERIODS = 2  # one period a turn is an unbalanced arm: gravity_tilt and parameter_error
 MOST_PERIODS = 16
 
 
@@ -30,7 +31,7 @@ class Cogging(CoordinateEffect):
         def at(n: int) -> Start:
             return Start(2, lambda c: {"A": math.hypot(*c), "n": float(n), "phase": math.atan2(c[1], c[0])})
 
-        return tuple(at(n) for n in range(1, MOST_PERIODS + 1))
+        return tuple(at(n) for n in range(LEAST_PERIODS, MOST_PERIODS + 1))
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """A sin(n q + phase)."""
