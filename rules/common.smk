@@ -70,6 +70,17 @@ def eps_of(wildcards):
     return f"{case_of(wildcards).grid.eps:g}"
 
 
+def has_memory(wildcards):
+    """Whether the simulator remembers earlier inputs: its gap is then taken over histories and not over a grid."""
+    return case_of(wildcards).hidden_state is not None
+
+
+def gap_folder(wildcards):
+    """Where the bound stands that the controller is made for."""
+    kind = "hidden-state" if has_memory(wildcards) else f"eps~{eps_of(wildcards)}"
+    return f"results/{wildcards.case}/gap/{kind}"
+
+
 def eps_table(case):
     """The case's own eps and those of the sweep."""
     own = LOADED[case].grid.eps

@@ -8,7 +8,7 @@ def gap_option(wildcards, input):
 rule synthesis:
     input:
         case=correction,
-        gap=lambda w: f"results/{w.case}/gap/eps~{eps_of(w)}/gap.json" if w.kind == "gap" else [],
+        gap=lambda w: f"{gap_folder(w)}/gap.json" if w.kind == "gap" else [],
     output:
         controller="results/{case}/synthesis/{kind}/controller.npz",
         summary="results/{case}/synthesis/{kind}/synthesis.json",
@@ -36,7 +36,7 @@ rule validation:
         case=correction,
         nominal="results/{case}/synthesis/nominal/controller.npz",
         robust="results/{case}/synthesis/gap/controller.npz",
-        gap=lambda w: f"results/{w.case}/gap/eps~{eps_of(w)}/gap.json",
+        gap=lambda w: f"{gap_folder(w)}/gap.json",
     output:
         summary="results/{case}/validation/validation.json",
         traces="results/{case}/validation/traces.parquet",

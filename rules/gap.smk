@@ -32,6 +32,7 @@ rule fresh:
         case=lambda w: case_path(w.case),
         reads=reads("fresh"),
         code=code("fresh"),
+    threads: 2
     resources:
         mem_mb=1500,
         runtime=30,
@@ -76,3 +77,55 @@ rule gap:
     shell:
         "simgap gap {params.case} --eps {wildcards.eps} {params.shards} --fresh {input.fresh}"
         " --out {output.gap} --samples {output.samples} --log {log}"
+
+
+rule histories:
+    output:
+        grid="results/{case}/histories/previous.parquet",
+        random="results/{case}/histories/random.parquet",
+        memory="results/{case}/histories/memory.json",
+    log:
+        "results/{case}/logs/histories.log",
+    benchmark:
+        "results/{case}/benchmarks/histories.tsv"
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("histories"),
+        code=code("histories"),
+    threads: 2
+    resources:
+        mem_mb=2000,
+        runtime=60,
+    message:
+        "{wildcards.case}: what earlier inputs leave behind in the simulator, {threads} processes"
+    shell:
+        "simgap histories {params.case} --out {output.grid} --random {output.random} --memory {output.memory}"
+        " --workers {threads} --log {log}"
+
+
+rule hidden_gap:
+    input:
+        case=correction,
+        grid=lambda w: f"results/{base(w.case)}/histories/previous.parquet",
+        random=lambda w: f"results/{base(w.case)}/histories/random.parquet",
+        memory=lambda w: f"results/{base(w.case)}/histories/memory.json",
+        fresh=lambda w: f"results/{base(w.case)}/fresh/samples.parquet",
+    output:
+        gap="results/{case}/gap/hidden-state/gap.json",
+        samples="results/{case}/gap/hidden-state/samples.parquet",
+    log:
+        "results/{case}/logs/hidden-gap.log",
+    benchmark:
+        "results/{case}/benchmarks/hidden-gap.tsv"
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("hidden_gap"),
+        code=code("hidden_gap"),
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    message:
+        "{wildcards.case}: bound of the gap over the hidden state, seen from the robot"
+    shell:
+        "simgap hidden-gap {params.case} --grid {input.grid} --random {input.random} --memory {input.memory}"
+        " --fresh {input.fresh} --out {output.gap} --samples {output.samples} --log {log}"

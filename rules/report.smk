@@ -12,6 +12,8 @@ def final_results(case):
 
 def gap_files(wildcards):
     """The bounds in the table of eps; a corrected case has its own eps alone."""
+    if has_memory(wildcards):
+        return [f"{gap_folder(wildcards)}/gap.json"]
     corrected = wildcards.case != base(wildcards.case)
     points = [eps_of(wildcards)] if corrected else eps_table(wildcards.case)
     return [f"results/{wildcards.case}/gap/eps~{eps}/gap.json" for eps in points]
@@ -67,7 +69,7 @@ rule trace:
 rule report:
     input:
         gaps=gap_files,
-        samples=lambda w: f"results/{w.case}/gap/eps~{eps_of(w)}/samples.parquet",
+        samples=lambda w: f"{gap_folder(w)}/samples.parquet",
         nominal=multiext("results/{case}/synthesis/nominal/", "controller.npz", "synthesis.json"),
         robust=multiext("results/{case}/synthesis/gap/", "controller.npz", "synthesis.json"),
         validation=multiext("results/{case}/validation/", "validation.json", "traces.parquet"),

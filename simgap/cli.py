@@ -89,6 +89,40 @@ def gap(
 
 
 @app.command()
+def histories(
+    case: CasePath,
+    out: Annotated[Path, typer.Option(help="File for the roll-outs after a grid of previous inputs (Parquet).")],
+    random: Annotated[Path, typer.Option(help="File for the steps of random sequences (Parquet).")],
+    memory: Annotated[Path, typer.Option(help="File for how older inputs fade and headings differ (JSON).")],
+    workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
+    log: Log = None,
+) -> None:
+    """Sample what earlier inputs leave behind in a simulator with memory."""
+    from simgap.stages import histories as stage
+
+    start_log(log)
+    stage.run(case, out, random, memory, workers, log)
+
+
+@app.command("hidden-gap")
+def hidden_gap(
+    case: CasePath,
+    rolled: Annotated[Path, typer.Option("--grid", help="Roll-outs after a grid of previous inputs.")],
+    random: Annotated[Path, typer.Option(help="Steps of random sequences.")],
+    memory: Annotated[Path, typer.Option(help="How older inputs fade and headings differ.")],
+    checked: Annotated[Path, typer.Option("--fresh", help="Fresh sequences to check the bound on.")],
+    out: Out,
+    samples: Annotated[Path, typer.Option(help="File for thinned samples, for pictures (Parquet).")],
+    log: Log = None,
+) -> None:
+    """Bound the gap of a robot with memory, seen from the robot, and check it on fresh sequences."""
+    from simgap.stages import hidden_gap as stage
+
+    start_log(log)
+    stage.run(case, rolled, random, memory, checked, out, samples)
+
+
+@app.command()
 def synthesis(
     case: CasePath,
     out: Out,

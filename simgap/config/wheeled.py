@@ -49,7 +49,15 @@ class HiddenStateSection(Section):
     )
     chains: int = Field(40, ge=2, description="Random input sequences that look for what the previous inputs missed.")
     chain_length: int = Field(500, ge=10, description="Samples in each of them.")
+    fresh_chains: int = Field(40, ge=1, description="Further sequences, never used in the fit, that check the bound.")
     growth: float = Field(
         0.1, gt=0, description="Largest growth with longer histories, relative to the bound's sup, that counts as none."
     )
     seed: int = Field(2, ge=0, description="Of the random sequences.")
+    fresh_samples: int = Field(
+        20_000, ge=1, description="Steps of other random sequences on which the bound is checked; no bound sees them."
+    )
+    fresh_seed: int = Field(11, ge=0, description="Of those.")
+    tolerated_probability: float = Field(
+        0.0, ge=0.0, lt=1.0, description="Largest bound of the violation probability; 0: one violation fails the stage."
+    )

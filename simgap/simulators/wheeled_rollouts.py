@@ -39,7 +39,9 @@ def after_previous(case: Case, folder: Path, previous: Floats, inputs: Floats) -
         return joined(parts), robot.engine
 
 
-def along_sequences(case: Case, folder: Path, sequences: Ints, inputs: Floats, seed: int) -> tuple[BodySamples, str]:
+def along_sequences(
+    case: Case, folder: Path, sequences: Ints, inputs: Floats, seed: int | list[int]
+) -> tuple[BodySamples, str]:
     """Every step of random input sequences (n, length), each from rest at a random heading: n length rows."""
     rng = np.random.default_rng(seed)
     with _robot(case, folder) as robot:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from simgap.config.wheeled import HiddenStateSection
 from simgap.geometry import Box, Floats
 from simgap.simulators.process import run_in_processes
 from simgap.stages.context import Context, log
@@ -15,6 +16,9 @@ from simgap.stages.rollouts import roll_out, write
 def run(case_path: Path, out: Path, engine_log: Path | None = None, workers: int = 2) -> None:
     """Roll out random pairs, uniform on X x U, and write them."""
     context = Context.load(case_path)
+    if context.case.hidden_state is not None:
+        _sequences(context, context.case.hidden_state, out, engine_log, workers)
+        return
     section = context.need(context.case.gap, "gap")
     with context.blame():
         x, u = draw(context.box, context.input_set, section.fresh_samples, section.seed)
@@ -25,6 +29,16 @@ def run(case_path: Path, out: Path, engine_log: Path | None = None, workers: int
     constants = {"eps": None, "seed": section.seed, "engine": results[0][1]}
     write(context, out, x, u, following, constants, "fresh")
     log.info("wrote %d fresh samples to %s", len(x), out)
+
+
+def _sequences(context: Context, hidden: HiddenStateSection, out: Path, engine_log: Path | None, workers: int) -> None:
+    """A simulator with memory is checked along random input sequences."""
+    from simgap.stages.histories import fresh, write_samples
+
+    with context.blame():
+        samples, engine = fresh(context, hidden, workers, engine_log)
+    write_samples(context, out, samples, hidden.fresh_seed, engine, "fresh")
+    log.info("wrote %d fresh steps to %s", len(samples.m), out)
 
 
 def draw(box: Box, inputs: Floats, count: int, seed: int) -> tuple[Floats, Floats]:

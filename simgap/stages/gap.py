@@ -43,7 +43,7 @@ def run(case_path: Path, eps: float, shards: Sequence[Path], fresh: Path, out: P
         result = fit_gap(samples, section.settings())
         log.info("fitted in %.2f s", time.perf_counter() - began)
     x, u, d = gaps(context, model, read_parquet(fresh))
-    check = check_fresh(result.function, x, u, d)
+    check = check_fresh(result.function, x, u, d, section.confidence)
     log.info("%s", check.tier.text)
     tolerate(check, section.tolerated_probability)
     function = result.function.with_tiers([*result.function.tiers, check.tier])

@@ -9,7 +9,9 @@ _SIMULATED = ("name", *_PLANT, "domain", "simulator")
 
 READS: Mapping[str, tuple[str, ...]] = {
     "rollouts": (*_SIMULATED, "grid.shards"),
-    "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed"),
+    "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
+    "histories": (*_SIMULATED, "hidden_state", "symmetry"),
+    "hidden_gap": ("name", "plant", "domain", "simulator", "hidden_state", "symmetry.tolerance"),
     "gap": ("name", "plant", "domain", "gap"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", "synthesis.specification", "sensing", "validation"),

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from simgap.dynamics.build import symbolic_model
 from simgap.dynamics.cases import nominal_model
+from simgap.dynamics.nominal import NominalModel
 from simgap.gap.function import from_json
 from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
+from simgap.stages.hidden_gap import pose_axes
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.intersample import excursion, rates
-from simgap.synthesis.specifications import Specification, make_specification
+from simgap.synthesis.specifications import ReachAvoidSpecification, Specification, make_specification
+from simgap.synthesis.sweep import planar_sweep
 from simgap.synthesis.synthesise import Problem, synthesise
 
 
@@ -55,10 +60,12 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     """The synthesis problem of a case, and how far a path may stray from its samples, (nx,)."""
     section = context.need(context.case.synthesis, "synthesis")
     model = nominal_model(context.case, context.folder)
-    gap = from_json(read_json(gap_path)) if gap_path else None
+    bound = read_json(gap_path) if gap_path else None
+    gap = from_json(bound) if bound else None
     specification: Specification = make_specification(
         section.specification.model_dump(), tuple(context.states), context.box
     )
+    sweep = _sweep(context, model, bound) if isinstance(specification, ReachAvoidSpecification) else None
     flow = rates(symbolic_model(context.case.plant, context.folder))
     spread = np.array([s.size for s in gap.sup().values()]) if gap else np.zeros(model.nx)
     between, _ = excursion(flow, specification.region, context.input_set, model.tau, spread / model.tau)
@@ -66,7 +73,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     error = np.array([sensing.error.get(name, 0.0) for name in context.states]) if sensing else None
     problem = Problem(
         model=model,
-        specification=specification.with_clearance(between),
+        specification=specification if sweep else specification.with_clearance(between),
         cells=section.cells,
         inputs=context.input_set,
         periodic=tuple(context.states.index(name) for name in context.domain.periodic),
@@ -75,4 +82,23 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
         error=error,
         latency=sensing.latency if sensing else 0,
     )
+    if sweep is not None:
+        problem = replace(problem, sweep=planar_sweep(problem.grid, *sweep, pose_axes(context)))
     return problem, between
+
+
+def _sweep(context: Context, model: NominalModel, bound: Any) -> tuple[Floats, Floats] | None:
+    """The box of each input's way, seen from the robot: measured with the gap, or the nominal chord without one.
+
+    None for a plant that is no wheeled robot: the clearance then covers what happens between samples.
+    """
+    symbolic = context.case.plant.symbolic
+    if symbolic is None or symbolic.wheels is None:
+        return None
+    if bound is not None:
+        return (np.array(bound["sweep"]["lower"]), np.array(bound["sweep"]["upper"])) if "sweep" in bound else None
+    pose = pose_axes(context)
+    start = np.tile(0.5 * (context.box.lo + context.box.hi), (len(context.input_set), 1))
+    start[:, pose[2]] = 0.0
+    moved = (model.step(start, context.input_set) - start)[:, list(pose[:2])]
+    return np.minimum(moved, 0.0), np.maximum(moved, 0.0)

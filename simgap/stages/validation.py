@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
+from simgap.arena import wrapped
 from simgap.audit import Tally, audit_gap, judge_invariance, split_by_run, steps_of
 from simgap.closed_loop import Run, Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
-from simgap.config.synthesis import InvarianceSpecification
+from simgap.config.synthesis import InvarianceSpecification, ReachAvoidSpecification
 from simgap.dynamics.cases import nominal_model
 from simgap.dynamics.nominal import NominalModel
 from simgap.errors import BrokenPromise
@@ -27,6 +29,7 @@ from simgap.stages.context import Context, log
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.regions import partial_box
 
+R = TypeVar("R")
 CHUNK = 50  # runs a worker does between two signs of life
 
 
@@ -55,6 +58,11 @@ def run(
     """
     context = Context.load(case_path)
     section = context.need(context.case.validation, "validation")
+    if isinstance(context.need(context.case.synthesis, "synthesis").specification, ReachAvoidSpecification):
+        from simgap.stages import drives
+
+        drives.run(context, {"nominal": nominal, "gap": robust}, gap_path, out, traces, workers, engine_log)
+        return
     with context.blame():
         model, gap = nominal_model(context.case, context.folder), from_json(read_json(gap_path))
         safe = safe_box(context)
@@ -67,7 +75,9 @@ def run(
             tally, kept = _judge(runs, controller, model, gap, safe, section.steps, section.kept)
             tallies.setdefault(kind, {})[subject.plant] = tally.to_json()
             log.info("%s controller, %s: %s", kind, subject.plant, tally.to_json())
-            parts += [trace(context, subject, k, r, controller, model, gap, safe) for k, r in enumerate(kept)]
+            parts += [
+                trace(context, subject, k, r, controller, model, gap, safe.contains(r.x)) for k, r in enumerate(kept)
+            ]
     write_parquet(traces, pa.concat_tables(parts).unify_dictionaries())
     record = provenance("validation", context.case, context.folder, {"starts": section.seed})
     write_json(out, {"starts": section.starts, "steps": section.steps, "controllers": tallies, "provenance": record})
@@ -173,7 +183,7 @@ def _judge(
     runs: Iterator[Run], controller: Controller, model: NominalModel, gap: GapFunction, safe: Box, steps: int, keep: int
 ) -> tuple[Tally, list[Run]]:
     tally = Tally()
-    kept: list[Run] = []
+    kept: list[tuple[Run, bool]] = []
     batch: list[Run] = []
 
     def flush() -> None:
@@ -184,14 +194,21 @@ def _judge(
         batch.clear()
 
     for r in runs:
-        if len(kept) < keep:
-            kept.append(r)
+        keep_some(kept, r, keep, failed=not judge_invariance(r, safe, steps)[1])
         batch.append(r)
         if len(batch) == 2 * CHUNK:
             flush()
     if batch:
         flush()
-    return tally, kept
+    return tally, [r for r, _ in kept]
+
+
+def keep_some(kept: list[tuple[R, bool]], r: R, count: int, failed: bool) -> None:
+    """Keep the first runs; the first that failed takes the last place if none of them did, so that it can be seen."""
+    if len(kept) < count:
+        kept.append((r, failed))
+    elif failed and not any(bad for _, bad in kept):
+        kept[-1] = (r, failed)
 
 
 def trace(
@@ -202,13 +219,16 @@ def trace(
     controller: Controller,
     model: NominalModel,
     gap: GapFunction,
-    safe: Box,
+    safe: NDArray[np.bool_],
 ) -> pa.Table:
-    """One kept run, a row a sample; at the last state there is no input, and its cells are not numbers."""
+    """One kept run, a row a sample, `safe` (k + 1,) where the specification held.
+
+    At the last state there is no input, and its cells are not numbers.
+    """
     n = len(r.x)
     u = np.full((n, model.nu), np.nan)
     u[: n - 1] = controller.input_set[r.inputs]
-    audit = audit_gap(r.x[:-1], u[: n - 1], r.x[1:], model, gap)
+    audit = audit_gap(*_unwound(context, r.x[:-1], r.x[1:], u[: n - 1]), model, gap)
     nan = np.full((1, model.nx), np.nan)
     d, lo, hi = (np.concatenate([part, nan]) for part in (audit.d, audit.lo, audit.hi))
     columns: dict[str, Any] = {"run": np.full(n, number), "step": np.arange(n), "sim_time": np.arange(n) * model.tau}
@@ -216,8 +236,16 @@ def trace(
     columns |= {name: u[:, j] for j, name in enumerate(context.inputs)}
     for prefix, values in (("gap", d), ("lo", lo), ("hi", hi)):
         columns |= {f"{prefix}_{name}": values[:, j] for j, name in enumerate(context.states)}
-    columns["safe"] = safe.contains(r.x)
+    columns["safe"] = safe
     units = context.units | {"sim_time": "s"}
     units |= {f"{p}_{name}": context.units[name] for p in ("gap", "lo", "hi") for name in context.states}
     constants = {"case": context.case.name, "controller": subject.controller, "plant": subject.plant}
     return table(columns, units, constants, provenance("validation", context.case, context.folder))
+
+
+def _unwound(context: Context, x: Floats, following: Floats, u: Floats) -> tuple[Floats, Floats, Floats]:
+    """Steps with every periodic state brought back into X, the successor moved by the same whole turns: x, u, x+."""
+    for name in context.domain.periodic:
+        j = context.states.index(name)
+        x, following = wrapped(x, following, j, *context.domain.X[name])
+    return x, u, following
