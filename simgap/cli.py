@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from simgap.errors import SimgapError
+from simgap.errors import SimgapError, UserError
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -226,15 +227,23 @@ def diagnose(
 ) -> None:
     """Find the physical effect that the nominal model lacks, from recordings."""
     from rich.console import Console
+    from rich.markup import escape
 
     from simgap.stages import diagnosis as stage
 
-    start_log(log or out / "diagnosis.log")
-    console = Console(stderr=True)
-    with console.status("starting") as status:
-        result = stage.run(case, data or [], out, status.update)
-    Console().print(f"{result['verdict']}: {result['sentence']}", soft_wrap=True, highlight=False)
-    Console().print(f"Report: {out / 'report.html'}", soft_wrap=True, highlight=False)
+    journal = log or out / "diagnosis.log"
+    start_log(journal)
+    try:
+        with Console(stderr=True).status("starting") as status:
+            result = stage.run(case, data or [], out, lambda words: status.update(escape(words)))
+    except UserError:  # nothing half-written is left, the log of a default place included
+        if log is None:
+            journal.unlink(missing_ok=True)
+            with suppress(OSError):
+                out.rmdir()
+        raise
+    for line in (f"{result['verdict']}: {result['sentence']}", f"Report: {out / 'report.html'}"):
+        Console().print(line, soft_wrap=True, highlight=False, markup=False)
 
 
 @app.command()
@@ -256,11 +265,13 @@ def schema(out: Annotated[Path, typer.Option(help="File to write.")] = Path("con
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: a person's mistake is one line on stderr and status 2, a broken promise status 1."""
+    logging.getLogger("simgap").addHandler(logging.NullHandler())  # without a log, errors are told once, below
     try:
         result: Any = app(arguments if arguments is not None else sys.argv[1:], standalone_mode=False)
         status = result if isinstance(result, int) else 0
     except SimgapError as error:
-        logging.getLogger("simgap").error("%s", error)
+        if any(isinstance(h, logging.FileHandler) for h in logging.getLogger("simgap").handlers):
+            logging.getLogger("simgap").error("%s", error)
         sys.stderr.write(f"simgap: {error}\n")
         status = error.exit_status
     except _USAGE as error:

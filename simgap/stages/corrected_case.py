@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,13 @@ SUFFIX = "_corrected"
 
 
 def corrected_case(
-    case_path: Path, target: Path, applied: Sequence[AppliedEffect], data: Sequence[Path], rig: str, sentence: str
+    case_path: Path,
+    target: Path,
+    applied: Sequence[AppliedEffect],
+    data: Sequence[Path],
+    rig: str,
+    sentence: str,
+    remainder: Mapping[str, float] | None = None,
 ) -> str:
     """The text of the corrected case file.
 
@@ -30,6 +37,7 @@ def corrected_case(
         rig: 'simulator' if the recordings are of the case's own simulator: the nominal model alone gets the effects.
             Else the simulator's twin gets them too.
         sentence: the verdict in words, for the comment on top.
+        remainder: one-step bounds of what is left, by state; added to gamma where the case has one.
 
     Raises:
         UserError: if the result does not check, which an original that checks makes impossible but for the name.
@@ -48,6 +56,9 @@ def corrected_case(
         content["plant"]["effects"] = [*content["plant"].get("effects", []), *added]
         if rig != "simulator" and isinstance(content.get("simulator"), dict):
             content["simulator"]["effects"] = [*content["simulator"].get("effects", []), *added]
+    finite = {name: float(v) for name, v in (remainder or {}).items() if math.isfinite(v)}
+    if finite and isinstance(content.get("gap"), dict):
+        content["gap"]["remainder"] = finite
     body = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     checked = parse_case(yaml.safe_load(body), target)
     symbolic_model(checked.plant, folder)

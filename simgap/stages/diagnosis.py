@@ -138,7 +138,9 @@ def _write(
     lacking = missing_terms(record, model, corrected, shifts, sigma)
     stretches = overlays(found.windows, record.measured, record.inputs, found.sigma)
     target = out_dir / CASE
-    text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"])
+    partial = content["verdict"] == "partial" and section.rig == "hardware" and content.get("remainder")
+    left = content["remainder"]["after"] if partial else None
+    text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], left)
     out_dir.mkdir(parents=True, exist_ok=True)
     figures = draw(content, stretches, lacking, out_dir)
     write_text(out_dir / PAGE, page(content, title, figures))

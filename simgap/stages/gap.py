@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -15,8 +15,9 @@ from simgap.dynamics.cases import nominal_model
 from simgap.dynamics.nominal import NominalModel
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.fit import fit_gap
+from simgap.gap.function import GapFunction
 from simgap.gap.samples import GapSamples
-from simgap.gap.tiers import FreshCheck, check_fresh
+from simgap.gap.tiers import FreshCheck, Tier, check_fresh
 from simgap.geometry import Floats, Grid
 from simgap.io.documents import write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
@@ -46,7 +47,9 @@ def run(case_path: Path, eps: float, shards: Sequence[Path], fresh: Path, out: P
     check = check_fresh(result.function, x, u, d, section.confidence)
     log.info("%s", check.tier.text)
     tolerate(check, section.tolerated_probability)
-    function = result.function.with_tiers([*result.function.tiers, check.tier])
+    function = covering_remainder(
+        context, result.function.with_tiers([*result.function.tiers, check.tier]), section.remainder
+    )
     content = result.to_json() | function.to_json()
     seeds = {"fresh": section.seed, "fit": section.seed}
     record = provenance("gap", context.case, context.folder, seeds, eps=eps)
@@ -97,6 +100,25 @@ def tolerate(check: FreshCheck, probability: float) -> None:
         f"by up to {check.worst}",
         "Use a smaller eps, or set gap.tolerated_probability.",
     )
+
+
+def covering_remainder(context: Context, function: GapFunction, remainder: Mapping[str, float]) -> GapFunction:
+    """The bound moved outward by what measured data leave unexplained in one step.
+
+    Raises:
+        UserError: a remainder of something that is no state.
+    """
+    unknown = [name for name in remainder if name not in context.states]
+    if unknown:
+        raise UserError(f"{unknown} are not states", file=context.path, key="gap.remainder")
+    if not remainder:
+        return function
+    by = np.array([remainder.get(name, 0.0) for name in context.states])
+    words = ", ".join(f"{value:.3g} for {name}" for name, value in remainder.items())
+    left_out = [name for name in context.states if name not in remainder]
+    note = f" Nothing measured bounds {', '.join(left_out)}." if left_out else ""
+    tier = Tier(3, f"Raised on both sides by {words}: the split-conformal bound of what measured data leave.{note}")
+    return function.raised(by, by).with_tiers([*function.tiers, tier])
 
 
 def thin(context: Context, samples: GapSamples) -> pa.Table:

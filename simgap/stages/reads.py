@@ -7,6 +7,9 @@ from collections.abc import Mapping
 _PLANT = ("plant.urdf", "plant.states", "plant.inputs", "plant.gravity")
 _SIMULATED = ("name", *_PLANT, "domain", "simulator")
 
+_WHOLE = ("name", "title", "plant", "domain", "simulator", "symmetry", "hidden_state", "grid", "gap", "sensing")
+_WHOLE = (*_WHOLE, "synthesis", "validation", "measured")
+
 READS: Mapping[str, tuple[str, ...]] = {
     "rollouts": (*_SIMULATED, "grid.shards"),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
@@ -17,6 +20,6 @@ READS: Mapping[str, tuple[str, ...]] = {
     "validation": ("name", "plant", "domain", "simulator", "synthesis.specification", "sensing", "validation"),
     "rig": _SIMULATED,
     "trace": ("name", "plant", "domain", "synthesis.specification"),
-    "diagnosis": ("name", "plant", "domain.tau", "measured"),
+    "diagnosis": _WHOLE,  # the corrected case is a copy of the whole
     "report": ("name", "title", "plant", "domain", "simulator", "grid.eps", "synthesis.specification", "sensing"),
 }

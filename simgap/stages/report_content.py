@@ -32,7 +32,7 @@ def content(m: Material) -> dict[str, Any]:
         "scenario": tables.scenario(m.gap),
         "syntheses": m.syntheses,
         "loops": tables.loops(m),
-        "between": m.validation.get("between_samples"),
+        "between": m.syntheses[ROBUST].get("between_samples"),
         "validation": m.validation,
         "diagnosis": tables.diagnosis(m),
         "corrected": tables.corrected(m),
@@ -71,7 +71,7 @@ def _violations(tally: Mapping[str, Any]) -> str:
         return f"none of {runs:,} runs violates the specification in the simulator; here it happens to survive"
     text = f"{bad:,} of {runs:,} runs violate the specification in the simulator"
     median = tally.get("median_steps_until_violation")
-    return text + (f", half of them within {median:,.0f} steps" if median else "")
+    return text + (f", half of these within {median:,.0f} steps" if median else "")
 
 
 def settings(m: Material) -> list[tuple[str, str]]:

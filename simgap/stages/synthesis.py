@@ -12,7 +12,9 @@ import numpy as np
 from simgap.dynamics.build import symbolic_model
 from simgap.dynamics.cases import nominal_model
 from simgap.dynamics.nominal import NominalModel
+from simgap.dynamics.paths import nominal_paths
 from simgap.gap.function import from_json
+from simgap.gap.hidden_state import BodySamples
 from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
 from simgap.provenance import provenance
@@ -23,6 +25,8 @@ from simgap.synthesis.intersample import excursion, rates
 from simgap.synthesis.specifications import ReachAvoidSpecification, Specification, make_specification
 from simgap.synthesis.sweep import planar_sweep
 from simgap.synthesis.synthesise import Problem, synthesise
+
+WAY_POINTS = 20  # poses on the nominal way between two samples
 
 
 def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, threads: int = 2) -> None:
@@ -88,7 +92,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
 
 
 def _sweep(context: Context, model: NominalModel, bound: Any) -> tuple[Floats, Floats] | None:
-    """The box of each input's way, seen from the robot: measured with the gap, or the nominal chord without one.
+    """The box of each input's way, seen from the robot: measured with the gap, or the nominal way without one.
 
     None for a plant that is no wheeled robot: the clearance then covers what happens between samples.
     """
@@ -98,7 +102,9 @@ def _sweep(context: Context, model: NominalModel, bound: Any) -> tuple[Floats, F
     if bound is not None:
         return (np.array(bound["sweep"]["lower"]), np.array(bound["sweep"]["upper"])) if "sweep" in bound else None
     pose = pose_axes(context)
-    start = np.tile(0.5 * (context.box.lo + context.box.hi), (len(context.input_set), 1))
-    start[:, pose[2]] = 0.0
-    moved = (model.step(start, context.input_set) - start)[:, list(pose[:2])]
-    return np.minimum(moved, 0.0), np.maximum(moved, 0.0)
+    symbolic_plant = symbolic_model(context.case.plant, context.folder)
+    way, bulge = nominal_paths(
+        symbolic_plant, context.case.plant.integrator, model.tau, np.zeros(model.nx), context.input_set, WAY_POINTS
+    )
+    extent = BodySamples.of_paths(np.arange(len(way)), way[..., list(pose)]).extent
+    return extent[:, [0, 2]] - bulge, extent[:, [1, 3]] + bulge
