@@ -40,9 +40,9 @@ class BodySamples:
     extent: Floats
 
     @staticmethod
-    def of_paths(m: Ints, paths: Floats) -> BodySamples:
-        """From paths (n, poses, 3) that do not hold the start itself."""
-        x, y = paths[..., 0], paths[..., 1]
+    def of_paths(m: Ints, paths: Floats, pose: tuple[int, int, int] = (0, 1, 2)) -> BodySamples:
+        """From paths (n, poses, 3) that do not hold the start itself; `pose` says which states are x, y, heading."""
+        x, y = paths[..., pose[0]], paths[..., pose[1]]
         ends = [np.minimum(x.min(1), 0), np.maximum(x.max(1), 0), np.minimum(y.min(1), 0), np.maximum(y.max(1), 0)]
         return BodySamples(m, paths[:, -1].copy(), np.stack(ends, axis=1))
 

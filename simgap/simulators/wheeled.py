@@ -74,6 +74,7 @@ class PyBulletWheeled(Simulator):
         self.nx, self.nu = 3, 2
         self.engine = f"pybullet {p.getAPIVersion()}"
         self._p: Any = BulletClient(p.DIRECT)
+        self.pose = plant.pose
         self._plant, self._section = plant, section
         self._body, self._wheels = self._load()
         self._offset = np.array(self._p.getDynamicsInfo(self._body, -1)[3])  # of the centre of mass from the root

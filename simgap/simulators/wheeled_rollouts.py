@@ -35,7 +35,7 @@ def after_previous(case: Case, folder: Path, previous: Floats, inputs: Floats) -
     """All inputs (M, nu) after each previous input (P, nu) from rest: (P M) rows, the input running fastest."""
     every = np.arange(len(inputs))
     with _robot(case, folder) as robot:
-        parts = [BodySamples.of_paths(every, robot.responses(u[None], inputs)) for u in previous]
+        parts = [BodySamples.of_paths(every, robot.responses(u[None], inputs), robot.pose) for u in previous]
         return joined(parts), robot.engine
 
 
@@ -48,7 +48,7 @@ def along_sequences(
         parts = []
         for numbers in sequences:
             start = np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
-            parts.append(BodySamples.of_paths(numbers, robot.chain(start, inputs[numbers])[1]))
+            parts.append(BodySamples.of_paths(numbers, robot.chain(start, inputs[numbers])[1], robot.pose))
         return joined(parts), robot.engine
 
 
