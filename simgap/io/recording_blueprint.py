@@ -53,9 +53,14 @@ def _columns() -> Any:
 def _scene(content: Content) -> Any:
     import rerun.blueprint as rrb
 
+    from simgap.io.recording_scene import robot_name
+
     planar = isinstance(content.scene, PlanarScene)
     name = "Arena, robots and paths" if planar else "The plant under both controllers; grey: the nominal model"
-    bodies = [f"/body_{controller}_{plant}/**" for controller in content.shown for plant in ("simulator", "model")]
+    bodies = [f"/body_{controller}_{plant}" for controller in content.shown for plant in ("simulator", "model")]
+    urdf = content.scene.urdf if content.scene is not None else None
+    collisions = f"{robot_name(urdf)}/collision_geometries" if urdf is not None else "collision_geometries"
+    bodies = [rule for body in bodies for rule in (f"{body}/**", f"- {body}/{collisions}/**")]
     return rrb.Spatial3DView(
         name=name, origin="/scene", contents=["/scene/**", *bodies], eye_controls=_eye(content), line_grid=False
     )
@@ -69,7 +74,7 @@ def _eye(content: Content) -> Any:
     if not isinstance(content.scene, JointScene):
         arena = content.scene.arena if content.scene is not None else Box([0.0, 0.0], [1.0, 1.0])
         x, y = 0.5 * (arena.lo + arena.hi)
-        high = 0.85 * float(max(arena.hi - arena.lo))
+        high = 0.95 * float(max(arena.hi - arena.lo))
         return rrb.EyeControls3D(position=(x, y - 0.7 * high, high), look_target=(x, y, 0.0), eye_up=(0.0, 0.0, 1.0))
     along, across, reach = stance(content.scene)
     target = np.array([0.0, 0.0, -0.45 * reach])

@@ -31,6 +31,11 @@ def log_scene(recording: Any, content: Content) -> None:
         _planar(recording, content, content.scene)
 
 
+def robot_name(urdf: Path) -> str:
+    """What the URDF calls its robot."""
+    return ET.parse(urdf).getroot().get("name", "")
+
+
 def _joints(recording: Any, content: Content, scene: JointScene) -> None:
     """A copy for each controller: the simulator solid, the nominal model as a ghost, limits of the safe set in grey."""
     _, across, reach = stance(scene)
@@ -99,7 +104,12 @@ def _tree(urdf: Path, prefix: str) -> Any:
     """The URDF with all its entities under `/prefix`, and its frames apart from those of other copies."""
     import rerun as rr
 
-    return rr.urdf.UrdfTree.from_file_path(urdf, entity_path_prefix=prefix, frame_prefix=f"{prefix}/")
+    return rr.urdf.UrdfTree.from_file_path(
+        urdf,
+        entity_path_prefix=prefix,
+        frame_prefix=f"{prefix}/",
+        static_transform_entity_path=f"{prefix}_fixed",  # by default all copies share one entity and overwrite each other
+    )
 
 
 def _place(recording: Any, urdf: Path, prefix: str, colour: list[int]) -> Any:
@@ -115,7 +125,7 @@ def _place(recording: Any, urdf: Path, prefix: str, colour: list[int]) -> Any:
             shape = visual.find("geometry/*")
             kind = _COLOURED.get(shape.tag) if shape is not None else None
             if kind is not None:
-                recording.log(path, getattr(rr, kind).from_fields(colors=[colour]), static=True)
+                recording.log(path, getattr(rr, kind).from_fields(colors=[colour], fill_mode="solid"), static=True)
     return tree
 
 
