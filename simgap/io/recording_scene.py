@@ -108,7 +108,7 @@ def _tree(urdf: Path, prefix: str) -> Any:
         urdf,
         entity_path_prefix=prefix,
         frame_prefix=f"{prefix}/",
-        static_transform_entity_path=f"{prefix}_fixed",  # by default all copies share one entity and overwrite each other
+        static_transform_entity_path=f"{prefix}_fixed",  # else all copies share one, and overwrite it
     )
 
 
