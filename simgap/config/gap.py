@@ -100,8 +100,8 @@ class GapSection(Section):
     )
     remainder: dict[str, float] = Field(
         default_factory=dict,
-        description="For a state, what measured data leave unexplained in one step, in its unit; added on both sides of "
-        "the bound so that it covers the hardware and not the simulator alone. `simgap diagnose` writes it.",
+        description="For a state, what measured data leave unexplained in one step, in its unit; added on both sides "
+        "of the bound so that it covers the hardware and not the simulator alone. `simgap diagnose` writes it.",
     )
     confidence: float = Field(0.95, gt=0.5, lt=1.0, description="Of the Clopper-Pearson bound.")
     envelope_nodes: int = Field(200_000, ge=16, description="envelope: most numbers in the table that is saved.")

@@ -7,13 +7,13 @@ influence of older inputs fades, and by how much equal histories differ between 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from simgap.config.wheeled import HiddenStateSection
 from simgap.gap.hidden_state import BodySamples, fading, previous_inputs, random_sequences
 from simgap.gap.symmetry import heading_deviation
-from simgap.geometry import Floats
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
 from simgap.provenance import provenance
@@ -97,7 +97,7 @@ def write_samples(
     context: Context, out: Path, samples: BodySamples, seed: int | None, engine: str, stage: str = "histories"
 ) -> None:
     """Inputs, final pose and extent of each step, seen from where it began."""
-    columns: dict[str, Floats] = {"input": samples.m}
+    columns: dict[str, Any] = {"input": samples.m}
     u = context.input_set[samples.m]
     columns |= {n: u[:, j] for j, n in enumerate(context.inputs)}
     columns |= {f"moved_{n}": samples.final[:, j] for j, n in enumerate(context.states)}

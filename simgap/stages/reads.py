@@ -7,8 +7,8 @@ from collections.abc import Mapping
 _PLANT = ("plant.urdf", "plant.states", "plant.inputs", "plant.gravity")
 _SIMULATED = ("name", *_PLANT, "domain", "simulator")
 
-_WHOLE = ("name", "title", "plant", "domain", "simulator", "symmetry", "hidden_state", "grid", "gap", "sensing")
-_WHOLE = (*_WHOLE, "synthesis", "validation", "measured")
+_RUN = ("domain", "simulator", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation")
+_WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
     "rollouts": (*_SIMULATED, "grid.shards"),
