@@ -187,6 +187,8 @@ def events(content: Content, controller: str, trace: Trace) -> list[tuple[float,
         out.append((t, f"{title}: the simulator is unsafe at {where}", "ERROR"))
     elif content.controllers[controller].in_target(trace.x[-1:])[0]:
         out.append((trace.duration, f"{title}: target reached after {trace.duration:g} s", "INFO"))
+    elif content.controllers[controller].solution.target is not None:
+        out.append((trace.duration, f"{title}: ends without reaching the target", "WARN"))
     else:
         out.append((trace.duration, f"{title}: safe at all {len(trace.t)} samples", "INFO"))
     model = twin(content.traces, trace)

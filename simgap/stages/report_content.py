@@ -32,7 +32,8 @@ def content(m: Material) -> dict[str, Any]:
         "scenario": tables.scenario(m.gap),
         "syntheses": m.syntheses,
         "loops": tables.loops(m),
-        "between": m.syntheses[ROBUST].get("between_samples"),
+        "between": between_samples(m),
+        "hidden": tables.hidden_state(m),
         "validation": m.validation,
         "diagnosis": tables.diagnosis(m),
         "corrected": tables.corrected(m),
@@ -72,6 +73,12 @@ def _violations(tally: Mapping[str, Any]) -> str:
     text = f"{bad:,} of {runs:,} runs violate the specification in the simulator"
     median = tally.get("median_steps_until_violation")
     return text + (f", half of these within {median:,.0f} steps" if median else "")
+
+
+def between_samples(m: Material) -> dict[str, float]:
+    """How far each state may stray between two samples with the gap-aware controller; empty if nothing says so."""
+    said = m.syntheses[ROBUST].get("between_samples") or {}
+    return {state: bound for state, bound in said.items() if bound}
 
 
 def settings(m: Material) -> list[tuple[str, str]]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from simgap.diagnosis.words import pretty_unit
 from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR
 
 if TYPE_CHECKING:
@@ -88,6 +89,26 @@ def loops(m: Material) -> Rows:
         for plant in (SIMULATOR, MODEL)
         if plant in m.validation["controllers"][kind]
     ]
+
+
+def hidden_state(m: Material) -> list[tuple[str, str]]:
+    """What a bound over hidden state was taken over and what was found, as names with text; empty for other bounds."""
+    if "budget" not in m.gap:
+        return []
+    rows = [(k.replace("_", " "), f"{v:,}") for k, v in m.gap["budget"].items() if isinstance(v, int)]
+    for age, influence in enumerate(m.gap.get("memory", ())):
+        rows.append((f"effect of inputs more than {age + 1} samples back", _by_state(m, influence)))
+    if "heading_deviation" in m.gap:
+        rows.append(("largest deviation between headings", _by_state(m, m.gap["heading_deviation"])))
+    for key, name in (("beyond_previous_inputs", "found beyond the previous input"), ("margin", "added for that")):
+        if all(key in d for d in m.gap["dimensions"]):
+            rows.append((name, _by_state(m, [d[key] for d in m.gap["dimensions"]])))
+    return rows
+
+
+def _by_state(m: Material, values: Iterable[float]) -> str:
+    named = zip(m.context.states, values, strict=False)
+    return ", ".join(f"{n} {v:.3g} {pretty_unit(m.context.units[n])}" for n, v in named)
 
 
 def diagnosis(m: Material) -> dict[str, Any] | None:

@@ -136,17 +136,20 @@ def test_a_broken_promise_is_the_headline(pendulum, tmp_path):
     folder, case = pendulum
     content = example.read_json(folder / "validation/validation.json")
     content["controllers"]["gap"]["simulator"]["steps_outside_gamma"] = 3
-    content["between_samples"] = {"x1": 0.0025}
     (tmp_path / "validation").mkdir()
     (tmp_path / "validation/validation.json").write_text(json.dumps(content))
     traces = (folder / "validation/traces.parquet").read_bytes()
     (tmp_path / "validation/traces.parquet").write_bytes(traces)
-    given = example.arguments(folder) | {"validation": tmp_path / "validation"}
+    (tmp_path / "gap").mkdir()
+    synthesis = example.read_json(folder / "gap/synthesis.json") | {"between_samples": {"x1": 0.0025, "x2": 0.0}}
+    (tmp_path / "gap/synthesis.json").write_text(json.dumps(synthesis))
+    (tmp_path / "gap/controller.npz").write_bytes((folder / "gap/controller.npz").read_bytes())
+    given = example.arguments(folder) | {"validation": tmp_path / "validation", "robust": tmp_path / "gap"}
     report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
     text = page(tmp_path).text
     assert "promise broken" in text
     assert "3 of 80 steps outside gamma" in text
-    assert "at most 0.0025 rad in x1" in text
+    assert "at most 0.0025 rad in x1, so it" in text
 
 
 def test_the_corrected_case_stands_beside_the_first(pendulum, tmp_path):
