@@ -22,6 +22,7 @@ from simgap.stages.context import Context, log
 from simgap.stages.hidden_gap import pose_axes
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.intersample import excursion, rates
+from simgap.synthesis.solution import Solution
 from simgap.synthesis.specifications import ReachAvoidSpecification, Specification, make_specification
 from simgap.synthesis.sweep import planar_sweep
 from simgap.synthesis.synthesise import Problem, synthesise
@@ -53,11 +54,23 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
         "winning_cells": int(solution.winning.sum()),
         "free_cells": int(solution.free.sum()),
         "winning_fraction": solution.fraction,
+        "winning_fraction_after_inflation": after_inflation(problem, solution, between),
         "between_samples": dict(zip(context.states, between.tolist(), strict=True)),
         "statistics": solution.statistics,
         "provenance": record,
     }
     write_json(summary, figures)
+
+
+def after_inflation(problem: Problem, solution: Solution, between: Floats) -> float | None:
+    """Share of winning cells among those that also keep clear of obstacles by what may happen between samples.
+
+    None where the specification's own free cells already do: without a sweep the clearance holds it.
+    """
+    if problem.sweep is None or not isinstance(problem.specification, ReachAvoidSpecification):
+        return None
+    free = problem.specification.with_clearance(between).free(solution.grid)
+    return float((solution.winning & free).sum() / max(1, free.sum()))
 
 
 def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
@@ -71,7 +84,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     )
     sweep = _sweep(context, model, bound) if isinstance(specification, ReachAvoidSpecification) else None
     flow = rates(symbolic_model(context.case.plant, context.folder))
-    spread = np.array([s.size for s in gap.sup().values()]) if gap else np.zeros(model.nx)
+    spread = np.array([s.size for s in gap.sup().values()]) if gap and sweep is None else np.zeros(model.nx)
     between, _ = excursion(flow, specification.region, context.input_set, model.tau, spread / model.tau)
     sensing = context.case.sensing
     error = np.array([sensing.error.get(name, 0.0) for name in context.states]) if sensing else None
