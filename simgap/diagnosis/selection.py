@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgap.diagnosis.fit import Fit, fit
 from simgap.diagnosis.problem import Problem
@@ -15,6 +16,7 @@ from simgap.diagnosis.sensitivity import choose_step, with_values
 from simgap.diagnosis.supermodel import Candidate
 from simgap.diagnosis.thresholds import BIC_GAIN, FINALISTS, NEAR_TIE, SAME_PROMISE
 
+Floats = NDArray[np.float64]
 Key = tuple[str, str]
 
 
@@ -55,6 +57,7 @@ class Search:
     steps: dict[int, float] = field(default_factory=dict)
     tried: dict[tuple[frozenset[Key], tuple[float, ...]], Explanation] = field(default_factory=dict)
     scores: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
+    every: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
 
     def empty(self, base: Fit) -> Explanation:
         """The model as declared."""
@@ -65,35 +68,59 @@ class Search:
         return chi2 / self.scale + count * math.log(self.problem.size)
 
     def extend(self, base: Explanation, s: Score) -> Explanation:
-        """Fit the base and one more effect, begun where its score says."""
-        return self.explain((*base.members, s.candidate), with_values(base.fit.theta, s.values), base.fit)
+        """Fit the base and one more effect, begun where its score says, or at each of its starts if it bends much."""
+        members = (*base.members, s.candidate)
+        known = self._key(members, with_values(base.fit.theta, s.values)) in self.tried
+        found = self.explain(members, with_values(base.fit.theta, s.values), base.fit)
+        if not known and len(s.candidate.slots) > 2 and not _integers(s.candidate):
+            for other in self.every[base.keys]:
+                if other.candidate.key == s.candidate.key and other is not s:
+                    found = self.explain(members, with_values(base.fit.theta, other.values), base.fit, again=True)
+        return found
 
     def without(self, base: Explanation, member: Candidate) -> Explanation:
         """Fit the base without one effect."""
         kept = tuple(c for c in base.members if c.key != member.key)
         null = {k: float(self.problem.model.null[k]) for k in member.slots}
-        return self.explain(kept, with_values(base.fit.theta, null), base.fit)
+        return self.explain(kept, with_values(base.fit.theta, null), base.fit, again=True)
 
-    def explain(self, members: tuple[Candidate, ...], theta: np.ndarray, base: Fit) -> Explanation:
-        """Fit a set of effects from a starting point."""
+    def _key(self, members: tuple[Candidate, ...], theta: Floats) -> tuple[frozenset[Key], tuple[float, ...]]:
         discrete = tuple(float(theta[k]) for c in members for k in _integers(c))
-        key = (frozenset(c.key for c in members), discrete)
-        if key not in self.tried:
+        return frozenset(c.key for c in members), discrete
+
+    def explain(
+        self, members: tuple[Candidate, ...], theta: Floats, base: Fit, *, again: bool = False
+    ) -> Explanation:
+        """Fit a set of effects from a starting point; once, or `again` from another start if that may end lower."""
+        key = self._key(members, theta)
+        if key not in self.tried or again:
             slots = [k for c in members for k in c.slots if k not in _integers(c)]
-            for k in slots:
-                if k not in self.steps:
-                    self.steps[k] = choose_step(self.problem, theta, base.x0, k, 1e-4)
-            found = fit(self.problem, theta, base.x0, slots, self.steps)
+            found = self._fitted(theta, base.x0, slots)
             count = sum(len(c.slots) for c in members)
             physical = all(_sound(c, found) for c in members)
-            self.tried[key] = Explanation(members, found, self.bic(found.chi2, count), physical)
+            new = Explanation(members, found, self.bic(found.chi2, count), physical)
+            if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - 0.1:
+                self.tried[key] = new
         return self.tried[key]
+
+    def _fitted(self, theta: Floats, x0: Floats, slots: list[int]) -> Fit:
+        """Fit, and again if difference steps that suit the start do not suit the end (a peak that began flat)."""
+        steps = {k: choose_step(self.problem, theta, x0, k, 1e-4) for k in slots}
+        found = fit(self.problem, theta, x0, slots, steps)
+        for _ in range(2):
+            again = {k: choose_step(self.problem, found.theta, found.x0, k, 1e-4) for k in slots}
+            if all(0.1 < again[k] / steps[k] < 10.0 for k in slots):
+                break
+            steps = again
+            found = fit(self.problem, found.theta, found.x0, slots, steps)
+        self.steps.update(steps)
+        return found
 
     def ranked(self, base: Explanation) -> list[Score]:
         """Scores of everything that could join the base, best first, one start for each candidate."""
         if base.keys not in self.scores:
             every = score(self.problem, base.fit, self.steps, self.starts, base.keys)
-            self.scores[base.keys] = best_of_each(every)
+            self.scores[base.keys], self.every[base.keys] = best_of_each(every), every
         return self.scores[base.keys]
 
     def joined(self, base: Explanation, exclude: Collection[Key] = (), most: int = FINALISTS) -> list[Explanation]:

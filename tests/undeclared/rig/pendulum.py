@@ -1,7 +1,7 @@
 """A driven pendulum with hidden effects, integrated by fine semi-implicit steps with implicit dry friction.
 
-The time stepping is Moreau's (speeds first, dry friction by shrinking the speed towards zero), 10 microseconds a step; it
-shares neither code nor method with the fit.
+The time stepping is Moreau's (speeds first, dry friction by shrinking the speed towards zero), 10 microseconds a step;
+it shares neither code nor method with the fit.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ NOMINAL = {"mass": 1.0, "com": 0.5, "inertia": 1.0 / 3.0, "gravity": 9.81}
 # order of the numbers that the integrator reads
 KEYS = (
     "mass", "com", "inertia", "gravity", "tilt", "b", "F_c", "F_s", "v_s", "c", "k", "k3", "A", "n", "phase", "gain",
-    "bias", "width", "limit", "lag", "dahl", "dahl_stiffness", "sine", "sine_hz", "sine_phase", "play", "play_stiffness",
+    "bias", "width", "limit", "lag", "dahl", "dahl_stiffness", "sine", "sine_hz", "sine_phase", "play",
+    "play_stiffness",
 )  # fmt: skip
 
 
@@ -53,7 +54,7 @@ def integrate(p: np.ndarray, u: np.ndarray, sample: int, delay: int, x0: np.ndar
     out = np.empty((n, 2))
     q, v = x0[0], x0[1]
     inertia, weight, tilt = p[2], p[0] * p[3] * p[1], p[4]
-    z, drag, motor = _torque(u[0], p), 0.0, 0.0
+    z, drag = _torque(u[0], p), 0.0
     load_q, load_v = q, v  # the far side of a gear with play
     out[0, 0], out[0, 1] = q, v
     for i in range((n - 1) * sample):
@@ -89,7 +90,8 @@ def multisine(rng: np.random.Generator, n: int, rate: float, top: float = 3.0) -
     """Sum of sines from 0.1 to 8 Hz, scaled so that |u| <= top."""
     t = np.arange(n) / rate
     hz = np.geomspace(0.1, 8.0, 24) * rng.uniform(0.95, 1.05, 24)
-    u = (rng.uniform(0.3, 1.0, 24)[:, None] * np.sin(2 * np.pi * hz[:, None] * t + rng.uniform(0, 2 * np.pi, (24, 1)))).sum(0)
+    sizes, phases = rng.uniform(0.3, 1.0, 24), rng.uniform(0, 2 * np.pi, 24)
+    u = np.sum(sizes[:, None] * np.sin(2 * np.pi * hz[:, None] * t + phases[:, None]), axis=0)
     return top * u / np.abs(u).max()
 
 

@@ -1,0 +1,18 @@
+"""The pendulum as it is declared to the diagnosis."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+from simgap.dynamics.model import SymbolicModel
+from simgap.dynamics.urdf import JointState, load_urdf
+
+URDF = Path(__file__).parents[2] / "configs" / "models" / "pendulum.urdf"
+
+
+@lru_cache(maxsize=1)
+def pendulum() -> SymbolicModel:
+    """A uniform rod of 1 kg and 1 m on a hinge, driven by a torque; no friction."""
+    states = {"angle": JointState("hinge", "position", "rad"), "rate": JointState("hinge", "velocity", "rad/s")}
+    return load_urdf(URDF, states, {"torque": ("hinge", "N*m")})
