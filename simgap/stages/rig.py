@@ -28,6 +28,9 @@ def run(rig_path: Path, out: Path, engine_log: Path | None = None) -> None:
     unknown = [name for name in rig.noise if name not in context.states]
     if unknown:
         raise UserError(f"{unknown} are not states", file=rig_path, key="noise", remedy=f"States: {context.states}.")
+    case = context.case
+    if rig.substeps is not None and case.simulator is not None:
+        case = case.model_copy(update={"simulator": case.simulator.model_copy(update={"substeps": rig.substeps})})
     tau = context.domain.tau
     rng = np.random.default_rng(rig.seed)
     t: Floats = np.asarray(tau * np.arange(round(rig.seconds / tau)), dtype=np.float64)
@@ -35,7 +38,7 @@ def run(rig_path: Path, out: Path, engine_log: Path | None = None) -> None:
     jobs, parts = [], []
     for _ in range(rig.traces):
         u = np.stack([multisine(t, band.amplitude, band.low, band.high, rng) for _ in context.inputs], axis=1)
-        jobs.append((context.case, context.folder, u))
+        jobs.append((case, context.folder, u))
     for number, (x, (_, _, u)) in enumerate(zip(run_in_processes(move, jobs, log=engine_log), jobs, strict=True)):
         parts.append(recording(context, rig, number, t, x, u, rng))
     write_parquet(out, pa.concat_tables(parts))
