@@ -94,7 +94,8 @@ def describe(effect: Mapping[str, Any]) -> str:
         case "sensor_offset":
             return f"a sensor of {on} that reads {_quoted(p, 'offset')} too much"
         case "parameter_error":
-            return f"a {phrase(effect).removeprefix('the ')} that is {_ratio(p)} its declared value"
+            noun = phrase(effect).removeprefix("the ")
+            return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun} that is {_ratio(p)} its declared value"
         case "gravity_tilt":
             return f"a base tilted by {_quoted(p, 'tilt', 180 / math.pi, 'deg')}"
         case "wheel_mismatch":
