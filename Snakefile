@@ -4,6 +4,7 @@
 #   snakemake --cores 2 --configfile configs/sweeps/eps.yaml   more points of a sweep; what is there is kept
 #   snakemake --cores 2 paper                            what the paper's printed numbers allow
 
+
 configfile: "configs/default.yaml"
 
 

@@ -7,7 +7,13 @@ from snakemake.exceptions import WorkflowError
 
 from simgap.config.load import load_case
 from simgap.errors import SimgapError
-from simgap.provenance import code_digest, digest, file_digest, sections_digest, versions
+from simgap.provenance import (
+    code_digest,
+    digest,
+    file_digest,
+    sections_digest,
+    versions,
+)
 from simgap.stages.reads import READS
 
 CASE_FOLDER = Path(config["case_folder"])
@@ -58,7 +64,9 @@ def case_of(wildcards):
 
 def reads(stage):
     """What the stage reads of the case, as a hash for `params`."""
-    return lambda wildcards: sections_digest(case_of(wildcards), READS[stage], CASE_FOLDER)
+    return lambda wildcards: sections_digest(
+        case_of(wildcards), READS[stage], CASE_FOLDER
+    )
 
 
 def code(stage):
@@ -84,4 +92,9 @@ def gap_folder(wildcards):
 def eps_table(case):
     """The case's own eps and those of the sweep."""
     own = LOADED[case].grid.eps
-    return [f"{eps:g}" for eps in sorted({own, *config.get("sweeps", {}).get(case, {}).get("eps", [])}, reverse=True)]
+    return [
+        f"{eps:g}"
+        for eps in sorted(
+            {own, *config.get("sweeps", {}).get(case, {}).get("eps", [])}, reverse=True
+        )
+    ]

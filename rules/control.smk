@@ -16,14 +16,14 @@ rule synthesis:
         "results/{case}/logs/synthesis-{kind}.log",
     benchmark:
         "results/{case}/benchmarks/synthesis-{kind}.tsv"
+    resources:
+        mem_mb=2000,
+        runtime=30,
     params:
         case=lambda w: case_path(w.case),
         reads=reads("synthesis"),
         code=code("synthesis"),
         gap=gap_option,
-    resources:
-        mem_mb=2000,
-        runtime=30,
     message:
         "{wildcards.case}: controller for the {wildcards.kind} model"
     shell:
@@ -44,14 +44,14 @@ rule validation:
         "results/{case}/logs/validation.log",
     benchmark:
         "results/{case}/benchmarks/validation.tsv"
-    params:
-        case=lambda w: case_path(w.case),
-        reads=reads("validation"),
-        code=code("validation"),
     threads: 2
     resources:
         mem_mb=3000,
         runtime=60,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("validation"),
+        code=code("validation"),
     message:
         "{wildcards.case}: both controllers in closed loop, {threads} processes"
     shell:

@@ -29,14 +29,14 @@ rule rig:
         "results/{case}/logs/rig.log",
     benchmark:
         "results/{case}/benchmarks/rig.tsv"
+    resources:
+        mem_mb=1000,
+        runtime=10,
     params:
         rig=lambda w: rig_file(w.case),
         content=lambda w: file_digest(rig_file(w.case)),
         reads=reads("rig"),
         code=code("rig"),
-    resources:
-        mem_mb=1000,
-        runtime=10,
     message:
         "{wildcards.case}: moving and recording the rig"
     shell:
@@ -55,14 +55,14 @@ rule diagnosis:
         "results/{case}/logs/diagnosis.log",
     benchmark:
         "results/{case}/benchmarks/diagnosis.tsv"
+    resources:
+        mem_mb=3000,
+        runtime=60,
     params:
         case=lambda w: case_path(w.case),
         out=lambda w, output: Path(output.document).parent,
         reads=reads("diagnosis"),
         code=code("diagnosis"),
-    resources:
-        mem_mb=3000,
-        runtime=60,
     message:
         "{wildcards.case}: from residuals to the effect that the model lacks"
     shell:

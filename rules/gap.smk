@@ -8,13 +8,13 @@ rule rollouts:
         "results/{case}/logs/rollouts-eps~{eps}-{shard}.log",
     benchmark:
         "results/{case}/benchmarks/rollouts-eps~{eps}-{shard}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=30,
     params:
         case=lambda w: case_path(w.case),
         reads=reads("rollouts"),
         code=code("rollouts"),
-    resources:
-        mem_mb=1500,
-        runtime=30,
     message:
         "{wildcards.case}: simulator on grid x inputs, eps = {wildcards.eps}, shard {wildcards.shard}"
     shell:
@@ -28,14 +28,14 @@ rule fresh:
         "results/{case}/logs/fresh.log",
     benchmark:
         "results/{case}/benchmarks/fresh.tsv"
-    params:
-        case=lambda w: case_path(w.case),
-        reads=reads("fresh"),
-        code=code("fresh"),
     threads: 2
     resources:
         mem_mb=1500,
         runtime=30,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("fresh"),
+        code=code("fresh"),
     message:
         "{wildcards.case}: fresh random samples of the simulator"
     shell:
@@ -64,14 +64,16 @@ rule gap:
         "results/{case}/logs/gap-eps~{eps}.log",
     benchmark:
         "results/{case}/benchmarks/gap-eps~{eps}.tsv"
+    resources:
+        mem_mb=3000,
+        runtime=30,
     params:
         case=lambda w: case_path(w.case),
         reads=reads("gap"),
         code=code("gap"),
-        shards=lambda w, input: " ".join(f"--rollouts {path}" for path in input.rollouts),
-    resources:
-        mem_mb=3000,
-        runtime=30,
+        shards=lambda w, input: " ".join(
+            f"--rollouts {path}" for path in input.rollouts
+        ),
     message:
         "{wildcards.case}: Lipschitz estimates, scenario programs and gap function, eps = {wildcards.eps}"
     shell:
@@ -88,14 +90,14 @@ rule histories:
         "results/{case}/logs/histories.log",
     benchmark:
         "results/{case}/benchmarks/histories.tsv"
-    params:
-        case=lambda w: case_path(w.case),
-        reads=reads("histories"),
-        code=code("histories"),
     threads: 2
     resources:
         mem_mb=2000,
         runtime=60,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("histories"),
+        code=code("histories"),
     message:
         "{wildcards.case}: what earlier inputs leave behind in the simulator, {threads} processes"
     shell:
@@ -117,13 +119,13 @@ rule hidden_gap:
         "results/{case}/logs/hidden-gap.log",
     benchmark:
         "results/{case}/benchmarks/hidden-gap.tsv"
+    resources:
+        mem_mb=2000,
+        runtime=10,
     params:
         case=lambda w: case_path(w.case),
         reads=reads("hidden_gap"),
         code=code("hidden_gap"),
-    resources:
-        mem_mb=2000,
-        runtime=10,
     message:
         "{wildcards.case}: bound of the gap over the hidden state, seen from the robot"
     shell:

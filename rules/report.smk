@@ -1,13 +1,24 @@
 # What a person looks at: the recording, the page of a case, and the page that links them.
 
-TEMPLATES = digest({path.name: file_digest(path) for path in sorted(Path("reports").glob("*"))})
+TEMPLATES = digest(
+    {path.name: file_digest(path) for path in sorted(Path("reports").glob("*"))}
+)
 
 
 def final_results(case):
     """What a plain run makes of a case."""
     folder = f"results/{case}"
-    own = [f"{folder}/report.html", f"{folder}/summary.json", f"{folder}/trace/trace.rrd", "results/index.html"]
-    return own + ([f"{folder}/diagnosis/report.html", f"{folder}/corrected/report.html"] if diagnosed(case) else [])
+    own = [
+        f"{folder}/report.html",
+        f"{folder}/summary.json",
+        f"{folder}/trace/trace.rrd",
+        "results/index.html",
+    ]
+    return own + (
+        [f"{folder}/diagnosis/report.html", f"{folder}/corrected/report.html"]
+        if diagnosed(case)
+        else []
+    )
 
 
 def gap_files(wildcards):
@@ -31,13 +42,18 @@ def corrected_files(wildcards):
     if wildcards.case != base(wildcards.case) or not diagnosed(wildcards.case):
         return []
     folder = f"results/{wildcards.case}/corrected"
-    return [f"{folder}/summary.json", *(f"{folder}/synthesis/{kind}/controller.npz" for kind in ("nominal", "gap"))]
+    return [
+        f"{folder}/summary.json",
+        *(f"{folder}/synthesis/{kind}/controller.npz" for kind in ("nominal", "gap")),
+    ]
 
 
 def report_options(wildcards, input):
     folder = f"results/{wildcards.case}"
     options = [f"--diagnosis {folder}/diagnosis"] if input.diagnosis else []
-    return " ".join([*options, *([f"--corrected {folder}/corrected"] if input.corrected else [])])
+    return " ".join(
+        [*options, *([f"--corrected {folder}/corrected"] if input.corrected else [])]
+    )
 
 
 rule trace:
@@ -52,13 +68,13 @@ rule trace:
         "results/{case}/logs/trace.log",
     benchmark:
         "results/{case}/benchmarks/trace.tsv"
+    resources:
+        mem_mb=1000,
+        runtime=10,
     params:
         case=lambda w: case_path(w.case),
         reads=reads("trace"),
         code=code("trace"),
-    resources:
-        mem_mb=1000,
-        runtime=10,
     message:
         "{wildcards.case}: recording of both controllers for Rerun"
     shell:
@@ -70,9 +86,15 @@ rule report:
     input:
         gaps=gap_files,
         samples=lambda w: f"{gap_folder(w)}/samples.parquet",
-        nominal=multiext("results/{case}/synthesis/nominal/", "controller.npz", "synthesis.json"),
-        robust=multiext("results/{case}/synthesis/gap/", "controller.npz", "synthesis.json"),
-        validation=multiext("results/{case}/validation/", "validation.json", "traces.parquet"),
+        nominal=multiext(
+            "results/{case}/synthesis/nominal/", "controller.npz", "synthesis.json"
+        ),
+        robust=multiext(
+            "results/{case}/synthesis/gap/", "controller.npz", "synthesis.json"
+        ),
+        validation=multiext(
+            "results/{case}/validation/", "validation.json", "traces.parquet"
+        ),
         diagnosis=diagnosis_file,
         corrected=corrected_files,
         case=correction,
@@ -83,6 +105,9 @@ rule report:
         "results/{case}/logs/report.log",
     benchmark:
         "results/{case}/benchmarks/report.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=10,
     params:
         case=lambda w: case_path(w.case),
         reads=reads("report"),
@@ -90,9 +115,6 @@ rule report:
         templates=TEMPLATES,
         gaps=lambda w, input: " ".join(f"--gap {path}" for path in input.gaps),
         more=report_options,
-    resources:
-        mem_mb=1500,
-        runtime=10,
     message:
         "{wildcards.case}: the page"
     shell:
@@ -109,13 +131,13 @@ rule index:
         "results/index.html",
     log:
         "results/logs/index.log",
+    resources:
+        mem_mb=300,
+        runtime=5,
     params:
         code=code("index"),
         templates=TEMPLATES,
         summaries=lambda w, input: " ".join(f"--summary {path}" for path in input),
-    resources:
-        mem_mb=300,
-        runtime=5,
     message:
         "Page that links the reports of all cases"
     shell:

@@ -26,8 +26,8 @@ class Rig(Section):
     substeps: int | None = Field(
         None,
         ge=1,
-        description="Engine steps within tau while recording; those of the case if not given. Hardware does not move in "
-        "steps of the controller: a fine engine step keeps the engine's integration error out of the recordings.",
+        description="Engine steps within tau while recording; those of the case if not given. Hardware does not move "
+        "in steps of the controller: a fine engine step keeps the engine's integration error out of the recordings.",
     )
     traces: int = Field(2, ge=1, description="How many recordings, each from rest at the origin.")
     seconds: float = Field(15.0, gt=0, description="Length of each, s.")

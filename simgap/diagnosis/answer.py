@@ -70,14 +70,14 @@ def candidate_scores(search: Search, empty: Explanation) -> tuple[CandidateScore
     """Every candidate beside the model as declared, the most promising first."""
     promised = {s.candidate.key: s.drop for s in search.ranked(empty)}
     alone: dict[Key, Explanation] = {}
-    for e in search.tried.values():
-        if len(e.members) == 1:
-            key = e.members[0].key
-            if key not in alone or e.bic < alone[key].bic:
-                alone[key] = e
+    for single in search.tried.values():
+        if len(single.members) == 1:
+            key = single.members[0].key
+            if key not in alone or single.bic < alone[key].bic:
+                alone[key] = single
     rows = []
     for c in search.problem.model.candidates:
-        e = alone.get(c.key)
+        e: Explanation | None = alone.get(c.key)
         reason = "" if c.key in promised else "the data ask for the opposite sign or nothing at all"
         if e is not None and not e.physical:
             reason = "its best fit is not physical or vanishes"

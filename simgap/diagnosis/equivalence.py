@@ -117,7 +117,8 @@ def _reset(search: Search, chosen: Explanation, members: tuple[Candidate, ...]) 
 def collinear_pairs(search: Search, base: Explanation) -> list[tuple[Key, Key, float]]:
     """Pairs of candidates whose sensitivities around the declared model correlate above `COLLINEAR`, closest first."""
     problem, at = search.problem, base.fit
-    asked, directions = [], []
+    asked: list[Candidate] = []
+    directions = []
     for index, (c, start) in enumerate(search.starts.items):
         if start.size == 1 and c.key not in {a.key for a in asked}:
             amplitude = small_amplitude(problem, at, c, start, index, search.starts)

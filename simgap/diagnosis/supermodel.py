@@ -95,9 +95,7 @@ class SuperModel:
         return next(c for c in self.candidates if c.key == (name, on))
 
 
-def build_supermodel(
-    model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = ()
-) -> SuperModel:
+def build_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = ()) -> SuperModel:
     """Put every effect of the library (or those named) on every target and compile the result once.
 
     Raises:
@@ -110,7 +108,8 @@ def build_supermodel(
         if name not in model.state_names:
             raise UserError(f"'{name}' is measured but not a state", remedy=f"States: {list(model.state_names)}.")
     chosen = [e for e in EFFECTS.values() if not effects or e.name in effects]
-    candidates, specs = [], []
+    candidates: list[Candidate] = []
+    specs = []  # type: ignore[var-annotated]
     for e in chosen:
         for on in e.targets(model):
             if e.kind == "state" and on not in measured:
