@@ -17,7 +17,7 @@ from simgap.effects.base import CoordinateEffect
 from simgap.effects.start import Scales, Start
 
 Floats = NDArray[np.float64]
-_RESPONSE = 0.03  # of the noise: a small step for derivatives
+_RESPONSE = 0.001  # of the noise: a small step for derivatives
 _SECANT = (0.3, 2.0)  # how far from a secant's own size its estimate may be
 
 
@@ -134,7 +134,7 @@ def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index
         for _ in range(4):
             moved = part.residuals(column(at.theta, c, start, 0, amplitude).plus, x0)
             size = float(np.sqrt(np.mean(np.minimum(np.abs(moved - base), 1e6) ** 2)))
-            if size > 0.0 and 0.1 < size / _RESPONSE < 10.0:
+            if size > 0.0 and 0.2 < size / _RESPONSE < 5.0:
                 break
             amplitude = float(np.clip(amplitude * _RESPONSE / max(size, 1e-10), 1e-9, 1e2))
         starts.amplitudes[index] = amplitude

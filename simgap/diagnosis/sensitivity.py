@@ -18,8 +18,7 @@ from simgap.diagnosis.problem import Problem
 
 Floats = NDArray[np.float64]
 _ROWS_AT_ONCE = 60_000  # memory of a pass does not grow with the record
-_TARGET_RESPONSE = 0.03  # of the noise, root mean square
-_RIDGE = 1e-12
+_TARGET_RESPONSE = 0.001  # of the noise, root mean square
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ def _solve_triangular(r: Floats, b: Floats) -> Floats:
     size = np.abs(np.diag(r))
     keep = size > 1e-10 * max(float(size.max(initial=0.0)), 1e-300)
     if keep.all():
-        return np.linalg.solve(r, b)
+        return np.asarray(np.linalg.solve(r, b), dtype=np.float64)
     return np.asarray(np.linalg.lstsq(r, b, rcond=1e-10)[0])
 
 
@@ -85,9 +84,9 @@ def choose_step(problem: Problem, theta: Floats, x0: Floats, slot: int, guess: f
         d = slot_direction(part, theta, slot, step)
         response = np.abs(part.residuals(d.plus, part_x0) - part.residuals(d.minus, part_x0))
         size = float(np.sqrt(np.mean(np.minimum(response, 1e6) ** 2)))
-        if size > 0.0 and 0.1 < size / _TARGET_RESPONSE < 10.0:
+        if size > 0.0 and 0.2 < size / _TARGET_RESPONSE < 5.0:
             break
-        step = float(np.clip(step * _TARGET_RESPONSE / max(size, 1e-12), 1e-5 * guess, 1e2 * guess))
+        step = float(np.clip(step * _TARGET_RESPONSE / max(size, 1e-12), 1e-6 * guess, 1e2 * guess))
     return step
 
 

@@ -1,0 +1,169 @@
+"""Every effect: vanishes at its null, has the names and units it promises, changes the model as its formula says."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import sympy as sp
+
+from simgap.dynamics.model import PlanarWheels, SymbolicModel, Variable, symbol
+from simgap.effects import EFFECTS, AppliedEffect, apply_effects, effect
+from simgap.errors import UserError
+from tests.undeclared.plant import pendulum
+
+SYMBOLS = {
+    "viscous_friction": ["b"], "coulomb_friction": ["F_c"], "stribeck_friction": ["F_c", "F_s", "v_s"],
+    "quadratic_drag": ["c"], "spring": ["k"], "cubic_spring": ["k3"], "cogging": ["A", "n", "phase"],
+    "input_gain": ["ratio"], "input_bias": ["bias"], "input_delay": ["delay"], "input_lag": ["T"],
+    "input_dead_zone": ["width"], "input_saturation": ["limit"], "sensor_offset": ["offset"],
+    "parameter_error": ["ratio"], "gravity_tilt": ["tilt"], "wheel_mismatch": ["ratio"], "lateral_slip": ["ratio"],
+}  # fmt: skip
+VALUES = {
+    "b": 0.1, "F_c": 0.1, "F_s": 0.2, "v_s": 0.1, "c": 0.1, "k": 0.3, "k3": 0.2, "A": 0.05, "n": 6.0, "phase": 0.4,
+    "ratio": 1.2, "bias": 0.1, "delay": 0.01, "T": 0.02, "width": 0.2, "limit": 1.5, "offset": 0.05, "tilt": 0.1,
+}  # fmt: skip
+AT = {"angle": 0.7, "rate": -0.6, "torque": 1.9}
+
+
+def unicycle() -> SymbolicModel:
+    v, w, heading = symbol("speed"), symbol("turn"), symbol("heading")
+    return SymbolicModel(
+        states=(Variable("px", "m"), Variable("py", "m"), Variable("heading", "rad")),
+        inputs=(Variable("speed", "m/s"), Variable("turn", "rad/s")),
+        parameters={},
+        xdot=(v * sp.cos(heading), v * sp.sin(heading), w),
+        wheels=PlanarWheels("px", "py", "heading", "speed", "turn", 0.3),
+    )
+
+
+def acceleration(model: SymbolicModel, **at: float) -> float:
+    values = {symbol(k): v for k, v in {**AT, **at}.items()}
+    return float(model.numeric()[1].subs(values))
+
+
+def declared(**at: float) -> float:
+    """The rod's own acceleration, by hand: I a = u - m g l sin(q)."""
+    values = {**AT, **at}
+    return 3.0 * values["torque"] - 1.5 * 9.81 * math.sin(values["angle"])
+
+
+def test_names_and_symbols_are_the_agreed_ones():
+    assert {name: [p.symbol for p in e.parameters] for name, e in EFFECTS.items()} == SYMBOLS
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_vanishes_at_its_null(name):
+    e = EFFECTS[name]
+    for model in (pendulum(), unicycle()):
+        for on in e.targets(model):
+            if name in ("input_lag", "input_saturation", "input_delay", "sensor_offset"):
+                continue  # their null is a limit, or not in xdot
+            null = e.apply(model, on, {p.symbol: p.null for p in e.parameters})
+            for a, b in zip(null.numeric(), model.numeric(), strict=True):
+                assert sp.simplify(sp.nsimplify(a - b, rational=True)) == 0
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_becomes_named_parameters_with_units(name):
+    e = EFFECTS[name]
+    for model in (pendulum(), unicycle()):
+        for on in e.targets(model):
+            grown = e.apply(model, on, {p.symbol: VALUES[p.symbol] for p in e.parameters})
+            for p in e.parameters:
+                added = grown.parameters[f"{on}.{name}.{p.symbol}"]
+                assert added.value == VALUES[p.symbol]
+                assert added.unit == e.units(model, on)[p.symbol]
+                assert "{" not in added.unit
+
+
+@pytest.mark.parametrize(
+    ("name", "on", "torque"),
+    [
+        ("viscous_friction", "hinge", -0.1 * -0.6),
+        ("coulomb_friction", "hinge", 0.1),
+        ("stribeck_friction", "hinge", 0.1 + 0.1 * math.exp(-36.0)),
+        ("quadratic_drag", "hinge", 0.1 * 0.36),
+        ("spring", "hinge", -0.3 * 0.7),
+        ("cubic_spring", "hinge", -0.2 * 0.343),
+        ("cogging", "hinge", 0.05 * math.sin(4.2 + 0.4)),
+        ("input_gain", "torque", 0.2 * 1.9),
+        ("input_bias", "torque", 0.1),
+        ("input_dead_zone", "torque", -0.2),
+        ("input_saturation", "torque", -0.4),
+        ("gravity_tilt", "plant", -4.905 * (math.sin(0.8) - math.sin(0.7))),
+    ],
+)
+def test_adds_the_torque_of_its_formula(name, on, torque):
+    e = EFFECTS[name]
+    changed = e.apply(pendulum(), on, {p.symbol: VALUES[p.symbol] for p in e.parameters})
+    assert acceleration(changed) == pytest.approx(declared() + 3.0 * torque, rel=1e-12)
+
+
+def test_parameter_errors_scale_what_they_name():
+    q, u = AT["angle"], AT["torque"]
+    weight = 4.905 * math.sin(q)
+    expected = {
+        "rod.mass": 3.0 * u / 1.2 - 3.0 * weight,
+        "rod.com": 3.0 * (u - 1.2 * weight),
+        "rod.inertia": 3.0 * (u - weight) / 1.2,
+        "rod.length": 3.0 * (u - 1.2 * weight) / 1.44,
+        "gravity": 3.0 * (u - 1.2 * weight),
+    }
+    for on, value in expected.items():
+        changed = EFFECTS["parameter_error"].apply(pendulum(), on, {"ratio": 1.2})
+        assert acceleration(changed) == pytest.approx(value, rel=1e-12)
+
+
+def test_lag_and_delay_enlarge_the_model():
+    lagged = EFFECTS["input_lag"].apply(pendulum(), "torque", {"T": 0.02})
+    assert lagged.state_names == ("angle", "rate", "torque_lagged")
+    delayed = EFFECTS["input_delay"].apply(pendulum(), "torque", {"delay": 0.01})
+    assert float(sp.sympify(delayed.delays["torque"]).subs(delayed.values())) == 0.01
+
+
+def test_several_effects_enter_in_one_order_whatever_order_they_are_given_in():
+    some = [
+        AppliedEffect("input_bias", "torque", {"bias": 0.1}),
+        AppliedEffect("input_gain", "torque", {"ratio": 1.2}),
+        AppliedEffect("parameter_error", "rod.inertia", {"ratio": 0.75}),
+        AppliedEffect("viscous_friction", "hinge", {"b": 0.1}),
+    ]
+    one, other = apply_effects(pendulum(), some), apply_effects(pendulum(), some[::-1])
+    by_hand = (1.2 * 1.9 + 0.1 + 0.06 - 4.905 * math.sin(0.7)) * 4.0
+    assert acceleration(one) == acceleration(other) == pytest.approx(by_hand, rel=1e-12)
+
+
+def test_an_effect_can_be_applied_twice():
+    e = EFFECTS["viscous_friction"]
+    twice = e.apply(e.apply(pendulum(), "hinge", {"b": 0.1}), "hinge", {"b": 0.2})
+    assert acceleration(twice) == pytest.approx(declared() + 3.0 * 0.3 * 0.6, rel=1e-12)
+
+
+def test_wheels_of_different_size_turn_the_robot():
+    changed = EFFECTS["wheel_mismatch"].apply(unicycle(), "plant", {"ratio": 1.1})
+    at = {symbol("speed"): 0.2, symbol("turn"): 0.5, symbol("heading"): 0.0}
+    right, left = 1.1 * (0.2 + 0.5 * 0.15), 0.2 - 0.5 * 0.15
+    x, _, turn = (float(sp.sympify(e).subs(at)) for e in changed.numeric())
+    assert x == pytest.approx((right + left) / 2)
+    assert turn == pytest.approx((right - left) / 0.3)
+
+
+def test_units_follow_the_target():
+    assert EFFECTS["viscous_friction"].units(pendulum(), "hinge")["b"] == "N*m*s/rad"
+    assert EFFECTS["sensor_offset"].units(pendulum(), "rate")["offset"] == "rad/s"
+
+
+def test_refusals_name_what_is_known():
+    with pytest.raises(UserError, match="viscous_friction"):
+        effect("viscosity")
+    with pytest.raises(UserError, match="hinge"):
+        EFFECTS["viscous_friction"].apply(pendulum(), "elbow", {"b": 0.1})
+    with pytest.raises(UserError, match="not physical"):
+        EFFECTS["viscous_friction"].apply(pendulum(), "hinge", {"b": -0.1})
+    with pytest.raises(UserError, match="not physical"):
+        EFFECTS["stribeck_friction"].apply(pendulum(), "hinge", {"F_c": 0.2, "F_s": 0.1, "v_s": 0.1})
+    with pytest.raises(UserError, match="F_c"):
+        EFFECTS["coulomb_friction"].apply(pendulum(), "hinge", {"F": 0.1})
+
+
