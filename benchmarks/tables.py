@@ -63,10 +63,22 @@ def rollouts(data: Mapping[str, Any]) -> str:
     return markdown(["roll-outs per second and core", "bare PyBullet loop", "ratio"], [row])
 
 
+def suprema(_: Mapping[str, Any]) -> str:
+    """Sup of gamma for every eps of a plain run of the pendulum."""
+    rows = []
+    paths = (ROOT / "results" / "pendulum" / "gap").glob("eps~*/gap.json")
+    for gap in sorted((json.loads(p.read_text()) for p in paths), key=lambda g: -g["eps"]):
+        found = [f"{d['sup_size']:.6f}, {d['sup_width']:.2g}" for d in gap["dimensions"]]
+        rows.append([f"{gap['eps']:g}", f"{gap['samples']:,}", *found, f"{gap['fresh']['violations']}"])
+    head = ["eps", "roll-outs", "x1: sup size, sup width (rad)", "x2: the same (rad/s)", "outside, of 300,000 fresh"]
+    return markdown(head, rows)
+
+
 TABLES: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], str]]] = {
     "tightness": ("tightness_pendulum.json", tightness),
     "lipschitz": ("lipschitz.json", lipschitz),
     "rollouts": ("rollouts.json", rollouts),
+    "suprema": ("../../results/pendulum/summary.json", suprema),
 }
 
 

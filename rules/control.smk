@@ -16,6 +16,7 @@ rule synthesis:
         "results/{case}/logs/synthesis-{kind}.log",
     benchmark:
         "results/{case}/benchmarks/synthesis-{kind}.tsv"
+    threads: 2
     resources:
         mem_mb=2000,
         runtime=30,
