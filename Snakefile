@@ -13,6 +13,7 @@ include: "rules/gap.smk"
 include: "rules/control.smk"
 include: "rules/diagnosis.smk"
 include: "rules/report.smk"
+include: "rules/paper.smk"
 
 
 localrules:

@@ -247,6 +247,21 @@ def diagnose(
 
 
 @app.command()
+def paper(
+    folder: Annotated[Path, typer.Argument(help="Folder with the paper's cases and printed.yaml.")],
+    pendulum: Annotated[Path, typer.Option(help="Case whose simulator is PyBullet with its default inertia.")],
+    out: Out,
+    workers: Annotated[int, typer.Option(help="Threads.")] = 2,
+    log: Log = None,
+) -> None:
+    """Show what the paper's printed gap functions allow, and printed numbers beside reproduced ones."""
+    from simgap.stages import paper as stage
+
+    start_log(log)
+    typer.echo(stage.table(stage.run(folder, pendulum, out, workers, log)))
+
+
+@app.command()
 def effects(case: Annotated[Path | None, typer.Argument(help="Case file; lists what it can act on.")] = None) -> None:
     """List the effects with formula, parameters and units; with a case, what each can act on."""
     from simgap.stages.effects import listing

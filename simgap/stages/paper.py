@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from simgap.synthesis.synthesise import Problem
 POINTS = 81  # states per axis of the small grid on which PyBullet's gap is measured
 
 
-def run(folder: Path, pendulum: Path, out: Path, threads: int = 2, engine_log: Path | None = None) -> None:
+def run(folder: Path, pendulum: Path, out: Path, threads: int = 2, engine_log: Path | None = None) -> Any:
     """Tabulate and synthesise.
 
     Args:
@@ -43,6 +44,26 @@ def run(folder: Path, pendulum: Path, out: Path, threads: int = 2, engine_log: P
             "rows": [asdict(r) for r in rows(name, context, domain, printed, pendulum, engine_log)],
         }
     write_json(out, content)
+    return content
+
+
+def table(content: Mapping[str, Any]) -> str:
+    """What the printed bounds allow and printed beside reproduced numbers, as lines of text."""
+    lines = []
+    for name, part in content.items():
+        found = part["allowed"]
+        lines.append(
+            f"{name}: with the printed gamma {found['winning']:,} of {found['free']:,} free cells win"
+            + (f", {found['target']:,} of them the target itself" if found["target"] else "")
+        )
+        lines += [_line(r) for r in part["rows"]]
+    return "\n".join(lines)
+
+
+def _line(row: Mapping[str, Any]) -> str:
+    printed, found = (f"{row[k]:.6g}" if row[k] is not None else "-" for k in ("printed", "reproduced"))
+    note = f"  ({row['note']})" if row["note"] else ""
+    return f"  {row['quantity']}: printed {printed}, reproduced {found}{note}"
 
 
 def gap_domain(context: Context, free: tuple[int, ...]) -> GapDomain:

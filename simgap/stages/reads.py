@@ -18,6 +18,7 @@ READS: Mapping[str, tuple[str, ...]] = {
     "gap": ("name", "plant", "domain", "gap"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", "synthesis.specification", "sensing", "validation"),
+    "paper": _SIMULATED,
     "rig": _SIMULATED,
     "trace": ("name", "plant", "domain", "synthesis.specification"),
     "diagnosis": _WHOLE,  # the corrected case is a copy of the whole

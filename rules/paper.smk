@@ -1,0 +1,25 @@
+# What the paper's printed numbers allow: `snakemake --cores 2 paper`.
+
+PAPER = sorted(Path("configs/paper").glob("*.yaml"))
+
+
+rule paper:
+    input:
+        PAPER,
+        pendulum=str(CASE_FOLDER / "pendulum.yaml"),
+    output:
+        "results/paper/paper.json",
+    log:
+        "results/paper/paper.log",
+    benchmark:
+        "results/paper/paper.tsv"
+    params:
+        code=code("paper"),
+    threads: 2
+    resources:
+        mem_mb=2000,
+        runtime=20,
+    message:
+        "The paper's printed numbers: what they allow, and reproduced values beside them"
+    shell:
+        "simgap paper configs/paper --pendulum {input.pendulum} --out {output} --workers {threads} --log {log}"
