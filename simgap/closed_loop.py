@@ -133,7 +133,8 @@ def batch_loop(
 ) -> list[Run]:
     """Many runs side by side on a memoryless map `step` (n, nx), (n, nu) -> (n, nx), with exact measurements.
 
-    A run ends where `inside` is false or the policy has no input.
+    A run ends where `inside` is false or the policy has no input. A policy with memory decides one sample ahead, as in
+    `closed_loop`.
     """
     n, nx = starts.shape
     x = np.full((steps + 1, n, nx), np.nan)
@@ -141,14 +142,20 @@ def batch_loop(
     length, stuck = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=bool)
     x[0] = starts
     alive = np.arange(n)
+    delayed = int(getattr(policy, "memory", 1)) - 1
+    pending = policy.lookup(starts, delayed) if delayed else np.zeros(n, dtype=np.int64)  # "nothing is pending yet"
+    stuck |= pending < 0
+    alive = alive[~stuck]
     for k in range(steps):
         alive = alive[inside(x[k, alive])]
-        decided = policy.lookup(x[k, alive])
+        decided = policy.lookup(x[k, alive], pending[alive])
         stuck[alive[decided < 0]] = True
         alive, decided = alive[decided >= 0], decided[decided >= 0]
         if len(alive) == 0:
             break
-        x[k + 1, alive] = step(x[k, alive], policy.input_set[decided])
-        inputs[k, alive] = decided
+        now = pending[alive] if delayed else decided
+        pending[alive] = decided if delayed else 0
+        x[k + 1, alive] = step(x[k, alive], policy.input_set[now])
+        inputs[k, alive] = now
         length[alive] = k + 1
     return [Run(x[: length[i] + 1, i], inputs[: length[i], i], bool(stuck[i])) for i in range(n)]

@@ -97,6 +97,18 @@ def test_the_batch_is_the_loop():
         assert np.array_equal(run.inputs, alone.inputs)
 
 
+def test_the_batch_is_the_loop_with_latency_too():
+    rng = np.random.default_rng(4)
+    policy = Table(rng.integers(0, 3, 4 * 6), memory=4)
+    starts = rng.uniform(-1, 1, (30, 1))
+    runs = batch_loop(lambda x, u: x + 0.1 * u, policy, starts, 20, lambda x: np.abs(x[:, 0]) < 0.95)
+    for start, run in zip(starts, runs, strict=True):
+        late = Sensing(np.zeros(1), 1)
+        alone = closed_loop(Integrator(), policy, start, 20, late, rng, lambda x: not abs(x[0]) < 0.95)
+        assert np.array_equal(run.x, alone.x)
+        assert np.array_equal(run.inputs, alone.inputs)
+
+
 def test_counting():
     safe = Box([-1.0], [1.0])
     good = Run(np.zeros((4, 1)), np.zeros(3, dtype=np.int64), False)

@@ -168,12 +168,9 @@ def simulate_chunk(
         return not all(lo[j] <= x[j] <= hi[j] for j in axes)
 
     rng = np.random.default_rng([chunk, case.validation.seed if case.validation else 0])
-    truths = starts - error * rng.uniform(-1.0, 1.0, starts.shape)  # the starts are what is measured
-    truths = np.clip(truths, safe.lo, safe.hi)
     try:
         return [
-            closed_loop(simulator, controller, x, steps, sensing, rng, left, y)
-            for x, y in zip(truths, starts, strict=True)
+            closed_loop(simulator, controller, x, steps, sensing, rng, left, sensing.measure(x, rng)) for x in starts
         ]
     finally:
         simulator.close()
