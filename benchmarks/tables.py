@@ -74,9 +74,31 @@ def suprema(_: Mapping[str, Any]) -> str:
     return markdown(head, rows)
 
 
+def undeclared(data: Mapping[str, Any]) -> str:
+    """Hidden effects and what was answered."""
+    figures = data.get("figures", data)
+    shown = (
+        "records",
+        "exact",
+        "listed",
+        "one right",
+        "two right",
+        "attributed",
+        "error median",
+        "intervals that cover",
+    )
+    shown = (*shown, "held-out over floor, median")
+
+    def text(value: Any) -> str:
+        return "" if value is None else str(value) if isinstance(value, int) else f"{value:.3g}"
+
+    return markdown(["study", *shown], [[n, *(text(f[k]) for k in shown)] for n, f in figures.items()])
+
+
 TABLES: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], str]]] = {
     "tightness": ("tightness_pendulum.json", tightness),
     "lipschitz": ("lipschitz.json", lipschitz),
+    "undeclared": ("undeclared.json", undeclared),
     "rollouts": ("rollouts.json", rollouts),
     "suprema": ("../../results/pendulum/summary.json", suprema),
 }
