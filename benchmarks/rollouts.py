@@ -1,6 +1,6 @@
 """Roll-outs of the pendulum against a bare PyBullet loop of the same calls, in turns, on one core.
 
-    python benchmarks/rollouts.py [--count 100000] [--rounds 5]
+python benchmarks/rollouts.py [--count 100000] [--rounds 5]
 """
 
 from __future__ import annotations

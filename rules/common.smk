@@ -30,7 +30,7 @@ wildcard_constraints:
 
 def base(name):
     """The case that a corrected case came from."""
-    return name.removesuffix("/corrected")
+    return name.split("/")[0]
 
 
 def case_path(name):

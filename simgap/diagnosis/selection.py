@@ -88,9 +88,7 @@ class Search:
         discrete = tuple(float(theta[k]) for c in members for k in _integers(c))
         return frozenset(c.key for c in members), discrete
 
-    def explain(
-        self, members: tuple[Candidate, ...], theta: Floats, base: Fit, *, again: bool = False
-    ) -> Explanation:
+    def explain(self, members: tuple[Candidate, ...], theta: Floats, base: Fit, *, again: bool = False) -> Explanation:
         """Fit a set of effects from a starting point; once, or `again` from another start if that may end lower."""
         key = self._key(members, theta)
         if key not in self.tried or again:

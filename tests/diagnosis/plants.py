@@ -75,5 +75,3 @@ def stopping(v0: float, friction: float, mass: float, t: np.ndarray) -> tuple[np
     stop = v0 / a
     s = np.minimum(t, stop)
     return v0 * s - 0.5 * a * s**2, np.maximum(v0 - a * t, 0.0)
-
-

@@ -7,9 +7,10 @@ import math
 import pytest
 import sympy as sp
 
-from simgap.dynamics.model import PlanarWheels, SymbolicModel, Variable, symbol
+from simgap.dynamics.model import SymbolicModel, symbol
 from simgap.effects import EFFECTS, AppliedEffect, apply_effects, effect
 from simgap.errors import UserError
+from tests.effects.plants import unicycle
 from tests.undeclared.plant import pendulum
 
 SYMBOLS = {
@@ -24,17 +25,6 @@ VALUES = {
     "ratio": 1.2, "bias": 0.1, "delay": 0.01, "T": 0.02, "width": 0.2, "limit": 1.5, "offset": 0.05, "tilt": 0.1,
 }  # fmt: skip
 AT = {"angle": 0.7, "rate": -0.6, "torque": 1.9}
-
-
-def unicycle() -> SymbolicModel:
-    v, w, heading = symbol("speed"), symbol("turn"), symbol("heading")
-    return SymbolicModel(
-        states=(Variable("px", "m"), Variable("py", "m"), Variable("heading", "rad")),
-        inputs=(Variable("speed", "m/s"), Variable("turn", "rad/s")),
-        parameters={},
-        xdot=(v * sp.cos(heading), v * sp.sin(heading), w),
-        wheels=PlanarWheels("px", "py", "heading", "speed", "turn", 0.3),
-    )
 
 
 def acceleration(model: SymbolicModel, **at: float) -> float:
@@ -165,5 +155,3 @@ def test_refusals_name_what_is_known():
         EFFECTS["stribeck_friction"].apply(pendulum(), "hinge", {"F_c": 0.2, "F_s": 0.1, "v_s": 0.1})
     with pytest.raises(UserError, match="F_c"):
         EFFECTS["coulomb_friction"].apply(pendulum(), "hinge", {"F": 0.1})
-
-

@@ -1,0 +1,18 @@
+"""A wheeled robot on the plane."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from simgap.dynamics.model import PlanarWheels, SymbolicModel, Variable, symbol
+
+
+def unicycle() -> SymbolicModel:
+    v, w, heading = symbol("speed"), symbol("turn"), symbol("heading")
+    return SymbolicModel(
+        states=(Variable("px", "m"), Variable("py", "m"), Variable("heading", "rad")),
+        inputs=(Variable("speed", "m/s"), Variable("turn", "rad/s")),
+        parameters={},
+        xdot=(v * sp.cos(heading), v * sp.sin(heading), w),
+        wheels=PlanarWheels("px", "py", "heading", "speed", "turn", 0.3),
+    )
