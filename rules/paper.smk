@@ -13,12 +13,12 @@ rule paper:
         "results/paper/paper.log",
     benchmark:
         "results/paper/paper.tsv"
-    params:
-        code=code("paper"),
     threads: 2
     resources:
         mem_mb=2000,
         runtime=20,
+    params:
+        code=code("paper"),
     message:
         "The paper's printed numbers: what they allow, and reproduced values beside them"
     shell:
