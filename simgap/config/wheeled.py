@@ -49,7 +49,6 @@ class HiddenStateSection(Section):
     )
     chains: int = Field(40, ge=2, description="Random input sequences that look for what the previous inputs missed.")
     chain_length: int = Field(500, ge=10, description="Samples in each of them.")
-    fresh_chains: int = Field(40, ge=1, description="Further sequences, never used in the fit, that check the bound.")
     growth: float = Field(
         0.1, gt=0, description="Largest growth with longer histories, relative to the bound's sup, that counts as none."
     )
