@@ -45,7 +45,7 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
     spanned = _spanned(search, chosen)
     for members in _other_sets(chosen, spanned):
         theta = _reset(search, chosen, members)
-        search.explain(members, theta, chosen.fit)
+        search.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
     return _listed(search, chosen, {c.key for c in spanned})
 
 

@@ -124,7 +124,14 @@ class Search:
     def joined(self, base: Explanation, exclude: Collection[Key] = (), most: int = FINALISTS) -> list[Explanation]:
         """The most promising extensions of the base, fitted, physical ones only."""
         worth = [s for s in self.ranked(base) if s.candidate.key not in exclude and s.drop / self.scale > BIC_GAIN]
-        return [e for e in (self.extend(base, s) for s in _distinct(worth)[:most]) if e.physical]
+        firsts = _distinct(worth)[:most]
+        fitted = [(s, self.extend(base, s)) for s in firsts]
+        sound = [(s, e) for s, e in fitted if e.physical]
+        if sound:  # one direction at the null need not be one far from it: the best one's namesakes are fitted too
+            best, _ = min(sound, key=lambda pair: pair[1].bic)
+            twins = [s for s in worth if s not in firsts and abs(s.drop - best.drop) <= 2 * SAME_PROMISE * best.drop]
+            sound += [(s, e) for s, e in ((s, self.extend(base, s)) for s in twins) if e.physical]
+        return [e for _, e in sound]
 
 
 def _distinct(scores: list[Score]) -> list[Score]:

@@ -28,6 +28,9 @@ EXCESS_KEPT = 0.5
 SIMPLER_SHARE = 0.9
 """Above the noise floor, one more parameter must leave at most this share of the held-out excess."""
 
+PLAUSIBLE_RATIO = 5.0
+"""Off the noise floor, a gain or property further from its declared value than this factor absorbs, not explains."""
+
 FOLD_AGREEMENT = 0.5
 """Coefficients of two folds agree if they differ by less than this share of their size (or by their intervals)."""
 

@@ -18,7 +18,7 @@ from simgap.diagnosis.fit import Fit
 from simgap.diagnosis.judge import HeldOut, chi2_dof, excess, folds_agree, judge
 from simgap.diagnosis.problem import Problem
 from simgap.diagnosis.selection import Explanation, Search, select
-from simgap.diagnosis.thresholds import EXCESS_KEPT, SIMPLER_SHARE
+from simgap.diagnosis.thresholds import EXCESS_KEPT, PLAUSIBLE_RATIO, SIMPLER_SHARE
 
 Floats = NDArray[np.float64]
 _BEAM = 4
@@ -68,6 +68,13 @@ def _best(search: Search, size: int, most: int) -> list[Explanation]:
     return sorted(same, key=lambda e: e.bic)[:most]
 
 
+def _plausible(e: Explanation) -> bool:
+    """Whether no ratio of true to declared is beyond belief: such a fit bends the model to a force that it lacks."""
+    values = [(p, e.fit.theta[k]) for c in e.members for p, k in zip(c.effect.parameters, c.slots, strict=True)]
+    ratios = [v for p, v in values if p.symbol == "ratio" and p.null == 1.0]
+    return all(1.0 / PLAUSIBLE_RATIO <= r <= PLAUSIBLE_RATIO for r in ratios)
+
+
 def transferable(
     search: Search, base: Fit, best: Explanation, held: Problem, horizon_s: float, most: int
 ) -> Carried | None:
@@ -81,7 +88,7 @@ def transferable(
     for size in range(1, most):  # a wider look than the greedy path: the right set need not fit best
         for e in _best(wider, size, _BEAM):
             wider.joined(e, most=_BEAM)
-    pool = [e for size in range(1, most + 1) for e in _best(wider, size, _JUDGED)]
+    pool = [e for size in range(1, most + 1) for e in _best(wider, size, _JUDGED) if e.fit.converged and _plausible(e)]
     before = judge(held, base.theta, horizon_s)
     ranked: list[tuple[float, Explanation, HeldOut]] = []
     for e in pool:
