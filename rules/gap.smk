@@ -42,6 +42,34 @@ rule fresh:
         "simgap fresh {params.case} --out {output} --workers {threads} --log {log}"
 
 
+rule calibration:
+    output:
+        "results/{case}/calibration/samples.parquet",
+    log:
+        "results/{case}/logs/calibration.log",
+    benchmark:
+        "results/{case}/benchmarks/calibration.tsv"
+    threads: 2
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("calibration"),
+        code=code("calibration"),
+    message:
+        "{wildcards.case}: random samples that set the width of a conformal bound"
+    shell:
+        "simgap calibration {params.case} --out {output} --workers {threads} --log {log}"
+
+
+def calibration(wildcards):
+    """A conformal bound needs samples of its own; the other bounds need none."""
+    if case_of(wildcards).gap.bound != "conformal":
+        return []
+    return f"results/{base(wildcards.case)}/calibration/samples.parquet"
+
+
 def shards(wildcards):
     count = case_of(wildcards).grid.shards
     return expand(
@@ -57,6 +85,7 @@ rule gap:
         case=correction,
         rollouts=shards,
         fresh=lambda w: f"results/{base(w.case)}/fresh/samples.parquet",
+        calibration=calibration,
     output:
         gap="results/{case}/gap/eps~{eps}/gap.json",
         samples="results/{case}/gap/eps~{eps}/samples.parquet",
@@ -74,11 +103,14 @@ rule gap:
         shards=lambda w, input: " ".join(
             f"--rollouts {path}" for path in input.rollouts
         ),
+        drawn=lambda w, input: (
+            f"--calibration {input.calibration}" if input.calibration else ""
+        ),
     message:
         "{wildcards.case}: Lipschitz estimates, scenario programs and gap function, eps = {wildcards.eps}"
     shell:
         "simgap gap {params.case} --eps {wildcards.eps} {params.shards} --fresh {input.fresh}"
-        " --out {output.gap} --samples {output.samples} --log {log}"
+        " {params.drawn} --out {output.gap} --samples {output.samples} --log {log}"
 
 
 rule histories:

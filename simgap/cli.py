@@ -73,6 +73,20 @@ def fresh(
 
 
 @app.command()
+def calibration(
+    case: CasePath,
+    out: Out,
+    workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
+    log: Log = None,
+) -> None:
+    """Run the simulator on random samples that set the width of a conformal bound."""
+    from simgap.stages import calibration as stage
+
+    start_log(log)
+    stage.run(case, out, log, workers)
+
+
+@app.command()
 def gap(
     case: CasePath,
     shards: Annotated[list[Path], typer.Option("--rollouts", help="Roll-out shards of one eps.")],
@@ -80,13 +94,14 @@ def gap(
     checked: Annotated[Path, typer.Option("--fresh", help="Fresh samples to check the bound on.")],
     out: Out,
     samples: Annotated[Path, typer.Option(help="File for thinned samples, for pictures (Parquet).")],
+    drawn: Annotated[Path | None, typer.Option("--calibration", help="Samples for a conformal bound.")] = None,
     log: Log = None,
 ) -> None:
     """Bound the gap by a function of state and input, and check the bound on fresh samples."""
     from simgap.stages import gap as stage
 
     start_log(log)
-    stage.run(case, eps, shards, checked, out, samples)
+    stage.run(case, eps, shards, checked, out, samples, drawn)
 
 
 @app.command()

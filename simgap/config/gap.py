@@ -60,7 +60,10 @@ class ConformalSection(Section):
     miscoverage: float = Field(
         0.01, gt=0.0, lt=1.0, description="Probability with which a random sample may lie outside."
     )
-    calibration_samples: int = Field(20_000, ge=100, description="Fresh random samples that set the width.")
+    calibration_samples: int = Field(
+        20_000, ge=100, description="Random samples that set the width; neither the fit nor the check sees them."
+    )
+    seed: int = Field(3, ge=0, description="Of these samples; differs from `gap.seed`, which draws those of the check.")
 
 
 class GapSection(Section):
@@ -119,6 +122,19 @@ class GapSection(Section):
     def _some_terms(self) -> GapSection:
         if isinstance(self.basis, tuple) and not self.basis:
             raise ValueError("the basis has no terms; list at least the constant 1")
+        return self
+
+    @model_validator(mode="after")
+    def _conformal_is_tolerated(self) -> GapSection:
+        missed, tolerated = self.conformal.miscoverage, self.tolerated_probability
+        if self.bound == "conformal" and tolerated <= missed:
+            raise ValueError(
+                f"bound: conformal leaves out a random sample with probability up to {missed:g} "
+                f"(conformal.miscoverage), so the check on fresh samples needs a tolerated_probability above that, "
+                f"such as {1.2 * missed:.3g}; it is {tolerated:g}"
+            )
+        if self.bound == "conformal" and self.conformal.seed == self.seed:
+            raise ValueError(f"conformal.seed and seed are both {self.seed}: the check would see what set the width")
         return self
 
     def settings(self) -> GapSettings:

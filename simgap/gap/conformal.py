@@ -37,25 +37,26 @@ def fit_conformal(
 ) -> LinearGap:
     """Centre from the grid samples (0 if unsigned), width from the calibration samples.
 
-    Without calibration samples a random fifth of the grid takes their place and is left out of the fit; the statement
-    then says so.
-
     Raises:
-        UserError: with too few calibration samples for the miscoverage.
+        UserError: without calibration samples (those of a grid are not exchangeable with a random state, so none of
+            them can stand in), or with too few for the miscoverage.
     """
-    from_grid = calibration is None
-    held, fresh = _split(samples, settings) if calibration is None else (None, calibration)
+    if calibration is None:
+        raise UserError(
+            "a conformal bound needs random samples of its own",
+            key="gap.conformal",
+            remedy="Make them with `simgap calibration` and give them to the gap stage as --calibration.",
+        )
     design = Design(basis, samples.grid.centres(), samples.inputs)
     forms, scales = [], []
     for i in range(len(samples.states)):
         d = samples.side(i, upper=True) if samples.d_upper is None else 0.5 * (samples.d + samples.d_upper)[:, :, i]
         q = design.least_squares(d) if settings.signed else np.zeros(basis.size)
-        residual = (d - design.product(q)).ravel()
-        scales.append(float(np.sqrt(np.mean((residual if held is None else residual[~held]) ** 2))))
+        scales.append(float(np.sqrt(np.mean((d - design.product(q)) ** 2))))
         forms.append(make_form(basis, samples.grid.box, samples.inputs, q))
     scale = np.where(np.array(scales) > 0.0, scales, 1.0)
-    centre = np.stack([f.values(fresh.x, fresh.u) for f in forms], axis=1)
-    score = np.sort((np.abs(fresh.d - centre) / scale).max(axis=1))
+    centre = np.stack([f.values(calibration.x, calibration.u) for f in forms], axis=1)
+    score = np.sort((np.abs(calibration.d - centre) / scale).max(axis=1))
     rank = int(np.ceil((len(score) + 1) * (1.0 - settings.miscoverage)))
     if rank > len(score):
         raise UserError(
@@ -64,31 +65,17 @@ def fit_conformal(
             remedy=f"Use at least {int(np.ceil(1.0 / settings.miscoverage))} samples.",
         )
     reach = score[rank - 1] * scale + samples.rounding / 16.0
-    tier = _tier(settings, len(score), from_grid)
+    tier = _tier(settings, len(score))
     function = LinearGap(samples.domain, (tier,), tuple(forms), tuple(replace(f) for f in forms))
     numerical = np.array([f.rounding for f in forms])
     return function.raised(reach + numerical, reach + numerical)
 
 
-def _split(
-    samples: GapSamples, settings: GapSettings
-) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], Calibration]:
-    m = len(samples.inputs)
-    held = np.random.default_rng(settings.seed).random(samples.grid.size * m) < 0.2
-    rows = np.flatnonzero(held)
-    d = samples.d.reshape(-1, samples.d.shape[2])[rows]
-    return held, Calibration(samples.grid.centres()[rows // m], samples.inputs[rows % m], d)
-
-
-def _tier(settings: GapSettings, n: int, from_grid: bool) -> Tier:
+def _tier(settings: GapSettings, n: int) -> Tier:
     cover = f"{100 * (1.0 - settings.miscoverage):g} %"
-    where = (
-        "drawn from the sampling grid; off the grid nothing is promised"
-        if from_grid
-        else "drawn from the distribution of the calibration samples"
-    )
     return Tier(
         3,
-        f"Split conformal: a random state and input {where} lies in the bound with probability at least {cover} "
-        f"({n:,} calibration samples). It is not a bound for every state.",
+        "Split conformal: a random state and input drawn from the distribution of the calibration samples lies in the "
+        f"bound with probability at least {cover} ({n:,} calibration samples, averaged over their draw). It is not a "
+        "bound for every state.",
     )

@@ -21,6 +21,7 @@ from simgap.gap.padding import SideFit, SideProblem, fit_side
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.gap.tiers import Tier, deterministic_tier, estimate_tier
+from simgap.geometry import Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,7 @@ class DimensionReport:
         largest_gap: largest sampled |d|. sup: suprema over X x U. ratio: sup.size / largest_gap.
         lipschitz: grid estimate on d; estimates: it and the extreme-value estimates side by side.
         sides: fitted sides by name (`upper` and `lower`, or `both`), empty for bounds without a program.
-        mean_size, mean_width: means of max(|lo|, |hi|) and of hi - lo at the samples.
+        mean_size, mean_width: means of max(|lo|, |hi|) and of hi - lo over X x U, see `_means`.
     """
 
     state: str
@@ -79,7 +80,7 @@ class GapResult:
 
 
 def fit_gap(samples: GapSamples, settings: GapSettings, calibration: Calibration | None = None) -> GapResult:
-    """Fit the gap bound that the settings ask for; `calibration` are fresh iid samples for the conformal bound.
+    """Fit the gap bound that the settings ask for; a conformal one needs `calibration`, iid samples of its own.
 
     Raises:
         UserError: for settings that do not fit the samples.
@@ -191,7 +192,7 @@ def _reports(
     sides: list[dict[str, SideFit]],
 ) -> tuple[DimensionReport, ...]:  # fmt: skip
     suprema = function.sup()
-    size, width = _means(samples, function)
+    size, width = _means(samples, function, settings.seed)
     rng = np.random.default_rng(settings.seed)
     reports = []
     for i, state in enumerate(samples.states):
@@ -206,14 +207,18 @@ def _reports(
     return tuple(reports)
 
 
-def _means(samples: GapSamples, function: GapFunction, chunk: int = 200_000) -> tuple[Any, Any]:
-    """(nx,), (nx,) means of max(|lo|, |hi|) and hi - lo over the samples."""
-    x, m = samples.grid.centres(), len(samples.inputs)
+def _means(samples: GapSamples, function: GapFunction, seed: int, chunk: int = 200_000) -> tuple[Floats, Floats]:
+    """(nx,), (nx,) means of max(|lo|, |hi|) and hi - lo over X x U: one random point of each cell for each input.
+
+    Not at the samples: there an envelope has no width.
+    """
+    x, m, rng = samples.grid.centres(), len(samples.inputs), np.random.default_rng([seed, 1])
     size, width = np.zeros(len(samples.states)), np.zeros(len(samples.states))
     step = max(1, chunk // m)
     for a in range(0, len(x), step):
-        part = x[a : a + step]
-        lo, hi = function.bounds(np.repeat(part, m, axis=0), np.tile(samples.inputs, (len(part), 1)))
+        part = np.repeat(x[a : a + step], m, axis=0)
+        part += samples.grid.h * rng.uniform(-1.0, 1.0, part.shape)
+        lo, hi = function.bounds(part, np.tile(samples.inputs, (len(part) // m, 1)))
         size += np.maximum(np.abs(lo), np.abs(hi)).sum(axis=0)
         width += (hi - lo).sum(axis=0)
     return size / (len(x) * m), width / (len(x) * m)

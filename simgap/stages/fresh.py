@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,15 +21,29 @@ def run(case_path: Path, out: Path, engine_log: Path | None = None, workers: int
         _sequences(context, context.case.hidden_state, out, engine_log, workers)
         return
     section = context.need(context.case.gap, "gap")
+    random_samples(context, Draw("fresh", section.fresh_samples, section.seed), out, engine_log, workers)
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Random samples for a stage: how many, and the seed that is theirs alone."""
+
+    stage: str
+    count: int
+    seed: int
+
+
+def random_samples(context: Context, asked: Draw, out: Path, engine_log: Path | None, workers: int) -> None:
+    """Roll out random pairs, uniform on X x U, and write them."""
     with context.blame():
-        x, u = draw(context.box, context.input_set, section.fresh_samples, section.seed)
+        x, u = draw(context.box, context.input_set, asked.count, asked.seed)
         parts = zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)
         jobs = [(context.case, context.folder, a, b) for a, b in parts]
         results = run_in_processes(roll_out, jobs, workers, engine_log)
     following = np.concatenate([successors for successors, _ in results])
-    constants = {"eps": None, "seed": section.seed, "engine": results[0][1]}
-    write(context, out, x, u, following, constants, "fresh")
-    log.info("wrote %d fresh samples to %s", len(x), out)
+    constants = {"eps": None, "seed": asked.seed, "engine": results[0][1]}
+    write(context, out, x, u, following, constants, asked.stage)
+    log.info("wrote %d random samples to %s", len(x), out)
 
 
 def _sequences(context: Context, hidden: HiddenStateSection, out: Path, engine_log: Path | None, workers: int) -> None:

@@ -14,6 +14,7 @@ import pyarrow as pa
 from simgap.dynamics.cases import nominal_model
 from simgap.dynamics.nominal import NominalModel
 from simgap.errors import BrokenPromise, UserError
+from simgap.gap.conformal import Calibration
 from simgap.gap.fit import fit_gap
 from simgap.gap.function import GapFunction
 from simgap.gap.samples import GapSamples
@@ -25,10 +26,23 @@ from simgap.provenance import provenance
 from simgap.stages.context import Context, log
 
 THINNED = 20_000  # samples kept for pictures
+FINER = "Use a smaller eps, or set gap.tolerated_probability."
+WIDER = (
+    "A conformal bound leaves out up to gap.conformal.miscoverage of the random samples: lower that, or set "
+    "gap.tolerated_probability further above it."
+)
 
 
-def run(case_path: Path, eps: float, shards: Sequence[Path], fresh: Path, out: Path, thinned: Path) -> None:
-    """Fit gamma on the shards of one eps, check it on the fresh samples, write it.
+def run(
+    case_path: Path,
+    eps: float,
+    shards: Sequence[Path],
+    fresh: Path,
+    out: Path,
+    thinned: Path,
+    calibration: Path | None = None,
+) -> None:
+    """Fit gamma on the shards of one eps (a conformal one on `calibration` too), check it on the fresh samples.
 
     Raises:
         UserError: damaged shards, settings that do not fit.
@@ -41,17 +55,19 @@ def run(case_path: Path, eps: float, shards: Sequence[Path], fresh: Path, out: P
         samples = collect(context, model, eps, shards)
         log.info("fitting on %d states x %d inputs", samples.grid.size, len(samples.inputs))
         began = time.perf_counter()
-        result = fit_gap(samples, section.settings())
+        drawn = Calibration(*gaps(context, model, read_parquet(calibration))) if calibration else None
+        result = fit_gap(samples, section.settings(), drawn)
         log.info("fitted in %.2f s", time.perf_counter() - began)
     x, u, d = gaps(context, model, read_parquet(fresh))
     check = check_fresh(result.function, x, u, d, section.confidence)
     log.info("%s", check.tier.text)
-    tolerate(check, section.tolerated_probability)
+    tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
     function = covering_remainder(
         context, result.function.with_tiers([*result.function.tiers, check.tier]), section.remainder
     )
     content = result.to_json() | function.to_json()
     seeds = {"fresh": section.seed, "fit": section.seed}
+    seeds |= {"calibration": section.conformal.seed} if drawn else {}
     record = provenance("gap", context.case, context.folder, seeds, eps=eps)
     content |= {"eps": eps, "fresh": asdict(check), "provenance": record}
     write_parquet(thinned, thin(context, samples))
@@ -90,7 +106,7 @@ def gaps(context: Context, model: NominalModel, rolled: pa.Table) -> tuple[Float
     return x, u, stack(rolled, [f"next_{n}" for n in context.states]) - model.step(x, u)
 
 
-def tolerate(check: FreshCheck, probability: float) -> None:
+def tolerate(check: FreshCheck, probability: float, remedy: str = FINER) -> None:
     """One violation breaks the promise, unless the case tolerates a probability that the check confirms."""
     if check.violations == 0 or check.upper <= probability:
         return
@@ -98,7 +114,7 @@ def tolerate(check: FreshCheck, probability: float) -> None:
     raise BrokenPromise(
         f"gamma does not cover: {check.violations} of {check.samples} fresh samples exceed it ({allowed}), "
         f"by up to {check.worst}",
-        "Use a smaller eps, or set gap.tolerated_probability.",
+        remedy,
     )
 
 

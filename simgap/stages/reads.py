@@ -8,16 +8,18 @@ _PLANT = ("plant.urdf", "plant.states", "plant.inputs", "plant.gravity")
 _SIMULATED = ("name", *_PLANT, "domain", "simulator")
 
 _RUN = ("domain", "simulator", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation")
+_JUDGED = ("synthesis.specification", "gap.tolerated_probability")
 _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
     "rollouts": (*_SIMULATED, "grid.shards"),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
+    "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
     "histories": (*_SIMULATED, "hidden_state", "symmetry"),
     "hidden_gap": ("name", "plant", "domain", "simulator", "hidden_state", "symmetry.tolerance"),
     "gap": ("name", "plant", "domain", "gap"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
-    "validation": ("name", "plant", "domain", "simulator", "synthesis.specification", "sensing", "validation"),
+    "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
     "paper": _SIMULATED,
     "rig": _SIMULATED,
     "trace": ("name", "plant", "domain", "synthesis.specification"),
