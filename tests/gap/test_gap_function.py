@@ -130,7 +130,7 @@ def test_conformal_covers_a_random_sample_as_often_as_stated():
         outside.append(check_fresh(function, *off_grid(coulomb, 20_000, seed=100 + seed)).violations / 20_000)
     assert np.mean(outside) == pytest.approx(0.05, abs=0.01)
     assert "not a bound for every state" in function.tiers[0].text
-    with pytest.raises(UserError, match="random samples of its own.*simgap calibration"):
+    with pytest.raises(UserError, match=r"random samples of its own.*simgap calibration"):
         fit_gap(samples, settings)
 
 
