@@ -3,6 +3,8 @@
 #   snakemake --cores 2                                  every default case, then the report
 #   snakemake --cores 2 --configfile configs/sweeps/eps.yaml   more points of a sweep; what is there is kept
 #   snakemake --cores 2 paper                            what the paper's printed numbers allow
+#   snakemake --cores 2 sensing                          the pendulum, measured with an error and a sample late
+#   snakemake --cores 2 mujoco                           the pendulum in another engine (extra `mujoco`)
 
 
 configfile: "configs/default.yaml"
@@ -18,9 +20,21 @@ include: "rules/paper.smk"
 
 localrules:
     all,
+    sensing,
+    mujoco,
 
 
 rule all:
     default_target: True
     input:
         [path for case in CASES for path in final_results(case)],
+
+
+rule sensing:
+    input:
+        pages("pendulum_sensing"),
+
+
+rule mujoco:
+    input:
+        pages("pendulum_mujoco"),

@@ -5,16 +5,16 @@ TEMPLATES = digest(
 )
 
 
+def pages(case):
+    """What a person looks at."""
+    names = ("report.html", "summary.json", "trace/trace.rrd")
+    return [f"results/{case}/{name}" for name in names]
+
+
 def final_results(case):
     """What a plain run makes of a case."""
     folder = f"results/{case}"
-    own = [
-        f"{folder}/report.html",
-        f"{folder}/summary.json",
-        f"{folder}/trace/trace.rrd",
-        "results/index.html",
-    ]
-    return own + (
+    return [*pages(case), "results/index.html"] + (
         [f"{folder}/diagnosis/report.html", f"{folder}/corrected/report.html"]
         if diagnosed(case)
         else []

@@ -32,7 +32,35 @@ def load_case(path: Path) -> Case:
     Raises:
         UserError: missing file, broken YAML, unknown, missing or wrong key.
     """
-    return parse_case(read_yaml(path), path)
+    return parse_case(case_content(path), path)
+
+
+def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
+    """The plain content of a case file; with `extends`, on top of the case that it names.
+
+    A section that is given replaces that of the other case as a whole, `null` leaves it out. The other case stands in
+    the same folder, so that its relative paths hold.
+
+    Raises:
+        UserError: missing file, broken YAML, a base that is no case of the same folder or that leads back here.
+    """
+    content = read_yaml(path)
+    if not isinstance(content, dict) or "extends" not in content:
+        return content
+    name = content.pop("extends")
+    if not isinstance(name, str) or Path(name).name != name:
+        raise UserError(
+            f"{name!r} is no case file of this folder",
+            file=path,
+            key="extends",
+            remedy="Give its file name, such as pendulum.yaml.",
+        )
+    base, above = path.parent / name, (*above, path)
+    if base in above:
+        raise UserError("a case cannot extend itself", file=path, key="extends")
+    inherited = case_content(base, above)
+    parse_case(inherited, base)  # a mistake in it is told with its own file
+    return {key: value for key, value in (inherited | content).items() if value is not None}
 
 
 def read_yaml(path: Path) -> Any:
@@ -56,7 +84,8 @@ def parse_case(content: Any, path: Path) -> Case:
     try:
         return Case.model_validate(content)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+        found = error.errors(include_url=False)
+        first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])  # a typo is missing elsewhere
         raise _user_error(first, len(error.errors()), path) from None
 
 
@@ -83,7 +112,7 @@ def _suggestion(loc: tuple[Any, ...]) -> str:
         model = _inside(model, part)
         if model is None:
             return "Remove it."
-    known = list(model.model_fields)
+    known = [*model.model_fields, *(["extends"] if model is Case else [])]
     near = difflib.get_close_matches(str(loc[-1]), known, n=1)
     return f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(known)}."
 

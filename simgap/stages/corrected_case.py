@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from simgap.config.load import parse_case, read_yaml
+from simgap.config.load import case_content, parse_case
 from simgap.dynamics.build import symbolic_model
 from simgap.effects import AppliedEffect
 
@@ -42,7 +42,7 @@ def corrected_case(
     Raises:
         UserError: if the result does not check, which an original that checks makes impossible but for the name.
     """
-    content = copy.deepcopy(read_yaml(case_path))
+    content = copy.deepcopy(case_content(case_path))
     source, folder = case_path.parent, target.parent
     for section in ("plant", "simulator"):
         inner = content.get(section)

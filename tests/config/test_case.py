@@ -27,6 +27,40 @@ def test_the_schema_file_is_what_the_sections_say(root):
     assert (root / "configs" / "schema.json").read_text() == schema_text(), "run `simgap schema`"
 
 
+def test_a_case_extends_another_section_by_section(vary):
+    base = vary("pendulum", {"gap.fresh_samples": 77})
+    path = base.with_name("other.yaml")
+    path.write_text("name: other\nextends: pendulum.yaml\nsimulator: {engine: mujoco}\nmeasured: null\n")
+    one, other = load_case(base), load_case(path)
+    assert other.simulator.engine == "mujoco"
+    assert other.measured is None
+    assert one.measured is not None
+    same = ("plant", "domain", "grid", "gap", "synthesis", "validation", "title")
+    assert all(getattr(one, name) == getattr(other, name) for name in same)
+
+
+@pytest.mark.parametrize(
+    ("text", "file", "words"),
+    [
+        ("name: a\nextends: a.yaml\n", "a.yaml", "extends: a case cannot extend itself"),
+        ("name: a\nextends: ../pendulum.yaml\n", "a.yaml", "'../pendulum.yaml' is no case file of this folder"),
+        ("name: a\nextends: nowhere.yaml\n", "nowhere.yaml", "does not exist"),
+        ("name: a\nextends: broken.yaml\n", "broken.yaml", "grid.epz: unknown key"),
+        ("name: a\nextend: pendulum.yaml\n", "a.yaml", "Did you mean 'extends'?"),
+        ("name: a\nextends: pendulum.yaml\ngrid: {epz: 1}\n", "a.yaml", "Did you mean 'eps'?"),
+    ],
+)
+def test_mistakes_in_what_a_case_extends(vary, text, file, words):
+    base = vary("pendulum", {"grid.epz": 1})
+    base.rename(base.with_name("broken.yaml"))
+    path = vary("pendulum", {}).with_name("a.yaml")
+    path.write_text(text)
+    with pytest.raises(UserError) as caught:
+        load_case(path)
+    assert f"/{file}: " in str(caught.value)
+    assert words in str(caught.value)
+
+
 def test_every_key_has_a_description():
     def walk(node, place):
         for name, field in node.get("properties", {}).items():
