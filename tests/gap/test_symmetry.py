@@ -9,7 +9,9 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.function import GapDomain, from_json
 from simgap.gap.rotation import rotated_box, to_body
 from simgap.gap.symmetry import BodyFrameGap, check_symmetry, heading_deviation, nominal_motion
+from simgap.gap.tiers import Tier
 from simgap.geometry import Box
+from simgap.io.documents import read_json, write_json
 
 NAMES = ("x", "y", "theta")
 U = np.array([[0.0, 0.0], [0.5, -1.0], [0.5, 1.0]])
@@ -90,6 +92,44 @@ def test_json_keeps_the_bound():
     again = from_json(gap.to_json())
     x, u = np.random.default_rng(0).uniform(-3, 3, (20, 3)), np.tile(U[1], (20, 1))
     assert all(np.array_equal(a, b) for a, b in zip(gap.bounds(x, u), again.bounds(x, u), strict=True))
+
+
+@pytest.mark.parametrize("pose", [(0, 1, 2), (1, 2, 0), (2, 0, 1)])
+def test_the_file_keeps_order_of_states_free_axes_kernel_and_tiers(tmp_path, pose):
+    i, j, k = pose
+    names, lo, hi = [""] * 3, np.zeros(3), np.full(3, 10.0)
+    names[i], names[j], names[k], lo[k], hi[k] = "x", "y", "theta", -np.pi, np.pi
+    given = GapDomain(tuple(names), ("v", "w"), Box(lo, hi), U, (i, j))
+    rng = np.random.default_rng(8)
+    lower = rng.uniform(-0.3, 0.1, (3, 3))
+    tiers = (Tier(2, "an estimate"), Tier(3, "checked"))
+    gap = BodyFrameGap(given, tiers, lower, lower + rng.uniform(0.0, 0.3, (3, 3)), pose)
+    write_json(tmp_path / "gap.json", gap.to_json())
+    again = from_json(read_json(tmp_path / "gap.json"))
+    assert isinstance(again, BodyFrameGap)
+    assert (again.pose, again.tiers, again.domain.free) == (pose, tiers, (i, j))
+    assert again.domain.states == given.states
+    kernels, ends = (gap.kernel(), again.kernel()), [(np.empty(3), np.empty(3)) for _ in range(2)]
+    for _ in range(50):
+        a = rng.uniform(-3, 3, 3)
+        for kernel, (low, high) in zip(kernels, ends, strict=True):
+            kernel(a, a + 0.1, U[1], low, high)
+        assert np.array_equal(*ends)
+        body = rng.uniform(gap.lower[1], gap.upper[1])  # any gap within the table, turned by any heading of the box
+        heading = a[k] + 0.1 * rng.random()
+        d = turn(heading, body[None, [i, j, k]])[0]
+        low, high = ends[1]
+        assert np.all((low[[i, j, k]] <= d) & (d <= high[[i, j, k]]))
+
+
+@pytest.mark.parametrize("lost", ["pose", "gap", "domain", "guarantee", "kind"])
+def test_a_damaged_file_is_refused_in_one_line(lost):
+    data = example().to_json()
+    del data[lost]
+    with pytest.raises(UserError, match="not a saved gap bound"):
+        from_json(data)
+    with pytest.raises(UserError, match="not a saved gap bound"):
+        from_json(example().to_json() | {"pose": ["x", "y", "nothing"]})
 
 
 def test_to_body_undoes_the_heading():
