@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis import answer
+from simgap.diagnosis.coarse import coarse
 from simgap.diagnosis.equivalence import Rival, collinear_pairs, rivals
 from simgap.diagnosis.fit import Fit, fit
 from simgap.diagnosis.initial import initial_states
@@ -18,7 +18,8 @@ from simgap.diagnosis.problem import Problem, build_problem
 from simgap.diagnosis.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Judged
 from simgap.diagnosis.scoring import list_starts
-from simgap.diagnosis.selection import Explanation, Search, select
+from simgap.diagnosis.selection import Explanation, Search, on_all, select
+from simgap.diagnosis.step_length import settled
 from simgap.diagnosis.supermodel import cached_supermodel
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.transfer import transferable
@@ -45,10 +46,11 @@ def diagnose(model: SymbolicModel, record: Record, settings: DiagnosisSettings |
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
     problem, held = _problems(model, record, settings)
-    base = fit(problem, problem.model.null, initial_states(problem), [], {})
-    search = Search(problem, list_starts(problem))
+    sought = coarse(problem)
+    base = fit(sought, sought.model.null, initial_states(sought), [], {})
+    search = Search(sought, list_starts(sought))
     found = select(search, base, settings.max_effects)
-    return _conclude(model, record, settings, search, base, found, held)
+    return _conclude(model, record, settings, search, base, found, problem, held)
 
 
 def _problems(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> tuple[Problem, Problem]:
@@ -59,48 +61,42 @@ def _problems(model: SymbolicModel, record: Record, settings: DiagnosisSettings)
         if name in record.measured:
             sigma[record.measured.index(name)] = value
     windows = split_windows(record, settings.window_s)
-    block = math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
-    held = held_out_mask(record, windows, settings.held_out_traces, settings.held_out_share, block)
-    steps = np.diff(np.concatenate([trace.t for trace in record.traces]))
-    coarse = float(np.median(steps[steps > 0]))
-    every = build_problem(compiled, record, windows, sigma, coarse)
-    every = replace(every, h_max=_step_length(every))
+    held = held_out_mask(record, windows, settings.held_out_traces, settings.held_out_share, _together(settings))
+    every = settled(build_problem(compiled, record, windows, sigma))
     if held.all() or not held.any():
         return every, every
     return every.on(windows.pick(~held)), every.on(windows.pick(held))
 
 
-def _step_length(problem: Problem) -> float:
-    """The longest integration step whose halving moves no prediction by a hundredth of the noise."""
-    few = np.unique(np.linspace(0, len(problem.windows) - 1, 8).astype(int))
-    part = problem.on(problem.windows.pick(few))
-    x0, theta, h = initial_states(part), problem.model.null, problem.h_max
-    for _ in range(6):
-        coarse, fine = (replace(part, h_max=step).residuals(theta, x0) for step in (h, h / 2))
-        if float(np.max(np.abs(coarse - fine))) < 0.01:
-            break
-        h /= 2
-    return h
+def _together(settings: DiagnosisSettings) -> int:
+    """Neighbouring windows that a prediction over the horizon needs."""
+    return math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
 
 
 def _conclude(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings, search: Search, base: Fit, found: Explanation,
-    held: Problem,
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, search: Search, sparse: Fit, found: Explanation,
+    problem: Problem, held: Problem,
 ) -> Diagnosis:  # fmt: skip
-    problem, empty = search.problem, search.empty(base)
-    old, new = (judge(held, at.theta, settings.horizon_s) for at in (base, found.fit))
-    before, after = chi2_dof(problem, base), chi2_dof(problem, found.fit)
-    at_floor = after <= FIT_QUALITY and new.ratio <= HELD_OUT_QUALITY
+    """From what the search chose to the answer, on every sample."""
+    full = search if search.problem is problem else Search(problem, search.starts)
+    base = sparse if full is search else fit(problem, problem.model.null, initial_states(problem), [], {})
+    empty, chosen = full.empty(base), on_all(full, search, found, base)
+    old, new = (judge(held, at.theta, settings.horizon_s) for at in (base, chosen.fit))
+    at_floor = chi2_dof(problem, chosen.fit) <= FIT_QUALITY and new.ratio <= HELD_OUT_QUALITY
     agree, carried = at_floor, None
     if found.members and not at_floor:
-        carried = transferable(search, base, found, held, settings.horizon_s, settings.max_effects)
+        fewer = search.problem if held is problem else coarse(held, _together(settings))
+        carried = transferable(search, sparse, found, fewer, settings.horizon_s, settings.max_effects)
         agree = carried is not None
         if carried is not None:
-            search, found, new = carried.search, carried.chosen, carried.held_out
+            search, found = carried.search, carried.chosen
+            chosen = on_all(full, search, found, base)
+            new = judge(held, chosen.fit.theta, settings.horizon_s)
     share = _share(old, new, problem)
-    word = verdict(before, chi2_dof(problem, found.fit), new.ratio, found, share, agree)
-    kept, kept_held, kept_share = (found, new, share) if word in ("attributed", "partial") else (empty, old, 1.0)
-    others = rivals(search, kept)
+    word = verdict(chi2_dof(problem, base), chi2_dof(problem, chosen.fit), new.ratio, chosen, share, agree)
+    named = word in ("attributed", "partial")
+    kept, kept_held, kept_share = (chosen, new, share) if named else (empty, old, 1.0)
+    others = rivals(search, found) if named else []
     if carried is not None:  # what fits as well need not carry over as well
         others = [r for r in others if r.exact] + [Rival(e, False) for e in carried.rivals]
     applied = answer.applied(kept)
@@ -110,15 +106,15 @@ def _conclude(
         windows += answer.predictions(held, names, (base, old.states), (kept.fit, kept_held.states), True)
     return Diagnosis(
         verdict=word,
-        effects=answer.found_effects(search, kept, others, chi2_dof(problem, kept.fit), at_floor, model),
-        alternatives=answer.alternatives(kept, others),
+        effects=answer.found_effects(full, kept, others, chi2_dof(problem, kept.fit), at_floor, model),
+        alternatives=answer.alternatives(found, others),
         before=judged(problem, base, old, settings.horizon_s),
         after=judged(problem, kept.fit, kept_held, settings.horizon_s),
         floor=_floor(problem, kept_held, settings.horizon_s),
         excess_share=kept_share,
         sigma=dict(zip(record.measured, map(float, problem.sigma), strict=True)),
-        candidates=answer.candidate_scores(search, empty),
-        collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
+        candidates=answer.candidate_scores(search, search.empty(sparse)),
+        collinear=answer.collinear_table(collinear_pairs(search, search.empty(sparse)), EXACTLY_COLLINEAR),
         held_out=_stretches(held.windows, problem.t, names) if held is not problem else (),
         warnings=_warnings(problem, held, kept, settings),
         applied=applied,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numba import float64, int64, njit
+from numba import float64, int64, njit, void
 from numpy.typing import NDArray
 
 from simgap.diagnosis.record import Record
@@ -17,6 +18,18 @@ from simgap.diagnosis.windows import Windows
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Drive = tuple[Floats, Floats, Floats, Floats]
+_REMEMBERED = 8
+_LARGE = 1e9
+
+
+class Memo(OrderedDict[bytes, Drive]):
+    """The inputs of the last few parameter vectors: a pass over chunks of windows asks for the same ones again."""
+
+    def __setitem__(self, key: bytes, value: Drive) -> None:
+        super().__setitem__(key, value)
+        while len(self) > _REMEMBERED:
+            self.popitem(last=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +53,7 @@ class Problem:
     windows: Windows
     sigma: Floats
     h_max: float
-    memo: dict[bytes, tuple[Floats, Floats, Floats, Floats]] = field(default_factory=dict)
+    memo: Memo = field(default_factory=lambda: Memo())
 
     def on(self, windows: Windows) -> Problem:
         """The same data and model on other windows."""
@@ -68,6 +81,11 @@ class Problem:
         spans = [np.arange(a, b) for a, b in zip(self.windows.start, self.windows.stop, strict=True)]
         return np.concatenate(spans)
 
+    @cached_property
+    def readings(self) -> Floats:
+        """(rows, k) measured, window after window."""
+        return self.y[self.samples]
+
     def states(self, theta: Floats, x0: Floats) -> Floats:
         """Simulated states of all windows: theta, (w, nx) -> (rows, nx)."""
         level, excess, delay, lag = self._drive(theta)
@@ -88,18 +106,18 @@ class Problem:
 
     def residuals(self, theta: Floats, x0: Floats) -> Floats:
         """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""
-        residual = (self.y[self.samples] - self.predict(theta, x0)) / self.sigma
-        return np.clip(np.nan_to_num(residual, nan=1e9), -1e9, 1e9)
+        residual = self.predict(theta, x0)
+        _compare(self.readings, self.sigma, residual)
+        return residual
 
-    def _drive(self, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    def _drive(self, theta: Floats) -> Drive:
         """Level, excess, delay and lag of the inputs; kept while the parameters of the inputs stay the same."""
         key = theta[list(self.model.input_slots)].tobytes()
         if key not in self.memo:
-            self.memo.clear()
             self.memo[key] = self._make_drive(theta)
         return self.memo[key]
 
-    def _make_drive(self, theta: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    def _make_drive(self, theta: Floats) -> Drive:
         level = np.empty_like(self.u)
         self.model.static(self.u, theta, level)
         delay = self.model.base_delay + np.array([theta[k] if k >= 0 else 0.0 for k in self.model.delay_slots])
@@ -126,16 +144,32 @@ def lagged_excess(t: Floats, level: Floats, firsts: Ints, lag: float) -> Floats:
     return excess
 
 
-def build_problem(model: SuperModel, record: Record, windows: Windows, sigma: Floats, h_max: float) -> Problem:
+@njit(void(float64[:, ::1], float64[::1], float64[:, ::1]), cache=True)
+def _compare(readings: Floats, sigma: Floats, predicted: Floats) -> None:
+    """Predictions become (measured - predicted) / sigma, in place; what diverged becomes a large number."""
+    for i in range(predicted.shape[0]):
+        for j in range(predicted.shape[1]):
+            r = (readings[i, j] - predicted[i, j]) / sigma[j]
+            predicted[i, j] = min(max(r, -_LARGE), _LARGE) if r == r else _LARGE
+
+
+def interval(t: Floats) -> float:
+    """Median interval of stamps that lie trace after trace, s."""
+    steps = np.diff(t)
+    return float(np.median(steps[steps > 0]))
+
+
+def build_problem(model: SuperModel, record: Record, windows: Windows, sigma: Floats) -> Problem:
     """Lay the traces one after another."""
+    t = np.concatenate([trace.t for trace in record.traces])
     lengths = [len(trace.t) for trace in record.traces]
     return Problem(
         model=model,
-        t=np.concatenate([trace.t for trace in record.traces]),
+        t=t,
         y=np.concatenate([trace.y for trace in record.traces]),
         u=np.ascontiguousarray(np.concatenate([trace.u for trace in record.traces])),
         firsts=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
         windows=windows,
         sigma=sigma,
-        h_max=h_max,
+        h_max=interval(t),
     )

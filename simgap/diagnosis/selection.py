@@ -197,3 +197,13 @@ def _swap(search: Search, current: Explanation) -> Explanation:
             return current
         current = option
     return current
+
+
+def on_all(full: Search, search: Search, found: Explanation, base: Fit) -> Explanation:
+    """What a search on fewer samples found, fitted on all of them; effects that are worth nothing there are dropped."""
+    if full.problem is search.problem:
+        return found
+    if not found.members:
+        return full.empty(base)
+    start = fit(full.problem, found.fit.theta, base.x0, [], {})
+    return _prune(full, full.explain(found.members, found.fit.theta, start))

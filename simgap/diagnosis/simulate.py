@@ -148,6 +148,28 @@ def _stop_at_reversal(
     return b * h
 
 
+@njit(void(RHS, _V, _V, _V, _V, float64, int64, _V, _V, _V, _V, _V), cache=True)
+def _glide(
+    rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, h: float, steps: int, k1: Floats, k2: Floats, k3: Floats,
+    k4: Floats, at: Floats,
+) -> None:  # fmt: skip
+    """Steps of length h, in place, where the input stands still and nothing sticks: the same formula with no look-outs."""
+    n = x.size
+    for _ in range(steps):
+        rhs(x, u, theta, s, k1)
+        for i in range(n):
+            at[i] = x[i] + 0.5 * h * k1[i]
+        rhs(at, u, theta, s, k2)
+        for i in range(n):
+            at[i] = x[i] + 0.5 * h * k2[i]
+        rhs(at, u, theta, s, k3)
+        for i in range(n):
+            at[i] = x[i] + h * k3[i]
+        rhs(at, u, theta, s, k4)
+        for i in range(n):
+            x[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
+
+
 @njit(cache=True)
 def _advance(
     rhs: Any, x: Floats, time: float, end: float, theta: Floats, s: Floats, stuck: Any, active: Any, speed: Ints,
@@ -155,15 +177,20 @@ def _advance(
 ) -> None:  # fmt: skip
     """Move x from time to end, between two switches of the input."""
     t, held, level, excess, delay, lag = drive
-    new, events, span = work[6], 0, h_max
+    new, events, span, still = work[6], 0, h_max, True
     for c in range(u.size):
         if lag[c] > 0.0 and excess[held[c], c] != 0.0:
             span = min(span, max(0.5 * lag[c], 0.1 * h_max))
-    _input_at(time, t, u, held, level, excess, delay, lag)
-    _direction(rhs, x, u, theta, s, stuck, active, speed, work)
+            still = False
     while end - time > _EPS:
+        _input_at(time, t, u, held, level, excess, delay, lag)
+        _direction(rhs, x, u, theta, s, stuck, active, speed, work)
         h = (end - time) / math.ceil((end - time) / span - 1e-9)
-        _rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
+        if still and not stuck.any():
+            new[:] = x
+            _glide(rhs, new, u, theta, s, h, 1, work[0], work[1], work[2], work[3], work[4])
+        else:
+            _rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
         j = _reversal(x, new, s, stuck, active, speed)
         if j >= 0 and (events > 8 or abs(x[speed[j]]) <= _CREEP):  # it cannot leave rest: it stays for this step
             stuck[j] = True
@@ -176,8 +203,6 @@ def _advance(
         for i in range(x.size):
             x[i] = new[i]
         time += max(h, _EPS)
-        _input_at(time, t, u, held, level, excess, delay, lag)
-        _direction(rhs, x, u, theta, s, stuck, active, speed, work)
 
 
 @njit(
@@ -210,6 +235,7 @@ def simulate(
     stuck, active = np.zeros(speed.size, dtype=np.bool_), np.zeros(speed.size, dtype=np.bool_)
     held = np.zeros(m, dtype=np.int64)
     drive = (t, held, level, excess, delay, lag)
+    k1, k2, k3, k4, at = work[0], work[1], work[2], work[3], work[4]
     for w in range(start.size):
         x = x0[w].copy()
         time = t[start[w]]
@@ -225,6 +251,8 @@ def simulate(
             rhs(x, u, theta, other, work[1])
             active[j] = abs(work[0, speed[j]] - work[1, speed[j]]) > 1e-12
             stuck[j] = False
+        smooth = not (active.any() or (lag > 0.0).any())
+        s[:] = 0.0
         out[offset[w]] = x
         for k in range(start[w] + 1, stop[w]):
             while t[k] - time > _EPS:
@@ -236,7 +264,13 @@ def simulate(
                         end = t[held[c] + 1] + delay[c]
                 if end - time < _EPS:
                     end = t[k]
-                _advance(rhs, x, time, end, theta, s, stuck, active, speed, drive, work, u, h_max)
+                if smooth:
+                    for c in range(m):
+                        u[c] = level[held[c], c]
+                    count = math.ceil((end - time) / h_max - 1e-9)
+                    _glide(rhs, x, u, theta, s, (end - time) / count, count, k1, k2, k3, k4, at)
+                else:
+                    _advance(rhs, x, time, end, theta, s, stuck, active, speed, drive, work, u, h_max)
                 time = end
             time = t[k]
             out[offset[w] + k - start[w]] = x

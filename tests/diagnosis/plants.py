@@ -58,7 +58,7 @@ def one_window(
     trace = Trace("only", t, np.zeros((len(t), len(measured))), np.reshape(u, (len(t), -1)))
     windows = Windows(*(np.array([k], dtype=np.int64) for k in (0, len(t), 0, 0)))
     record = Record((trace,), measured, model.input_names)
-    return build_problem(compiled, record, windows, np.ones(len(measured)), h_max), compiled
+    return build_problem(compiled, record, windows, np.ones(len(measured))), compiled
 
 
 def with_effect(compiled: SuperModel, name: str, on: str, **values: float) -> np.ndarray:
