@@ -17,6 +17,12 @@ class State(Section):
     unit: str = Field(description="Unit of the state, such as rad, rad/s or m.")
     joint: str | None = Field(None, description="URDF plants: the joint whose quantity this state is.")
     quantity: Literal["position", "velocity"] | None = Field(None, description="URDF plants: which quantity of it.")
+    lag_of: str | None = Field(
+        None,
+        description="The input whose lagged value this state is: the effect `input_lag` on that input is then part of "
+        "the nominal model. The state is called <input>_lagged, comes after the plant's own, and has its range in "
+        "domain.X. Without it a lag is left to gamma.",
+    )
 
 
 class Input(Section):
@@ -89,15 +95,17 @@ class PlantSection(Section):
 
     @model_validator(mode="after")
     def _one_source(self) -> PlantSection:
+        own = {n: s for n, s in self.states.items() if s.lag_of is None}
         if (self.urdf is None) == (self.symbolic is None):
             raise ValueError("a plant has either urdf or symbolic: give one of them")
         if self.urdf is not None:
-            bare = [n for n, s in self.states.items() if s.joint is None or s.quantity is None]
+            bare = [n for n, s in own.items() if s.joint is None or s.quantity is None]
             bare += [n for n, i in self.inputs.items() if i.joint is None]
             if bare:
                 raise ValueError(f"{bare} of a URDF plant need a joint (and states a quantity)")
-        elif self.symbolic is not None and set(self.symbolic.dynamics) != set(self.states):
-            raise ValueError(
-                f"dynamics are given for {sorted(self.symbolic.dynamics)}, states are {sorted(self.states)}"
-            )
+        elif self.symbolic is not None and set(self.symbolic.dynamics) != set(own):
+            raise ValueError(f"dynamics are given for {sorted(self.symbolic.dynamics)}, states are {sorted(own)}")
+        lags = {f"{s.lag_of}_lagged" for s in self.states.values() if s.lag_of is not None}
+        if list(self.states)[len(own) :] != sorted(lags) or len(self.states) != len(own) + len(lags):
+            raise ValueError(f"states with lag_of come last, as {sorted(lags)}")
         return self

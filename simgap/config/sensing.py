@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field, field_validator
 
 from simgap.config.base import Section
@@ -14,6 +16,12 @@ class SensingSection(Section):
         default_factory=dict, description="For a state, the largest |measured - true|, in its unit; 0 if not given."
     )
     latency: int = Field(0, ge=0, le=1, description="Samples between a measurement and the input that uses it.")
+    latency_of: Literal["measurement", "input_delay"] = Field(
+        "measurement",
+        description="measurement: the latency comes on top of the delays that effects declare. input_delay: it is the "
+        "first sample of these delays, so that the controller knows which input is pending; a command that would act "
+        "earlier is held back until then.",
+    )
 
     @field_validator("error")
     @classmethod

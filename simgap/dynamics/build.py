@@ -43,7 +43,8 @@ def bare_model(section: PlantSection, folder: Path) -> SymbolicModel:
 
 
 def _from_urdf(section: PlantSection, path: Path) -> SymbolicModel:
-    states = {n: JointState(s.joint or "", s.quantity or "", s.unit) for n, s in section.states.items()}
+    own = {n: s for n, s in section.states.items() if s.lag_of is None}
+    states = {n: JointState(s.joint or "", s.quantity or "", s.unit) for n, s in own.items()}
     inputs = {n: (i.joint or "", i.unit) for n, i in section.inputs.items()}
     model = load_urdf(path, states, inputs, section.gravity)
     for c in model.coordinates:
@@ -68,23 +69,24 @@ def _require_unit(variable: Variable, wanted: str) -> None:
 
 
 def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicModel:
-    names = [*section.states, *section.inputs, *written.parameters]
+    states = {n: s for n, s in section.states.items() if s.lag_of is None}
+    names = [*states, *section.inputs, *written.parameters]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise UserError(f"the names {twice} are used twice", key="plant.symbolic")
-    xdot = tuple(_parse(written.dynamics[n], names, f"plant.symbolic.dynamics.{n}") for n in section.states)
+    xdot = tuple(_parse(written.dynamics[n], names, f"plant.symbolic.dynamics.{n}") for n in states)
     coordinates, columns = [], {}
     for name, c in written.coordinates.items():
         key = f"plant.symbolic.coordinates.{name}"
         for role in (c.position, c.velocity):
-            if role not in section.states:
-                raise UserError(f"'{role}' is not a state", key=key, remedy=f"States: {list(section.states)}.")
+            if role not in states:
+                raise UserError(f"'{role}' is not a state", key=key, remedy=f"States: {list(states)}.")
         gain = _parse(c.force_gain, names, f"{key}.force_gain")
         coordinates.append(Coordinate(name, c.position, c.velocity, c.force_unit))
-        columns[name] = tuple(gain if n == c.velocity else sp.Integer(0) for n in section.states)
+        columns[name] = tuple(gain if n == c.velocity else sp.Integer(0) for n in states)
     ratio = symbol("ratio")
     return SymbolicModel(
-        states=tuple(Variable(n, s.unit) for n, s in section.states.items()),
+        states=tuple(Variable(n, s.unit) for n, s in states.items()),
         inputs=tuple(Variable(n, i.unit) for n, i in section.inputs.items()),
         parameters={n: Parameter(p.value, p.unit, p.description) for n, p in written.parameters.items()},
         xdot=xdot,

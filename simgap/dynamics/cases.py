@@ -5,17 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgap.config.case import Case
-from simgap.dynamics.build import symbolic_model
+from simgap.dynamics.memory import carried_model
 from simgap.dynamics.nominal import NominalModel
 from simgap.errors import UserError
 
 
 def nominal_model(case: Case, folder: Path) -> NominalModel:
-    """The sampled nominal map of a case, effects included.
+    """The sampled nominal map of a case, effects included; memory that the states do not carry is left to gamma.
 
     Raises:
         UserError: whatever is wrong with the plant, or no `domain`.
     """
     if case.domain is None:
         raise UserError("the nominal model needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
-    return NominalModel.of(symbolic_model(case.plant, folder), case.domain.tau, case.plant.integrator)
+    return NominalModel.of(carried_model(case.plant, folder), case.domain.tau, case.plant.integrator)

@@ -41,7 +41,7 @@ class NominalModel:
             raise UserError(
                 f"the input delay of {sorted(model.delays)} is not a function of the present state and input",
                 key="plant.effects",
-                remedy="Leave it out and let gamma cover it, or state whole samples of it as sensing.latency.",
+                remedy="Leave it out and let gamma cover it: `dynamics.memory.carried_model` does.",
             )
         x, u = (tuple(v.symbol for v in group) for group in (model.states, model.inputs))
         return NominalModel(x, u, discretise(model, tau, integrator, substeps), tau)

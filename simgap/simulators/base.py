@@ -18,6 +18,8 @@ class Simulator(ABC):
     nx: int
     nu: int
     engine: str
+    remembers: bool = False
+    """Whether delay or lag of the inputs make the successor depend on earlier commands; `spread` is then its range."""
 
     @abstractmethod
     def reset(self, x: Floats) -> None:
@@ -34,6 +36,11 @@ class Simulator(ABC):
             self.reset(x[k])
             out[k] = self.advance(u[k])
         return out
+
+    def spread(self, x: Floats, u: Floats) -> tuple[Floats, Floats]:
+        """Least and largest successors over what earlier commands leave behind: (n, nx), (n, nu) -> two (n, nx)."""
+        following = self.rollouts(x, u)
+        return following, following
 
     def close(self) -> None:  # noqa: B027 - most engines have nothing to release
         """Release the engine."""

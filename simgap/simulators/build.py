@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from simgap.config.case import Case
+from simgap.effects import effect
+from simgap.effects.base import InputEffect
 from simgap.errors import UserError
 from simgap.simulators.base import Simulator
+from simgap.simulators.commands import MEMORY, CommandPath
 from simgap.simulators.joints import JointPlant
+from simgap.simulators.memory import RememberingInputs
 
 
 def joint_plant(case: Case, folder: Path) -> JointPlant:
@@ -40,15 +45,35 @@ def joint_plant(case: Case, folder: Path) -> JointPlant:
 def _pybullet(case: Case, folder: Path) -> Simulator:
     from simgap.simulators.pybullet_joints import PyBulletJoints
 
-    section: Any = case.simulator
-    return PyBulletJoints(joint_plant(case, folder), section)
+    return _with_memory(case, folder, PyBulletJoints)
 
 
 def _mujoco(case: Case, folder: Path) -> Simulator:
     from simgap.simulators.mujoco_joints import MuJoCoJoints
 
+    return _with_memory(case, folder, MuJoCoJoints)
+
+
+def _with_memory(case: Case, folder: Path, engine: Callable[[JointPlant, Any], Simulator]) -> Simulator:
+    """The engine itself, or, where an input is delayed or lags, the engine a step at a time behind its commands."""
     section: Any = case.simulator
-    return MuJoCoJoints(joint_plant(case, folder), section)
+    plant = joint_plant(case, folder)
+    if not any(e.name in MEMORY for e in section.effects):
+        return engine(plant, section)
+    on_inputs = tuple(e for e in section.effects if isinstance(effect(e.name), InputEffect))
+    others = tuple(e for e in section.effects if e not in on_inputs)
+    unknown = [e.on for e in on_inputs if e.on not in plant.input_names]
+    if unknown:
+        raise UserError(
+            f"{unknown} are not inputs", key="simulator.effects", remedy=f"The inputs are {list(plant.input_names)}."
+        )
+    known = plant.tau * case.sensing.latency if case.sensing and case.sensing.latency_of == "input_delay" else 0.0
+    values = case.domain.U if case.domain else {}
+    paths = [CommandPath.of(on_inputs, name, values[name].list().tolist(), known) for name in plant.input_names]
+    lags = [plant.input_names.index(s.lag_of) for s in case.plant.states.values() if s.lag_of is not None]
+    a_step = replace(plant, tau=plant.tau / section.substeps)
+    bare = engine(a_step, section.model_copy(update={"substeps": 1, "effects": others}))
+    return RememberingInputs(bare, paths, lags, plant.tau, section.substeps)
 
 
 def _pybullet_wheeled(case: Case, folder: Path) -> Simulator:

@@ -12,6 +12,7 @@ import sympy as sp
 from simgap.config.plant import AddedEffect
 from simgap.effects import CoordinateEffect, StaticInputEffect, effect
 from simgap.errors import UserError
+from simgap.simulators.commands import static_path
 
 Forces = Callable[..., Sequence[float]]
 
@@ -55,7 +56,7 @@ def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | 
         return None
     q, v = ([sp.Symbol(f"{kind}{k}", real=True) for k in range(len(plant.joints))] for kind in "qv")
     u = [sp.Symbol(f"u{k}", real=True) for k in range(plant.nu)]
-    applied: list[sp.Expr] = list(u)
+    applied = [static_path(effects, name, command) for name, command in zip(plant.input_names, u, strict=True)]
     extra: list[sp.Expr] = [sp.Integer(0)] * len(plant.joints)
     for added in effects:
         kind = effect(added.name)
@@ -64,14 +65,11 @@ def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | 
         if isinstance(kind, CoordinateEffect) and added.on in plant.joints:
             k = plant.joints.index(added.on)
             extra[k] += kind.force(q[k], v[k], values)
-        elif isinstance(kind, StaticInputEffect) and added.on in plant.input_names:
-            k = plant.input_names.index(added.on)
-            applied[k] = kind.applied(u[k], values).subs(u[k], applied[k])
-        else:
+        elif not (isinstance(kind, StaticInputEffect) and added.on in plant.input_names):
             raise UserError(
                 f"the simulator cannot apply '{added.name}' on '{added.on}' at each step",
                 key="simulator.effects",
-                remedy=f"It takes forces on {list(plant.joints)} and static changes of {list(plant.input_names)}.",
+                remedy=f"It takes forces on {list(plant.joints)} and changes of {list(plant.input_names)}.",
             )
     forces = [e + sum((applied[i] for i in drive), sp.Integer(0)) for e, drive in zip(extra, plant.inputs, strict=True)]
     function: Any = sp.lambdify([*q, *v, *u], forces, modules="math", cse=True)

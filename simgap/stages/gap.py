@@ -24,8 +24,15 @@ from simgap.io.documents import write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
+from simgap.stages.rollouts import successors
 
 THINNED = 20_000  # samples kept for pictures
+REMEMBERED = Tier(
+    2,
+    "Delay or lag of the inputs is not in the nominal model: the bound is the hull over what the least and the largest "
+    "admissible earlier commands leave behind in the simulator. That nothing in between does more is an estimate, "
+    "checked on fresh samples with random earlier commands.",
+)
 FINER = "Use a smaller eps, or set gap.tolerated_probability."
 WIDER = (
     "A conformal bound leaves out up to gap.conformal.miscoverage of the random samples: lower that, or set "
@@ -61,9 +68,10 @@ def run(
     x, u, d = gaps(context, model, read_parquet(fresh))
     check = check_fresh(result.function, x, u, d, section.confidence)
     log.info("%s", check.tier.text)
+    memory = () if samples.d_upper is None else (REMEMBERED,)
     tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
     function = covering_remainder(
-        context, result.function.with_tiers([*result.function.tiers, check.tier]), section.remainder
+        context, result.function.with_tiers([*result.function.tiers, *memory, check.tier]), section.remainder
     )
     content = result.to_json() | function.to_json()
     seeds = {"fresh": section.seed, "fit": section.seed}
@@ -83,21 +91,26 @@ def collect(context: Context, model: NominalModel, eps: float, shards: Sequence[
     """
     grid, inputs = Grid.covering(context.box, eps), context.input_set
     rows = grid.size * len(inputs)
-    d = np.empty((rows, len(context.states)))
-    done = 0
+    d = np.empty((2, rows, len(context.states)))
+    done, spread = 0, False
     for path in shards:
-        _, _, part = gaps(context, model, read_parquet(path))
-        if done + len(part) > rows:
+        rolled = read_parquet(path)
+        if done + len(rolled) > rows:
             break
-        d[done : done + len(part)] = part
-        done += len(part)
+        ends = successors(context, rolled)
+        predicted = model.step(stack(rolled, context.states), stack(rolled, context.inputs))
+        for side, values in zip(d, ends, strict=True):
+            side[done : done + len(rolled)] = values - predicted
+        spread, done = spread or ends[0] is not ends[1], done + len(rolled)
     if done != rows:
         raise UserError(
             f"the shards hold {done} roll-outs, the grid of eps = {eps:g} needs {rows}",
             file=shards[0],
             remedy="Delete the shards of this eps and run again.",
         )
-    return GapSamples(grid, inputs, d.reshape(grid.size, len(inputs), -1), tuple(context.states), tuple(context.inputs))
+    lower, upper = d.reshape(2, grid.size, len(inputs), -1)
+    names = tuple(context.states), tuple(context.inputs)
+    return GapSamples(grid, inputs, lower, *names, upper if spread else None)
 
 
 def gaps(context: Context, model: NominalModel, rolled: pa.Table) -> tuple[Floats, Floats, Floats]:
@@ -143,6 +156,8 @@ def thin(context: Context, samples: GapSamples) -> pa.Table:
     rows = np.unique(np.linspace(0, pairs - 1, min(pairs, THINNED)).astype(int))
     k, m = np.divmod(rows, len(samples.inputs))
     x, u, d = samples.grid.centres()[k], samples.inputs[m], samples.d[k, m]
+    if samples.d_upper is not None:
+        d[1::2] = samples.d_upper[k, m][1::2]  # both ends of the range are seen
     columns = {n: x[:, j] for j, n in enumerate(context.states)}
     columns |= {n: u[:, j] for j, n in enumerate(context.inputs)}
     columns |= {f"gap_{n}": d[:, j] for j, n in enumerate(context.states)}

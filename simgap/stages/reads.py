@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 _PLANT = ("plant.urdf", "plant.states", "plant.inputs", "plant.gravity")
-_SIMULATED = ("name", *_PLANT, "domain", "simulator")
+_SIMULATED = ("name", *_PLANT, "domain", "simulator", "sensing.latency", "sensing.latency_of")
 
 _RUN = ("domain", "simulator", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation")
 _JUDGED = ("synthesis.specification", "gap.tolerated_probability")

@@ -10,14 +10,18 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.geometry import Floats, Grid
-from simgap.io.parquet import table, write_parquet
+from simgap.io.parquet import stack, table, write_parquet
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.stages.context import Context, log
+
+Range = tuple[Floats, Floats]
+KINDS = ("next", "least", "largest")
 
 
 def run(case_path: Path, eps: float, shard: int, out: Path, engine_log: Path | None = None) -> None:
@@ -36,8 +40,9 @@ def run(case_path: Path, eps: float, shard: int, out: Path, engine_log: Path | N
         states = shard_of(Grid.covering(context.box, eps), shard, shards)
         x, u = product(states, context.input_set)
         log.info("%d states x %d inputs = %d roll-outs", len(states), len(x) // len(states), len(x))
-        ((following, engine),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)], log=engine_log)
-    write(context, out, x, u, following, {"eps": eps, "seed": None, "engine": engine}, "rollouts")
+        job = (context.case, context.folder, x, u)
+        ((following, spread, engine),) = run_in_processes(roll_out_range, [job], log=engine_log)
+    write(context, out, x, u, following, {"eps": eps, "seed": None, "engine": engine}, "rollouts", spread)
     log.info("wrote %s", out)
 
 
@@ -63,6 +68,27 @@ def roll_out(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, st
         simulator.close()
 
 
+def roll_out_range(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, Range | None, str]:
+    """`roll_out`, and the range of the successors where delayed or lagged inputs spread them."""
+    from simgap.simulators.build import make_simulator
+
+    simulator = make_simulator(case, folder)
+    try:
+        spread = simulator.spread(x, u) if simulator.remembers else None
+        return simulator.rollouts(x, u), spread, simulator.engine
+    finally:
+        simulator.close()
+
+
+def successors(context: Context, rolled: pa.Table) -> Range:
+    """Least and largest successor of each row, (n, nx) each: one and the same without memory of the inputs."""
+    if f"least_{context.states[0]}" not in rolled.column_names:
+        following = stack(rolled, [f"next_{n}" for n in context.states])
+        return following, following
+    least, largest = (stack(rolled, [f"{end}_{n}" for n in context.states]) for end in ("least", "largest"))
+    return least, largest
+
+
 def write(
     context: Context,
     out: Path,
@@ -71,12 +97,15 @@ def write(
     following: Floats,
     constants: Mapping[str, object],
     stage: str,
+    spread: Range | None = None,
 ) -> None:
-    """One Parquet file: states, inputs, successors `next_<state>`."""
+    """One Parquet file: states, inputs, successors `next_<state>`; `least_` and `largest_` where they have a range."""
     columns = {n: x[:, k] for k, n in enumerate(context.states)}
     columns |= {n: u[:, k] for k, n in enumerate(context.inputs)}
     columns |= {f"next_{n}": following[:, k] for k, n in enumerate(context.states)}
-    units = context.units | {f"next_{n}": context.units[n] for n in context.states}
+    units = context.units | {f"{kind}_{n}": context.units[n] for kind in KINDS for n in context.states}
+    for kind, values in zip(KINDS[1:], spread or (), strict=False):
+        columns |= {f"{kind}_{n}": values[:, k] for k, n in enumerate(context.states)}
     seeds = {"samples": constants["seed"]} if isinstance(constants["seed"], int) else {}
     record = provenance(stage, context.case, context.folder, seeds, engine=constants["engine"])
     write_parquet(out, table(columns, units, {"case": context.case.name, **constants}, record))

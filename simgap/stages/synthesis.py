@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from simgap.dynamics.build import symbolic_model
 from simgap.dynamics.cases import nominal_model
+from simgap.dynamics.memory import carried_model
 from simgap.dynamics.nominal import NominalModel
 from simgap.dynamics.paths import nominal_paths
 from simgap.gap.function import from_json
@@ -83,7 +83,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
         section.specification.model_dump(), tuple(context.states), context.box
     )
     sweep = _sweep(context, model, bound) if isinstance(specification, ReachAvoidSpecification) else None
-    flow = rates(symbolic_model(context.case.plant, context.folder))
+    flow = rates(carried_model(context.case.plant, context.folder))
     spread = np.array([s.size for s in gap.sup().values()]) if gap and sweep is None else np.zeros(model.nx)
     between, _ = excursion(flow, specification.region, context.input_set, model.tau, spread / model.tau)
     sensing = context.case.sensing
@@ -115,7 +115,7 @@ def _sweep(context: Context, model: NominalModel, bound: Any) -> tuple[Floats, F
     if bound is not None:
         return (np.array(bound["sweep"]["lower"]), np.array(bound["sweep"]["upper"])) if "sweep" in bound else None
     pose = pose_axes(context)
-    symbolic_plant = symbolic_model(context.case.plant, context.folder)
+    symbolic_plant = carried_model(context.case.plant, context.folder)
     way, bulge = nominal_paths(
         symbolic_plant, context.case.plant.integrator, model.tau, np.zeros(model.nx), context.input_set, WAY_POINTS
     )

@@ -1,0 +1,123 @@
+"""The way of a command to the plant: delayed, changed by static effects, lagged.
+
+An engine holds its input over one engine step. Here that input is the mean over the step of what the plant feels, exact
+for the piecewise constant commands that a sampled controller gives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import sympy as sp
+
+from simgap.config.plant import AddedEffect
+from simgap.dynamics.model import symbol
+from simgap.effects import EFFECTS, StaticInputEffect, effect
+from simgap.geometry import Floats
+
+MEMORY = ("input_delay", "input_lag")
+
+
+def static_path(effects: Sequence[AddedEffect], name: str, command: sp.Expr) -> sp.Expr:
+    """What static effects make of a command: the order of the registry, its last entry nearest the command."""
+    rank = {key: k for k, key in enumerate(EFFECTS)}
+    own = [(effect(e.name), e) for e in sorted(effects, key=lambda e: rank.get(e.name, -1)) if e.on == name]
+    felt: sp.Expr = symbol("command")
+    for kind, added in own:
+        if isinstance(kind, StaticInputEffect):
+            kind.check_values(added.parameters)
+            values = {key: sp.Float(value) for key, value in added.parameters.items()}
+            felt = felt.subs(symbol("command"), kind.applied(symbol("command"), values))
+    return felt.subs(symbol("command"), command)
+
+
+@dataclass(frozen=True)
+class CommandPath:
+    """One input's way to the plant.
+
+    Attributes:
+        delay: s; lag: time constant, s, 0 for none.
+        static: what the static effects make of a command.
+        values: ascending, what the input may be.
+    """
+
+    delay: float
+    lag: float
+    static: Callable[[float], float]
+    values: tuple[float, ...]
+
+    @staticmethod
+    def of(effects: Sequence[AddedEffect], name: str, values: Sequence[float], known_delay: float) -> CommandPath:
+        """From the effects on one input; `known_delay` (s) of it is the controller's latency and not the plant's."""
+        own = {e.name: e for e in effects if e.on == name and e.name in MEMORY}
+        for e in own.values():
+            effect(e.name).check_values(e.parameters)
+        delay = own["input_delay"].parameters["delay"] if "input_delay" in own else 0.0
+        lag = own["input_lag"].parameters["T"] if "input_lag" in own else 0.0
+        command = symbol("command")
+        static = sp.lambdify([command], static_path(effects, name, command), modules="math")
+        return CommandPath(max(0.0, delay - known_delay), lag, static, tuple(sorted(values)))
+
+    @property
+    def felt(self) -> tuple[float, float]:
+        """Least and largest of what the plant can feel."""
+        reached = [self.static(v) for v in self.values]
+        return min(reached), max(reached)
+
+
+@dataclass
+class CommandMemory:
+    """What earlier commands left on one path: those still under way, and the output of the lag.
+
+    Attributes:
+        past: earlier commands, the latest last; as many as can still matter.
+        output: of the lag.
+    """
+
+    path: CommandPath
+    tau: float
+    past: list[float] = field(default_factory=list)
+    output: float = 0.0
+
+    @property
+    def depth(self) -> int:
+        """How many earlier commands can still matter."""
+        return math.ceil(self.path.delay / self.tau * (1.0 - 1e-12))
+
+    def hold(self, which: int) -> None:
+        """As if the least (0) or the largest (1) that the plant can feel had been commanded for ever."""
+        reached = [self.path.static(v) for v in self.path.values]
+        command = self.path.values[int(np.argmax(reached) if which else np.argmin(reached))]
+        self.past, self.output = [command] * self.depth, self.path.static(command)
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Random admissible commands; the lag's output anywhere in its range, its ends as often as its inside."""
+        low, high = self.path.felt
+        self.past = [float(v) for v in rng.choice(self.path.values, self.depth)]
+        share = rng.uniform() if rng.integers(2) else float(rng.integers(2))
+        self.output = low + share * (high - low)
+
+    def step(self, command: float, steps: int) -> Floats:
+        """Hold a command for tau: -> what the plant feels, its mean over each of `steps` engine steps, (steps,)."""
+        h, depth = self.tau / steps, self.depth
+        sent = [*self.past, command]
+        late, early = (self.path.static(sent[k]) for k in (0, min(1, depth)))
+        switch = self.path.delay - (depth - 1) * self.tau if depth else 0.0  # `late` is felt until then
+        felt = np.empty(steps)
+        for k in range(steps):
+            first = min(max(switch - k * h, 0.0), h)
+            felt[k] = (self._piece(late, first) + self._piece(early, h - first)) / h
+        self.past = sent[len(sent) - depth :]
+        return felt
+
+    def _piece(self, drive: float, dt: float) -> float:
+        """Integral of what is felt over dt seconds under a constant drive; the lag's output moves on."""
+        if dt == 0.0 or self.path.lag == 0.0:
+            return drive * dt
+        ratio = -math.expm1(-dt / self.path.lag)
+        off = self.output - drive
+        self.output = drive + off * (1.0 - ratio)
+        return drive * dt + off * self.path.lag * ratio
