@@ -39,7 +39,7 @@ def fit_conformal(
 
     Raises:
         UserError: without calibration samples (those of a grid are not exchangeable with a random state, so none of
-            them can stand in), or with too few for the miscoverage.
+            them can stand in), with too few for the miscoverage, or where hidden states spread the gap.
     """
     if calibration is None:
         raise UserError(
@@ -47,10 +47,16 @@ def fit_conformal(
             key="gap.conformal",
             remedy="Make them with `simgap calibration` and give them to the gap stage as --calibration.",
         )
+    if samples.d_upper is not None:
+        raise UserError(
+            "a conformal bound does not cover a gap that hidden states of the simulator spread",
+            key="gap.bound",
+            remedy="Use scenario or envelope.",
+        )
     design = Design(basis, samples.grid.centres(), samples.inputs)
     forms, scales = [], []
     for i in range(len(samples.states)):
-        d = samples.side(i, upper=True) if samples.d_upper is None else 0.5 * (samples.d + samples.d_upper)[:, :, i]
+        d = samples.side(i, upper=True)
         q = design.least_squares(d) if settings.signed else np.zeros(basis.size)
         scales.append(float(np.sqrt(np.mean((d - design.product(q)) ** 2))))
         forms.append(make_form(basis, samples.grid.box, samples.inputs, q))

@@ -140,6 +140,12 @@ def test_conformal_needs_enough_samples():
         fit_gap(on_grid(smooth), settings, Calibration(*off_grid(smooth, 500)))
 
 
+def test_conformal_refuses_a_gap_that_hidden_states_spread():
+    spread = on_grid(smooth, d_upper=on_grid(smooth).d + 1e-3)
+    with pytest.raises(UserError, match="hidden states"):
+        fit_gap(spread, GapSettings("monomials", bound="conformal"), Calibration(*off_grid(smooth, 500)))
+
+
 def test_free_axes():
     """A gap that is declared not to depend on x1 is sampled in one cell along it and holds for all x1."""
     from simgap.gap.samples import GapSamples

@@ -55,6 +55,36 @@ def test_rough_cells_are_those_around_the_jump():
     assert found.jump >= 2.0
 
 
+@pytest.mark.parametrize("at_rest", [0.0, 0.2, -0.3])
+def test_a_jump_on_a_sample_is_rough_too(at_rest):
+    """Dry friction sampled at v = 0: half of the jump on either side, which no single difference gives away."""
+    grid = Grid(X, [20, 101])
+    d = values(lambda x: np.where(np.abs(x[:, 1]) < 1e-9, at_rest, np.sign(x[:, 1])) + x[:, 0], grid)
+    found = estimate(d, grid)
+    assert not found.resolved
+    assert 0.0 < found.rough_share <= 0.06
+    assert found.rough_box[0, 1] < -grid.h[1]
+    assert found.rough_box[1, 1] > grid.h[1]
+    assert found.smooth[1] < 1e-9
+    assert found.jump >= 2.0
+
+
+def test_smooth_functions_are_not_rough():
+    rng = np.random.default_rng(7)
+    for cells in ([20, 40], [41, 33]):
+        grid = Grid(X, cells)
+        a, b, c = rng.uniform(-3, 3, 3)
+        d = values(lambda x, a=a, b=b, c=c: np.sin(a * x[:, 0] + b) * np.exp(c * x[:, 1]) + np.abs(x[:, 0]), grid)
+        assert not rough_cells(d.reshape(*cells, 1), grid, (0, 1), 1e-14).any()
+
+
+def test_a_jump_over_the_seam_of_a_periodic_axis_is_rough():
+    grid = Grid(Box([-np.pi, 0.0], [np.pi, 1.0]), [64, 8], (0,))
+    found = estimate(values(lambda x: x[:, 0], grid), grid)
+    assert 0.0 < found.rough_share <= 0.1
+    assert found.smooth[0] == pytest.approx(1.0)
+
+
 def test_rounding_is_not_rough():
     grid = Grid(X, [20, 20])
     d = values(lambda x: 1e-16 * np.random.default_rng(0).standard_normal(len(x)), grid)

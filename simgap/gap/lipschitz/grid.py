@@ -99,28 +99,37 @@ def _resolution(e: Floats, j: int, grid: Grid, floor: float) -> float:
     return max((float(a / b) if b > 0.0 else np.inf for a, b in pairs), default=1.0)
 
 
-def rough_cells(e: Floats, grid: Grid, axes: tuple[int, ...], floor: float) -> Mask:
-    """Cells around differences that the grid does not resolve: outside them, L(s) / L(2 s) <= GATE along every axis.
+def rough_cells(e: Floats, grid: Grid, axes: tuple[int, ...], floor: float, split: bool = True) -> Mask:
+    """Cells around differences that the grid does not resolve: outside them every ratio of `_resolution` is <= GATE.
 
     Steep differences are taken out, steepest first, until the ratio of the rest passes; the cells on both sides and
-    their neighbours are rough. Differences up to `floor` never are.
+    their neighbours are rough. With `split` then the same over two cells, for jumps on a sample: they are split in two
+    and no steeper over one cell than over two. Differences up to `floor` never are.
     """
     rough = np.zeros(e.shape, dtype=bool)
     for j in axes:
-        step = np.abs(steps(e, j, grid))
-        wide = 0.5 * np.abs(double_steps(e, j, grid))
-        out = np.zeros(step.shape, dtype=bool)
-        while True:
-            fine = step[~out].max(initial=0.0)
-            broad = wide[~_pairs(out, j, grid)].max(initial=0.0)
-            if fine <= max(GATE * broad, floor):
-                break
-            out |= step > max(GATE * broad, 0.5 * fine, floor)
+        out = _steep(e, j, grid, 1, floor, None)
         rough |= to_cells(out, j, grid) > 0
+        if split and grid.cells[j] > 4:
+            known = _contain(out, j, grid, 1)
+            rough |= _middle(_steep(e, j, grid, 2, floor, known) & ~known, j, grid)
     if not rough.any():
         return rough
     wider = maximum_filter(rough.view(np.uint8), size=window(grid, axes), mode=modes(grid))
     return np.asarray(wider > 0)
+
+
+def _steep(e: Floats, j: int, grid: Grid, cells: int, floor: float, known: Mask | None) -> Mask:
+    """Differences over `cells` cells without which those over twice as many are within GATE; `known` ones are out."""
+    step = np.abs(double_steps(e, j, grid, cells))
+    wide = 0.5 * np.abs(double_steps(e, j, grid, 2 * cells))
+    out = np.zeros(step.shape, dtype=bool) if known is None else known.copy()
+    while True:
+        fine = step[~out].max(initial=0.0)
+        broad = wide[~_contain(out, j, grid, cells)].max(initial=0.0)
+        if fine <= max(GATE * broad, floor):
+            return out
+        out |= step > max(GATE * broad, 0.5 * fine, floor)
 
 
 def as_grid(d: Floats, grid: Grid) -> Floats:
@@ -156,12 +165,20 @@ def double_steps(e: Floats, j: int, grid: Grid, cells: int = 2) -> Floats:
     return np.take(e, range(cells, n), axis=j) - np.take(e, range(n - cells), axis=j)
 
 
-def _pairs(out: Mask, j: int, grid: Grid) -> Mask:
-    """Double steps that contain a step of `out`."""
+def _contain(out: Mask, j: int, grid: Grid, cells: int) -> Mask:
+    """Differences over twice `cells` cells that contain one of `out`, which are over `cells` cells."""
     if j in grid.periodic:
-        return out | np.roll(out, -1, axis=j)
-    n = out.shape[j]
-    return np.take(out, range(n - 1), axis=j) | np.take(out, range(1, n), axis=j)
+        return np.logical_or.reduce([np.roll(out, -k, axis=j) for k in range(cells + 1)])
+    n = out.shape[j] - cells
+    return np.logical_or.reduce([np.take(out, range(k, n + k), axis=j) for k in range(cells + 1)])
+
+
+def _middle(out: Mask, j: int, grid: Grid) -> Mask:
+    """The cells in the middle of differences over two cells."""
+    if j in grid.periodic:
+        return np.roll(out, 1, axis=j)
+    edge = np.zeros_like(np.take(out, [0], axis=j))
+    return np.concatenate([edge, out, edge], axis=j)
 
 
 def to_cells(step: Floats | Mask, j: int, grid: Grid, expected: Floats | None = None) -> Floats:

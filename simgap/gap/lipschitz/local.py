@@ -66,7 +66,7 @@ class LocalPadding:
             own += 0.5 * np.abs(expected)
         pad += bend
         residual = self._field - values.reshape(self._field.shape)
-        rough = self._rough | rough_cells(residual, grid, self.axes, self.floor)
+        rough = self._rough | rough_cells(residual, grid, self.axes, self.floor, split=False)  # t has the jumps
         if rough.any():
             usual = float(pad[~rough].max(initial=0.0))
             straight = self._widest(residual)[rough] - residual[rough] + 5.0 * bend

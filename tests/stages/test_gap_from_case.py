@@ -1,0 +1,126 @@
+"""Every basis, objective, sidedness and padding from the case file to gap.json, on roll-outs whose gap is known."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from simgap.dynamics.cases import nominal_model
+from simgap.errors import BrokenPromise
+from simgap.gap.function import from_json
+from simgap.geometry import Grid
+from simgap.io.documents import read_json
+from simgap.stages import fresh, gap, rollouts
+from simgap.stages.context import Context
+from simgap.stages.fresh import draw
+from simgap.stages.rollouts import product, write
+
+PAPER = ["x1^2", "x2^2", "x1*x2", "x1", "x2", "u", 1]
+BASES = {
+    "the paper's": PAPER,
+    "the paper's, as it was": (PAPER, {"objective": "eta", "sides": "unsigned", "padding": "paper"}),
+    "monomials": {"kind": "monomials", "degree": 3},
+    "trigonometric": {"kind": "trigonometric", "harmonics": 2},
+    "blocks": {"kind": "blocks", "blocks": [6, 9]},
+    "blocks for all inputs": {"kind": "blocks", "blocks": [3, 4], "per_input": False},
+    "own expressions": {"kind": "expressions", "terms": ["sin(x1)", "tanh(x2/0.2)", "x1*u", "exp(x1)", "u", "1"]},
+    "own expressions, listed": ["sin(x1)", "x2^3", "u", 1],
+    "constant": ([1], {"bound": "constant"}),
+}
+EPS = 0.03
+QUICK = {"fresh_samples": 4000, "lipschitz": {"extreme_value": False}}
+
+
+def known(x, u):
+    """A gap that no basis here holds; it vanishes on a line, which invites bounds that are upside down."""
+    d2 = (0.01 * np.sin(3 * x[:, 0]) - 0.004 * u[:, 0] * x[:, 1]) * x[:, 1]
+    return np.stack([0.005 * d2, d2], axis=1)
+
+
+@pytest.fixture(scope="module")
+def inputs():
+    return {"u": {"values": [-1.0, 0.0, 0.7]}}
+
+
+@pytest.fixture
+def stage(vary, tmp_path, inputs):
+    def run(section):
+        removed = ("measured", "simulator")
+        path = vary("pendulum", {"gap": QUICK | section, "domain.U": inputs}, removed)
+        context = Context.load(path)
+        model = nominal_model(context.case, context.folder)
+        constants = {"eps": EPS, "seed": None, "engine": "made up"}
+        pairs = product(Grid.covering(context.box, EPS).centres(), context.input_set)
+        for name, (x, u) in (("shard", pairs), ("fresh", draw(context.box, context.input_set, 4000, 1))):
+            write(context, tmp_path / f"{name}.parquet", x, u, model.step(x, u) + known(x, u), constants, "rollouts")
+        files = (tmp_path / f"{name}.parquet" for name in ("fresh", "thinned"))
+        checked, thinned = files
+        gap.run(path, EPS, [tmp_path / "shard.parquet"], checked, tmp_path / "gap.json", thinned)
+        return context, read_json(tmp_path / "gap.json")
+
+    return run
+
+
+def check(context, content):
+    """0 outside, and lo <= hi on a mesh of X with its borders, for all inputs."""
+    function = from_json(content)
+    assert content["fresh"]["violations"] == 0
+    axes = [np.linspace(lo, hi, 61) for lo, hi in zip(context.box.lo, context.box.hi, strict=True)]
+    mesh = np.array(list(itertools.product(*axes)))
+    for u in context.input_set:
+        lo, hi = function.bounds(mesh, np.tile(u, (len(mesh), 1)))
+        assert np.all(lo <= hi)
+        d = known(mesh, np.tile(u, (len(mesh), 1)))
+        assert np.all((lo <= d) & (d <= hi))
+    if content["kind"] == "linear":
+        assert np.all(function.narrowest() >= 0.0)
+    else:
+        assert np.all(function.lower <= function.upper)
+    return function
+
+
+@pytest.mark.parametrize("name", BASES)
+def test_bases(stage, name):
+    given = BASES[name]
+    basis, more = given if isinstance(given, tuple) else (given, {})
+    context, content = stage({"basis": basis} | more)
+    function = check(context, content)
+    if "unsigned" in more.values():
+        assert np.all(function.bounds(np.zeros((1, 2)), np.zeros((1, 1)))[1] > 0)
+
+
+@pytest.mark.parametrize(
+    ("objective", "sides", "padding"),
+    list(itertools.product(["eta", "lexicographic"], ["signed", "unsigned"], ["paper", "per_axis", "inflate"])),
+)
+def test_combinations(stage, objective, sides, padding):
+    context, content = stage({"basis": PAPER, "objective": objective, "sides": sides, "padding": padding})
+    function = check(context, content)
+    if sides == "unsigned":
+        x = context.box.sample(np.random.default_rng(0), 50)
+        lo, hi = function.bounds(x, np.tile(context.input_set[:1], (50, 1)))
+        np.testing.assert_allclose(lo, -hi, rtol=1e-9, atol=1e-18)
+
+
+def test_dry_friction_in_the_engine_is_covered_by_its_jump(vary, tmp_path):
+    """sign(v) friction in PyBullet: not Lipschitz at rest. Local padding covers it and says so, the others refuse."""
+    friction = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.05}}]
+    changes = {"simulator.inertia": "file", "simulator.effects": friction, "domain.U": {"u": {"values": [-1.0, 0.5]}},
+               "grid": {"eps": 0.011, "shards": 1}, "gap.fresh_samples": 3000}  # fmt: skip
+    path = vary("pendulum", changes, ("measured",))
+    shard, drawn, out, thinned = (tmp_path / n for n in ("shard.parquet", "fresh.parquet", "gap.json", "t.parquet"))
+    rollouts.run(path, 0.011, 0, shard)
+    fresh.run(path, drawn, workers=1)
+    gap.run(path, 0.011, [shard], drawn, out, thinned)
+    content = read_json(out)
+    jump = 2 * 0.05 * 3 * 0.005  # both signs of a torque on the inertia 1/3 for tau
+    assert content["fresh"]["violations"] == 0
+    found = content["dimensions"][1]["lipschitz"]
+    assert found["largest_jump"] == pytest.approx(jump, rel=0.1)
+    assert found["rough_box"][0][1] < 0.0 < found["rough_box"][1][1]
+    assert any("The gap jumps in" in tier["text"] for tier in content["guarantee"])
+    for padding in ("per_axis", "paper"):
+        path = vary("pendulum", changes | {"gap.padding": padding}, ("measured",))
+        with pytest.raises(BrokenPromise, match="not Lipschitz at this grid"):
+            gap.run(path, 0.011, [shard], drawn, tmp_path / "other.json", thinned)
+    assert not (tmp_path / "other.json").exists()
