@@ -37,57 +37,6 @@ def _shifted(bits, r, w, by, words):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, nogil=True)
-def erode_across_rows(lengths, periodic, extent, rows, source, near, out, changed):  # type: ignore[no-untyped-def]
-    """Erode by a box of rows, anchored at its lower corner; `changed[row]` = 1 where the result grew.
-
-    Args:
-        lengths, periodic: (3,) of the row axes; extent: (3,) rows covered per axis.
-        rows: number of rows; source: (rows, words), eroded along the rows already.
-        near: (rows,) whether any row of the box may have changed; the others are left as they are.
-    """
-    n1, n2 = lengths[1], lengths[2]
-    words = source.shape[1]
-    for r in range(rows):
-        changed[r] = 0
-        if not near[r]:
-            continue
-        a0, a1, a2 = r // (n1 * n2), r // n2 % n1, r % n2
-        inside = (periodic[0] or a0 + extent[0] <= lengths[0]) and (periodic[1] or a1 + extent[1] <= n1)
-        if not (inside and (periodic[2] or a2 + extent[2] <= n2)):
-            continue
-        for w in range(words):
-            total = ~np.uint64(0)
-            for d0 in range(extent[0]):
-                for d1 in range(extent[1]):
-                    for d2 in range(extent[2]):
-                        other = ((a0 + d0) % lengths[0] * n1 + (a1 + d1) % n1) * n2 + (a2 + d2) % n2
-                        total &= source[other, w]
-            if total != out[r, w]:
-                out[r, w] = total
-                changed[r] = 1
-
-
-@nb.njit(cache=True, nogil=True)
-def spread(flags, lengths, periodic, lower, upper, out):  # type: ignore[no-untyped-def]
-    """out[row] = 1 if some flagged row lies in row + [lower, upper], per row axis."""
-    n0, n1, n2 = lengths[0], lengths[1], lengths[2]
-    out[:] = 0
-    for r in range(flags.size):
-        if not flags[r]:
-            continue
-        a0, a1, a2 = r // (n1 * n2), r // n2 % n1, r % n2
-        for b0 in range(a0 - upper[0], a0 - lower[0] + 1):
-            if not periodic[0] and (b0 < 0 or b0 >= n0):
-                continue
-            for b1 in range(a1 - upper[1], a1 - lower[1] + 1):
-                if not periodic[1] and (b1 < 0 or b1 >= n1):
-                    continue
-                for b2 in range(a2 - upper[2], a2 - lower[2] + 1):
-                    if periodic[2] or 0 <= b2 < n2:
-                        out[(b0 % n0 * n1 + b1 % n1) * n2 + b2 % n2] = 1
-
-
-@nb.njit(cache=True, nogil=True)
 def _row(n0, n1, n2, p0, p1, p2, b0, b1, b2):  # type: ignore[no-untyped-def]
     """Row of the indices b along the row axes; -1 beyond an axis that ends. Scalars only, so that it is inlined."""
     if (b0 < 0 or b0 >= n0) and p0:

@@ -12,7 +12,8 @@ from simgap.geometry import Grid
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.bit_rows import pack_rows, smallest_boxes
 from simgap.synthesis.bits import packed_width
-from simgap.synthesis.erosion import erode_across_rows, erode_along_rows, predecessors, record, spread
+from simgap.synthesis.box_erosion import BoxErosion, dilate
+from simgap.synthesis.erosion import predecessors, record
 from simgap.synthesis.sweep import Sweep
 from simgap.synthesis.tables import reduced_cells, reduced_size
 from simgap.synthesis.threads import over_rows
@@ -137,13 +138,8 @@ def _ways(
 
 def _clear(system: RowSystem, allowed: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """The free cells eroded by the box of each way, (ways, rows, words)."""
-    rows, words = allowed.shape
-    clear, along = np.zeros((len(system.ways), rows, words), np.uint64), np.empty((rows, words), np.uint64)
-    everywhere, grew = np.ones(rows, np.uint8), np.zeros(rows, np.uint8)
-    axes = (system.lengths, system.periodic)
-    for s, box in enumerate(system.ways):
-        erode_along_rows(allowed, box[3], along)
-        erode_across_rows(*axes, box[:3], rows, along, everywhere, clear[s], grew)
+    clear = np.zeros((len(system.ways), *allowed.shape), np.uint64)
+    BoxErosion(system.lengths, system.periodic, system.ways)(allowed, clear, np.zeros(clear.shape[:2], np.uint8))
     return clear
 
 
@@ -165,25 +161,20 @@ def reach_by_rows(
     value = np.where(target, 0, -1).astype(np.int32)
     mask = np.zeros((grid.size, packed_width(len(abstraction.inputs)) if masks else 0), np.uint8)
     eroded = np.zeros((len(system.shapes), rows, words), np.uint64)
-    grew, near = np.zeros((len(system.shapes), rows), np.uint8), np.zeros(rows, np.uint8)
-    along = np.empty((rows, words), np.uint64)
-    news = won.any(axis=1).astype(np.uint8)
+    grew = np.zeros((len(system.shapes), rows), np.uint8)
+    news = np.asarray(won.any(axis=1), np.uint8)
     axes = (system.lengths, system.periodic)
+    erode = BoxErosion(*axes, system.shapes)
     boxes = (system.layer, system.rel, system.shape_of, eroded, system.way, system.way_of, _clear(system, allowed))
     level = 0
     while news.any():
         level += 1
-        for width in np.unique(system.shapes[:, 3]):
-            erode_along_rows(won, width, along)
-            for s in np.flatnonzero(system.shapes[:, 3] == width):
-                extent = system.shapes[s, :3]
-                spread(news, *axes, np.zeros(3, np.int64), extent - 1, near)
-                erode_across_rows(*axes, extent, rows, along, near, eroded[s], grew[s])
-        spread(news, *axes, system.reach[0], system.reach[1], near)
+        erode(won, eroded, grew, threads)
+        near = dilate(news, *axes, system.reach[0], system.reach[1])
         trial = (system.keep, system.number, grew, near, won, allowed, fresh)
         over_rows(partial(predecessors, *axes, *boxes, *trial), rows, threads)
         over_rows(
             partial(record, *axes, *boxes, won, fresh, system.base, system.stride, level, value, mask), rows, threads
         )
-        news = fresh.any(axis=1).astype(np.uint8)
+        news = np.asarray(fresh.any(axis=1), np.uint8)
     return value, mask

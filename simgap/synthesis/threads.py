@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 @cache
@@ -18,3 +21,9 @@ def over_rows(work: Callable[[int, int], int], rows: int, threads: int) -> int:
         return work(0, rows)
     chunk = -(-rows // (4 * threads))
     return sum(_pool(threads).map(lambda first: work(first, min(rows, first + chunk)), range(0, rows, chunk)))
+
+
+def over_items(work: Callable[[T], None], items: Sequence[T], threads: int) -> None:
+    """Call `work(item)` for every item; they must write to different places."""
+    for _ in map(work, items) if threads <= 1 else _pool(threads).map(work, items):
+        pass
