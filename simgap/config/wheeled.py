@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from simgap.config.base import Section
+from simgap.config.plant import AddedEffect
 
 
 class WheeledSection(Section):
@@ -24,6 +25,9 @@ class WheeledSection(Section):
     substeps: int = Field(100, ge=1, description="Engine steps within tau.")
     poses: int = Field(20, ge=1, description="Poses recorded within tau, evenly spaced; divides substeps.")
     settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
+    effects: tuple[AddedEffect, ...] = Field(
+        (), description="Effects on the commands, delay and lag among them, and wheel_mismatch."
+    )
 
 
 class SymmetrySection(Section):

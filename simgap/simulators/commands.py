@@ -7,7 +7,7 @@ for the piecewise constant commands that a sampled controller gives.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,9 +16,25 @@ import sympy as sp
 from simgap.config.plant import AddedEffect
 from simgap.dynamics.model import symbol
 from simgap.effects import EFFECTS, StaticInputEffect, effect
+from simgap.effects.base import InputEffect
+from simgap.errors import UserError
 from simgap.geometry import Floats
 
 MEMORY = ("input_delay", "input_lag")
+
+
+def command_paths(
+    effects: Sequence[AddedEffect], values: Mapping[str, Sequence[float]], known_delay: float
+) -> list[CommandPath]:
+    """The path of each input, by name in `values`.
+
+    Raises:
+        UserError: an effect on an input that the plant does not have.
+    """
+    unknown = [e.on for e in effects if isinstance(effect(e.name), InputEffect) and e.on not in values]
+    if unknown:
+        raise UserError(f"{unknown} are not inputs", key="simulator.effects", remedy=f"The inputs are {list(values)}.")
+    return [CommandPath.of(effects, name, own, known_delay) for name, own in values.items()]
 
 
 def static_path(effects: Sequence[AddedEffect], name: str, command: sp.Expr) -> sp.Expr:
@@ -52,11 +68,11 @@ class CommandPath:
     @staticmethod
     def of(effects: Sequence[AddedEffect], name: str, values: Sequence[float], known_delay: float) -> CommandPath:
         """From the effects on one input; `known_delay` (s) of it is the controller's latency and not the plant's."""
-        own = {e.name: e for e in effects if e.on == name and e.name in MEMORY}
-        for e in own.values():
+        own = [e for e in effects if e.on == name and e.name in MEMORY]
+        for e in own:
             effect(e.name).check_values(e.parameters)
-        delay = own["input_delay"].parameters["delay"] if "input_delay" in own else 0.0
-        lag = own["input_lag"].parameters["T"] if "input_lag" in own else 0.0
+        delay = sum(e.parameters["delay"] for e in own if e.name == "input_delay")
+        lag = sum(e.parameters["T"] for e in own if e.name == "input_lag")
         command = symbol("command")
         static = sp.lambdify([command], static_path(effects, name, command), modules="math")
         return CommandPath(max(0.0, delay - known_delay), lag, static, tuple(sorted(values)))
@@ -87,11 +103,14 @@ class CommandMemory:
         """How many earlier commands can still matter."""
         return math.ceil(self.path.delay / self.tau * (1.0 - 1e-12))
 
+    def rest(self, command: float) -> None:
+        """As if this had been commanded for ever."""
+        self.past, self.output = [command] * self.depth, self.path.static(command)
+
     def hold(self, which: int) -> None:
         """As if the least (0) or the largest (1) that the plant can feel had been commanded for ever."""
         reached = [self.path.static(v) for v in self.path.values]
-        command = self.path.values[int(np.argmax(reached) if which else np.argmin(reached))]
-        self.past, self.output = [command] * self.depth, self.path.static(command)
+        self.rest(self.path.values[int(np.argmax(reached) if which else np.argmin(reached))])
 
     def draw(self, rng: np.random.Generator) -> None:
         """Random admissible commands; the lag's output anywhere in its range, its ends as often as its inside."""

@@ -7,6 +7,8 @@ saved state that a history of inputs leaves behind. The same arguments give the 
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,7 @@ from simgap.dynamics.urdf_checks import check_urdf
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.simulators.base import Simulator
+from simgap.simulators.commands import CommandMemory, CommandPath
 
 CONTACT_BREAKING = 1e-3  # m; the default of 0.02 keeps stale contact points of a rolling wheel
 
@@ -61,7 +64,7 @@ def wheeled_plant(case: Case, folder: Path) -> WheeledPlant:
 class PyBulletWheeled(Simulator):
     """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity."""
 
-    def __init__(self, plant: WheeledPlant, section: WheeledSection) -> None:
+    def __init__(self, plant: WheeledPlant, section: WheeledSection, paths: Sequence[CommandPath] = ()) -> None:
         import pybullet as p
         from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
@@ -80,6 +83,8 @@ class PyBulletWheeled(Simulator):
         self._offset = np.array(self._p.getDynamicsInfo(self._body, -1)[3])  # of the centre of mass from the root
         self._height = self._settled_height()
         self._rest: int = self._p.saveState()
+        self._memory = [CommandMemory(path, plant.tau) for path in paths]
+        self._right = float(np.prod([e.parameters["ratio"] for e in section.effects if e.name == "wheel_mismatch"]))
         self.path = np.zeros((section.poses, 3))
         self._turned = 0.0
 
@@ -126,7 +131,7 @@ class PyBulletWheeled(Simulator):
         force = s.torque / (s.substeps // s.poses)
         self._p.setJointMotorControlArray(
             self._body, self._wheels, self._p.VELOCITY_CONTROL,
-            targetVelocities=[(linear - half) / s.wheel_radius, (linear + half) / s.wheel_radius],
+            targetVelocities=[(linear - half) / s.wheel_radius, self._right * (linear + half) / s.wheel_radius],
             forces=[force, force],
         )  # fmt: skip
 
@@ -154,13 +159,18 @@ class PyBulletWheeled(Simulator):
         for wheel in self._wheels:
             p.resetJointState(self._body, wheel, 0.0, 0.0)
         self._turned = heading
+        for memory in self._memory:
+            memory.rest(0.0)
 
     def advance(self, u: Floats) -> Floats:
         """Hold (linear, angular) for tau: -> pose, the heading continued without wrapping; `path` holds the way."""
         a, b = self._plant.commands
         self._command(float(u[a]), float(u[b]))
+        felt = [m.step(float(c), self._section.poses) for m, c in zip(self._memory, u, strict=False)]
         order = list(self._plant.pose)
         for n in range(self._section.poses):
+            if felt:
+                self._command(float(felt[a][n]), float(felt[b][n]))
             self._p.stepSimulation()
             x, y, heading = self._pose()
             self._turned += float(np.remainder(heading - self._turned + np.pi, 2.0 * np.pi) - np.pi)
@@ -178,12 +188,12 @@ class PyBulletWheeled(Simulator):
         here = start
         for u in history:
             here = self.advance(u)
-        kept = self._p.saveState()
+        kept, remembered = self._p.saveState(), copy.deepcopy(self._memory)
         turned = self._turned
         out = np.empty((len(inputs), *self.path.shape))
         for m, u in enumerate(inputs):
             self._p.restoreState(kept)
-            self._turned = turned
+            self._turned, self._memory = turned, copy.deepcopy(remembered)
             self.advance(u)
             out[m] = self._in_body_frame(here)
         self._p.removeState(kept)

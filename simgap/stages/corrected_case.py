@@ -13,9 +13,12 @@ import yaml
 
 from simgap.config.load import case_content, parse_case
 from simgap.dynamics.build import symbolic_model
-from simgap.effects import AppliedEffect
+from simgap.effects import AppliedEffect, effect
+from simgap.effects.sensor_offset import SensorOffset
+from simgap.stages.augmentation import augment, plan
 
 SUFFIX = "_corrected"
+OFFSET = "Subtract the sensor's offset from what it reads; the motion is as it was."
 
 
 def corrected_case(
@@ -50,19 +53,36 @@ def corrected_case(
             inner["urdf"] = _moved(source / inner["urdf"], folder)
     if isinstance(content.get("measured"), dict):
         content["measured"]["files"] = [_moved(path, folder) for path in data]
+    words: tuple[str, ...] = ()
     if applied:
         content["name"] = str(content["name"]).removesuffix(SUFFIX) + SUFFIX
         added = [_plain(a) for a in applied]
         content["plant"]["effects"] = [*content["plant"].get("effects", []), *added]
-        if rig != "simulator" and isinstance(content.get("simulator"), dict):
-            content["simulator"]["effects"] = [*content["simulator"].get("effects", []), *added]
+        if rig != "simulator":
+            words = _on_hardware(content, added, target)
     finite = {name: float(v) for name, v in (remainder or {}).items() if math.isfinite(v)}
     if finite and isinstance(content.get("gap"), dict):
         content["gap"]["remainder"] = finite
     body = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     checked = parse_case(yaml.safe_load(body), target)
     symbolic_model(checked.plant, folder)
-    return _header(applied, rig, sentence, content) + body
+    return _header(applied, rig, sentence, content, words) + body
+
+
+def _on_hardware(content: dict[str, Any], added: Sequence[dict[str, Any]], target: Path) -> tuple[str, ...]:
+    """The simulator's twin gets what moves the plant; delay and lag become states while they stay small."""
+    moving = [e for e in added if not isinstance(effect(e["name"]), SensorOffset)]
+    words = (
+        ["Subtract the sensor's offset from what it reads; the motion is as it was."]
+        if len(moving) < len(added)
+        else []
+    )
+    if moving and isinstance(content.get("simulator"), dict):
+        content["simulator"]["effects"] = [*content["simulator"].get("effects", []), *moving]
+    case = parse_case(content, target)
+    chosen = plan(case, [AppliedEffect(e.name, e.on, e.parameters) for e in case.plant.effects])
+    augment(content, case, chosen)
+    return (*words, *chosen.words)
 
 
 def _plain(a: AppliedEffect) -> dict[str, Any]:
@@ -73,7 +93,9 @@ def _moved(path: Path, folder: Path) -> str:
     return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
-def _header(applied: Sequence[AppliedEffect], rig: str, sentence: str, content: dict[str, Any]) -> str:
+def _header(
+    applied: Sequence[AppliedEffect], rig: str, sentence: str, content: dict[str, Any], words: Sequence[str]
+) -> str:
     lines = [f"Corrected by simgap diagnose. {sentence}"]
     if not applied:
         lines.append("Nothing was added: this is the case as it was, with its paths written from here.")
@@ -85,4 +107,4 @@ def _header(applied: Sequence[AppliedEffect], rig: str, sentence: str, content: 
         lines.append("The effects were found on hardware: the nominal model and the simulator both have them.")
     else:
         lines.append("The effects found in the recordings are below plant.effects.")
-    return "".join(f"# {' '.join(line.split())}\n" for line in lines)
+    return "".join(f"# {' '.join(line.split())}\n" for line in (*lines, *words))
