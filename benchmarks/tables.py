@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,19 +25,67 @@ def markdown(head: list[str], rows: list[list[str]]) -> str:
 
 
 def tightness(data: Mapping[str, Any]) -> str:
-    """Objective, sides and padding against suprema, means and winning fractions."""
-    blocks = []
-    for inertia, rows in data.items():
-        if not isinstance(rows, Mapping):
-            continue
-        table = []
-        for name, r in rows.items():
-            cells = [f"{r[s]['sup']:.3g} ({r[s]['ratio']:.3f}), {r[s]['mean']:.3g}" for s in ("x1", "x2")]
-            won = f"{r['winning']:.3f}" if r["winning"] is not None else "-"
-            table.append([name, *cells, won, str(r["violations"])])
-        head = ["objective, sides, padding", "x1: sup (over largest sample), mean", "x2: same", "winning", "outside"]
-        blocks.append(f"{inertia.capitalize()}:\n\n{markdown(head, table)}")
+    """Objective, sides and padding against suprema, means and winning fractions, for each inertia."""
+    blocks = [f"eps = {data['eps']:g}; the nominal model alone wins {data['nominal']:.4f}."]
+    for inertia, found in data.items():
+        if isinstance(found, Mapping):
+            head = f"{inertia.capitalize()} ({found['fresh_samples']:,} fresh samples):"
+            blocks.append(f"{head}\n\n{bounds(found['rows'], ('x1', 'x2'))}")
     return "\n\n".join(blocks)
+
+
+def bounds(rows: Mapping[str, Any], states: Sequence[str]) -> str:
+    """One line a bound: sup and mean of its size, its mean width, what it wins, what lies outside."""
+    table = []
+    for name, r in rows.items():
+        cells = [
+            f"{r[s]['sup']:.3g} ({r[s]['ratio']:.3f}), {r[s]['mean']:.3g}, {r[s]['mean_width']:.2g}" for s in states
+        ]
+        table.append([name, *cells, f"{r['winning']:.4f}", str(r["violations"])])
+    shown = [f"{s}: sup (over largest sample), mean, mean width" for s in states]
+    return markdown(["objective, sides, padding", *shown, "winning", "outside"], table)
+
+
+def robot_tightness(data: Mapping[str, Any]) -> str:
+    """The robot's bounds, seen from the robot."""
+    about = f"{data['roll_outs']:,} roll-outs, {data['fresh_steps']:,} fresh steps:"
+    return f"{about}\n\n{bounds(data['rows'], data['states'])}"
+
+
+def figures(data: Mapping[str, Any]) -> str:
+    """Goals and what was reached."""
+    rows = []
+    for f in data["figures"]:
+        value = f"{f['value']:.4g}" + (f" ({f['note']})" if f["note"] else "")
+        rows.append([f["figure"], value, f["goal"], "reached" if f["reached"] else "**missed**"])
+    return markdown(["figure", "value", "goal", ""], rows)
+
+
+def engines(data: Mapping[str, Any]) -> str:
+    """The gap between two simulators, or between one and a model."""
+    rows = []
+    for r in data["rows"]:
+        cells = [f"{r[s]['largest']:.2g}, {r[s]['sup']:.2g}, {r[s]['sup_width']:.2g}" for s in ("x1", "x2")]
+        rows.append([f"{r['of']} - {r['against']}", *cells, str(r["violations"])])
+    units = [f"{s} ({u}): largest gap, sup of the bound, sup of its width" for s, u in (("x1", "rad"), ("x2", "rad/s"))]
+    return markdown(["gap", *units, f"outside, of {data['fresh_samples']:,}"], rows)
+
+
+def closed_loop(_: Mapping[str, Any]) -> str:
+    """Cases beside the plain pendulum: what they win and what happened in their simulator."""
+    rows = []
+    for case in ("pendulum_sensing", "pendulum_mujoco"):
+        folder = ROOT / "results" / case
+        if not (folder / "validation" / "validation.json").is_file():
+            continue
+        loops = json.loads((folder / "validation" / "validation.json").read_text())["controllers"]
+        for kind in ("gap", "nominal"):
+            won = json.loads((folder / "synthesis" / kind / "synthesis.json").read_text())["winning_fraction"]
+            t = loops[kind]["simulator"]
+            runs = f"{t['runs_that_kept_the_specification']:,} of {t['runs']:,}"
+            steps = f"{t['steps_outside_gamma']:,} of {t['steps']:,}" if kind == "gap" else "-"
+            rows.append([f"`{case}`", "gap-aware" if kind == "gap" else "nominal-only", f"{won:.4f}", runs, steps])
+    return markdown(["case", "controller", "winning", "runs that stayed safe", "steps outside gamma"], rows)
 
 
 def lipschitz(data: Mapping[str, Any]) -> str:
@@ -97,6 +145,10 @@ def undeclared(data: Mapping[str, Any]) -> str:
 
 TABLES: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], str]]] = {
     "tightness": ("tightness_pendulum.json", tightness),
+    "tightness_turtlebot": ("tightness_turtlebot.json", robot_tightness),
+    "figures": ("figures_gap.json", figures),
+    "engines": ("engines.json", engines),
+    "closed_loop": ("../../results/pendulum_sensing/summary.json", closed_loop),
     "lipschitz": ("lipschitz.json", lipschitz),
     "undeclared": ("undeclared.json", undeclared),
     "rollouts": ("rollouts.json", rollouts),
@@ -111,8 +163,8 @@ def main() -> None:
         for name, (file, make) in TABLES.items():
             if (RESULTS / file).is_file():
                 table = make(json.loads((RESULTS / file).read_text()))
-                pattern = rf"(<!-- table {name} -->\n).*?(\n<!-- end -->)"
-                text = re.sub(pattern, lambda m, t=table: m[1] + t + m[2], text, flags=re.S)
+                pattern = rf"(<!-- table {name} -->\n).*?(<!-- end -->)"
+                text = re.sub(pattern, lambda m, t=table: f"{m[1]}{t}\n{m[2]}", text, flags=re.S)
         page.write_text(text)
         print(page.relative_to(ROOT))
 

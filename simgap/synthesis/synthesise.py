@@ -102,8 +102,8 @@ def _solve(problem: Problem, abstraction: Abstraction, threads: int) -> Solution
         return sensed_invariance(abstraction, error, problem.latency, threads)
     if problem.latency != 0:
         raise UserError(
-            f"a latency of {problem.latency} samples for this specification is not supported",
+            f"a controller that reaches a target cannot take a latency yet; the case states {problem.latency} sample",
             key="sensing.latency",
-            remedy="Use 0, or 1 with an invariance specification",
+            remedy="Set it to 0 and raise sensing.error by what a state can move in that time, or ask for invariance.",
         )
     return problem.specification.solve(abstraction, threads)

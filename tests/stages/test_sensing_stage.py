@@ -1,0 +1,82 @@
+"""Sensing from the case file to the closed loop: bounded error and a sample of latency, in the engine."""
+
+import numpy as np
+import pytest
+import yaml
+
+from simgap.cli import main
+from simgap.config.load import case_content
+from simgap.dynamics.cases import nominal_model
+from simgap.gap.fit import fit_gap
+from simgap.gap.samples import GapSamples
+from simgap.gap.settings import GapSettings
+from simgap.geometry import Grid
+from simgap.io.documents import read_json, write_json
+from simgap.simulators.process import run_in_processes
+from simgap.stages import synthesis, validation
+from simgap.stages.context import Context
+from simgap.stages.rollouts import product, roll_out
+
+
+@pytest.fixture
+def sensed(root, tmp_path):
+    """The shipped case on fewer cells, and a bound fitted to a coarse grid."""
+    content = case_content(root / "configs/cases/pendulum_sensing.yaml")
+    content["plant"]["urdf"] = str(root / "configs/models/pendulum.urdf")
+    content["synthesis"]["cells"] = [400, 200]
+    content["domain"]["U"]["u"]["step"] = 0.2
+    content["validation"] = {"starts": 20, "steps": 200, "seed": 2}
+    path = tmp_path / "pendulum_sensing.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def bound(path, out):
+    context = Context.load(path)
+    grid = Grid.covering(context.box, 0.03)
+    x, u = product(grid.centres(), context.input_set)
+    ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)])
+    d = following - nominal_model(context.case, context.folder).step(x, u)
+    names = tuple(context.states), tuple(context.inputs)
+    samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), *names)
+    terms = {"terms": ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")}
+    write_json(out, fit_gap(samples, GapSettings("expressions", terms, extreme_value=False)).function.to_json())
+
+
+def test_the_promise_holds_for_measurements_a_sample_late(sensed, tmp_path):
+    found, made, figures = (tmp_path / n for n in ("gap.json", "controller.npz", "synthesis.json"))
+    bound(sensed, found)
+    synthesis.run(sensed, found, made, figures, 1)
+    assert read_json(figures)["winning_fraction"] > 0.8
+    validation.run(sensed, made, made, found, tmp_path / "v.json", tmp_path / "traces.parquet", 1)
+    tally = read_json(tmp_path / "v.json")["controllers"]["gap"]["simulator"]
+    assert tally["runs_that_violated_it"] == tally["steps_outside_gamma"] == 0
+    assert tally["steps"] == 20 * 200
+
+
+def test_a_target_with_latency_is_refused_in_one_line(vary, tmp_path, capsys):
+    changes = {"sensing": {"latency": 1}, "synthesis.cells": [20, 20, 12]}
+    speeds = {"v": {"values": [-0.2, 0.2]}, "w": {"values": [-0.5, 0.5]}}
+    path, out = vary("turtlebot", changes | {"domain.U": speeds}), tmp_path / "controller.npz"
+    files = ["--out", str(out), "--summary", str(tmp_path / "s.json"), "--log", str(tmp_path / "l")]
+    with pytest.raises(SystemExit) as caught:
+        main(["synthesis", str(path), *files])
+    assert caught.value.code == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert str(path) in line
+    assert "sensing.latency: a controller that reaches a target cannot take a latency yet" in line
+    assert not out.exists()
+
+
+def test_sensing_that_leaves_nothing_says_so(sensed, tmp_path, capsys):
+    content = yaml.safe_load(sensed.read_text())
+    content["sensing"] = {"error": {"x1": 0.15, "x2": 0.4}, "latency": 1}
+    sensed.write_text(yaml.safe_dump(content))
+    files = ["--out", str(tmp_path / "c.npz"), "--summary", str(tmp_path / "s.json"), "--log", str(tmp_path / "l")]
+    with pytest.raises(SystemExit) as caught:
+        main(["synthesis", str(sensed), *files])
+    assert caught.value.code == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "measurement error" in line
+    assert "latency of 1 sample" in line
+    assert np.all([not p.exists() for p in (tmp_path / "c.npz", tmp_path / "s.json")])
