@@ -4,8 +4,8 @@ The robot's bound is a table over U, seen from the robot, over what earlier inpu
 the pendulum's table do not exist here: between samples nothing is padded (U is finite, the position does not matter,
 the heading is rotated exactly), and in place of a padding stands the margin for histories beyond the sampled ones. A
 value for each input is the least in sup and in mean at once, so the objective matters only where the table is replaced
-by a scenario program in a basis over U. Roll-outs are kept in results/benchmarks/tightness_turtlebot (delete them after
-a change of the case).
+by a scenario program in a basis over U. Read are the roll-outs and the bound of a plain run
+(`snakemake --cores 2 results/turtlebot/gap/hidden-state/gap.json`).
 """
 
 from __future__ import annotations
@@ -31,30 +31,26 @@ from simgap.gap.symmetry import BodyFrameGap, nominal_motion
 from simgap.gap.tiers import check_fresh
 from simgap.geometry import Floats
 from simgap.io.documents import read_json
-from simgap.stages import fresh, hidden_gap, histories
+from simgap.stages import hidden_gap
 from simgap.stages.context import Context
 from simgap.stages.synthesis import pose
 from simgap.synthesis.synthesise import Problem, synthesise
 
 ROOT = Path(__file__).parents[1]
 CASE = ROOT / "configs" / "cases" / "turtlebot.yaml"
-KEPT = ROOT / "results" / "benchmarks" / "tightness_turtlebot"
 DEFAULT = "signed, value per input, margin"
 Sides = tuple[Floats, Floats]
 
 
-def rolled_out(workers: int) -> dict[str, Path]:
-    """Histories, fresh sequences and the default bound, made once."""
-    names = ("previous.parquet", "random.parquet", "memory.json", "fresh.parquet", "gap.json", "samples.parquet")
-    path = {name: KEPT / name for name in names}
-    first, random, memory, checked, found, thinned = path.values()
-    if not memory.is_file():
-        KEPT.mkdir(parents=True, exist_ok=True)
-        histories.run(CASE, first, random, memory, workers, None)
-    if not checked.is_file():
-        fresh.run(CASE, checked, workers=workers)
-    hidden_gap.run(CASE, first, random, memory, checked, found, thinned)
-    return path
+def results() -> dict[str, Path]:
+    """What the stages of a plain run wrote."""
+    folder = ROOT / "results" / "turtlebot"
+    names = {"grid": "histories/previous.parquet", "fresh": "fresh/samples.parquet", "gap": "gap/hidden-state/gap.json"}
+    found = {key: folder / name for key, name in names.items()}
+    missing = [str(path) for path in found.values() if not path.is_file()]
+    if missing:
+        raise SystemExit(f"{missing} are missing; run: snakemake --cores 2 results/turtlebot/{names['gap']}")
+    return found
 
 
 def program(context: Context, objective: str) -> Callable[[Floats], Floats]:
@@ -126,20 +122,20 @@ def main() -> None:
     arguments.add_argument("--workers", type=int, default=2)
     workers = arguments.parse_args().workers
     context = Context.load(CASE)
-    path = rolled_out(workers)
-    content = read_json(path["gap.json"])
+    path = results()
+    content = read_json(path["gap"])
     default = from_json(content)
-    problem, _ = pose(context, path["gap.json"])
+    problem, _ = pose(context, path["gap"])
     model, axes, inputs = nominal_model(context.case, context.folder), hidden_gap.pose_axes(context), context.input_set
     centre = 0.5 * (context.box.lo + context.box.hi)
     motion = nominal_motion(model.step, centre, inputs, axes, np.random.default_rng(0))
-    grid = hidden_gap.read_samples(context, path["previous.parquet"])
+    grid = hidden_gap.read_samples(context, path["grid"])
     d = grid.final - motion[grid.m]
     bare = hull(grid.m, d, len(inputs))
     values = [context.domain.U[n].list() for n in context.inputs]
     previous = previous_inputs(values, [context.case.hidden_state.previous[n] for n in context.inputs])
     still = d.reshape(len(previous), len(inputs), d.shape[1])[np.abs(previous).sum(axis=1).argmin()]
-    fresh_steps = hidden_gap.read_samples(context, path["fresh.parquet"])
+    fresh_steps = hidden_gap.read_samples(context, path["fresh"])
     drawn = inputs[fresh_steps.m], fresh_steps.final - motion[fresh_steps.m]
     largest = np.abs(d).max(axis=0)
     rows: dict[str, Any] = {}
