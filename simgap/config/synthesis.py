@@ -70,6 +70,11 @@ class SynthesisSection(Section):
         min_length=1, max_length=4, description="Cells per state, in order, over the safe set or the arena."
     )
     specification: Specification = Field(description="What the closed loop must do.")
+    nominal_between_samples: bool = Field(
+        False,
+        description="Whether the controller of the nominal model alone also minds what that model does between "
+        "samples; as in the paper it looks at the sampling instants only.",
+    )
     rule: Literal["least_effort", "middle"] = Field(
         "least_effort", description="Which of the admissible inputs the controller applies."
     )

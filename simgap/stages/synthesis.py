@@ -54,7 +54,7 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
         "winning_cells": int(solution.winning.sum()),
         "free_cells": int(solution.free.sum()),
         "winning_fraction": solution.fraction,
-        "winning_fraction_after_inflation": after_inflation(problem, solution, between),
+        "winning_fraction_after_inflation": after_inflation(case_specification(context), solution, between),
         "between_samples": dict(zip(context.states, between.tolist(), strict=True)),
         "statistics": solution.statistics,
         "provenance": record,
@@ -62,27 +62,33 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
     write_json(summary, figures)
 
 
-def after_inflation(problem: Problem, solution: Solution, between: Floats) -> float | None:
-    """Share of winning cells among those that also keep clear of obstacles by what may happen between samples.
-
-    None where the specification's own free cells already do: without a sweep the clearance holds it.
-    """
-    if problem.sweep is None or not isinstance(problem.specification, ReachAvoidSpecification):
+def after_inflation(specification: Specification, solution: Solution, between: Floats) -> float | None:
+    """Share of winning cells among those that also keep clear of obstacles by what may happen between samples."""
+    if not isinstance(specification, ReachAvoidSpecification):
         return None
-    free = problem.specification.with_clearance(between).free(solution.grid)
+    free = specification.with_clearance(between).free(solution.grid)
     return float((solution.winning & free).sum() / max(1, free.sum()))
 
 
+def case_specification(context: Context) -> Specification:
+    """What the case asks for, with the clearance as written there."""
+    section = context.need(context.case.synthesis, "synthesis")
+    return make_specification(section.specification.model_dump(), tuple(context.states), context.box)
+
+
 def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
-    """The synthesis problem of a case, and how far a path may stray from its samples, (nx,)."""
+    """The synthesis problem of a case, and how far a path may stray from its samples, (nx,).
+
+    The controller made with the gap minds the way between samples; that of the nominal model alone only if asked to.
+    """
     section = context.need(context.case.synthesis, "synthesis")
     model = nominal_model(context.case, context.folder)
     bound = read_json(gap_path) if gap_path else None
     gap = from_json(bound) if bound else None
-    specification: Specification = make_specification(
-        section.specification.model_dump(), tuple(context.states), context.box
-    )
-    sweep = _sweep(context, model, bound) if isinstance(specification, ReachAvoidSpecification) else None
+    specification = case_specification(context)
+    reaching = isinstance(specification, ReachAvoidSpecification)
+    on_the_way = reaching and (bound is not None or section.nominal_between_samples)
+    sweep = _sweep(context, model, bound) if on_the_way else None
     flow = rates(carried_model(context.case.plant, context.folder))
     spread = np.array([s.size for s in gap.sup().values()]) if gap and sweep is None else np.zeros(model.nx)
     between, _ = excursion(flow, specification.region, context.input_set, model.tau, spread / model.tau)
@@ -90,7 +96,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     error = np.array([sensing.error.get(name, 0.0) for name in context.states]) if sensing else None
     problem = Problem(
         model=model,
-        specification=specification if sweep else specification.with_clearance(between),
+        specification=specification.with_clearance(between) if on_the_way and sweep is None else specification,
         cells=section.cells,
         inputs=context.input_set,
         periodic=tuple(context.states.index(name) for name in context.domain.periodic),
