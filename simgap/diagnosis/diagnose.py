@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis import answer
-from simgap.diagnosis.coarse import coarse
+from simgap.diagnosis.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.equivalence import Rival, collinear_pairs, rivals
 from simgap.diagnosis.fit import Fit, fit
 from simgap.diagnosis.initial import initial_states
@@ -85,7 +85,7 @@ def _conclude(
     at_floor = chi2_dof(problem, chosen.fit) <= FIT_QUALITY and new.ratio <= HELD_OUT_QUALITY
     agree, carried = at_floor, None
     if found.members and not at_floor:
-        fewer = search.problem if held is problem else coarse(held, _together(settings))
+        fewer = search.problem if held is problem else coarse(held, JUDGED_ROWS, _together(settings))
         carried = transferable(search, sparse, found, fewer, settings.horizon_s, settings.max_effects)
         agree = carried is not None
         if carried is not None:

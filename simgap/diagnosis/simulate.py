@@ -153,7 +153,7 @@ def _glide(
     rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, h: float, steps: int, k1: Floats, k2: Floats, k3: Floats,
     k4: Floats, at: Floats,
 ) -> None:  # fmt: skip
-    """Steps of length h, in place, where the input stands still and nothing sticks: the same formula with no look-outs."""
+    """Steps of length h, in place, where the input stands still and nothing sticks: the same formula, no look-outs."""
     n = x.size
     for _ in range(steps):
         rhs(x, u, theta, s, k1)

@@ -47,8 +47,11 @@ def test_a_dense_record_is_averaged_in_blocks():
     assert np.std(error[10:-10, 0]) < 1.3 * NOISE[0] / np.sqrt(5)
 
 
-def test_a_motion_that_bends_within_a_block_is_not_averaged():
-    assert coarse(_problem(1000.0, 8.0, 30.0)).t.size == 8001
+def test_a_motion_that_bends_within_a_block_is_sampled_at_its_middle():
+    problem = _problem(1000.0, 8.0, 30.0)
+    thin = coarse(problem)
+    np.testing.assert_array_equal(thin.y, problem.y[::5])
+    np.testing.assert_array_equal(thin.sigma, problem.sigma)
 
 
 def test_a_long_record_gives_a_spread_of_its_windows():
