@@ -47,6 +47,18 @@ def test_with_matched_settings_the_gap_is_zero(vary, simulator):
     assert np.abs(out - semi_implicit(x, u)).max() < 1e-8
 
 
+def test_the_gap_between_two_engines_is_zero_with_matched_settings_and_shows_the_inertia_without(root, vary):
+    """The shipped MuJoCo case against PyBullet, undamped: nothing; with PyBullet's default inertia: a quarter."""
+    x, u = samples()
+    mujoco, engine = simulate(root / "configs/cases/pendulum_mujoco.yaml", x, u)
+    assert "mujoco" in engine
+    same, _ = simulate(vary("pendulum", {"simulator.inertia": "file", "simulator.damping": MATCHED}), x, u)
+    other, _ = simulate(vary("pendulum", {"simulator.damping": MATCHED}), x, u)
+    assert np.abs(same - mujoco).max() < 1e-8
+    own, theirs = mujoco[:, 1] - x[:, 1], other[:, 1] - x[:, 1]
+    assert np.allclose(theirs, own * 4 / 3, rtol=0.01, atol=1e-6)  # the hinge's inertia is 1/4 instead of 1/3
+
+
 def test_pybullets_default_inertia_makes_the_gap_of_the_paper(vary):
     x, u = samples(2000)
     out, _ = simulate(vary("pendulum", {}), x, u)
