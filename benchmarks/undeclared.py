@@ -94,21 +94,20 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", nargs="*", default=list(STUDIES), choices=list(STUDIES), help="studies to run")
     arguments = parser.parse_args()
-    jobs = []
-    for study in arguments.only:
-        kind, sigma, velocity, share = STUDIES[study]
-        count = max(1, round(arguments.records * share))
-        jobs += [(study, kind, FIRST_SEED + k, sigma, velocity) for k in range(count)]
-    rows = []
-    with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
-        for row in pool.map(one, jobs):
-            rows.append(row)
-            said = f"{row['verdict']} {row['answer']}"
-            print(f"{len(rows)}/{len(jobs)} {row['study']} seed {row['seed']}: {said}", flush=True)
-    figures = {study: summary([r for r in rows if r["study"] == study]) for study in arguments.only}
+    rows: list[dict[str, Any]] = []
+    figures: dict[str, dict[str, Any]] = {}
     RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "undeclared.json").write_text(json.dumps({"figures": figures, "records": rows}, indent=1) + "\n")
-    (RESULTS / "undeclared.md").write_text(table(figures))
+    with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
+        for study in arguments.only:
+            kind, sigma, velocity, share = STUDIES[study]
+            count = max(1, round(arguments.records * share))
+            for row in pool.map(one, [(study, kind, FIRST_SEED + k, sigma, velocity) for k in range(count)]):
+                rows.append(row)
+                print(f"{study} seed {row['seed']}: {row['verdict']} {row['answer']}", flush=True)
+            figures[study] = summary([r for r in rows if r["study"] == study])
+            text = json.dumps({"figures": figures, "records": rows}, indent=1)  # after each study: a long run may end
+            (RESULTS / "undeclared.json").write_text(text + "\n")
+            (RESULTS / "undeclared.md").write_text(table(figures))
 
 
 if __name__ == "__main__":
