@@ -30,6 +30,8 @@ class Remainder:
         tau: the step, s; integrator: how f was discretised.
         level: coverage asked for; count: held-out transitions that set the bound.
         before, after: state -> bound under the declared and the corrected model; inf if there are too few transitions.
+        one_step: "before", "after", "noise_floor" -> state -> RMS of the one-step residual on held-out data; the floor
+            is the noise of both ends.
         noise_only: state -> what the bound would be if measurement noise were all there is.
         inside: share of the held-out transitions inside the bound, for the corrected model.
         unbounded: states that were not measured.
@@ -46,6 +48,7 @@ class Remainder:
     inside: float
     unbounded: tuple[str, ...]
     statement: str
+    one_step: Mapping[str, Mapping[str, float]]
 
 
 def without_memory(model: SymbolicModel, applied: Sequence[AppliedEffect]) -> tuple[SymbolicModel, dict[str, float]]:
@@ -78,23 +81,24 @@ def bound_remainder(
         level: coverage, such as 0.95.
 
     Returns:
-        None if nothing was held out.
+        None if nothing was held out, or no held-out window is longer than a step.
     """
     held, measured = [w for w in windows if w.held_out], list(sigma)
     if not held:
         return None
     step = max(tau, float(np.median(np.concatenate([np.diff(w.t) for w in held]))))
-    scale, scores = [], []
+    scale, scores, errors = [], [], []
     for model, late in zip(models, ({}, shifts), strict=True):
         f = discretise(model, step, integrator)
         fitted = _residuals([w for w in windows if not w.held_out], measured, model, f, late, step)
         fresh = _residuals(held, measured, model, f, late, step)
+        if not len(fresh):
+            return None
         size = np.sqrt(np.mean((fitted if len(fitted) else fresh) ** 2, axis=0))
         scale.append(np.where(size > 0.0, size, 1.0))
-        scores.append(np.max(np.abs(fresh) / scale[-1], axis=1) if len(fresh) else np.zeros(0))
+        errors.append(dict(zip(measured, np.sqrt(np.mean(fresh**2, axis=0)).tolist(), strict=True)))
+        scores.append(np.max(np.abs(fresh) / scale[-1], axis=1))
     count = len(scores[0])
-    if count == 0:
-        return None
     reach = [_quantile(s, level) for s in scores]
     bounds = [{n: float(r * s[k]) for k, n in enumerate(measured)} for r, s in zip(reach, scale, strict=True)]
     noise = _noise_only(np.array(list(sigma.values())), scale[1], level)
@@ -102,7 +106,9 @@ def bound_remainder(
     missing = tuple(n for n in models[0].state_names if n not in measured)
     statement = _statement(level, count, step, integrator, missing, math.isfinite(reach[1]))
     alone = dict(zip(measured, noise.tolist(), strict=True))
-    return Remainder(step, integrator, level, count, bounds[0], bounds[1], alone, inside, missing, statement)
+    floor = {name: math.sqrt(2.0) * value for name, value in sigma.items()}
+    one_step = {"before": errors[0], "after": errors[1], "noise_floor": floor}
+    return Remainder(step, integrator, level, count, bounds[0], bounds[1], alone, inside, missing, statement, one_step)
 
 
 def _quantile(scores: Floats, level: float) -> float:
@@ -127,18 +133,29 @@ def _residuals(
     """Measured minus predicted one step later, over transitions that do not overlap: (n, k)."""
     names = [*model.state_names, *model.input_names]
     wanted = [f[model.state_names.index(n)] for n in measured]
-    out = [np.zeros((0, len(measured)))]
+    start, then = transitions(windows, measured, names, late, step)
+    return then - evaluate(wanted, names, list(start.T)).T
+
+
+def transitions(
+    windows: Sequence[WindowPrediction], measured: Sequence[str], names: Sequence[str], late: Mapping[str, float],
+    step: float,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """Where transitions that do not overlap begin, and what is measured a step later.
+
+    -> (n, states and inputs) in the order of `names`, the states first; (n, k). A state that was not measured is what
+    the corrected model makes of it; an input is its mean over the step, `late` seconds earlier.
+    """
+    begin, end = [np.zeros((0, len(names)))], [np.zeros((0, len(measured)))]
     for w in windows:
         starts = np.arange(w.t[0], w.t[-1] - step * (1 + 1e-9), step)
-        if not starts.size:
-            continue
-        columns = {n: np.interp(starts, w.t, w.states[:, i]) for i, n in enumerate(model.state_names)}
+        nx = w.states.shape[1]
+        columns = {n: np.interp(starts, w.t, w.states[:, i]) for i, n in enumerate(names[:nx])}
         columns |= {n: np.interp(starts, w.t, w.measured[:, k]) for k, n in enumerate(measured)}
-        columns |= {n: _mean_input(w, j, starts - late.get(n, 0.0), step) for j, n in enumerate(model.input_names)}
-        predicted = evaluate(wanted, names, [columns[n] for n in names])
-        then = np.stack([np.interp(starts + step, w.t, w.measured[:, k]) for k in range(len(measured))])
-        out.append((then - predicted).T)
-    return np.concatenate(out)
+        columns |= {n: _mean_input(w, j, starts - late.get(n, 0.0), step) for j, n in enumerate(names[nx:])}
+        begin.append(np.stack([columns[n] for n in names], axis=1))
+        end.append(np.stack([np.interp(starts + step, w.t, w.measured[:, k]) for k in range(len(measured))], axis=1))
+    return np.concatenate(begin), np.concatenate(end)
 
 
 def _mean_input(w: WindowPrediction, j: int, starts: Floats, step: float) -> Floats:

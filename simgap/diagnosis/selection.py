@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,6 +18,7 @@ from simgap.diagnosis.thresholds import BIC_GAIN, FINALISTS, NEAR_TIE, SAME_PROM
 
 Floats = NDArray[np.float64]
 Key = tuple[str, str]
+_FIRSTS = 3  # single effects from which a selection sets out
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +74,28 @@ class Search:
         known = self._key(members, with_values(base.fit.theta, s.values)) in self.tried
         found = self.explain(members, with_values(base.fit.theta, s.values), base.fit)
         if not known and len(s.candidate.slots) > 2 and not _integers(s.candidate):
-            for other in self.every[base.keys]:
-                if other.candidate.key == s.candidate.key and other is not s:
+            starts = [other for other in self.every[base.keys] if other.candidate.key == s.candidate.key]
+            for other in starts:
+                if other is not s:
                     found = self.explain(members, with_values(base.fit.theta, other.values), base.fit, again=True)
+            for theta, contained in self._from_contained(base, starts):
+                found = self.explain(members, theta, contained, again=True)
         return found
+
+    def _from_contained(self, base: Explanation, starts: Sequence[Score]) -> Iterator[tuple[Floats, Fit]]:
+        """Places to begin at the fit of an effect that a candidate contains; far from the null no derivative leads."""
+        c = starts[0].candidate
+        for s in self.every[base.keys]:
+            if s.candidate.key != (c.effect.contains, c.on):
+                continue
+            inner = self.explain((*base.members, s.candidate), with_values(base.fit.theta, s.values), base.fit).fit
+            own = _values(s.candidate, inner.theta)
+            back = {k: float(self.problem.model.null[k]) for k in s.candidate.slots}
+            for start in starts:
+                point = c.effect.beyond(own, _values(c, with_values(inner.theta, start.values)))
+                slots = dict(zip((p.symbol for p in c.effect.parameters), c.slots, strict=True))
+                yield with_values(inner.theta, back | {slots[n]: v for n, v in point.items()}), inner
+            return
 
     def without(self, base: Explanation, member: Candidate) -> Explanation:
         """Fit the base without one effect."""
@@ -147,23 +166,41 @@ def _integers(c: Candidate) -> tuple[int, ...]:
     return tuple(k for p, k in zip(c.effect.parameters, c.slots, strict=True) if p.integer)
 
 
+def _values(c: Candidate, theta: Floats) -> dict[str, float]:
+    return {p.symbol: float(theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+
+
 def _sound(c: Candidate, found: Fit) -> bool:
-    values = {p.symbol: float(found.theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True)}
-    return c.effect.physical(values) and not any(k in found.at_limit for k in c.slots)
+    return c.effect.physical(_values(c, found.theta)) and not any(k in found.at_limit for k in c.slots)
 
 
 def choose(options: Iterable[Explanation]) -> Explanation | None:
-    """Smallest BIC; among near-ties the one with fewest parameters."""
-    listed = list(options)
+    """Smallest BIC; among near-ties the one with fewest parameters. A fit that diverged is none."""
+    listed = [e for e in options if math.isfinite(e.bic)]
     if not listed:
         return None
     best = min(e.bic for e in listed)
-    return min((e for e in listed if e.bic < best + NEAR_TIE), key=lambda e: (e.count, e.bic))
+    return min((e for e in listed if e.bic - best < NEAR_TIE), key=lambda e: (e.count, e.bic))
 
 
 def select(search: Search, base: Fit, most: int) -> Explanation:
-    """Forward selection: add the best effect, drop what is not worth it, swap what has a better rival; repeat."""
-    current = search.empty(base)
+    """Forward selection: add the best effect, drop what is not worth it, swap what has a better rival; repeat.
+
+    Where more than one effect is needed the best first one need not be among them (two effects together can look like
+    a third): selection also sets out from the next best single effects, and the best end is taken.
+    """
+    found = grow(search, search.empty(base), most)
+    if len(found.members) < 2:
+        return found
+    ends = [found]
+    for first in sorted(search.joined(search.empty(base)), key=lambda e: e.bic)[:_FIRSTS]:
+        if not first.keys & found.keys:
+            ends.append(grow(search, first, most))
+    return choose(ends) or found
+
+
+def grow(search: Search, current: Explanation, most: int) -> Explanation:
+    """Add, drop and swap effects from here on while that pays."""
     while len(current.members) < most:
         option = choose(search.joined(current))
         if option is None or current.bic - option.bic < BIC_GAIN:

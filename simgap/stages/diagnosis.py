@@ -27,6 +27,7 @@ from simgap.stages.corrected_case import corrected_case
 from simgap.stages.diagnosis_document import document
 from simgap.stages.diagnosis_page import draw, overlays, page
 from simgap.stages.measured_data import load_reading
+from simgap.stages.measured_share import FILE, write_transitions
 
 JSON, PAGE, CASE, RECORDING = "diagnosis.json", "report.html", "corrected_case.yaml", "residual.rrd"
 
@@ -147,5 +148,8 @@ def _write(
     write_recording(
         out_dir / RECORDING, found.windows, record.measured, record.inputs, context.units, context.case.name
     )
+    if context.case.domain is not None:
+        made_of = content["provenance"]
+        write_transitions(context, out_dir / FILE, found.windows, record.measured, shifts, made_of)
     write_text(target, text)
     write_json(out_dir / JSON, content)

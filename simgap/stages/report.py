@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from simgap.dynamics.cases import nominal_model
 from simgap.gap.function import GapFunction, from_json
 from simgap.io.atomic import write_text
 from simgap.io.documents import read_json, write_json
@@ -16,6 +17,7 @@ from simgap.io.traces import NOMINAL, ROBUST, Trace, split
 from simgap.provenance import provenance
 from simgap.stages import report_content as words
 from simgap.stages.context import Context, log
+from simgap.stages.measured_share import FILE, share_inside
 from simgap.stages.report_figures import draw
 from simgap.synthesis.controller import Controller
 
@@ -42,10 +44,14 @@ class Inputs:
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """The same case with the nominal model that the diagnosis corrected."""
+    """The same case with the nominal model that the diagnosis corrected.
+
+    `inside` is the share of measured transitions inside f +- gamma, "before" and "after"; None where it is not known.
+    """
 
     summary: Mapping[str, Any]
     controllers: Mapping[str, Controller]
+    inside: Mapping[str, Mapping[str, float] | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +112,31 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         validation=read_json(inputs.validation / "validation.json"),
         traces=split(table, context.states, context.inputs),
         diagnosis=read_json(inputs.diagnosis / "diagnosis.json") if inputs.diagnosis else None,
-        corrected=_corrected(inputs.corrected) if inputs.corrected else None,
+        corrected=_corrected(context, inputs, gap) if inputs.corrected else None,
         printed=printed_values(context.case.name),
     )
 
 
-def _corrected(folder: Path) -> Corrected:
+def _corrected(context: Context, inputs: Inputs, gap: Mapping[str, Any]) -> Corrected:
+    folder = inputs.corrected or Path()
     controllers = {kind: Controller.load(folder / "synthesis" / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
-    return Corrected(read_json(folder / "summary.json"), controllers)
+    return Corrected(read_json(folder / "summary.json"), controllers, _inside(context, inputs, gap))
+
+
+def _inside(context: Context, inputs: Inputs, gap: Mapping[str, Any]) -> dict[str, Mapping[str, float] | None]:
+    """Measured transitions against both bounds, where the diagnosis and the corrected bound are there."""
+    found, bounds = inputs.diagnosis, sorted((inputs.corrected or Path()).glob("gap/*/gap.json"))
+    if found is None or not (found / FILE).is_file() or not bounds:
+        return {}
+    noise = read_json(found / "diagnosis.json")["noise"]
+    later = Context.load(found / "corrected_case.yaml")
+    if later.states != context.states:
+        return {}
+    sides = {"before": (context, from_json(gap), False), "after": (later, from_json(read_json(bounds[-1])), True)}
+    return {
+        side: share_inside(own, found / FILE, nominal_model(own.case, own.folder), bound, noise, late)
+        for side, (own, bound, late) in sides.items()
+    }
 
 
 def printed_values(case: str) -> Mapping[str, Any]:

@@ -134,6 +134,7 @@ def corrected(m: Material) -> Rows:
         for state, unit in ((s, m.context.units[s]) for s in own):
             row = {"what": f"{name}, {state}", "before": own[state][key], "after": bounds[state][key], "unit": unit}
             rows.append(row)
+    rows += _measured(m)
     for kind, name in ((NOMINAL, "nominal-only"), (ROBUST, "gap-aware")):
         before, later = m.syntheses[kind]["winning_fraction"], after["winning_fraction"][kind]
         rows.append({"what": f"winning fraction, {name}", "before": before, "after": later, "unit": ""})
@@ -141,6 +142,23 @@ def corrected(m: Material) -> Rows:
         tallies = (m.validation["controllers"], after["closed_loop"])
         first, second = (t[kind][SIMULATOR]["runs_that_violated_it"] for t in tallies)
         rows.append({"what": f"runs that violate, {name}", "before": first, "after": second, "unit": ""})
+    return rows
+
+
+def _measured(m: Material) -> Rows:
+    """One-step error and share inside f +- gamma on held-out transitions, before and after."""
+    rows: Rows = []
+    step = ((m.diagnosis or {}).get("remainder") or {}).get("one_step")
+    if step:
+        for state, before in step["before"].items():
+            what = f"one-step error on held-out data, {state} (noise floor {step['noise_floor'][state]:.3g})"
+            rows.append({"what": what, "before": before, "after": step["after"][state], "unit": m.context.units[state]})
+    inside = m.corrected.inside if m.corrected is not None else {}
+    first, second = inside.get("before"), inside.get("after")
+    if first and second:
+        count = f"{first['transitions']:,.0f} held-out transitions"
+        names = {"share": f"share of {count} inside f ± gamma", "noise_alone": "the same if noise were all there is"}
+        rows += [{"what": n, "before": first[k], "after": second[k], "unit": ""} for k, n in names.items()]
     return rows
 
 

@@ -1,0 +1,79 @@
+"""Held-out transitions against f +- gamma: counted by hand on a model whose gap is known."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import diagnosis_example as example
+
+from simgap.config.load import load_case
+from simgap.gap.fit import fit_gap
+from simgap.gap.samples import GapSamples
+from simgap.gap.settings import GapSettings
+from simgap.geometry import Grid
+from simgap.io.parquet import read_parquet, stack
+from simgap.stages.context import Context
+from simgap.stages.measured_share import share_inside, write_transitions
+
+RECORD = {"stage": "by hand"}
+
+
+class Exact:
+    """f is what was measured without noise: x stays, whatever the input."""
+
+    def step(self, x, u):
+        return x
+
+
+@pytest.fixture
+def context(vary):
+    hinge = {"joint": "hinge"}
+    angle, rate = {"quantity": "position", "unit": "rad"}, {"quantity": "velocity", "unit": "rad/s"}
+    states = {"q": hinge | angle, "v": hinge | rate}
+    domain = {"tau": 0.05, "X": {"q": [-9, 9], "v": [-90, 90]}, "U": {"u": {"values": [-9.0, 0.0, 9.0]}}}
+    path = vary("pendulum", {"domain": domain, "plant.states": states})
+    return Context(load_case(path), path)
+
+
+def constant_gap(context, half):
+    grid = Grid(context.box, (6, 6))
+    d = np.zeros((grid.size, 3, 2))
+    samples = GapSamples(grid, context.input_set, d - half, ("q", "v"), ("u",), d + half)
+    return fit_gap(
+        samples, GapSettings(basis="expressions", basis_options={"terms": ("1",)}, extreme_value=False)
+    ).function
+
+
+def test_the_share_is_that_of_a_count_by_hand(context, tmp_path):
+    data = example.record(seed=4)
+    path = tmp_path / "transitions.parquet"
+    write_transitions(context, path, example.windows(data), ["q", "v"], {"u": 0.02}, RECORD)
+    rows = read_parquet(path)
+    start, then = stack(rows, ["q", "v"]), stack(rows, ["next_q", "next_v"])
+    assert len(start) == 3 * 19  # as many as the conformal bound rests on
+    half = np.array([0.05, 0.3])
+    gap = constant_gap(context, half)
+    lo, hi = gap.bounds(start[:1], np.zeros((1, 1)))
+    noise = {"q": 0.02, "v": 0.1}
+    got = share_inside(context, path, Exact(), gap, noise, late=False)
+    assert got["transitions"] == len(start)
+    assert got["share"] == np.mean(np.all((then - start >= lo) & (then - start <= hi), axis=1))
+    # two independent normals of sqrt(2) sigma inside the symmetric bound
+    from scipy.stats import norm
+
+    want = np.prod([2 * norm.cdf(h / (np.sqrt(2) * s)) - 1 for h, s in zip(half, noise.values(), strict=True)])
+    assert got["noise_alone"] == pytest.approx(want, abs=0.05)
+
+
+def test_transitions_outside_the_domain_are_not_counted(context, tmp_path):
+    data = example.record(seed=4)
+    path = tmp_path / "transitions.parquet"
+    write_transitions(context, path, example.windows(data), ["q", "v"], {}, RECORD)
+    narrow = context.case.model_copy(
+        update={"domain": context.domain.model_copy(update={"X": {"q": (50.0, 51.0), "v": (-90.0, 90.0)}})}
+    )
+    elsewhere = Context(narrow, context.path)
+    assert share_inside(elsewhere, path, Exact(), constant_gap(context, 1.0), {"q": 1.0, "v": 1.0}, False) is None
