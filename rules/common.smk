@@ -33,6 +33,15 @@ def base(name):
     return name.split("/")[0]
 
 
+def simulated(name):
+    """The case whose roll-outs count: effects found on the simulator leave it as it is, those found on hardware do not."""
+    if base(name) not in LOADED:
+        LOADED[base(name)] = load(base(name))
+    measured = LOADED[base(name)].measured
+    hardware = measured is not None and measured.rig == "hardware"
+    return name if hardware else base(name)
+
+
 def case_path(name):
     if name != base(name):
         return f"results/{base(name)}/diagnosis/corrected_case.yaml"

@@ -1,7 +1,8 @@
 # The loop closed with measured data: recordings -> diagnosis -> corrected case -> the same stages again.
 #
-# A corrected case is called `<case>/corrected`. It runs on its own case file, which the diagnosis writes, and on the roll-outs
-# of the case that it came from: they do not depend on the nominal model.
+# A corrected case is called `<case>/corrected`. It runs on its own case file, which the diagnosis writes. What was found on the
+# case's own simulator changes the nominal model alone, so the roll-outs of the case that it came from serve; what was found
+# on hardware changes the simulator's twin too, which is rolled out anew.
 
 
 def rig_file(case):

@@ -2,6 +2,8 @@
 
 
 rule rollouts:
+    input:
+        case=correction,
     output:
         "results/{case}/rollouts/eps~{eps}/shard-{shard}.parquet",
     log:
@@ -22,6 +24,8 @@ rule rollouts:
 
 
 rule fresh:
+    input:
+        case=correction,
     output:
         "results/{case}/fresh/samples.parquet",
     log:
@@ -43,6 +47,8 @@ rule fresh:
 
 
 rule calibration:
+    input:
+        case=correction,
     output:
         "results/{case}/calibration/samples.parquet",
     log:
@@ -67,14 +73,14 @@ def calibration(wildcards):
     """A conformal bound needs samples of its own; the other bounds need none."""
     if case_of(wildcards).gap.bound != "conformal":
         return []
-    return f"results/{base(wildcards.case)}/calibration/samples.parquet"
+    return f"results/{simulated(wildcards.case)}/calibration/samples.parquet"
 
 
 def shards(wildcards):
     count = case_of(wildcards).grid.shards
     return expand(
         "results/{case}/rollouts/eps~{eps}/shard-{shard}.parquet",
-        case=base(wildcards.case),
+        case=simulated(wildcards.case),
         eps=wildcards.eps,
         shard=range(count),
     )
@@ -84,7 +90,7 @@ rule gap:
     input:
         case=correction,
         rollouts=shards,
-        fresh=lambda w: f"results/{base(w.case)}/fresh/samples.parquet",
+        fresh=lambda w: f"results/{simulated(w.case)}/fresh/samples.parquet",
         calibration=calibration,
     output:
         gap="results/{case}/gap/eps~{eps}/gap.json",
@@ -114,6 +120,8 @@ rule gap:
 
 
 rule histories:
+    input:
+        case=correction,
     output:
         grid="results/{case}/histories/previous.parquet",
         random="results/{case}/histories/random.parquet",
@@ -140,10 +148,10 @@ rule histories:
 rule hidden_gap:
     input:
         case=correction,
-        grid=lambda w: f"results/{base(w.case)}/histories/previous.parquet",
-        random=lambda w: f"results/{base(w.case)}/histories/random.parquet",
-        memory=lambda w: f"results/{base(w.case)}/histories/memory.json",
-        fresh=lambda w: f"results/{base(w.case)}/fresh/samples.parquet",
+        grid=lambda w: f"results/{simulated(w.case)}/histories/previous.parquet",
+        random=lambda w: f"results/{simulated(w.case)}/histories/random.parquet",
+        memory=lambda w: f"results/{simulated(w.case)}/histories/memory.json",
+        fresh=lambda w: f"results/{simulated(w.case)}/fresh/samples.parquet",
     output:
         gap="results/{case}/gap/hidden-state/gap.json",
         samples="results/{case}/gap/hidden-state/samples.parquet",
