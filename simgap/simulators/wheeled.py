@@ -79,12 +79,12 @@ class PyBulletWheeled(Simulator):
         self._p: Any = BulletClient(p.DIRECT)
         self.pose = plant.pose
         self._plant, self._section = plant, section
+        self._right = float(np.prod([e.parameters["ratio"] for e in section.effects if e.name == "wheel_mismatch"]))
         self._body, self._wheels = self._load()
         self._offset = np.array(self._p.getDynamicsInfo(self._body, -1)[3])  # of the centre of mass from the root
         self._height = self._settled_height()
         self._rest: int = self._p.saveState()
         self._memory = [CommandMemory(path, plant.tau) for path in paths]
-        self._right = float(np.prod([e.parameters["ratio"] for e in section.effects if e.name == "wheel_mismatch"]))
         self.path = np.zeros((section.poses, 3))
         self._turned = 0.0
 
