@@ -18,7 +18,7 @@ from simgap.diagnosis.problem import Problem, build_problem
 from simgap.diagnosis.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Judged
 from simgap.diagnosis.scoring import list_starts
-from simgap.diagnosis.selection import Explanation, Search, on_all, select
+from simgap.diagnosis.selection import Explanation, Search, on_all, preferred, select
 from simgap.diagnosis.step_length import settled
 from simgap.diagnosis.supermodel import cached_supermodel
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
@@ -50,6 +50,8 @@ def diagnose(model: SymbolicModel, record: Record, settings: DiagnosisSettings |
     base = fit(sought, sought.model.null, initial_states(sought), [], {})
     search = Search(sought, list_starts(sought))
     found = select(search, base, settings.max_effects)
+    rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
+    found = preferred(search, found, settings.max_effects)
     return _conclude(model, record, settings, search, base, found, problem, held)
 
 

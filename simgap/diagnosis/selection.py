@@ -19,6 +19,7 @@ from simgap.diagnosis.thresholds import BIC_GAIN, FINALISTS, NEAR_TIE, SAME_PROM
 Floats = NDArray[np.float64]
 Key = tuple[str, str]
 _FIRSTS = 3  # single effects from which a selection sets out
+_EQUALS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,16 +188,25 @@ def select(search: Search, base: Fit, most: int) -> Explanation:
     """Forward selection: add the best effect, drop what is not worth it, swap what has a better rival; repeat.
 
     Where more than one effect is needed the best first one need not be among them (two effects together can look like
-    a third): selection also sets out from the next best single effects, and the best end is taken.
+    a third): selection also sets out from the next best single effects, and all that was tried competes.
     """
     found = grow(search, search.empty(base), most)
     if len(found.members) < 2:
         return found
-    ends = [found]
     for first in sorted(search.joined(search.empty(base)), key=lambda e: e.bic)[:_FIRSTS]:
         if not first.keys & found.keys:
-            ends.append(grow(search, first, most))
-    return choose(ends) or found
+            grow(search, first, most)
+    return preferred(search, found, most)
+
+
+def preferred(search: Search, found: Explanation, most: int) -> Explanation:
+    """The best of all that was tried, the simpler of near-ties, without effects that are worth too little."""
+    if len(found.members) > 2:  # one of its equals may hold an effect that is worth nothing
+        equals = [e for e in search.tried.values() if e.physical and abs(e.bic - found.bic) < 0.01 * NEAR_TIE]
+        for e in equals[:_EQUALS]:
+            _prune(search, e)
+    best = choose(e for e in search.tried.values() if e.physical and 0 < len(e.members) <= most)
+    return found if best is None or not found.members else _prune(search, best)
 
 
 def grow(search: Search, current: Explanation, most: int) -> Explanation:
@@ -205,8 +215,7 @@ def grow(search: Search, current: Explanation, most: int) -> Explanation:
         option = choose(search.joined(current))
         if option is None or current.bic - option.bic < BIC_GAIN:
             break
-        current = _prune(search, option)
-        current = _swap(search, current)
+        current = _prune(search, _swap(search, _prune(search, option)))
     return current
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from simgap.diagnosis.fit import Fit
 from simgap.diagnosis.judge import HeldOut, chi2_dof, excess, folds_agree, judge
 from simgap.diagnosis.problem import Problem
-from simgap.diagnosis.selection import Explanation, Search, select
+from simgap.diagnosis.selection import Explanation, Search, grow
 from simgap.diagnosis.thresholds import EXCESS_KEPT, PLAUSIBLE_RATIO, SIMPLER_SHARE
 
 Floats = NDArray[np.float64]
@@ -84,7 +84,7 @@ def transferable(
     to `SIMPLER_SHARE`.
     """
     wider = rescaled(search, best)
-    select(wider, base, most)
+    grow(wider, wider.empty(base), most)
     for size in range(1, most):  # a wider look than the greedy path: the right set need not fit best
         for e in _best(wider, size, _BEAM):
             wider.joined(e, most=_BEAM)

@@ -47,6 +47,8 @@ class Effect(ABC):
     formula: ClassVar[str]
     source: ClassVar[str]
     parameters: ClassVar[tuple[EffectParameter, ...]]
+    contains: ClassVar[str] = ""
+    """Name of an effect that this one extends: its fit is a place to begin from."""
 
     @abstractmethod
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
@@ -64,6 +66,10 @@ class Effect(ABC):
         """Where a search for the effect begins; for one parameter, the derivative at its null."""
         (only,) = self.parameters
         return (Start(1, lambda c: {only.symbol: only.null + c[0]}),)
+
+    def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
+        """Where to begin from the fit of the effect that this one contains, and from one of its own starts."""
+        return {**start, **contained}
 
     def physical(self, values: Mapping[str, float]) -> bool:
         """Whether the values obey the sign constraints."""

@@ -14,6 +14,7 @@ class StribeckFriction(CoordinateEffect):
     """Dry friction that is larger near rest and falls to the Coulomb level as speed grows."""
 
     name = "stribeck_friction"
+    contains = "coulomb_friction"
     formula = "F = -(F_c + (F_s - F_c) exp(-(v/v_s)^2)) sign(v), and any |F| <= F_s that keeps v = 0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), eq. 2"
     parameters = (
@@ -29,6 +30,10 @@ class StribeckFriction(CoordinateEffect):
             return Start(2, lambda c: {"F_c": c[0], "F_s": c[0] + c[1], "v_s": speed})
 
         return tuple(at(share * scales.speed) for share in (0.03, 0.1, 0.3))
+
+    def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
+        """A peak of half the Coulomb level on top of it."""
+        return {"F_c": contained["F_c"], "F_s": 1.5 * contained["F_c"], "v_s": start["v_s"]}
 
     def physical(self, values: Mapping[str, float]) -> bool:
         """The peak is not below the Coulomb level."""

@@ -20,7 +20,8 @@ class Mark:
 
     exact: the right set, or one that the sensitivities prove equivalent to it; listed: the right set is the answer or
     among its alternatives; hits: how many true effects the answer names (an equivalent counts); errors: relative
-    errors of the parameters, by "effect.symbol"; covered: whether each interval holds the truth.
+    errors of the parameters where the answer is the true set, by "effect.symbol"; covered: whether each interval holds
+    the truth.
     """
 
     verdict: str
@@ -60,7 +61,7 @@ def mark(d: Diagnosis, sealed: dict) -> Mark:
     errors, covered = {}, []
     chosen = {(e.name, e.on): e.parameters for e in d.effects}
     for key, parameters in chosen.items():
-        for symbol, true in sealed["parameters"].get(f"{key[0]} {key[1]}", {}).items() if exact else ():
+        for symbol, true in sealed["parameters"].get(f"{key[0]} {key[1]}", {}).items() if answer == truth else ():
             if symbol in ("n", "phase"):
                 continue
             estimate = parameters[symbol]

@@ -15,6 +15,7 @@ from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record import Record, Trace
 from tests.undeclared.plant import pendulum
 from tests.undeclared.rig import mujoco_pendulum
+from tests.undeclared.rig import pendulum as rig
 from tests.undeclared.rig.seal import produce
 from tests.undeclared.scoring import Mark, examine
 
@@ -66,3 +67,24 @@ def test_hidden_in_another_engine(name):
     if (chosen.name, chosen.on) == effect:
         (estimate,) = chosen.parameters.values()
         assert estimate.value == pytest.approx(size, rel=0.01)
+
+
+def test_a_strong_stribeck_peak_is_found_from_the_coulomb_fit():
+    hidden = rig.Hidden(rig={"F_c": 0.12, "F_s": 0.22, "v_s": 0.14})
+    traces = rig.record(hidden, np.random.default_rng(11), 1e-3, False, seconds=8.0)
+    record = Record(tuple(Trace(f"t{k}", *a) for k, a in enumerate(traces)), ("angle",), ("torque",))
+    d = diagnose(pendulum(), record)
+    assert [e.name for e in d.effects] == ["stribeck_friction"]
+    p = d.effects[0].parameters
+    assert p["F_c"].value == pytest.approx(0.12, rel=0.01)
+    assert p["F_s"].ci95[0] <= 0.22 <= p["F_s"].ci95[1]  # eight seconds tell the peak from its width only roughly
+    assert p["v_s"].ci95[0] <= 0.14 <= p["v_s"].ci95[1]
+
+
+def test_two_effects_that_together_look_like_others():
+    hidden = rig.Hidden(rig={"gain": 1.18, "k": 0.4})
+    traces = rig.record(hidden, np.random.default_rng(12), 1e-3, False, seconds=8.0)
+    record = Record(tuple(Trace(f"t{k}", *a) for k, a in enumerate(traces)), ("angle",), ("torque",))
+    d = diagnose(pendulum(), record)
+    sets = [{e.name for e in d.effects}, *({a.name for a in s.effects} for s in d.alternatives)]
+    assert {"input_gain", "spring"} in sets
