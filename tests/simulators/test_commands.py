@@ -112,8 +112,35 @@ def test_rollouts_with_memory_do_not_depend_on_their_order(vary):
 
 
 def test_a_lagged_state_without_a_lagging_simulator_is_refused(vary):
-    lagged = {"u_lagged": {"unit": "N*m", "lag_of": "u"}}
-    path = twin(vary, [], **{"plant.effects": [e.model_dump() for e in effects(0.0, 0.02)],
-                             "domain.X.u_lagged": [-1.2, 1.2], "plant.states.u_lagged": lagged["u_lagged"]})  # fmt: skip
+    slow = [e.model_dump() for e in effects(0.0, 0.02)]
+    state = {"plant.states.u_lagged": {"unit": "N*m", "lag_of": "u"}, "domain.X.u_lagged": [-1.2, 1.2]}
+    path = twin(vary, [], **{"plant.effects": slow, **state})
     with pytest.raises(UserError, match=r"simulator\.effects.*input_lag"):
         make_simulator(load_case(path), path.parent)
+
+
+def robot(vary, root, found):
+    """The robot's poses after the same two commands, with effects on them."""
+    model = {"simulator.urdf": str(root / "configs/models/turtlebot.urdf"), "simulator.effects": found}
+    path = vary("turtlebot", {**model, "simulator.substeps": 100, "simulator.poses": 20})
+    simulator = make_simulator(load_case(path), path.parent)
+    simulator.reset(np.zeros(3))
+    poses = np.array([simulator.advance(np.array(u)) for u in ([0.2, 0.0], [0.1, 0.0])])
+    simulator.close()
+    return poses
+
+
+def test_the_robot_acts_out_effects_on_its_commands(vary, root):
+    def on(name, target, **parameters):
+        return [{"name": name, "on": target, "parameters": parameters}]
+
+    plain = robot(vary, root, [])
+    late = robot(vary, root, on("input_delay", "v", delay=0.4))
+    assert plain[0, 0] - late[0, 0] == pytest.approx(0.4 * 0.2, abs=0.01)  # 0.4 s at rest instead of at 0.2 m/s
+    assert plain[1, 0] - late[1, 0] == pytest.approx(0.4 * 0.1, abs=0.01)  # of which the second command gives half back
+    halved = robot(vary, root, on("input_gain", "v", ratio=0.5))
+    assert halved[1, 0] == pytest.approx(0.5 * plain[1, 0], rel=0.05)
+    uneven = robot(vary, root, on("wheel_mismatch", "plant", ratio=1.05))
+    assert uneven[1, 2] == pytest.approx(0.05 * 0.3 / 0.23, rel=0.15)  # the right wheel goes 5 % farther over 0.3 m
+    with pytest.raises(UserError, match=r"simulator\.effects.*lateral_slip"):
+        robot(vary, root, on("lateral_slip", "plant", ratio=0.05))
