@@ -3,6 +3,7 @@
 #   snakemake --cores 2                                  every default case, then the report
 #   snakemake --cores 2 --configfile configs/sweeps/eps.yaml   more points of a sweep; what is there is kept
 #   snakemake --cores 2 paper                            what the paper's printed numbers allow
+#   snakemake --cores 2 full_table                       a robot's gap over every previous input (long)
 #   snakemake --cores 2 sensing                          the pendulum, measured with an error and a sample late
 #   snakemake --cores 2 mujoco                           the pendulum in another engine (extra `mujoco`)
 
@@ -16,10 +17,12 @@ include: "rules/control.smk"
 include: "rules/diagnosis.smk"
 include: "rules/report.smk"
 include: "rules/paper.smk"
+include: "rules/full_table.smk"
 
 
 localrules:
     all,
+    full_table,
     sensing,
     mujoco,
 

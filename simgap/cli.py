@@ -110,6 +110,7 @@ def histories(
     out: Annotated[Path, typer.Option(help="File for the roll-outs after a grid of previous inputs (Parquet).")],
     random: Annotated[Path, typer.Option(help="File for the steps of random sequences (Parquet).")],
     memory: Annotated[Path, typer.Option(help="File for how older inputs fade and headings differ (JSON).")],
+    every: Annotated[bool, typer.Option("--every", help="All inputs as previous inputs, not a grid of them.")] = False,
     workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
     log: Log = None,
 ) -> None:
@@ -117,7 +118,7 @@ def histories(
     from simgap.stages import histories as stage
 
     start_log(log)
-    stage.run(case, out, random, memory, workers, log)
+    stage.run(case, out, random, memory, workers, log, every)
 
 
 @app.command("hidden-gap")

@@ -11,6 +11,9 @@ class ValidationSection(Section):
     """How many runs, how long, and which of them are kept in full."""
 
     starts: int = Field(1000, ge=1, description="Starts drawn from each winning domain.")
+    first: tuple[dict[str, float], ...] = Field(
+        (), description="States to start from before the drawn ones; each must be in both winning domains."
+    )
     steps: int = Field(2000, ge=1, description="Samples a run.")
     seed: int = Field(0, ge=0, description="Seed of the starts.")
     kept: int = Field(4, ge=1, description="Runs of each controller whose traces are written.")

@@ -27,7 +27,8 @@ from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
 from simgap.stages.context import Context, log
 from simgap.stages.hidden_gap import pose_axes
-from simgap.stages.validation import Subject, draw_starts, keep_promise, keep_some, trace
+from simgap.stages.starts import starts
+from simgap.stages.validation import Subject, keep_promise, keep_some, trace
 from simgap.synthesis.controller import Controller
 
 CHUNK = 25
@@ -68,11 +69,12 @@ def run(
     parts: list[pa.Table] = []
     for kind, path in paths.items():
         controller = Controller.load(path)
-        starts = draw_starts(controller, section.starts, section.seed)
-        driven = _simulate(context, path, starts, section.steps, arena, workers, engine_log)
+        with context.blame():
+            begin = starts(context, section, controller)
+        driven = _simulate(context, path, begin, section.steps, arena, workers, engine_log)
         for plant, runs in (
             ("simulator", driven),
-            ("nominal model", _on_model(context, model, controller, arena, starts, section.steps)),
+            ("nominal model", _on_model(context, model, controller, arena, begin, section.steps)),
         ):
             figures, kept = _judge(context, runs, controller, model, gap, section.kept)
             tallies.setdefault(kind, {})[plant] = figures

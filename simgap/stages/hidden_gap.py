@@ -24,6 +24,7 @@ from simgap.stages.gap import THINNED, tolerate
 from simgap.stages.histories import EXTENTS
 
 GRAVITY = 9.81
+LONGER = "Raise hidden_state.chains or hidden_state.previous, or set hidden_state.tolerated_probability."
 
 
 def run(case_path: Path, grid: Path, random: Path, memory: Path, fresh: Path, out: Path, thinned: Path) -> None:
@@ -59,7 +60,7 @@ def run(case_path: Path, grid: Path, random: Path, memory: Path, fresh: Path, ou
         )
     check = _check(context, fit, motion, fresh)
     log.info("%s", check.tier.text)
-    tolerate(check, hidden.tolerated_probability)
+    tolerate(check, hidden.tolerated_probability, LONGER)
     write_parquet(thinned, thin(context, read_samples(context, grid), motion))
     write_json(out, content(context, fit, check, measured, len(read_parquet(grid, ["input"]))))
 

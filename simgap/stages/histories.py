@@ -31,9 +31,15 @@ EXTENTS = ("least_x", "largest_x", "least_y", "largest_y")
 
 
 def run(
-    case_path: Path, grid_out: Path, random_out: Path, memory_out: Path, workers: int, engine_log: Path | None
+    case_path: Path,
+    grid_out: Path,
+    random_out: Path,
+    memory_out: Path,
+    workers: int,
+    engine_log: Path | None,
+    every: bool = False,
 ) -> None:
-    """Sample histories in several engine processes and write them.
+    """Sample histories in several engine processes and write them; `every`: all of U as previous inputs.
 
     Raises:
         UserError: a case without symmetry or hidden_state, or with another kind of simulator.
@@ -44,9 +50,9 @@ def run(
     inputs, start = context.input_set, (context.case, context.folder)
     rng = np.random.default_rng(hidden.seed)
     with context.blame(), engine_pool(workers, engine_log) as pool:
-        previous = previous_inputs(
-            [context.domain.U[n].list() for n in context.inputs], [hidden.previous[n] for n in context.inputs]
-        )
+        values = [context.domain.U[n].list() for n in context.inputs]
+        counts = [len(own) for own in values] if every else [hidden.previous[n] for n in context.inputs]
+        previous = previous_inputs(values, counts)
         sequences = random_sequences(inputs, hidden.chains, hidden.chain_length, rng)
         checked = random_sequences(inputs, symmetry.histories, hidden.length + 1, rng)
         grid = [pool.submit(after_previous, *start, p, inputs) for p in np.array_split(previous, 4 * workers)]

@@ -56,6 +56,7 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
         "winning_fraction": solution.fraction,
         "winning_fraction_after_inflation": after_inflation(case_specification(context), solution, between),
         "between_samples": dict(zip(context.states, between.tolist(), strict=True)),
+        "looks_between_samples": gap_path is not None or section.nominal_between_samples,
         "statistics": solution.statistics,
         "provenance": record,
     }

@@ -26,6 +26,7 @@ from simgap.io.parquet import table, write_parquet
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
 from simgap.stages.context import Context, log
+from simgap.stages.starts import starts
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.regions import partial_box
 
@@ -70,8 +71,9 @@ def run(
     parts: list[pa.Table] = []
     for kind, path in (("nominal", nominal), ("gap", robust)):
         controller = Controller.load(path)
-        starts = draw_starts(controller, section.starts, section.seed)
-        for subject, runs in _subjects(context, kind, controller, path, starts, model, safe, workers, engine_log):
+        with context.blame():
+            begin = starts(context, section, controller)
+        for subject, runs in _subjects(context, kind, controller, path, begin, model, safe, workers, engine_log):
             tally, kept = _judge(runs, controller, model, gap, safe, section.steps, section.kept)
             tallies.setdefault(kind, {})[subject.plant] = tally.to_json()
             log.info("%s controller, %s: %s", kind, subject.plant, tally.to_json())
@@ -106,16 +108,6 @@ def safe_box(context: Context) -> Box:
     named = specification.safe if isinstance(specification, InvarianceSpecification) else {}
     box = partial_box(named, tuple(context.states))
     return Box(np.maximum(box.lo, context.box.lo), np.minimum(box.hi, context.box.hi))
-
-
-def draw_starts(controller: Controller, count: int, seed: int) -> Floats:
-    """Points uniform on the winning domain: (count, nx)."""
-    rng = np.random.default_rng(seed)
-    cells = rng.choice(np.flatnonzero(controller.solution.winning), count)
-    grid = controller.grid
-    k = np.stack(np.unravel_index(cells, grid.cells), axis=-1)
-    centres = grid.box.lo + grid.h * (2.0 * k + 1.0)
-    return centres + grid.h * rng.uniform(-0.999, 0.999, centres.shape)
 
 
 def _subjects(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +50,13 @@ def reason_for_empty(
     grid: Grid,
     error: Floats | None,
     latency: int,
-    gap: Kernel | None,
+    causes: Sequence[str],
     undisturbed: Solution,
 ) -> UserError:
-    """The reason when no single dimension is hopeless; `undisturbed` is the solution for f alone on the same cells."""
+    """The reason when no single dimension is hopeless: `causes` and what the controller does not know.
+
+    `undisturbed` is the solution for f alone on the same cells, at sampling instants.
+    """
     cells = ", ".join(f"{2 * h:.6g} along {name}" for name, h in zip(specification.states, grid.h, strict=True))
     target = 0 if undisturbed.target is None else int(undisturbed.target.sum())
     if int(undisturbed.winning.sum()) <= target:
@@ -60,9 +65,7 @@ def reason_for_empty(
             key="synthesis.cells",
             remedy="Use more cells, or a specification that the inputs can meet",
         )
-    causes = []
-    if gap is not None:
-        causes.append("the gap")
+    causes = list(causes)
     if error is not None and np.any(np.asarray(error) > 0):
         causes.append(f"the measurement error {np.asarray(error).tolist()}")
     if latency:

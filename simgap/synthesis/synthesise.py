@@ -91,9 +91,10 @@ def synthesise(problem: Problem, threads: int = 1) -> Solution:
     hopeless = hopeless_dimension(problem.model, problem.grid, problem.inputs, problem.gap, problem.specification)
     if hopeless is not None:
         raise hopeless
-    undisturbed = replace(problem, gap=None, error=None, latency=0)
+    undisturbed = replace(problem, gap=None, error=None, latency=0, sweep=None)
     alone = _solve(undisturbed, undisturbed.abstraction(), threads) if problem is not undisturbed else solution
-    raise reason_for_empty(problem.specification, problem.grid, problem.error, problem.latency, problem.gap, alone)
+    causes = [name for name, holds in (("the gap", problem.gap), ("the way between samples", problem.sweep)) if holds]
+    raise reason_for_empty(problem.specification, problem.grid, problem.error, problem.latency, causes, alone)
 
 
 def _solve(problem: Problem, abstraction: Abstraction, threads: int) -> Solution:

@@ -1,0 +1,158 @@
+"""A small robot case from the case file to the closed loop, in the engine; and what a person gets wrong on the way."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from simgap.cli import main
+from simgap.errors import UserError
+from simgap.io.documents import read_json, write_json
+from simgap.io.parquet import read_parquet
+from simgap.stages import fresh, hidden_gap, histories, synthesis, validation
+
+START = {"x": 0.6, "y": 0.6, "theta": 0.5}
+U = {"v": {"min": -0.2, "max": 0.2, "step": 0.1}, "w": {"min": -0.4, "max": 0.4, "step": 0.4}}
+ARENA = {
+    "kind": "reach_avoid",
+    "obstacles": [{"x": [1.6, 1.7], "y": [0.0, 1.6]}],
+    "target": {"x": [2.2, 3.0], "y": [0.4, 1.2]},
+    "clearance": {"x": 0.18, "y": 0.18},
+}
+
+
+@pytest.fixture
+def small(vary, root):
+    def make(**more):
+        changes = {
+            "domain.X": {"x": [0, 3.4], "y": [0, 3], "theta": [-np.pi, np.pi]},
+            "domain.U": U,
+            "simulator.urdf": str(root / "configs/models/turtlebot.urdf"),
+            "hidden_state": {"previous": {"v": 3, "w": 2}, "chains": 20, "chain_length": 100, "fresh_samples": 300},
+            "symmetry.histories": 5,
+            "symmetry.headings": 2,
+            "synthesis.cells": [68, 60, 32],
+            "synthesis.specification": ARENA,
+            "validation": {"starts": 4, "steps": 300, "seed": 1, "first": [START], "kept": 2},
+        }
+        return vary("turtlebot", changes | more)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory):
+    return tmp_path_factory.mktemp("robot")
+
+
+@pytest.fixture
+def bound(small, shared):
+    """Roll-outs after every previous input and the bound, made once: -> (case, folder)."""
+    case = small()
+    if not (shared / "gap.json").exists():
+        names = [shared / n for n in ("grid.parquet", "random.parquet", "memory.json")]
+        histories.run(case, *names, 1, None, every=True)
+        fresh.run(case, shared / "fresh.parquet", workers=1)
+        hidden_gap.run(case, *names, shared / "fresh.parquet", shared / "gap.json", shared / "samples.parquet")
+    return case, shared
+
+
+def test_the_full_table_holds_every_pair_of_inputs(bound):
+    _, folder = bound
+    assert read_parquet(folder / "grid.parquet").num_rows == 15 * 15
+    assert read_json(folder / "gap.json")["budget"]["previous_inputs"] == 15
+
+
+def test_from_the_case_to_the_closed_loop(bound, tmp_path):
+    case, folder = bound
+    for kind, path in (("nominal", None), ("gap", folder / "gap.json")):
+        synthesis.run(case, path, tmp_path / f"{kind}.npz", tmp_path / f"{kind}.json", 1)
+        assert read_json(tmp_path / f"{kind}.json")["winning_fraction_after_inflation"] > 0.5
+    files = (tmp_path / name for name in ("nominal.npz", "gap.npz"))
+    validation.run(case, *files, folder / "gap.json", tmp_path / "v.json", tmp_path / "traces.parquet", 1)
+    judged = read_json(tmp_path / "v.json")["controllers"]["gap"]["simulator"]
+    assert judged["runs_that_kept_the_specification"] == judged["runs"] == 4
+    assert judged["steps_outside_gamma"] == 0
+    assert judged["least_clearance"] > 0
+    rows = read_parquet(tmp_path / "traces.parquet").to_pylist()
+    begins = [r for r in rows if r["run"] == 0 and r["step"] == 0]
+    assert len(begins) == 4
+    assert all({n: r[n] for n in START} == START for r in begins)
+
+
+@pytest.mark.parametrize(
+    ("start", "word"),
+    [
+        ({"x": 3.5, "y": 1.0, "theta": 0.0}, "outside X: x = 3.5 is not in [0, 3.4]"),
+        ({"x": 1.65, "y": 0.5, "theta": 0.0}, "not in the winning domain"),
+        ({"x": 1.0, "y": 1.0}, "for each of x, y, theta"),
+    ],
+)
+def test_starts_that_cannot_be(small, shared, bound, tmp_path, start, word):
+    case = small(validation={"starts": 2, "steps": 10, "first": [START, start]})
+    controller = shared / "for-starts.npz"
+    if not controller.exists():
+        synthesis.run(case, None, controller, tmp_path / "s.json", 1)
+    with pytest.raises(UserError) as caught:
+        validation.run(case, controller, controller, shared / "gap.json", tmp_path / "v", tmp_path / "t", 1)
+    assert word in str(caught.value)
+    assert f"{case}: validation.first[1]" in str(caught.value)
+    assert not (tmp_path / "v").exists()
+
+
+def refused(capsys, arguments):
+    with pytest.raises(SystemExit) as caught:
+        main([str(a) for a in arguments])
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert caught.value.code == 2
+    return line
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"obstacles": [{"x": [4, 5], "y": [0, 1]}]}, ["obstacles[0]", "outside the arena"]),
+        ({"obstacles": [{"x": [2.0, 3.2], "y": [0.2, 1.4]}]}, ["target", "inside an obstacle", "Move the target"]),
+        ({"target": {"x": [2.21, 2.28], "y": [0.4, 1.2]}}, ["target along x", "Cells of 0.035 or less would do"]),
+        ({"target": {"x": [3.0, 3.6], "y": [0.4, 1.2]}}, ["target lies outside the arena", "Move it inside"]),
+    ],
+)
+def test_an_arena_that_cannot_be(small, tmp_path, capsys, changes, words):
+    case = small(**{"synthesis.specification": ARENA | changes})
+    out = tmp_path / "out"
+    arguments = ["synthesis", case, "--out", out / "c.npz", "--summary", out / "s.json", "--log", tmp_path / "log"]
+    line = refused(capsys, arguments)
+    assert str(case) in line
+    assert all(w in line for w in [*words, "synthesis.specification"])
+    assert not list(out.glob("*")) if out.exists() else True
+
+
+def test_an_empty_domain_names_what_emptied_it(small, bound, tmp_path, capsys):
+    _, folder = bound
+    case = small()
+    gap = read_json(folder / "gap.json")
+    ways = gap["sweep"]
+    gap["sweep"] = {"lower": [[-2.0, -2.0] for _ in ways["lower"]], "upper": [[2.0, 2.0] for _ in ways["upper"]]}
+    write_json(tmp_path / "wide.json", gap)
+    common = ["--out", tmp_path / "c.npz", "--summary", tmp_path / "s.json", "--log", tmp_path / "log"]
+    line = refused(capsys, ["synthesis", case, "--gap", tmp_path / "wide.json", *common])
+    assert "because of the gap and the way between samples" in line
+    coarse = small(**{"synthesis.cells": [8, 8, 8]})
+    line = refused(capsys, ["synthesis", coarse, *common])
+    assert "cells of 0.425" in line or "no cell fits" in line
+    assert not (tmp_path / "c.npz").exists()
+
+
+def test_a_symmetry_that_the_model_does_not_have(small, bound, tmp_path, capsys):
+    case = small(**{"plant.symbolic.dynamics": {"x": "v*cos(theta) + 0.01*x", "y": "v*sin(theta)", "theta": "w"}})
+    folder = tmp_path / "copy"
+    shutil.copytree(bound[1], folder)
+    files = [f"--{k}={folder / v}" for k, v in (
+        ("grid", "grid.parquet"), ("random", "random.parquet"), ("memory", "memory.json"), ("fresh", "fresh.parquet"),
+        ("samples", "thin.parquet"),
+    )]  # fmt: skip
+    out = tmp_path / "new.json"
+    line = refused(capsys, ["hidden-gap", case, *files, "--out", out, "--log", tmp_path / "log"])
+    assert "symmetry.group" in line
+    assert "declared but false" in line
+    assert not out.exists()
