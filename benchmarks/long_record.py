@@ -2,7 +2,7 @@
 
     python benchmarks/long_record.py [--lengths 30@200 360@1000 3600@1000]
 
-A record of "seconds@hertz" is made by the rig of the undeclared effects (viscous friction and a delay of 4 ms, angle and
+A record of "seconds@hertz" is made by the rig of the undeclared effects (viscous friction, a delay of 4 ms, angle and
 speed measured, sigma 1e-3), written as Parquet, and diagnosed by the command line with the whole library. The first,
 short run of a fresh process compiles; its time is reported beside the others.
 """

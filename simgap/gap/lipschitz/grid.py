@@ -22,6 +22,7 @@ from simgap.errors import UserError
 from simgap.geometry import Floats, Grid
 
 GATE = 1.3
+SPLIT_GATE = 1.5  # over two cells: a jump on a sample has 2, a smooth bend over the four cells that it takes 1.4
 Mask = NDArray[np.bool_]
 
 
@@ -108,28 +109,28 @@ def rough_cells(e: Floats, grid: Grid, axes: tuple[int, ...], floor: float, spli
     """
     rough = np.zeros(e.shape, dtype=bool)
     for j in axes:
-        out = _steep(e, j, grid, 1, floor, None)
+        out = _steep(e, j, grid, 1, floor, GATE, None)
         rough |= to_cells(out, j, grid) > 0
         if split and grid.cells[j] > 4:
             known = _contain(out, j, grid, 1)
-            rough |= _middle(_steep(e, j, grid, 2, floor, known) & ~known, j, grid)
+            rough |= _middle(_steep(e, j, grid, 2, floor, SPLIT_GATE, known) & ~known, j, grid)
     if not rough.any():
         return rough
     wider = maximum_filter(rough.view(np.uint8), size=window(grid, axes), mode=modes(grid))
     return np.asarray(wider > 0)
 
 
-def _steep(e: Floats, j: int, grid: Grid, cells: int, floor: float, known: Mask | None) -> Mask:
-    """Differences over `cells` cells without which those over twice as many are within GATE; `known` ones are out."""
+def _steep(e: Floats, j: int, grid: Grid, cells: int, floor: float, gate: float, known: Mask | None) -> Mask:
+    """Differences over `cells` cells without which those over twice as many are within `gate`; `known` ones are out."""
     step = np.abs(double_steps(e, j, grid, cells))
     wide = 0.5 * np.abs(double_steps(e, j, grid, 2 * cells))
     out = np.zeros(step.shape, dtype=bool) if known is None else known.copy()
     while True:
         fine = step[~out].max(initial=0.0)
         broad = wide[~_contain(out, j, grid, cells)].max(initial=0.0)
-        if fine <= max(GATE * broad, floor):
+        if fine <= max(gate * broad, floor):
             return out
-        out |= step > max(GATE * broad, 0.5 * fine, floor)
+        out |= step > max(gate * broad, 0.5 * fine, floor)
 
 
 def as_grid(d: Floats, grid: Grid) -> Floats:
