@@ -16,7 +16,7 @@ CASE = Path(__file__).parents[2] / "configs/cases/turtlebot.yaml"
 
 def make(**changes):
     case = load_case(CASE)
-    section = case.simulator.model_copy(update=changes)
+    section = case.simulator.model_copy(update={"substeps": 100, "poses": 20, **changes})
     return PyBulletWheeled(wheeled_plant(case, CASE.parent), section)
 
 
