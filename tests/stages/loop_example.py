@@ -101,9 +101,11 @@ def _results(folder, case, box, inputs, safe, grid, gap, tau, steps):
         controller.save(folder / kind / "controller.npz")
         s = controller.solution
         write_json(folder / kind / "synthesis.json", {
-            "model": kind, "cells": list(grid.cells), "inputs": len(inputs), "winning_cells": int(s.winning.sum()),
+            "model": kind, "cells": list(grid.cells), "inputs": len(inputs),
+            "winning_cells": int(s.winning.sum()),
             "free_cells": int(s.free.sum()), "winning_fraction": s.fraction,
-            "winning_fraction_after_inflation": 0.98 if case == "robot" else None, "statistics": {}, "provenance": RECORD})  # fmt: skip
+            "winning_fraction_after_inflation": 0.98 if case == "robot" else None,
+            "statistics": {}, "provenance": RECORD})  # fmt: skip
         tallies[kind] = {}
         for plant in ("simulator", "nominal model"):
             bad = kind == "nominal" and plant == "simulator"
