@@ -111,6 +111,21 @@ def rollouts(data: Mapping[str, Any]) -> str:
     return markdown(["roll-outs per second and core", "bare PyBullet loop", "ratio"], [row])
 
 
+def long_record(data: Sequence[Mapping[str, Any]]) -> str:
+    """What a diagnosis costs."""
+    rows = [
+        [
+            f"{r['seconds']:g} s at {r['hertz']:g} Hz",
+            f"{r['rows']:,}",
+            r["verdict"],
+            f"{r['cpu_s']:.0f}",
+            f"{r['peak_gib']}",
+        ]
+        for r in data
+    ]
+    return markdown(["record", "samples", "verdict", "CPU s", "memory, GiB"], rows)
+
+
 def suprema(_: Mapping[str, Any]) -> str:
     """Sup of gamma for every eps of a plain run of the pendulum."""
     rows = []
@@ -143,7 +158,7 @@ def undeclared(data: Mapping[str, Any]) -> str:
     return markdown(["study", *shown], [[n, *(text(f[k]) for k in shown)] for n, f in figures.items()])
 
 
-TABLES: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], str]]] = {
+TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "tightness": ("tightness_pendulum.json", tightness),
     "tightness_turtlebot": ("tightness_turtlebot.json", robot_tightness),
     "figures": ("figures_gap.json", figures),
@@ -152,6 +167,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], str]]] = {
     "lipschitz": ("lipschitz.json", lipschitz),
     "undeclared": ("undeclared.json", undeclared),
     "rollouts": ("rollouts.json", rollouts),
+    "long_record": ("long_record.json", long_record),
     "suprema": ("../../results/pendulum/summary.json", suprema),
 }
 
