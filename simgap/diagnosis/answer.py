@@ -13,7 +13,7 @@ from simgap.diagnosis.equivalence import Rival
 from simgap.diagnosis.fit import Fit
 from simgap.diagnosis.problem import Problem
 from simgap.diagnosis.result import Alternative, CandidateScore, Collinear, Estimate, FoundEffect, Key, WindowPrediction
-from simgap.diagnosis.selection import Explanation, Search
+from simgap.diagnosis.search import Explanation, Search
 from simgap.diagnosis.supermodel import Candidate
 from simgap.dynamics.model import SymbolicModel
 from simgap.effects import AppliedEffect

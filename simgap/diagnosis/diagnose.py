@@ -18,7 +18,8 @@ from simgap.diagnosis.problem import Problem, build_problem
 from simgap.diagnosis.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Judged
 from simgap.diagnosis.scoring import list_starts
-from simgap.diagnosis.selection import Explanation, Search, on_all, preferred, select
+from simgap.diagnosis.search import Explanation, Search
+from simgap.diagnosis.selection import on_all, preferred, select
 from simgap.diagnosis.step_length import settled
 from simgap.diagnosis.supermodel import cached_supermodel
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY

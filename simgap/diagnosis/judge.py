@@ -13,7 +13,7 @@ from simgap.diagnosis.horizon import HorizonError, horizon_error
 from simgap.diagnosis.initial import initial_states
 from simgap.diagnosis.problem import Problem
 from simgap.diagnosis.result import Judged, Verdict
-from simgap.diagnosis.selection import Explanation
+from simgap.diagnosis.search import Explanation
 from simgap.diagnosis.thresholds import EXCESS_KEPT, FIT_QUALITY, FOLD_AGREEMENT, HELD_OUT_QUALITY
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simgap.diagnosis.hoist import hoist
-from simgap.diagnosis.simulate import RHS_SIGNATURE
+from simgap.diagnosis.runge_kutta import RHS_SIGNATURE
 from simgap.dynamics.compile import compile_kernel
 from simgap.dynamics.model import SymbolicModel, symbol
 

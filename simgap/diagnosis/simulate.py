@@ -13,80 +13,17 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import boolean, float64, int64, njit, types, void
+from numba import float64, njit, void
 from numpy.typing import NDArray
+
+from simgap.diagnosis.runge_kutta import INDICES, RHS, VECTOR, glide, input_at, rk4, slope
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_V, _M, _I = float64[::1], float64[:, ::1], int64[::1]
-RHS_SIGNATURE = void(_V, _V, _V, _V, _V)  # (x, u, theta, signs, xdot out)
-RHS = types.FunctionType(RHS_SIGNATURE)
+MATRIX = float64[:, ::1]
 _EPS = 1e-12  # s: two instants closer than this are one
 _CREEP = 1e-14  # a speed below this is rest
-
-
-@njit(void(RHS, _V, _V, _V, _V, boolean[::1], _I, _V, _V), cache=True)
-def _slope(
-    rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, stuck: Any, speed: Ints, out: Floats, scratch: Floats
-) -> None:
-    """Xdot with the signs of stuck coordinates solved for (in place); Gauss-Seidel if several stick at once."""
-    count = 0
-    for j in range(speed.size):
-        if stuck[j]:
-            count += 1
-    for _ in range(1 if count < 2 else 4):
-        for j in range(speed.size):
-            if stuck[j]:
-                s[j] = 0.0
-                rhs(x, u, theta, s, scratch)
-                free = scratch[speed[j]]
-                s[j] = 1.0
-                rhs(x, u, theta, s, scratch)
-                grip = scratch[speed[j]] - free
-                s[j] = -free / grip if grip != 0.0 else 0.0
-    rhs(x, u, theta, s, out)
-    for j in range(speed.size):
-        if stuck[j]:
-            out[speed[j]] = 0.0
-
-
-@njit(cache=True)
-def _input_at(
-    time: float, t: Floats, u: Floats, held: Ints, level: Floats, excess: Floats, delay: Floats, lag: Floats
-) -> None:
-    """What the plant feels at an instant; `held[c]` is the sample that input c follows."""
-    for c in range(u.size):
-        k = held[c]
-        u[c] = level[k, c]
-        if lag[c] > 0.0:
-            u[c] += excess[k, c] * math.exp(-max(time - t[k] - delay[c], 0.0) / lag[c])
-
-
-@njit(cache=True)
-def _rk4(
-    rhs: Any, x: Floats, time: float, h: float, theta: Floats, s: Floats, stuck: Any, speed: Ints, drive: Any,
-    work: Floats, u: Floats, out: Floats,
-) -> None:  # fmt: skip
-    """One step of length h from x into out; work has 6 rows."""
-    t, held, level, excess, delay, lag = drive
-    n = x.size
-    k1, k2, k3, k4, at, scratch = work[0], work[1], work[2], work[3], work[4], work[5]
-    _input_at(time, t, u, held, level, excess, delay, lag)
-    _slope(rhs, x, u, theta, s, stuck, speed, k1, scratch)
-    for i in range(n):
-        at[i] = x[i] + 0.5 * h * k1[i]
-    _input_at(time + 0.5 * h, t, u, held, level, excess, delay, lag)
-    _slope(rhs, at, u, theta, s, stuck, speed, k2, scratch)
-    for i in range(n):
-        at[i] = x[i] + 0.5 * h * k2[i]
-    _slope(rhs, at, u, theta, s, stuck, speed, k3, scratch)
-    for i in range(n):
-        at[i] = x[i] + h * k3[i]
-    _input_at(time + h, t, u, held, level, excess, delay, lag)
-    _slope(rhs, at, u, theta, s, stuck, speed, k4, scratch)
-    for i in range(n):
-        out[i] = x[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
 
 
 @njit(cache=True)
@@ -106,7 +43,7 @@ def _direction(
             resting = True
     if not resting:
         return
-    _slope(rhs, x, u, theta, s, stuck, speed, work[0], work[5])
+    slope(rhs, x, u, theta, s, stuck, speed, work[0], work[5])
     for j in range(speed.size):
         if stuck[j] and abs(s[j]) > 1.0:
             stuck[j] = False
@@ -137,7 +74,7 @@ def _stop_at_reversal(
         if abs(f_b) < 1e-13 or abs(b - a) < 1e-13:
             break
         mid = b - f_b * (b - a) / (f_b - f_a)
-        _rk4(rhs, x, time, mid * h, theta, s, stuck, speed, drive, work, u, new)
+        rk4(rhs, x, time, mid * h, theta, s, stuck, speed, drive, work, u, new)
         f = new[i]
         if f * f_b < 0.0:
             a, f_a = b, f_b
@@ -146,28 +83,6 @@ def _stop_at_reversal(
         b, f_b = mid, f
     new[i] = 0.0
     return b * h
-
-
-@njit(void(RHS, _V, _V, _V, _V, float64, int64, _V, _V, _V, _V, _V), cache=True)
-def _glide(
-    rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, h: float, steps: int, k1: Floats, k2: Floats, k3: Floats,
-    k4: Floats, at: Floats,
-) -> None:  # fmt: skip
-    """Steps of length h, in place, where the input stands still and nothing sticks: the same formula, no look-outs."""
-    n = x.size
-    for _ in range(steps):
-        rhs(x, u, theta, s, k1)
-        for i in range(n):
-            at[i] = x[i] + 0.5 * h * k1[i]
-        rhs(at, u, theta, s, k2)
-        for i in range(n):
-            at[i] = x[i] + 0.5 * h * k2[i]
-        rhs(at, u, theta, s, k3)
-        for i in range(n):
-            at[i] = x[i] + h * k3[i]
-        rhs(at, u, theta, s, k4)
-        for i in range(n):
-            x[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
 
 
 @njit(cache=True)
@@ -183,19 +98,19 @@ def _advance(
             span = min(span, max(0.5 * lag[c], 0.1 * h_max))
             still = False
     while end - time > _EPS:
-        _input_at(time, t, u, held, level, excess, delay, lag)
+        input_at(time, t, u, held, level, excess, delay, lag)
         _direction(rhs, x, u, theta, s, stuck, active, speed, work)
         h = (end - time) / math.ceil((end - time) / span - 1e-9)
         if still and not stuck.any():
             new[:] = x
-            _glide(rhs, new, u, theta, s, h, 1, work[0], work[1], work[2], work[3], work[4])
+            glide(rhs, new, u, theta, s, h, 1, work[0], work[1], work[2], work[3], work[4])
         else:
-            _rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
+            rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
         j = _reversal(x, new, s, stuck, active, speed)
         if j >= 0 and (events > 8 or abs(x[speed[j]]) <= _CREEP):  # it cannot leave rest: it stays for this step
             stuck[j] = True
             x[speed[j]] = 0.0
-            _rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
+            rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
         elif j >= 0:
             h = _stop_at_reversal(rhs, x, time, h, speed[j], theta, s, stuck, speed, drive, work, u, new)
             stuck[j] = True
@@ -205,8 +120,51 @@ def _advance(
         time += max(h, _EPS)
 
 
+@njit(cache=True)
+def _rubbing(
+    rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, speed: Ints, one: Floats, other: Floats, active: Any
+) -> None:
+    """Which coordinates the parameters give dry friction: those whose sign matters. The signs s end at 0."""
+    for j in range(speed.size):
+        s[:] = 0.0
+        s[j] = 1.0
+        rhs(x, u, theta, s, one)
+        s[j] = -1.0
+        rhs(x, u, theta, s, other)
+        active[j] = abs(one[speed[j]] - other[speed[j]]) > 1e-12
+    s[:] = 0.0
+
+
+@njit(cache=True)
+def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> float:
+    """The instant before sample k, or that of sample k, up to which all inputs stand still; `held` moves along."""
+    end = t[k]
+    for c in range(held.size):
+        while held[c] + 1 < k and t[held[c] + 1] + delay[c] <= time + _EPS:
+            held[c] += 1
+        if held[c] + 1 < k and t[held[c] + 1] + delay[c] < end:
+            end = t[held[c] + 1] + delay[c]
+    return end if end - time >= _EPS else t[k]
+
+
 @njit(
-    void(RHS, _V, _M, _M, _V, _V, _V, _M, _I, _I, _I, _I, _I, float64, _M),
+    void(
+        RHS,
+        VECTOR,
+        MATRIX,
+        MATRIX,
+        VECTOR,
+        VECTOR,
+        VECTOR,
+        MATRIX,
+        INDICES,
+        INDICES,
+        INDICES,
+        INDICES,
+        INDICES,
+        float64,
+        MATRIX,
+    ),
     cache=True,
 )
 def simulate(
@@ -231,7 +189,7 @@ def simulate(
     """
     nx, m = x0.shape[1], level.shape[1]
     work, u = np.empty((7, nx)), np.empty(m)
-    s, other = np.zeros(speed.size), np.zeros(speed.size)
+    s = np.zeros(speed.size)
     stuck, active = np.zeros(speed.size, dtype=np.bool_), np.zeros(speed.size, dtype=np.bool_)
     held = np.zeros(m, dtype=np.int64)
     drive = (t, held, level, excess, delay, lag)
@@ -243,32 +201,19 @@ def simulate(
             held[c] = start[w]
             while held[c] > first[w] and t[held[c]] + delay[c] > time + _EPS:
                 held[c] -= 1
-        _input_at(time, t, u, held, level, excess, delay, lag)
-        for j in range(speed.size):
-            s[:], other[:] = 0.0, 0.0
-            s[j], other[j] = 1.0, -1.0
-            rhs(x, u, theta, s, work[0])
-            rhs(x, u, theta, other, work[1])
-            active[j] = abs(work[0, speed[j]] - work[1, speed[j]]) > 1e-12
-            stuck[j] = False
+        input_at(time, t, u, held, level, excess, delay, lag)
+        _rubbing(rhs, x, u, theta, s, speed, k1, k2, active)
+        stuck[:] = False
         smooth = not (active.any() or (lag > 0.0).any())
-        s[:] = 0.0
         out[offset[w]] = x
         for k in range(start[w] + 1, stop[w]):
             while t[k] - time > _EPS:
-                end = t[k]
-                for c in range(m):
-                    while held[c] + 1 < k and t[held[c] + 1] + delay[c] <= time + _EPS:
-                        held[c] += 1
-                    if held[c] + 1 < k and t[held[c] + 1] + delay[c] < end:
-                        end = t[held[c] + 1] + delay[c]
-                if end - time < _EPS:
-                    end = t[k]
+                end = _next_switch(time, k, t, held, delay)
                 if smooth:
                     for c in range(m):
                         u[c] = level[held[c], c]
                     count = math.ceil((end - time) / h_max - 1e-9)
-                    _glide(rhs, x, u, theta, s, (end - time) / count, count, k1, k2, k3, k4, at)
+                    glide(rhs, x, u, theta, s, (end - time) / count, count, k1, k2, k3, k4, at)
                 else:
                     _advance(rhs, x, time, end, theta, s, stuck, active, speed, drive, work, u, h_max)
                 time = end

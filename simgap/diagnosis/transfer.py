@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from simgap.diagnosis.fit import Fit
 from simgap.diagnosis.judge import HeldOut, chi2_dof, excess, folds_agree, judge
 from simgap.diagnosis.problem import Problem
-from simgap.diagnosis.selection import Explanation, Search, grow
+from simgap.diagnosis.search import Explanation, Search
+from simgap.diagnosis.selection import grow
 from simgap.diagnosis.thresholds import EXCESS_KEPT, PLAUSIBLE_RATIO, SIMPLER_SHARE
 
 Floats = NDArray[np.float64]

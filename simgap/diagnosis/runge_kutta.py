@@ -1,0 +1,105 @@
+"""Fourth-order Runge-Kutta steps of the window simulation: inputs that lag, forces that stick solved for.
+
+Source: Hairer, Norsett, Wanner (1993), Solving Ordinary Differential Equations I, sec. II.1; Filippov (1988), sec. 4.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import boolean, float64, int64, njit, types, void
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+VECTOR, INDICES = float64[::1], int64[::1]
+RHS_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR)  # (x, u, theta, signs, xdot out)
+RHS = types.FunctionType(RHS_SIGNATURE)
+
+
+@njit(void(RHS, VECTOR, VECTOR, VECTOR, VECTOR, boolean[::1], INDICES, VECTOR, VECTOR), cache=True)
+def slope(
+    rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, stuck: Any, speed: Ints, out: Floats, scratch: Floats
+) -> None:
+    """Xdot with the signs of stuck coordinates solved for (in place); Gauss-Seidel if several stick at once."""
+    count = 0
+    for j in range(speed.size):
+        if stuck[j]:
+            count += 1
+    for _ in range(1 if count < 2 else 4):
+        for j in range(speed.size):
+            if stuck[j]:
+                s[j] = 0.0
+                rhs(x, u, theta, s, scratch)
+                free = scratch[speed[j]]
+                s[j] = 1.0
+                rhs(x, u, theta, s, scratch)
+                grip = scratch[speed[j]] - free
+                s[j] = -free / grip if grip != 0.0 else 0.0
+    rhs(x, u, theta, s, out)
+    for j in range(speed.size):
+        if stuck[j]:
+            out[speed[j]] = 0.0
+
+
+@njit(cache=True)
+def input_at(
+    time: float, t: Floats, u: Floats, held: Ints, level: Floats, excess: Floats, delay: Floats, lag: Floats
+) -> None:
+    """What the plant feels at an instant; `held[c]` is the sample that input c follows."""
+    for c in range(u.size):
+        k = held[c]
+        u[c] = level[k, c]
+        if lag[c] > 0.0:
+            u[c] += excess[k, c] * math.exp(-max(time - t[k] - delay[c], 0.0) / lag[c])
+
+
+@njit(cache=True)
+def rk4(
+    rhs: Any, x: Floats, time: float, h: float, theta: Floats, s: Floats, stuck: Any, speed: Ints, drive: Any,
+    work: Floats, u: Floats, out: Floats,
+) -> None:  # fmt: skip
+    """One step of length h from x into out; work has 6 rows."""
+    t, held, level, excess, delay, lag = drive
+    n = x.size
+    k1, k2, k3, k4, at, scratch = work[0], work[1], work[2], work[3], work[4], work[5]
+    input_at(time, t, u, held, level, excess, delay, lag)
+    slope(rhs, x, u, theta, s, stuck, speed, k1, scratch)
+    for i in range(n):
+        at[i] = x[i] + 0.5 * h * k1[i]
+    input_at(time + 0.5 * h, t, u, held, level, excess, delay, lag)
+    slope(rhs, at, u, theta, s, stuck, speed, k2, scratch)
+    for i in range(n):
+        at[i] = x[i] + 0.5 * h * k2[i]
+    slope(rhs, at, u, theta, s, stuck, speed, k3, scratch)
+    for i in range(n):
+        at[i] = x[i] + h * k3[i]
+    input_at(time + h, t, u, held, level, excess, delay, lag)
+    slope(rhs, at, u, theta, s, stuck, speed, k4, scratch)
+    for i in range(n):
+        out[i] = x[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
+
+
+@njit(void(RHS, VECTOR, VECTOR, VECTOR, VECTOR, float64, int64, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR), cache=True)
+def glide(
+    rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, h: float, steps: int, k1: Floats, k2: Floats, k3: Floats,
+    k4: Floats, at: Floats,
+) -> None:  # fmt: skip
+    """Steps of length h, in place, where the input stands still and nothing sticks: the same formula, no look-outs."""
+    n = x.size
+    for _ in range(steps):
+        rhs(x, u, theta, s, k1)
+        for i in range(n):
+            at[i] = x[i] + 0.5 * h * k1[i]
+        rhs(at, u, theta, s, k2)
+        for i in range(n):
+            at[i] = x[i] + 0.5 * h * k2[i]
+        rhs(at, u, theta, s, k3)
+        for i in range(n):
+            at[i] = x[i] + h * k3[i]
+        rhs(at, u, theta, s, k4)
+        for i in range(n):
+            x[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
