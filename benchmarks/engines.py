@@ -18,11 +18,11 @@ import numpy as np
 
 from simgap.config.case import Case
 from simgap.config.simulator import Damping, MuJoCoSection, PyBulletSection
-from simgap.dynamics.cases import nominal_model
 from simgap.gap.fit import fit_gap
 from simgap.gap.samples import GapSamples
 from simgap.gap.tiers import check_fresh
 from simgap.geometry import Floats, Grid
+from simgap.plants.cases import nominal_model
 from simgap.simulators.process import run_in_processes
 from simgap.stages.context import Context
 from simgap.stages.fresh import draw

@@ -70,8 +70,8 @@ def _product(gap_kind: str, threads: int) -> dict[str, object]:
     import sympy as sp
     from numba import njit
 
-    from simgap.dynamics.nominal import NominalModel
     from simgap.geometry import Box, Grid
+    from simgap.model.sampled import NominalModel
     from simgap.synthesis.invariance import invariance
     from simgap.synthesis.nominal import nominal_abstraction
 

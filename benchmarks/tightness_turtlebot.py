@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from simgap.dynamics.cases import nominal_model
 from simgap.errors import SimgapError
 from simgap.gap.bases import Basis
 from simgap.gap.design import Design
@@ -31,6 +30,7 @@ from simgap.gap.symmetry import BodyFrameGap, nominal_motion
 from simgap.gap.tiers import check_fresh
 from simgap.geometry import Floats
 from simgap.io.documents import read_json
+from simgap.plants.cases import nominal_model
 from simgap.stages import hidden_gap
 from simgap.stages.context import Context
 from simgap.stages.synthesis import pose

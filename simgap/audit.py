@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simgap.closed_loop import Run
-from simgap.dynamics.nominal import NominalModel
 from simgap.gap.function import GapFunction
 from simgap.geometry import Box, Floats
+from simgap.model.sampled import NominalModel
 
 
 @dataclass(frozen=True, eq=False)

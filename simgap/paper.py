@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
-from simgap.dynamics.expressions import parse
 from simgap.errors import UserError
 from simgap.gap.bases import Basis
 from simgap.gap.forms import Form, make_form, negated
@@ -20,6 +19,7 @@ from simgap.gap.linear import LinearGap
 from simgap.gap.supremum import supremum
 from simgap.gap.tiers import Tier
 from simgap.geometry import Box, Floats
+from simgap.model.expressions import parse
 from simgap.synthesis.synthesise import Problem, synthesise
 
 

@@ -15,8 +15,8 @@ from simgap.diagnosis.problem import Problem
 from simgap.diagnosis.result import Alternative, CandidateScore, Collinear, Estimate, FoundEffect, Key, WindowPrediction
 from simgap.diagnosis.search import Explanation, Search
 from simgap.diagnosis.supermodel import Candidate
-from simgap.dynamics.model import SymbolicModel
 from simgap.effects import AppliedEffect
+from simgap.model.symbolic import SymbolicModel
 
 _MOST_WINDOWS = 100  # of each kind, for plots
 

@@ -25,9 +25,9 @@ from simgap.diagnosis.supermodel import cached_supermodel
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.transfer import transferable
 from simgap.diagnosis.windows import Windows, held_out_mask, split_windows
-from simgap.dynamics.model import SymbolicModel
 from simgap.effects import apply_effects
 from simgap.errors import UserError
+from simgap.model.symbolic import SymbolicModel
 
 Floats = NDArray[np.float64]
 

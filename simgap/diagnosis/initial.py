@@ -7,7 +7,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from simgap.diagnosis.problem import Problem
-from simgap.dynamics.model import SymbolicModel
+from simgap.model.symbolic import SymbolicModel
 
 Floats = NDArray[np.float64]
 _SAMPLES = 15

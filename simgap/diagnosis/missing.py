@@ -15,7 +15,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from simgap.diagnosis.record import Record, Trace
 from simgap.diagnosis.table import Floats
-from simgap.dynamics.model import SymbolicModel, symbol
+from simgap.model.symbolic import SymbolicModel, symbol
 
 SPAN_S, MIN_POINTS, BINS, ORDER = 0.08, 9, 24, 3
 

@@ -17,9 +17,9 @@ import sympy as sp
 from simgap.diagnosis.missing import evaluate
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.table import Floats
-from simgap.dynamics.integrators import discretise
-from simgap.dynamics.model import SymbolicModel
 from simgap.effects import AppliedEffect, apply_effects
+from simgap.model.integrators import discretise
+from simgap.model.symbolic import SymbolicModel
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.dynamics.model import SymbolicModel
 from simgap.effects import AppliedEffect
+from simgap.model.symbolic import SymbolicModel
 
 Floats = NDArray[np.float64]
 Verdict = Literal["none", "attributed", "partial", "unexplained"]

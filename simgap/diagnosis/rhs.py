@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.hoist import hoist
 from simgap.diagnosis.runge_kutta import RHS_SIGNATURE
-from simgap.dynamics.compile import compile_kernel
-from simgap.dynamics.model import SymbolicModel, symbol
+from simgap.model.compile import compile_kernel
+from simgap.model.symbolic import SymbolicModel, symbol
 
 _TRANSCENDENTAL = (sp.sin, sp.cos, sp.tan, sp.tanh, sp.atan, sp.exp, sp.log)
 

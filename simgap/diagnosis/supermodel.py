@@ -13,13 +13,13 @@ from numba import njit, types, void
 from numpy.typing import NDArray
 
 from simgap.diagnosis.rhs import Costly, compile_dynamics, is_costly
-from simgap.dynamics.compile import Kernel, compile_kernel
-from simgap.dynamics.model import SymbolicModel, symbol
 from simgap.effects import EFFECTS, Effect, StaticInputEffect
 from simgap.effects.base import CoordinateEffect, InputEffect
 from simgap.effects.input_delay import InputDelay
 from simgap.effects.input_lag import InputLag
 from simgap.errors import UserError
+from simgap.model.compile import Kernel, compile_kernel
+from simgap.model.symbolic import SymbolicModel, symbol
 
 Floats = NDArray[np.float64]
 _ROWS = types.Array(types.float64, 2, "C")

@@ -13,7 +13,7 @@ from simgap.diagnosis.noise import noise_floor
 from simgap.diagnosis.record import Record
 from simgap.diagnosis.stillness import Stretch, at_limit, frozen_stretches, resolution, still_stretches
 from simgap.diagnosis.table import Floats
-from simgap.dynamics.model import Coordinate, SymbolicModel, symbol
+from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
 from simgap.units import full_turn
 
 SMALL_SWING_RAD = 1.0  # below it the sine of gravity and a spring correlate beyond 0.999

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from simgap.dynamics.model import SymbolicModel
 from simgap.effects.base import (
     CoordinateEffect,
     Effect,
@@ -38,6 +37,7 @@ from simgap.effects.stribeck_friction import StribeckFriction
 from simgap.effects.viscous_friction import ViscousFriction
 from simgap.effects.wheel_mismatch import WheelMismatch
 from simgap.errors import UserError
+from simgap.model.symbolic import SymbolicModel
 
 __all__ = [
     "EFFECTS",

@@ -13,9 +13,9 @@ from typing import ClassVar, Literal
 
 import sympy as sp
 
-from simgap.dynamics.model import Parameter, SymbolicModel, symbol
 from simgap.effects.start import Scales, Start
 from simgap.errors import UserError
+from simgap.model.symbolic import Parameter, SymbolicModel, symbol
 
 Kind = Literal["coordinate", "input", "state", "parameter", "plant"]
 Values = Mapping[str, sp.Expr]

@@ -6,8 +6,8 @@ import math
 
 import sympy as sp
 
-from simgap.dynamics.model import SymbolicModel, symbol
 from simgap.effects.base import Effect, EffectParameter, Values
+from simgap.model.symbolic import SymbolicModel, symbol
 
 
 class GravityTilt(Effect):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from simgap.dynamics.model import SymbolicModel
 from simgap.effects.base import EffectParameter, InputEffect, Values
 from simgap.effects.start import Scales, Start, multiple
+from simgap.model.symbolic import SymbolicModel
 
 
 class InputDelay(InputEffect):

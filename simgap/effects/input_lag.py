@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from simgap.dynamics.model import SymbolicModel, Variable, symbol
 from simgap.effects.base import EffectParameter, InputEffect, Values
 from simgap.effects.start import Scales, Start, multiple
+from simgap.model.symbolic import SymbolicModel, Variable, symbol
 
 
 class InputLag(InputEffect):

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import sympy as sp
 
-from simgap.dynamics.model import SymbolicModel, symbol
 from simgap.effects.base import Effect, EffectParameter, Values
+from simgap.model.symbolic import SymbolicModel, symbol
 
 
 class LateralSlip(Effect):

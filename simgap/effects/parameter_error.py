@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from simgap.dynamics.model import SymbolicModel, symbol
 from simgap.effects.base import Effect, EffectParameter, Values
+from simgap.model.symbolic import SymbolicModel, symbol
 
 
 class ParameterError(Effect):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from simgap.dynamics.model import SymbolicModel, symbol
 from simgap.effects.base import Effect, EffectParameter, Values
+from simgap.model.symbolic import SymbolicModel, symbol
 
 
 class WheelMismatch(Effect):

@@ -14,11 +14,11 @@ from itertools import product
 import numpy as np
 import sympy as sp
 
-from simgap.dynamics.expressions import parse
-from simgap.dynamics.model import symbol
 from simgap.errors import UserError
 from simgap.gap.enclosures import enclose
 from simgap.geometry import Box, Floats
+from simgap.model.expressions import parse
+from simgap.model.symbolic import symbol
 
 
 @dataclass(frozen=True, eq=False)

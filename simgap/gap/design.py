@@ -15,9 +15,9 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from simgap.dynamics.model import symbol
 from simgap.gap.bases import Basis
 from simgap.geometry import Floats
+from simgap.model.symbolic import symbol
 
 _KEEP = 40_000_000  # numbers; columns beyond that are evaluated again for each pass
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from simgap.dynamics import interval
 from simgap.errors import UserError
+from simgap.model import interval
 
 _UNIT = 2.0**-52  # twice the unit roundoff: covers second-order terms
 _LIBM = 2.0**-49  # library functions, a few units in the last place

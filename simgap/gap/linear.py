@@ -11,8 +11,6 @@ import numpy as np
 import sympy as sp
 from numba import njit
 
-from simgap.dynamics.compile import compile_kernel
-from simgap.dynamics.model import symbol
 from simgap.errors import UserError
 from simgap.gap.bases import Basis
 from simgap.gap.forms import Form, difference, make_form, negated
@@ -20,6 +18,8 @@ from simgap.gap.function import GapDomain, GapFunction, GapSuprema, Kernel
 from simgap.gap.supremum import supremum
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
+from simgap.model.compile import compile_kernel
+from simgap.model.symbolic import symbol
 
 
 @dataclass(frozen=True, eq=False)

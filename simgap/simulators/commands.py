@@ -14,11 +14,11 @@ import numpy as np
 import sympy as sp
 
 from simgap.config.plant import AddedEffect
-from simgap.dynamics.model import symbol
 from simgap.effects import EFFECTS, StaticInputEffect, effect
 from simgap.effects.base import InputEffect
 from simgap.errors import UserError
 from simgap.geometry import Floats
+from simgap.model.symbolic import symbol
 
 MEMORY = ("input_delay", "input_lag")
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from simgap.config.simulator import MuJoCoSection
-from simgap.dynamics.urdf_checks import check_urdf
 from simgap.errors import UserError
 from simgap.geometry import Floats
+from simgap.plants.urdf_checks import check_urdf
 from simgap.simulators.base import Simulator
 from simgap.simulators.joints import JointPlant, joint_forces
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from simgap.config.case import Case
 from simgap.config.wheeled import WheeledSection
-from simgap.dynamics.urdf_checks import check_urdf
 from simgap.errors import UserError
 from simgap.geometry import Floats
+from simgap.plants.urdf_checks import check_urdf
 from simgap.simulators.base import Simulator
 from simgap.simulators.commands import CommandMemory, CommandPath
 

@@ -12,9 +12,9 @@ from typing import Any
 import yaml
 
 from simgap.config.load import case_content, parse_case
-from simgap.dynamics.build import symbolic_model
 from simgap.effects import AppliedEffect, effect
 from simgap.effects.sensor_offset import SensorOffset
+from simgap.plants.build import symbolic_model
 from simgap.stages.augmentation import augment, plan
 
 SUFFIX = "_corrected"

@@ -15,12 +15,12 @@ from simgap.diagnosis.reading import Reading
 from simgap.diagnosis.remainder import Remainder, bound_remainder, without_memory
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.survey import Survey, survey
-from simgap.dynamics.build import symbolic_model
-from simgap.dynamics.model import SymbolicModel
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
+from simgap.model.symbolic import SymbolicModel
+from simgap.plants.build import symbolic_model
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case

@@ -8,8 +8,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from simgap.dynamics.build import bare_model
 from simgap.effects import EFFECTS
+from simgap.plants.build import bare_model
 from simgap.stages.context import Context
 
 

@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from simgap.dynamics.cases import nominal_model
-from simgap.dynamics.nominal import NominalModel
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.conformal import Calibration
 from simgap.gap.fit import fit_gap
@@ -22,6 +20,8 @@ from simgap.gap.tiers import FreshCheck, Tier, check_fresh
 from simgap.geometry import Floats, Grid
 from simgap.io.documents import write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
+from simgap.model.sampled import NominalModel
+from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
 from simgap.stages.rollouts import successors

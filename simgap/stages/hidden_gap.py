@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from simgap.dynamics.cases import nominal_model
 from simgap.errors import BrokenPromise
 from simgap.gap.function import GapDomain
 from simgap.gap.hidden_state import BodySamples, HiddenStateFit, fit_hidden_state, tolerance_of
@@ -18,6 +17,7 @@ from simgap.gap.tiers import FreshCheck, check_fresh
 from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
+from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
 from simgap.stages.gap import THINNED, tolerate

@@ -10,9 +10,9 @@ from simgap.config.measured import ColumnMap, MeasuredSection
 from simgap.diagnosis.channels import Channel
 from simgap.diagnosis.reading import Reading, ReadingOptions, read_traces
 from simgap.diagnosis.stamps import TimeRange
-from simgap.dynamics.model import SymbolicModel
 from simgap.errors import UserError
 from simgap.io.diagnosis_tables import read_recording
+from simgap.model.symbolic import SymbolicModel
 
 
 def load_reading(
@@ -106,7 +106,7 @@ def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None, cas
 def _number(value: float | str, key: str, case: str | None) -> float:
     if isinstance(value, int | float):
         return float(value)
-    from simgap.dynamics.expressions import parse  # sympy: only for offsets such as -pi
+    from simgap.model.expressions import parse  # sympy: only for offsets such as -pi
 
     try:
         return float(parse(value, ()))

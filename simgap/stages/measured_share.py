@@ -14,9 +14,9 @@ import numpy as np
 
 from simgap.diagnosis.remainder import transitions
 from simgap.diagnosis.result import WindowPrediction
-from simgap.dynamics.nominal import NominalModel
 from simgap.gap.function import GapFunction
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
+from simgap.model.sampled import NominalModel
 from simgap.stages.context import Context
 
 FILE = "transitions.parquet"

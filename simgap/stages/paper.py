@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from simgap.config.load import load_case, read_yaml
-from simgap.dynamics.cases import nominal_model
 from simgap.gap.function import GapDomain
 from simgap.geometry import Box, Floats, Grid
 from simgap.io.documents import write_json
 from simgap.paper import Row, allowed, pendulum_rows, printed_gap, turtlebot_rows
+from simgap.plants.cases import nominal_model
 from simgap.simulators.process import run_in_processes
 from simgap.stages.context import Context, log
 from simgap.stages.rollouts import product, roll_out

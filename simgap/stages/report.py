@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simgap.dynamics.cases import nominal_model
 from simgap.gap.function import GapFunction, from_json
 from simgap.io.atomic import write_text
 from simgap.io.documents import read_json, write_json
 from simgap.io.pages import REPORTS, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, Trace, split
+from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.stages import report_content as words
 from simgap.stages.context import Context, log

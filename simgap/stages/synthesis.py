@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from simgap.dynamics.cases import nominal_model
-from simgap.dynamics.memory import carried_model
-from simgap.dynamics.nominal import NominalModel
-from simgap.dynamics.paths import nominal_paths
 from simgap.gap.function import from_json
 from simgap.gap.hidden_state import BodySamples
 from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
+from simgap.model.paths import nominal_paths
+from simgap.model.sampled import NominalModel
+from simgap.plants.cases import nominal_model
+from simgap.plants.memory import carried_model
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
 from simgap.stages.hidden_gap import pose_axes

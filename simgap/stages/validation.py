@@ -16,13 +16,13 @@ from simgap.audit import Tally, audit_gap, judge_invariance, split_by_run, steps
 from simgap.closed_loop import Run, Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
 from simgap.config.synthesis import InvarianceSpecification, ReachAvoidSpecification
-from simgap.dynamics.cases import nominal_model
-from simgap.dynamics.nominal import NominalModel
 from simgap.errors import BrokenPromise
 from simgap.gap.function import GapFunction, from_json
 from simgap.geometry import Box, Floats
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import table, write_parquet
+from simgap.model.sampled import NominalModel
+from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
 from simgap.stages.context import Context, log

@@ -12,10 +12,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.dynamics.model import SymbolicModel
-from simgap.dynamics.nominal import NominalModel
 from simgap.errors import BrokenPromise
 from simgap.geometry import Box
+from simgap.model.sampled import NominalModel
+from simgap.model.symbolic import SymbolicModel
 
 Floats = NDArray[np.float64]
 Rates = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]

@@ -9,7 +9,7 @@ from simgap.diagnosis.problem import Problem, build_problem
 from simgap.diagnosis.record import Record, Trace
 from simgap.diagnosis.supermodel import SuperModel, cached_supermodel
 from simgap.diagnosis.windows import Windows
-from simgap.dynamics.model import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
+from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
 
 
 def block(mass: float = 2.0) -> SymbolicModel:

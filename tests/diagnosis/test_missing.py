@@ -14,9 +14,9 @@ import yaml
 from simgap.config.load import parse_case
 from simgap.diagnosis.missing import missing_terms
 from simgap.diagnosis.record import Record, Trace
-from simgap.dynamics.build import symbolic_model
-from simgap.dynamics.model import PlanarWheels, SymbolicModel, Variable, symbol
 from simgap.effects import AppliedEffect, apply_effects
+from simgap.model.symbolic import PlanarWheels, SymbolicModel, Variable, symbol
+from simgap.plants.build import symbolic_model
 
 SIGMA = example.SIGMA
 

@@ -6,8 +6,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from simgap.config.measured import MeasuredSection
-from simgap.dynamics.model import SymbolicModel, Variable, symbol
 from simgap.errors import UserError
+from simgap.model.symbolic import SymbolicModel, Variable, symbol
 from simgap.stages.measured_data import load_reading
 
 MODEL = SymbolicModel(

@@ -11,8 +11,8 @@ import diagnosis_example as example
 
 from simgap.config.load import parse_case
 from simgap.diagnosis.remainder import bound_remainder, without_memory
-from simgap.dynamics.build import symbolic_model
 from simgap.effects import AppliedEffect
+from simgap.plants.build import symbolic_model
 
 
 @pytest.fixture(scope="module")

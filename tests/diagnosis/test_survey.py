@@ -6,7 +6,7 @@ import sympy as sp
 
 from simgap.diagnosis.record import Record, Trace
 from simgap.diagnosis.survey import survey
-from simgap.dynamics.model import Coordinate, SymbolicModel, Variable, symbol
+from simgap.model.symbolic import Coordinate, SymbolicModel, Variable, symbol
 
 MODEL = SymbolicModel(
     states=(Variable("q", "rad"), Variable("v", "rad/s")),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from simgap.dynamics.model import PlanarWheels, SymbolicModel, Variable, symbol
+from simgap.model.symbolic import PlanarWheels, SymbolicModel, Variable, symbol
 
 
 def unicycle() -> SymbolicModel:

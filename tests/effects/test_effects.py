@@ -7,9 +7,9 @@ import math
 import pytest
 import sympy as sp
 
-from simgap.dynamics.model import SymbolicModel, symbol
 from simgap.effects import EFFECTS, AppliedEffect, apply_effects, effect
 from simgap.errors import UserError
+from simgap.model.symbolic import SymbolicModel, symbol
 from tests.effects.plants import unicycle
 from tests.undeclared.plant import pendulum
 

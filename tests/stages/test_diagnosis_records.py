@@ -11,8 +11,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import diagnosis_example as example
 
 from simgap.config.load import load_case
-from simgap.dynamics.build import symbolic_model
 from simgap.errors import UserError
+from simgap.plants.build import symbolic_model
 from simgap.stages import diagnosis as stage
 from simgap.stages.measured_data import load_reading
 

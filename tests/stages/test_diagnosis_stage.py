@@ -14,9 +14,9 @@ import diagnosis_example as example
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.survey import survey
-from simgap.dynamics.build import symbolic_model
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
+from simgap.plants.build import symbolic_model
 from simgap.provenance import provenance
 from simgap.stages import diagnosis as stage
 from simgap.stages.context import Context

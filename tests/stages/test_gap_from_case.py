@@ -5,11 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from simgap.dynamics.cases import nominal_model
 from simgap.errors import BrokenPromise
 from simgap.gap.function import from_json
 from simgap.geometry import Grid
 from simgap.io.documents import read_json
+from simgap.plants.cases import nominal_model
 from simgap.stages import fresh, gap, rollouts
 from simgap.stages.context import Context
 from simgap.stages.fresh import draw

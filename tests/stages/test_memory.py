@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.config.load import load_case
-from simgap.dynamics.cases import nominal_model
 from simgap.effects import AppliedEffect
+from simgap.plants.cases import nominal_model
 from simgap.stages import fresh, gap, rollouts, synthesis, validation
 from simgap.stages.corrected_case import corrected_case
 

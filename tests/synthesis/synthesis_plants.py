@@ -6,7 +6,7 @@ import numpy as np
 import sympy as sp
 from numba import njit
 
-from simgap.dynamics.nominal import NominalModel
+from simgap.model.sampled import NominalModel
 
 
 @cache

@@ -7,9 +7,9 @@ from pydantic import ValidationError
 from synthesis_plants import constant_gap, pendulum, unicycle
 
 from simgap.config.synthesis import SynthesisSection
-from simgap.dynamics.nominal import NominalModel
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Box, Grid
+from simgap.model.sampled import NominalModel
 from simgap.synthesis.controller import Controller, least_effort
 from simgap.synthesis.intersample import excursion
 from simgap.synthesis.regions import cells_meeting, cells_within

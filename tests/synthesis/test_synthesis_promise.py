@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from synthesis_plants import constant_gap, sloped_gap
 
-from simgap.dynamics.nominal import NominalModel
 from simgap.geometry import Box, Grid
+from simgap.model.sampled import NominalModel
 from simgap.synthesis.bits import unpack
 from simgap.synthesis.invariance import invariance
 from simgap.synthesis.nominal import nominal_abstraction

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
-from simgap.dynamics.model import SymbolicModel
-from simgap.dynamics.urdf import JointState, load_urdf
+from simgap.model.symbolic import SymbolicModel
+from simgap.plants.urdf import JointState, load_urdf
 
 URDF = Path(__file__).parents[2] / "configs" / "models" / "pendulum.urdf"
 

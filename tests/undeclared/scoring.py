@@ -11,7 +11,7 @@ import numpy as np
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis
-from simgap.dynamics.model import SymbolicModel
+from simgap.model.symbolic import SymbolicModel
 
 
 @dataclass(frozen=True)

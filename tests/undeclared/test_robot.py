@@ -17,8 +17,8 @@ from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
-from simgap.dynamics.build import symbolic_model
-from simgap.dynamics.model import SymbolicModel
+from simgap.model.symbolic import SymbolicModel
+from simgap.plants.build import symbolic_model
 from simgap.stages import diagnosis as stage
 from simgap.stages.measured_data import load_reading
 from tests.undeclared.rig.robot_seal import produce

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import sympy as sp
 
-from simgap.dynamics.integrators import discretise
-from simgap.dynamics.model import SymbolicModel
 from simgap.geometry import Floats
+from simgap.model.integrators import discretise
+from simgap.model.symbolic import SymbolicModel
 
 
 def nominal_paths(

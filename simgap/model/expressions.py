@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Mapping
 
 import sympy as sp
 
-from simgap.dynamics.model import symbol
 from simgap.errors import UserError
+from simgap.model.symbolic import symbol
 
 FUNCTIONS: Mapping[str, sp.Function] = {
     "sin": sp.sin,

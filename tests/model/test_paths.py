@@ -3,8 +3,8 @@
 import numpy as np
 import sympy as sp
 
-from simgap.dynamics.model import PlanarWheels, SymbolicModel, Variable, symbol
-from simgap.dynamics.paths import nominal_paths
+from simgap.model.paths import nominal_paths
+from simgap.model.symbolic import PlanarWheels, SymbolicModel, Variable, symbol
 
 v, w, th = symbol("v"), symbol("w"), symbol("theta")
 ROBOT = SymbolicModel(

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from simgap.dynamics.model import SymbolicModel
 from simgap.errors import UserError
 from simgap.geometry import Floats
+from simgap.model.symbolic import SymbolicModel
 
 
 def symbolic_plant(model: SymbolicModel) -> Any:

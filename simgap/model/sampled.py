@@ -11,11 +11,11 @@ import numpy as np
 import sympy as sp
 from numba import njit
 
-from simgap.dynamics.compile import Kernel, compile_interval_kernel, compile_kernel
-from simgap.dynamics.integrators import discretise
-from simgap.dynamics.model import SymbolicModel
 from simgap.errors import UserError
 from simgap.geometry import Floats
+from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
+from simgap.model.integrators import discretise
+from simgap.model.symbolic import SymbolicModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class NominalModel:
             raise UserError(
                 f"the input delay of {sorted(model.delays)} is not a function of the present state and input",
                 key="plant.effects",
-                remedy="Leave it out and let gamma cover it: `dynamics.memory.carried_model` does.",
+                remedy="Leave it out and let gamma cover it: `plants.memory.carried_model` does.",
             )
         x, u = (tuple(v.symbol for v in group) for group in (model.states, model.inputs))
         return NominalModel(x, u, discretise(model, tau, integrator, substeps), tau)

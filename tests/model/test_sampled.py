@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from simgap.dynamics.compile import compile_interval_kernel, compile_kernel
-from simgap.dynamics.model import symbol
-from simgap.dynamics.nominal import NominalModel
-from simgap.dynamics.urdf import JointState, load_urdf
 from simgap.errors import UserError
+from simgap.model.compile import compile_interval_kernel, compile_kernel
+from simgap.model.sampled import NominalModel
+from simgap.model.symbolic import symbol
+from simgap.plants.urdf import JointState, load_urdf
 
 MODELS = Path(__file__).parents[2] / "configs" / "models"
 PENDULUM = (

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgap.config.case import Case
-from simgap.dynamics.memory import carried_model
-from simgap.dynamics.nominal import NominalModel
 from simgap.errors import UserError
+from simgap.model.sampled import NominalModel
+from simgap.plants.memory import carried_model
 
 
 def nominal_model(case: Case, folder: Path) -> NominalModel:

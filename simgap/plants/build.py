@@ -7,8 +7,10 @@ from pathlib import Path
 import sympy as sp
 
 from simgap.config.plant import PlantSection, SymbolicPlant
-from simgap.dynamics.expressions import parse
-from simgap.dynamics.model import (
+from simgap.effects import AppliedEffect, apply_effects
+from simgap.errors import UserError
+from simgap.model.expressions import parse
+from simgap.model.symbolic import (
     Coordinate,
     NamedParameter,
     Parameter,
@@ -17,9 +19,7 @@ from simgap.dynamics.model import (
     Variable,
     symbol,
 )
-from simgap.dynamics.urdf import JointState, load_urdf
-from simgap.effects import AppliedEffect, apply_effects
-from simgap.errors import UserError
+from simgap.plants.urdf import JointState, load_urdf
 from simgap.units import conversion
 
 

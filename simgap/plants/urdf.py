@@ -15,9 +15,9 @@ from typing import Any
 
 import sympy as sp
 
-from simgap.dynamics.model import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
-from simgap.dynamics.urdf_checks import check_urdf, root_link
 from simgap.errors import UserError
+from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
+from simgap.plants.urdf_checks import check_urdf, root_link
 
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")
 _AXES = "xyz"

@@ -11,10 +11,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgap.config.plant import PlantSection
-from simgap.dynamics.build import bare_model
-from simgap.dynamics.model import SymbolicModel
 from simgap.effects import AppliedEffect, apply_effects
 from simgap.errors import UserError
+from simgap.model.symbolic import SymbolicModel
+from simgap.plants.build import bare_model
 
 MEMORY = ("input_delay", "input_lag")
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import sympy as sp
 
-from simgap.dynamics.model import SymbolicModel, symbol
 from simgap.errors import UserError
+from simgap.model.symbolic import SymbolicModel, symbol
 
 Exprs = tuple[sp.Expr, ...]
 

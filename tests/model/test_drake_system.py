@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from simgap.dynamics.compile import compile_kernel
-from simgap.dynamics.model import Parameter, SymbolicModel, Variable, symbol
-from simgap.dynamics.symbolic_plant import symbolic_plant, time_derivatives
 from simgap.errors import UserError
+from simgap.model.compile import compile_kernel
+from simgap.model.drake_system import symbolic_plant, time_derivatives
+from simgap.model.symbolic import Parameter, SymbolicModel, Variable, symbol
 
 x, y, th, v, w, b = (symbol(n) for n in ("x", "y", "theta", "v", "w", "b"))
 STATES, INPUTS = tuple(Variable(n, "1") for n in ("x", "y", "theta")), tuple(Variable(n, "1") for n in ("v", "w"))

@@ -11,8 +11,8 @@ import sympy as sp
 from numba import njit
 from sympy.printing.pycode import PythonCodePrinter
 
-from simgap.dynamics import interval
 from simgap.errors import UserError
+from simgap.model import interval
 
 Kernel = Callable[..., Any]
 _PRIMITIVES = {

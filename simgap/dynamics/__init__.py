@@ -1,1 +1,0 @@
-"""From a Drake plant or written equations to symbolic dynamics to a compiled step, Jacobian and bounds."""

@@ -1,0 +1,1 @@
+"""Symbolic dynamics: expressions, discretisation, compiled steps, Jacobians and bounds."""
