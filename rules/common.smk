@@ -98,6 +98,15 @@ def gap_folder(wildcards):
     return f"results/{wildcards.case}/gap/{kind}"
 
 
+def flagged(flag, paths):
+    """Command-line words that give each path its flag; `{params.x:q}` quotes them one by one."""
+    return [
+        word
+        for path in ([paths] if isinstance(paths, str) else paths)
+        for word in (flag, path)
+    ]
+
+
 def eps_table(case):
     """The case's own eps and those of the sweep."""
     own = LOADED[case].grid.eps

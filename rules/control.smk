@@ -2,7 +2,7 @@
 
 
 def gap_option(wildcards, input):
-    return f"--gap {input.gap}" if wildcards.kind == "gap" else ""
+    return ["--gap", input.gap] if wildcards.kind == "gap" else []
 
 
 rule synthesis:
@@ -28,8 +28,8 @@ rule synthesis:
     message:
         "{wildcards.case}: controller for the {wildcards.kind} model"
     shell:
-        "simgap synthesis {params.case} {params.gap} --out {output.controller} --summary {output.summary}"
-        " --workers {threads} --log {log}"
+        "simgap synthesis {params.case:q} {params.gap:q} --out {output.controller:q} --summary {output.summary:q}"
+        " --workers {threads} --log {log:q}"
 
 
 rule validation:
@@ -56,5 +56,5 @@ rule validation:
     message:
         "{wildcards.case}: both controllers in closed loop, {threads} processes"
     shell:
-        "simgap validation {params.case} --nominal {input.nominal} --robust {input.robust} --gap {input.gap}"
-        " --out {output.summary} --traces {output.traces} --workers {threads} --log {log}"
+        "simgap validation {params.case:q} --nominal {input.nominal:q} --robust {input.robust:q} --gap {input.gap:q}"
+        " --out {output.summary:q} --traces {output.traces:q} --workers {threads} --log {log:q}"

@@ -10,12 +10,23 @@ def rig_file(case):
     return path if path.is_file() else None
 
 
-def recordings(wildcards):
-    """What is diagnosed: the case's own recordings, or those of its rig."""
-    measured = case_of(wildcards).measured
-    if measured is not None and measured.files:
-        return [str(CASE_FOLDER / name) for name in measured.files]
-    return [f"results/{wildcards.case}/rig/recordings.parquet"]
+def own_recordings(case):
+    """The bytes of the case's own recordings, by name; simgap finds them in the case and tells of one that is missing.
+
+    They are parameters and no inputs: a person's file name may hold braces, which Snakemake takes for wildcards.
+    """
+    measured = LOADED[case].measured
+    files = [
+        CASE_FOLDER / name for name in (measured.files if measured is not None else ())
+    ]
+    return {str(path): file_digest(path) if path.is_file() else None for path in files}
+
+
+def rig_recordings(wildcards):
+    """What is diagnosed where the case names no recordings of its own: those of its rig."""
+    if own_recordings(wildcards.case):
+        return []
+    return f"results/{wildcards.case}/rig/recordings.parquet"
 
 
 def diagnosed(case):
@@ -41,12 +52,12 @@ rule rig:
     message:
         "{wildcards.case}: moving and recording the rig"
     shell:
-        "simgap rig {params.rig} --out {output} --log {log}"
+        "simgap rig {params.rig:q} --out {output:q} --log {log:q}"
 
 
 rule diagnosis:
     input:
-        recordings,
+        rig_recordings,
     output:
         document="results/{case}/diagnosis/diagnosis.json",
         corrected="results/{case}/diagnosis/corrected_case.yaml",
@@ -62,9 +73,10 @@ rule diagnosis:
     params:
         case=lambda w: case_path(w.case),
         out=lambda w, output: Path(output.document).parent,
+        recordings=lambda w: own_recordings(w.case),
         reads=reads("diagnosis"),
         code=code("diagnosis"),
     message:
         "{wildcards.case}: from residuals to the effect that the model lacks"
     shell:
-        "simgap diagnose {params.case} {input} --out {params.out} --log {log}"
+        "simgap diagnose {params.case:q} {input:q} --out {params.out:q} --log {log:q}"

@@ -33,8 +33,8 @@ rule full_histories:
     message:
         "{wildcards.case}: the simulator on every pair of previous and present input, {threads} processes"
     shell:
-        "simgap histories {params.case} --every --out {output.grid} --random {output.random}"
-        " --memory {output.memory} --workers {threads} --log {log}"
+        "simgap histories {params.case:q} --every --out {output.grid:q} --random {output.random:q}"
+        " --memory {output.memory:q} --workers {threads} --log {log:q}"
 
 
 rule full_gap:
@@ -58,5 +58,5 @@ rule full_gap:
     message:
         "{wildcards.case}: bound of the gap over every previous input"
     shell:
-        "simgap hidden-gap {params.case} --grid {input.grid} --random {input.random} --memory {input.memory}"
-        " --fresh {input.fresh} --out {output.gap} --samples {output.samples} --log {log}"
+        "simgap hidden-gap {params.case:q} --grid {input.grid:q} --random {input.random:q} --memory {input.memory:q}"
+        " --fresh {input.fresh:q} --out {output.gap:q} --samples {output.samples:q} --log {log:q}"

@@ -20,7 +20,7 @@ rule rollouts:
     message:
         "{wildcards.case}: simulator on grid x inputs, eps = {wildcards.eps}, shard {wildcards.shard}"
     shell:
-        "simgap rollouts {params.case} --eps {wildcards.eps} --shard {wildcards.shard} --out {output} --log {log}"
+        "simgap rollouts {params.case:q} --eps {wildcards.eps:q} --shard {wildcards.shard:q} --out {output:q} --log {log:q}"
 
 
 rule fresh:
@@ -43,7 +43,7 @@ rule fresh:
     message:
         "{wildcards.case}: fresh random samples of the simulator"
     shell:
-        "simgap fresh {params.case} --out {output} --workers {threads} --log {log}"
+        "simgap fresh {params.case:q} --out {output:q} --workers {threads} --log {log:q}"
 
 
 rule calibration:
@@ -66,7 +66,7 @@ rule calibration:
     message:
         "{wildcards.case}: random samples that set the width of a conformal bound"
     shell:
-        "simgap calibration {params.case} --out {output} --workers {threads} --log {log}"
+        "simgap calibration {params.case:q} --out {output:q} --workers {threads} --log {log:q}"
 
 
 def calibration(wildcards):
@@ -106,17 +106,13 @@ rule gap:
         case=lambda w: case_path(w.case),
         reads=reads("gap"),
         code=code("gap"),
-        shards=lambda w, input: " ".join(
-            f"--rollouts {path}" for path in input.rollouts
-        ),
-        drawn=lambda w, input: (
-            f"--calibration {input.calibration}" if input.calibration else ""
-        ),
+        shards=lambda w, input: flagged("--rollouts", input.rollouts),
+        drawn=lambda w, input: flagged("--calibration", input.calibration),
     message:
         "{wildcards.case}: Lipschitz estimates, scenario programs and gap function, eps = {wildcards.eps}"
     shell:
-        "simgap gap {params.case} --eps {wildcards.eps} {params.shards} --fresh {input.fresh}"
-        " {params.drawn} --out {output.gap} --samples {output.samples} --log {log}"
+        "simgap gap {params.case:q} --eps {wildcards.eps:q} {params.shards:q} --fresh {input.fresh:q}"
+        " {params.drawn:q} --out {output.gap:q} --samples {output.samples:q} --log {log:q}"
 
 
 rule histories:
@@ -141,8 +137,8 @@ rule histories:
     message:
         "{wildcards.case}: what earlier inputs leave behind in the simulator, {threads} processes"
     shell:
-        "simgap histories {params.case} --out {output.grid} --random {output.random} --memory {output.memory}"
-        " --workers {threads} --log {log}"
+        "simgap histories {params.case:q} --out {output.grid:q} --random {output.random:q} --memory {output.memory:q}"
+        " --workers {threads} --log {log:q}"
 
 
 rule hidden_gap:
@@ -169,5 +165,5 @@ rule hidden_gap:
     message:
         "{wildcards.case}: bound of the gap over the hidden state, seen from the robot"
     shell:
-        "simgap hidden-gap {params.case} --grid {input.grid} --random {input.random} --memory {input.memory}"
-        " --fresh {input.fresh} --out {output.gap} --samples {output.samples} --log {log}"
+        "simgap hidden-gap {params.case:q} --grid {input.grid:q} --random {input.random:q} --memory {input.memory:q}"
+        " --fresh {input.fresh:q} --out {output.gap:q} --samples {output.samples:q} --log {log:q}"

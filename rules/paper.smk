@@ -22,4 +22,4 @@ rule paper:
     message:
         "The paper's printed numbers: what they allow, and reproduced values beside them"
     shell:
-        "simgap paper configs/paper --pendulum {input.pendulum} --out {output} --workers {threads} --log {log}"
+        "simgap paper configs/paper --pendulum {input.pendulum:q} --out {output:q} --workers {threads} --log {log:q}"

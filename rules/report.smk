@@ -50,10 +50,9 @@ def corrected_files(wildcards):
 
 def report_options(wildcards, input):
     folder = f"results/{wildcards.case}"
-    options = [f"--diagnosis {folder}/diagnosis"] if input.diagnosis else []
-    return " ".join(
-        [*options, *([f"--corrected {folder}/corrected"] if input.corrected else [])]
-    )
+    diagnosis = [f"{folder}/diagnosis"] if input.diagnosis else []
+    corrected = [f"{folder}/corrected"] if input.corrected else []
+    return flagged("--diagnosis", diagnosis) + flagged("--corrected", corrected)
 
 
 rule trace:
@@ -78,8 +77,8 @@ rule trace:
     message:
         "{wildcards.case}: recording of both controllers for Rerun"
     shell:
-        "simgap trace {params.case} --nominal {input.nominal} --robust {input.robust} --traces {input.traces}"
-        " --out {output} --log {log}"
+        "simgap trace {params.case:q} --nominal {input.nominal:q} --robust {input.robust:q} --traces {input.traces:q}"
+        " --out {output:q} --log {log:q}"
 
 
 rule report:
@@ -113,15 +112,15 @@ rule report:
         reads=reads("report"),
         code=code("report"),
         templates=TEMPLATES,
-        gaps=lambda w, input: " ".join(f"--gap {path}" for path in input.gaps),
+        gaps=lambda w, input: flagged("--gap", input.gaps),
         more=report_options,
     message:
         "{wildcards.case}: the page"
     shell:
-        "simgap report {params.case} {params.gaps} --samples {input.samples}"
-        " --nominal results/{wildcards.case}/synthesis/nominal --robust results/{wildcards.case}/synthesis/gap"
-        " --validation results/{wildcards.case}/validation {params.more}"
-        " --out {output.page} --summary {output.summary} --log {log}"
+        "simgap report {params.case:q} {params.gaps:q} --samples {input.samples:q}"
+        " --nominal results/{wildcards.case:q}/synthesis/nominal --robust results/{wildcards.case:q}/synthesis/gap"
+        " --validation results/{wildcards.case:q}/validation {params.more:q}"
+        " --out {output.page:q} --summary {output.summary:q} --log {log:q}"
 
 
 rule index:
@@ -137,8 +136,8 @@ rule index:
     params:
         code=code("index"),
         templates=TEMPLATES,
-        summaries=lambda w, input: " ".join(f"--summary {path}" for path in input),
+        summaries=lambda w, input: flagged("--summary", input),
     message:
         "Page that links the reports of all cases"
     shell:
-        "simgap index {params.summaries} --out {output} --log {log}"
+        "simgap index {params.summaries:q} --out {output:q} --log {log:q}"

@@ -1,11 +1,13 @@
 """Snakemake as a person runs it, on a copy of the project with a small case."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -174,3 +176,25 @@ def test_a_mistake_in_a_case_is_told_by_the_workflow(project):
     project.case.write_text(original)
     assert done.returncode != 0
     assert "grid.epz" in done.stderr + done.stdout
+
+
+def test_the_name_of_a_recording_is_never_shell(project):
+    """A free pendulum without friction, recorded under a name that a shell or a wildcard would take apart."""
+    name = "$(touch PWNED) run {1}'; touch PWNED; '.csv"
+    folder = project.folder / "configs/cases"
+    case = yaml.safe_load((ROOT / "configs/cases/multiarm_pendulum.yaml").read_text())
+    case |= {"name": "named", "measured": {"files": [name], "window_s": 0.5, "horizon_s": 0.5}}
+    (folder / "named.yaml").write_text(yaml.safe_dump(case, sort_keys=False))
+    t = np.arange(0, 4, 0.01)
+    q = 0.05 * np.cos(8.012 * t)  # small swings at sqrt(m g c / inertia)
+    rows = "\n".join(
+        f"{a:.4f},{b:.6f}" for a, b in zip(t, q + 1e-3 * np.random.default_rng(5).normal(size=t.size), strict=True)
+    )
+    (folder / name).write_text("t,q\n" + rows + "\n")
+    overlay = project.folder / "named.yaml"
+    overlay.write_text(yaml.safe_dump({"cases": ["named"], "sweeps": {}}))
+    result = "results/named/diagnosis/diagnosis.json"
+    project.snakemake("--configfile", str(overlay), "--", result)
+    assert json.loads((project.folder / result).read_text())["data"]
+    assert not list(project.folder.rglob("PWNED"))
+    (folder / name).unlink()
