@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simgap.gap.function import GapFunction, from_json
+from simgap.gap.function import GapFunction
+from simgap.gap.load import from_json
 from simgap.io.atomic import write_text
 from simgap.io.documents import read_json, write_json
 from simgap.io.pages import REPORTS, render

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from simgap.gap.function import from_json
 from simgap.gap.hidden_state import BodySamples
+from simgap.gap.load import from_json
 from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
 from simgap.model.paths import nominal_paths

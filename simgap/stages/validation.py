@@ -17,7 +17,8 @@ from simgap.closed_loop import Run, Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
 from simgap.config.synthesis import InvarianceSpecification, ReachAvoidSpecification
 from simgap.errors import BrokenPromise
-from simgap.gap.function import GapFunction, from_json
+from simgap.gap.function import GapFunction
+from simgap.gap.load import from_json
 from simgap.geometry import Box, Floats
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import table, write_parquet

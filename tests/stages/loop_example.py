@@ -9,9 +9,9 @@ import pyarrow as pa
 import yaml
 
 from simgap.gap.fit import fit_gap
+from simgap.gap.fresh_check import check_fresh
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import check_fresh
 from simgap.geometry import Box, Grid
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
