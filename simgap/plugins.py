@@ -42,7 +42,7 @@ def names(group: str) -> tuple[str, ...]:
 def find(group: str, name: str, folder: Path | None = None) -> type[Any]:
     """The plug-in of that name; `file.py:Name` is looked for in `folder`, that of the case.
 
-    A file or a distribution that is not part of simgap is code and runs with the rights of who runs simgap; its first use
+    What is not part of simgap is code that runs with the rights of whoever runs simgap; its first use
     is logged.
 
     Raises:
