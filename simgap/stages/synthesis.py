@@ -18,11 +18,11 @@ from simgap.model.sampled import NominalModel
 from simgap.plants.cases import nominal_model
 from simgap.plants.memory import carried_model
 from simgap.provenance import provenance
+from simgap.specifications.solution import Solution
 from simgap.stages.context import Context, log
 from simgap.stages.hidden_gap import pose_axes
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.intersample import excursion, rates
-from simgap.synthesis.solution import Solution
 from simgap.synthesis.specifications import ReachAvoidSpecification, Specification, make_specification
 from simgap.synthesis.sweep import planar_sweep
 from simgap.synthesis.synthesise import Problem, synthesise

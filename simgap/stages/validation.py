@@ -26,10 +26,10 @@ from simgap.model.sampled import NominalModel
 from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
+from simgap.specifications.regions import partial_box
 from simgap.stages.context import Context, log
 from simgap.stages.starts import starts
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.regions import partial_box
 
 R = TypeVar("R")
 CHUNK = 50  # runs a worker does between two signs of life

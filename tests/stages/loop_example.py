@@ -15,8 +15,8 @@ from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
+from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.solution import Solution
 
 RECORD = {"stage": "made by hand", "case": "example", "reads": {"sections": [], "sha256": "0"}, "code": "0",
           "versions": {}, "seeds": {"starts": 1}}  # fmt: skip
