@@ -8,6 +8,7 @@ import numpy as np
 
 from simgap.config.synthesis import InvarianceSpecification, ReachAvoidSpecification
 from simgap.geometry import Box
+from simgap.io.controller_file import load_controller
 from simgap.io.parquet import read_parquet
 from simgap.io.recording import TITLES, Content, JointScene, PlanarScene, write_recording
 from simgap.io.recording_check import verify
@@ -41,7 +42,7 @@ def run(case_path: Path, nominal: Path, robust: Path, traces_path: Path, out: Pa
     context = Context.load(case_path)
     with context.blame():
         traces = split(read_parquet(traces_path), context.states, context.inputs)
-        content = recording_content(context, traces, Controller.load(nominal), Controller.load(robust))
+        content = recording_content(context, traces, load_controller(nominal), load_controller(robust))
     write_recording(out, content)
     count = verify(out, traces, context.states, context.inputs)
     log.info("recorded %d runs; %d values read back and equal to the table", len(traces), count)
