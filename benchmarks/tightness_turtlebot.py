@@ -23,11 +23,11 @@ import numpy as np
 from simgap.errors import SimgapError
 from simgap.gap.bases import Basis
 from simgap.gap.design import Design
-from simgap.gap.function import from_json
+from simgap.gap.fresh_check import check_fresh
 from simgap.gap.hidden_state import hull, previous_inputs
+from simgap.gap.load import from_json
 from simgap.gap.scenario import solve_scenario
 from simgap.gap.symmetry import BodyFrameGap, nominal_motion
-from simgap.gap.tiers import check_fresh
 from simgap.geometry import Floats
 from simgap.io.documents import read_json
 from simgap.plants.cases import nominal_model

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io.atomic import atomic
+from simgap.specifications.solution import Solution
 from simgap.synthesis.bits import packed_width
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.solution import Solution
 
 Arrays = Mapping[str, NDArray[Any]]
 REMEDY = "Run the synthesis stage again."

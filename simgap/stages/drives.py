@@ -17,7 +17,8 @@ from simgap.closed_loop import Run, batch_loop, scalar_lookup
 from simgap.config.case import Case
 from simgap.config.synthesis import ReachAvoidSpecification
 from simgap.errors import UserError
-from simgap.gap.function import GapFunction, from_json
+from simgap.gap.function import GapFunction
+from simgap.gap.load import from_json
 from simgap.geometry import Floats
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 
 from simgap.errors import BrokenPromise
+from simgap.gap.fresh_check import FreshCheck, check_fresh
 from simgap.gap.function import GapDomain
 from simgap.gap.hidden_state import BodySamples, HiddenStateFit, fit_hidden_state, tolerance_of
 from simgap.gap.symmetry import HeadingDeviation, check_symmetry, nominal_motion
-from simgap.gap.tiers import FreshCheck, check_fresh
 from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet

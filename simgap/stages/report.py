@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simgap.gap.function import from_json
+from simgap.gap.load import from_json
 from simgap.io.atomic import write_text
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json

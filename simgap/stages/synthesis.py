@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from simgap.gap.function import from_json
 from simgap.gap.hidden_state import BodySamples
+from simgap.gap.load import from_json
 from simgap.geometry import Floats
 from simgap.io.controller_file import save_controller
 from simgap.io.documents import read_json, write_json
@@ -19,11 +19,11 @@ from simgap.model.sampled import NominalModel
 from simgap.plants.cases import nominal_model
 from simgap.plants.memory import carried_model
 from simgap.provenance import provenance
+from simgap.specifications.solution import Solution
 from simgap.stages.context import Context, log
 from simgap.stages.hidden_gap import pose_axes
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.intersample import excursion, rates
-from simgap.synthesis.solution import Solution
 from simgap.synthesis.specifications import ReachAvoidSpecification, Specification, make_specification
 from simgap.synthesis.sweep import planar_sweep
 from simgap.synthesis.synthesise import Problem, synthesise

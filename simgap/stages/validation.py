@@ -17,7 +17,8 @@ from simgap.closed_loop import Run, Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
 from simgap.config.synthesis import InvarianceSpecification, ReachAvoidSpecification
 from simgap.errors import BrokenPromise
-from simgap.gap.function import GapFunction, from_json
+from simgap.gap.function import GapFunction
+from simgap.gap.load import from_json
 from simgap.geometry import Box, Floats
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
@@ -26,10 +27,10 @@ from simgap.model.sampled import NominalModel
 from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
+from simgap.specifications.regions import partial_box
 from simgap.stages.context import Context, log
 from simgap.stages.starts import starts
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.regions import partial_box
 
 R = TypeVar("R")
 CHUNK = 50  # runs a worker does between two signs of life

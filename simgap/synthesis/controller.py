@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Grid
+from simgap.specifications.solution import Solution
 from simgap.synthesis.bits import preferred, unpack
-from simgap.synthesis.solution import Solution
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -12,8 +12,8 @@ import simgap
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller, save_controller
+from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.solution import Solution
 
 GRID = Grid(Box([0.0, -1.0], [1.0, 1.0]), (4, 3), (1,))
 INPUTS = np.array([[-1.0], [0.0], [1.0]])

@@ -10,7 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
 import loop_example as example
 
-from simgap.gap.function import from_json
+from simgap.gap.load import from_json
 from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io import figures_arena, figures_domains, figures_gap, figures_traces

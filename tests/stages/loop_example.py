@@ -9,15 +9,15 @@ import pyarrow as pa
 import yaml
 
 from simgap.gap.fit import fit_gap
+from simgap.gap.fresh_check import check_fresh
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import check_fresh
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import save_controller
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
+from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.solution import Solution
 
 RECORD = {"stage": "made by hand", "case": "example", "reads": {"sections": [], "sha256": "0"}, "code": "0",
           "versions": {}, "seeds": {"starts": 1}}  # fmt: skip

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.errors import BrokenPromise
-from simgap.gap.function import from_json
 from simgap.gap.hidden_state import BodySamples
+from simgap.gap.load import from_json
 from simgap.io.documents import read_json, write_json
 from simgap.stages import hidden_gap
 from simgap.stages.context import Context

@@ -11,10 +11,10 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.model.sampled import NominalModel
+from simgap.specifications.regions import cells_meeting, cells_within
+from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller, least_effort
 from simgap.synthesis.intersample import excursion
-from simgap.synthesis.regions import cells_meeting, cells_within
-from simgap.synthesis.solution import Solution
 from simgap.synthesis.specifications import make_specification
 from simgap.synthesis.synthesise import Problem, synthesise
 
