@@ -10,10 +10,10 @@ import sympy as sp
 sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
 import diagnosis_example as example
 import yaml
-from simgap.diagnosis.record import Record, Trace
 
 from simgap.config.load import parse_case
-from simgap.diagnosis.missing import missing_terms
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.effects import AppliedEffect, apply_effects
 from simgap.model.symbolic import PlanarWheels, SymbolicModel, Variable, symbol
 from simgap.plants.build import symbolic_model

@@ -1,9 +1,9 @@
 """A diagnosis made by hand: a pendulum with Coulomb friction that the model lacks, integrated by small Euler steps."""
 
 import numpy as np
-from simgap.diagnosis.record import Record, Trace
 
-from simgap.diagnosis.reading import FileNotes, Reading
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.reading.traces import FileNotes, Reading
 from simgap.diagnosis.result import (
     Alternative,
     CandidateScore,

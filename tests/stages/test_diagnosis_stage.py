@@ -10,10 +10,10 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 import diagnosis_example as example
-from simgap.diagnosis.survey import survey
 
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
+from simgap.diagnosis.reading.survey import survey
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.plants.build import symbolic_model

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.diagnosis.table import Floats, RawTable
+from simgap.diagnosis.reading.table import Floats, RawTable
 from simgap.errors import UserError
 from simgap.units import conversion, full_turn
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.diagnosis.record import Record, Trace
-from simgap.diagnosis.table import Floats
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.reading.table import Floats
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.record import Record
+from simgap.diagnosis.reading.record import Record
 
 Floats = NDArray[np.float64]
 ORDER = 6

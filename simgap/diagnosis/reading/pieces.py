@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.diagnosis.channels import unwrap
-from simgap.diagnosis.stamps import TimeRange, gap_limit, kept, merge_repeats, pieces
-from simgap.diagnosis.table import Floats
+from simgap.diagnosis.reading.channels import unwrap
+from simgap.diagnosis.reading.stamps import TimeRange, gap_limit, kept, merge_repeats, pieces
+from simgap.diagnosis.reading.table import Floats
 
 MIN_SAMPLES = 8
 

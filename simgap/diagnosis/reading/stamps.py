@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.table import Floats, RawTable
+from simgap.diagnosis.reading.table import Floats, RawTable
 from simgap.errors import UserError
 from simgap.units import conversion
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.record import Record, Trace
-from simgap.diagnosis.table import Floats
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.reading.table import Floats
 
 BLOCK_S, STILL_S = 0.25, 0.75
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
-from simgap.diagnosis.lag import VelocityLag, velocity_lag
-from simgap.diagnosis.noise import noise_floor
-from simgap.diagnosis.record import Record
-from simgap.diagnosis.stillness import Stretch, at_limit, frozen_stretches, resolution, still_stretches
-from simgap.diagnosis.table import Floats
+from simgap.diagnosis.reading.lag import VelocityLag, velocity_lag
+from simgap.diagnosis.reading.noise import noise_floor
+from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.reading.stillness import Stretch, at_limit, frozen_stretches, resolution, still_stretches
+from simgap.diagnosis.reading.table import Floats
 from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
 from simgap.units import full_turn
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simgap.diagnosis.channels import Channel, convert, measured_states
-from simgap.diagnosis.pieces import Split, split
-from simgap.diagnosis.record import Record, Trace
-from simgap.diagnosis.stamps import Ints, TimeRange, check_forward, same_file, seconds
-from simgap.diagnosis.table import RawTable
+from simgap.diagnosis.reading.channels import Channel, convert, measured_states
+from simgap.diagnosis.reading.pieces import Split, split
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.reading.stamps import Ints, TimeRange, check_forward, same_file, seconds
+from simgap.diagnosis.reading.table import RawTable
 from simgap.errors import UserError
 
 

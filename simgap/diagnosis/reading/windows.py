@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.record import Record
+from simgap.diagnosis.reading.record import Record
 from simgap.errors import UserError
 
 Floats = NDArray[np.float64]

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.fit import Fit
-from simgap.diagnosis.problem import Problem
-from simgap.diagnosis.sensitivity import Direction, linearise, slot_direction, with_values
-from simgap.diagnosis.supermodel import Candidate
+from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction, with_values
+from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import InputEffect
 from simgap.effects.base import CoordinateEffect
 from simgap.effects.start import Scales, Start

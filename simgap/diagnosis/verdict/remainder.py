@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
-from simgap.diagnosis.missing import evaluate
+from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.table import Floats
+from simgap.diagnosis.verdict.missing import evaluate
 from simgap.effects import AppliedEffect, apply_effects
 from simgap.model.integrators import discretise
 from simgap.model.symbolic import SymbolicModel

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.problem import Problem
+from simgap.diagnosis.simulation.problem import Problem
 
 Floats = NDArray[np.float64]
 _ROWS_AT_ONCE = 60_000  # memory of a pass does not grow with the record

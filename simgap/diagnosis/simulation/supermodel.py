@@ -12,7 +12,7 @@ from numba import float64 as f64
 from numba import njit, types, void
 from numpy.typing import NDArray
 
-from simgap.diagnosis.rhs import Costly, compile_dynamics, is_costly
+from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
 from simgap.effects import EFFECTS, Effect, StaticInputEffect
 from simgap.effects.base import CoordinateEffect, InputEffect
 from simgap.effects.input_delay import InputDelay

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.fit import fit
-from simgap.diagnosis.initial import initial_states
-from simgap.diagnosis.problem import Problem
-from simgap.diagnosis.sensitivity import state_steps
-from simgap.diagnosis.windows import Windows
+from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.search.fit import fit
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import state_steps
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

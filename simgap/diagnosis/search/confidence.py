@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from simgap.diagnosis.fit import Fit
-from simgap.diagnosis.problem import Problem
-from simgap.diagnosis.sensitivity import linearise, slot_direction
+from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 
 Floats = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.problem import Problem
-from simgap.diagnosis.sensitivity import Linearised, chunks, linearise, slot_direction
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import Linearised, chunks, linearise, slot_direction
 
 Floats = NDArray[np.float64]
 _MAX_ITERATIONS = 30

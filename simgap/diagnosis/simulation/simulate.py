@@ -16,7 +16,7 @@ import numpy as np
 from numba import float64, njit, void
 from numpy.typing import NDArray
 
-from simgap.diagnosis.runge_kutta import INDICES, RHS, VECTOR, glide, input_at, rk4, slope
+from simgap.diagnosis.simulation.runge_kutta import INDICES, RHS, VECTOR, glide, input_at, rk4, slope
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

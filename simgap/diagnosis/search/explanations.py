@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.fit import Fit, fit
-from simgap.diagnosis.problem import Problem
-from simgap.diagnosis.scoring import Score, Starts, best_of_each, score
-from simgap.diagnosis.sensitivity import choose_step, with_values
-from simgap.diagnosis.supermodel import Candidate
+from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.scoring import Score, Starts, best_of_each, score
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
+from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BIC_GAIN, FINALISTS, SAME_PROMISE
 
 Floats = NDArray[np.float64]

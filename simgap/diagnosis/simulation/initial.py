@@ -6,7 +6,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from simgap.diagnosis.problem import Problem
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.model.symbolic import SymbolicModel
 
 Floats = NDArray[np.float64]

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simgap.diagnosis.confidence import interval, standard_errors
-from simgap.diagnosis.equivalence import Rival
-from simgap.diagnosis.fit import Fit
-from simgap.diagnosis.problem import Problem
 from simgap.diagnosis.result import Alternative, CandidateScore, Collinear, Estimate, FoundEffect, Key, WindowPrediction
-from simgap.diagnosis.search import Explanation, Search
-from simgap.diagnosis.supermodel import Candidate
+from simgap.diagnosis.search.confidence import interval, standard_errors
+from simgap.diagnosis.search.equivalence import Rival
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects import AppliedEffect
 from simgap.model.symbolic import SymbolicModel
 

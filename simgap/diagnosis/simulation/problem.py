@@ -11,10 +11,10 @@ import numpy as np
 from numba import float64, int64, njit, void
 from numpy.typing import NDArray
 
-from simgap.diagnosis.record import Record
-from simgap.diagnosis.simulate import simulate
-from simgap.diagnosis.supermodel import SuperModel
-from simgap.diagnosis.windows import Windows
+from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.simulation.simulate import simulate
+from simgap.diagnosis.simulation.supermodel import SuperModel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.fit import Fit, fit
-from simgap.diagnosis.horizon import HorizonError, horizon_error
-from simgap.diagnosis.initial import initial_states
-from simgap.diagnosis.problem import Problem
 from simgap.diagnosis.result import Judged, Verdict
-from simgap.diagnosis.search import Explanation
+from simgap.diagnosis.search.explanations import Explanation
+from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import EXCESS_KEPT, FIT_QUALITY, FOLD_AGREEMENT, HELD_OUT_QUALITY
+from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error
 
 Floats = NDArray[np.float64]
 

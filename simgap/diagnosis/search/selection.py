@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from simgap.diagnosis.fit import Fit, fit
-from simgap.diagnosis.search import Explanation, Search
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.thresholds import BIC_GAIN, NEAR_TIE
 
 _FIRSTS = 3  # single effects from which a selection sets out

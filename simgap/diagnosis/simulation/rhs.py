@@ -10,8 +10,8 @@ import sympy as sp
 from numba import njit
 from numpy.typing import NDArray
 
-from simgap.diagnosis.hoist import hoist
-from simgap.diagnosis.runge_kutta import RHS_SIGNATURE
+from simgap.diagnosis.simulation.hoist import hoist
+from simgap.diagnosis.simulation.runge_kutta import RHS_SIGNATURE
 from simgap.model.compile import compile_kernel
 from simgap.model.symbolic import SymbolicModel, symbol
 

@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.fit import Fit
-from simgap.diagnosis.judge import HeldOut, chi2_dof, excess, folds_agree, judge
-from simgap.diagnosis.problem import Problem
-from simgap.diagnosis.search import Explanation, Search
-from simgap.diagnosis.selection import grow
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.search.selection import grow
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import EXCESS_KEPT, PLAUSIBLE_RATIO, SIMPLER_SHARE
+from simgap.diagnosis.verdict.judge import HeldOut, chi2_dof, excess, folds_agree, judge
 
 Floats = NDArray[np.float64]
 _BEAM = 4

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.scoring import column, small_amplitude
-from simgap.diagnosis.search import Explanation, Key, Search
-from simgap.diagnosis.sensitivity import linearise, slot_direction, with_values
-from simgap.diagnosis.supermodel import Candidate
+from simgap.diagnosis.search.explanations import Explanation, Key, Search
+from simgap.diagnosis.search.scoring import column, small_amplitude
+from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction, with_values
+from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AMBIGUOUS, BIC_GAIN, COLLINEAR, EQUIVALENT_CHI2, EXACTLY_COLLINEAR
 
 Floats = NDArray[np.float64]

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from simgap.diagnosis.initial import initial_states
-from simgap.diagnosis.problem import Problem
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.problem import Problem
 
 _SHARE = 0.01  # of the noise
 _MOST_HALVINGS = 6

@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.problem import Memo, Problem, interval
-from simgap.diagnosis.step_length import settled
-from simgap.diagnosis.windows import MIN_SAMPLES, Windows
+from simgap.diagnosis.reading.windows import MIN_SAMPLES, Windows
+from simgap.diagnosis.simulation.problem import Memo, Problem, interval
+from simgap.diagnosis.simulation.step_length import settled
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
