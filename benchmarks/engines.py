@@ -20,14 +20,14 @@ from simgap.config.case import Case
 from simgap.config.simulator import Damping, MuJoCoSection, PyBulletSection
 from simgap.gap.fit import fit_gap
 from simgap.gap.fresh_check import check_fresh
+from simgap.gap.pairs import draw, product
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Floats, Grid
 from simgap.plants.cases import nominal_model
 from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import roll_out
 from simgap.stages.context import Context
-from simgap.stages.fresh import draw
-from simgap.stages.rollouts import product, roll_out
 
 CASE = Path(__file__).parents[1] / "configs" / "cases" / "pendulum.yaml"
 FREE = Damping(linear=0.0, angular=0.0)

@@ -11,13 +11,14 @@ import numpy as np
 
 from simgap.config.load import load_case, read_yaml
 from simgap.gap.function import GapDomain
+from simgap.gap.pairs import product
 from simgap.geometry import Box, Floats, Grid
 from simgap.io.documents import write_json
 from simgap.paper import Row, allowed, pendulum_rows, printed_gap, turtlebot_rows
 from simgap.plants.cases import nominal_model
 from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import roll_out
 from simgap.stages.context import Context, log
-from simgap.stages.rollouts import product, roll_out
 from simgap.synthesis.specifications import make_specification
 from simgap.synthesis.synthesise import Problem
 
