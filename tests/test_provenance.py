@@ -1,4 +1,4 @@
-"""What is hashed: sections that a stage reads, code that it reaches, plug-ins of the case, model files by their bytes."""
+"""What is hashed: sections that a stage reads, code that it reaches, plug-ins of the case, model files as bytes."""
 
 import ast
 
