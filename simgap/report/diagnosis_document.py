@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from simgap.diagnosis.reading import Reading
-from simgap.diagnosis.remainder import Remainder
-from simgap.diagnosis.remainder_use import RemainderUse
+from simgap.diagnosis.reading.survey import Survey
+from simgap.diagnosis.reading.traces import Reading
 from simgap.diagnosis.result import CandidateScore, Diagnosis, Estimate, FoundEffect, Judged
-from simgap.diagnosis.survey import Survey
-from simgap.diagnosis.words import verdict_sentence
+from simgap.diagnosis.verdict.remainder import Remainder
+from simgap.diagnosis.verdict.remainder_use import RemainderUse
+from simgap.diagnosis.verdict.words import verdict_sentence
 
 
 def document(

@@ -10,12 +10,12 @@ import numpy as np
 
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.missing import missing_terms
-from simgap.diagnosis.reading import Reading
-from simgap.diagnosis.remainder import Remainder, bound_remainder, without_memory
-from simgap.diagnosis.remainder_use import RemainderUse, use_of
+from simgap.diagnosis.reading.survey import Survey, survey
+from simgap.diagnosis.reading.traces import Reading
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
-from simgap.diagnosis.survey import Survey, survey
+from simgap.diagnosis.verdict.missing import missing_terms
+from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder, without_memory
+from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.diagnosis_recording import write_recording

@@ -2,7 +2,7 @@
 
 import pytest
 
-from simgap.diagnosis.words import describe, phrase, verdict_sentence
+from simgap.diagnosis.verdict.words import describe, phrase, verdict_sentence
 from simgap.notation import pretty_unit, with_error
 
 

@@ -13,7 +13,7 @@ import diagnosis_example as example
 
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
-from simgap.diagnosis.survey import survey
+from simgap.diagnosis.reading.survey import survey
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.plants.build import symbolic_model
