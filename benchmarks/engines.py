@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from simgap.config.case import Case
-from simgap.config.simulator import Damping, MuJoCoSection, PyBulletSection
+from simgap.config.simulator import Damping
 from simgap.gap.fit import fit_gap
 from simgap.gap.fresh_check import check_fresh
 from simgap.gap.pairs import draw, product
@@ -25,17 +25,19 @@ from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Floats, Grid
 from simgap.plants.cases import nominal_model
+from simgap.simulators.mujoco_joints import MuJoCoSettings
 from simgap.simulators.process import run_in_processes
+from simgap.simulators.pybullet_joints import PyBulletSettings
 from simgap.simulators.rollouts import roll_out
 from simgap.stages.context import Context
 
 CASE = Path(__file__).parents[1] / "configs" / "cases" / "pendulum.yaml"
 FREE = Damping(linear=0.0, angular=0.0)
 ENGINES = {
-    "MuJoCo": MuJoCoSection(),
-    "PyBullet, declared inertia": PyBulletSection(inertia="file"),
-    "PyBullet, default inertia": PyBulletSection(inertia="engine"),
-    "PyBullet, declared inertia, no damping": PyBulletSection(inertia="file", damping=FREE),
+    "MuJoCo": MuJoCoSettings(),
+    "PyBullet, declared inertia": PyBulletSettings(inertia="file"),
+    "PyBullet, default inertia": PyBulletSettings(inertia="engine"),
+    "PyBullet, declared inertia, no damping": PyBulletSettings(inertia="file", damping=FREE),
 }
 MODELS = {"explicit Euler": "explicit_euler", "semi-implicit Euler": "semi_implicit_euler"}
 PAIRS = (

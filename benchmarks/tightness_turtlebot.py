@@ -28,8 +28,8 @@ from simgap.gap.fresh_check import check_fresh
 from simgap.gap.hidden_state import hull, previous_inputs
 from simgap.gap.load import from_json
 from simgap.gap.scenario import solve_scenario
-from simgap.gap.steps.histories import AFTER_PREVIOUS, body_samples
 from simgap.gap.steps.samples import steps_of
+from simgap.gap.steps.tables import AFTER_PREVIOUS, body_samples
 from simgap.gap.symmetry import BodyFrameGap, nominal_motion
 from simgap.geometry import Floats
 from simgap.io.documents import read_json

@@ -6,6 +6,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 from simgap.config.load import load_case
+from simgap.config.reads import READS
 from simgap.errors import SimgapError
 from simgap.gap.points import (
     EVERY_HISTORY,
@@ -21,11 +22,9 @@ from simgap.provenance import (
     sections_digest,
     versions,
 )
-from simgap.stages.reads import READS
 
 CASE_FOLDER = Path(config["case_folder"])
 CASES = config["cases"]
-ENGINES = digest(versions("drake", "pybullet", "numpy", "numba", "clarabel", "cvxpy"))
 
 
 wildcard_constraints:
@@ -72,8 +71,8 @@ LOADED = {name: load(name) for name in CASES}
 
 
 def case_of(wildcards):
-    """The case, or the one that it came from: they differ in the nominal model alone."""
-    name = base(wildcards.case)
+    """The case, given by its name or by wildcards, or the one that it came from: they differ in the nominal model."""
+    name = base(wildcards if isinstance(wildcards, str) else wildcards.case)
     if name not in LOADED:
         LOADED[name] = load(name)
     return LOADED[name]
@@ -86,9 +85,15 @@ def reads(stage):
     )
 
 
-def code(stage):
-    """The code that the stage runs and the engines under it, as a hash for `params`."""
-    return code_digest(f"simgap.stages.{stage}") + ENGINES
+def code(stage, case=None):
+    """The code that the stage runs, plug-ins of the case included, and the distributions under it, as a hash."""
+
+    def made_by(wildcards):
+        name = case or wildcards.get("case")
+        of = (case_of(name), CASE_FOLDER) if name else ()
+        return digest([code_digest(stage, *of), versions(stage, *of)])
+
+    return made_by
 
 
 def gap_folder(wildcards):

@@ -9,8 +9,8 @@ import numpy as np
 
 from simgap.config.wheeled import HiddenStateSection
 from simgap.gap.pairs import draw
-from simgap.gap.steps.histories import fresh_sequences, step_columns
-from simgap.gap.steps.rollouts import successor_columns, units
+from simgap.gap.steps.histories import fresh_sequences
+from simgap.gap.steps.tables import step_columns, successor_columns, units
 from simgap.io.samples import write_columns
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import joined

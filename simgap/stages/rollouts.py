@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgap.gap.points import shard_count
-from simgap.gap.steps.rollouts import roll_out_shard, units
+from simgap.gap.steps.rollouts import roll_out_shard
+from simgap.gap.steps.tables import units
 from simgap.io.samples import write_columns
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from simgap.gap.points import own_point, shard_count
-from simgap.gap.steps.rollouts import successor_columns, units
+from simgap.gap.steps.tables import successor_columns, units
 from simgap.io.samples import write_columns
 from simgap.stages import gap, grid, lipschitz, rollouts, scp
 from simgap.stages.context import Context

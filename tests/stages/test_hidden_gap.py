@@ -9,7 +9,7 @@ import road
 from simgap.errors import BrokenPromise
 from simgap.gap.load import from_json
 from simgap.gap.points import Points
-from simgap.gap.steps.histories import step_columns
+from simgap.gap.steps.tables import step_columns
 from simgap.io.documents import read_json
 from simgap.io.samples import write_columns, write_points
 from simgap.simulators.body_samples import BodySamples

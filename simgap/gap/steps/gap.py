@@ -18,8 +18,8 @@ from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.points import Columns, Points, radius, remembers
 from simgap.gap.settings import GapSettings
 from simgap.gap.steps.hidden_gap import hidden_bound
-from simgap.gap.steps.histories import AFTER_PREVIOUS
 from simgap.gap.steps.samples import motion_of, nominal, sample_grid, stacked, steps_of, successors
+from simgap.gap.steps.tables import AFTER_PREVIOUS
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
 

@@ -17,12 +17,11 @@ from simgap.gap.function import GapDomain
 from simgap.gap.hidden_fit import HiddenStateFit, HistoryInfluence, HullFit, assemble_hulls
 from simgap.gap.hidden_state import tolerance_of
 from simgap.gap.points import Columns, Points
-from simgap.gap.steps.histories import body_samples
+from simgap.gap.steps.tables import body_samples
 from simgap.gap.symmetry import HeadingDeviation, check_symmetry
 from simgap.geometry import Floats
 
 Saved = Mapping[str, Mapping[str, Any]]
-GRAVITY = 9.81
 LONGER = "Raise hidden_state.chains or hidden_state.previous, or set hidden_state.tolerated_probability."
 
 
@@ -43,17 +42,13 @@ def hidden_bound(
     pose = pose_axes(context)
     free = tuple(sorted(pose[:2]))
     domain = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set, free)
-    fit = assemble_hulls(domain, hulls, influences, between_poses(context), hidden.growth, pose)
+    between = context.need(context.case.simulator, "simulator").between_poses(
+        context.domain.tau, context.case.plant.gravity
+    )
+    fit = assemble_hulls(domain, hulls, influences, between, hidden.growth, pose)
     check = _check(context, fit, motion, fresh)
     tolerate(check, hidden.tolerated_probability, LONGER)
     return _content(context, fit, check, len(points.states), hulls[0].grid), check
-
-
-def between_poses(context: Context) -> float:
-    """How far the path may stray from the line through the recorded poses: a t^2 / 8 for the tyres' largest force."""
-    section: Any = context.case.simulator
-    interval = context.domain.tau / section.poses
-    return float(section.floor_friction * GRAVITY * interval**2 / 8.0)
 
 
 def _check(context: Context, fit: HiddenStateFit, motion: Floats, fresh: Columns) -> FreshCheck:
@@ -109,7 +104,7 @@ def _content(context: Context, fit: HiddenStateFit, check: FreshCheck, previous:
             "previous_inputs": previous,
             "random_sequences": hidden.chains,
             "steps_of_each": hidden.chain_length,
-            "substeps": getattr(context.case.simulator, "substeps", None),
+            "substeps": context.case.simulator.substeps if context.case.simulator else None,
         },
         "fresh": asdict(check),
     }

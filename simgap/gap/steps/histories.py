@@ -16,12 +16,11 @@ from simgap.config.wheeled import HiddenStateSection
 from simgap.errors import UserError
 from simgap.gap.hidden_state import random_sequences
 from simgap.gap.points import Columns, Points, cut
+from simgap.gap.steps.tables import AFTER_PREVIOUS, HISTORY, SEQUENCE, step_columns
 from simgap.geometry import Floats
 from simgap.simulators.body_samples import BodySamples, Ints
 from simgap.simulators.wheeled_rollouts import after_previous, along_sequences, repeated_histories
 
-EXTENTS = ("least_x", "largest_x", "least_y", "largest_y")
-AFTER_PREVIOUS, SEQUENCE, HISTORY = "after_previous", "sequence", "history"
 SEQUENCE_PARTS = 4  # each with random headings of its own, whatever the number of shards and workers
 
 
@@ -67,23 +66,6 @@ def _part(
     n = len(samples.m)
     more = {"part": np.full(n, name), "earlier": np.resize(earlier, n), "heading": np.resize(heading, n)}
     return step_columns(case, inputs, samples) | more, engine
-
-
-def step_columns(case: Case, inputs: Floats, samples: BodySamples) -> dict[str, Any]:
-    """Input, final pose `moved_<state>` and extent of each step, seen from where it began."""
-    u = inputs[samples.m]
-    columns: dict[str, Any] = {"input": samples.m}
-    columns |= {n: u[:, j] for j, n in enumerate(case.plant.inputs)}
-    columns |= {f"moved_{n}": samples.final[:, j] for j, n in enumerate(case.plant.states)}
-    return columns | {n: samples.extent[:, j] for j, n in enumerate(EXTENTS)}
-
-
-def body_samples(case: Case, columns: Columns, part: str | None = None) -> BodySamples:
-    """The steps of one part of a table, or of all of it: the inverse of `step_columns`."""
-    rows = slice(None) if part is None else columns["part"] == part
-    final = np.stack([columns[f"moved_{n}"][rows] for n in case.plant.states], axis=-1)
-    extent = np.stack([columns[n][rows] for n in EXTENTS], axis=-1)
-    return BodySamples(columns["input"][rows].astype(np.int64), final, extent)
 
 
 def sequence_parts(sequences: Ints, seed: int) -> list[tuple[Ints, list[int]]]:

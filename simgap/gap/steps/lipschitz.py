@@ -12,8 +12,8 @@ from simgap.gap.hidden_state import fading
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.points import Columns, Points, remembers
 from simgap.gap.settings import GapSettings
-from simgap.gap.steps.histories import HISTORY
 from simgap.gap.steps.samples import dimension_samples
+from simgap.gap.steps.tables import HISTORY
 from simgap.gap.symmetry import heading_deviation
 
 

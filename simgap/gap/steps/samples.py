@@ -12,7 +12,7 @@ from simgap.errors import UserError
 from simgap.gap.pairs import product
 from simgap.gap.points import Columns, Points, radius
 from simgap.gap.samples import DimensionSamples, SampleGrid
-from simgap.gap.steps.histories import body_samples
+from simgap.gap.steps.tables import body_samples
 from simgap.gap.symmetry import nominal_motion
 from simgap.geometry import Floats, Grid
 from simgap.model.sampled import NominalModel

@@ -10,8 +10,8 @@ from simgap.gap.dimension_fit import DimensionFit, fit_dimension
 from simgap.gap.hidden_fit import HullFit, fit_hull
 from simgap.gap.points import Columns, Points, remembers
 from simgap.gap.settings import GapSettings
-from simgap.gap.steps.histories import AFTER_PREVIOUS, SEQUENCE
 from simgap.gap.steps.samples import dimension_samples, motion_of, steps_of
+from simgap.gap.steps.tables import AFTER_PREVIOUS, SEQUENCE
 
 
 def scp(context: Context, points: Points, shards: Sequence[Columns], i: int) -> DimensionFit | HullFit:

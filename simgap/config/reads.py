@@ -15,7 +15,6 @@ _HISTORIES = (
     "hidden_state.length", "hidden_state.chains", "hidden_state.chain_length", "hidden_state.seed",
     "symmetry.headings", "symmetry.histories", "symmetry.seed",
 )  # fmt: skip
-_BETWEEN_POSES = ("simulator.floor_friction", "simulator.poses", "simulator.substeps")
 # A padding enters the scenario program where it is `inflate`; which of the others it is does not matter there.
 _FIT = (
     "gap.basis", "gap.bound", "gap.objective", "gap.slack", "gap.sides", "gap.padding=inflate", "gap.envelope_nodes",
@@ -33,7 +32,7 @@ READS: Mapping[str, tuple[str, ...]] = {
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
     "scp": (*_MODEL, *_FIT),
     "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, "hidden_state.length", "symmetry.headings"),
-    "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", *_BETWEEN_POSES),
+    "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
     "paper": _SIMULATED,
