@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from simgap.gap.hidden_state import BodySamples
+from simgap.config.pose import pose_axes
 from simgap.gap.load import from_json
 from simgap.geometry import Floats
 from simgap.io.controller_file import save_controller
@@ -19,11 +19,11 @@ from simgap.model.sampled import NominalModel
 from simgap.plants.cases import nominal_model
 from simgap.plants.memory import carried_model
 from simgap.provenance import provenance
+from simgap.simulators.body_samples import BodySamples
 from simgap.specifications.base import specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
-from simgap.stages.hidden_gap import pose_axes
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.intersample import excursion, rates
 from simgap.synthesis.sweep import planar_sweep
