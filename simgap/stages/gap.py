@@ -14,7 +14,7 @@ from simgap.io.documents import read_json, write_json
 from simgap.io.samples import read_columns, write_columns
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
-from simgap.stages.made import blame_shards, points_of_case, read_shards
+from simgap.stages.made import Shards, blame_shards, points_of_case
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def run(case_path: Path, made: Inputs, out: Path, thinned: Path) -> None:
             points_of_case(context, made.grid),
             by_state(context, made.scp),
             by_state(context, made.lipschitz),
-            read_shards(made.rollouts),
+            Shards(made.rollouts),
             read_columns(made.fresh),
             read_columns(made.calibration) if made.calibration else None,
         )

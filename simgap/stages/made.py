@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import overload
 
 from simgap.errors import UserError
 from simgap.gap.points import Columns, Points, state_names
@@ -21,9 +22,21 @@ def points_of_case(context: Context, grid: Path) -> Points:
     return read_points(grid, (state_names(context.case), context.inputs))
 
 
-def read_shards(shards: Sequence[Path]) -> list[Columns]:
-    """Roll-outs, shards in order."""
-    return [read_columns(path) for path in shards]
+class Shards(Sequence[Columns]):
+    """Roll-outs, shards in order; each is read when it is asked for, so that no two are in memory at once."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self.paths = tuple(paths)
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    @overload
+    def __getitem__(self, k: int) -> Columns: ...
+    @overload
+    def __getitem__(self, k: slice) -> Sequence[Columns]: ...
+    def __getitem__(self, k: int | slice) -> Columns | Sequence[Columns]:
+        return Shards(self.paths[k]) if isinstance(k, slice) else read_columns(self.paths[k])
 
 
 def dimension(context: Context, state: str) -> int:

@@ -86,12 +86,12 @@ def gap(context: Context, made: Made) -> Bound:
     x, u, d = _gaps(context, step, made.fresh)
     check = check_fresh(result.function, x, u, d, section.confidence)
     tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
-    memory = (REMEMBERED,) if any(f"least_{n}" in s for s in made.shards for n in names) else ()
+    memory = (REMEMBERED,) if made.shards and f"least_{names[0]}" in made.shards[0] else ()
     tiers = [*result.function.tiers, *memory, check.tier]
     function = covering_remainder(result.function.with_tiers(tiers), section.remainder)
     content = result.to_json() | function.to_json()
     content |= {"eps": radius(made.points.name), "fresh": asdict(check)}
-    return Bound(content, check, _thinned(context, step, made.shards))
+    return Bound(content, check, _thinned(context, step, where.size, made.shards))
 
 
 def seeds(context: Context) -> dict[str, int]:
@@ -104,14 +104,14 @@ def seeds(context: Context) -> dict[str, int]:
     return {"fresh": section.seed, "fit": section.seed} | drawn
 
 
-def _thinned(context: Context, step: Step, shards: Sequence[Columns]) -> dict[str, Floats]:
-    """Evenly spaced samples with their gap."""
-    ends = np.cumsum([len(shard[context.inputs[0]]) for shard in shards])
-    rows, parts = _evenly(int(ends[-1])), []
-    for shard, end in zip(shards, ends, strict=True):
-        first = int(end) - len(shard[context.inputs[0]])
+def _thinned(context: Context, step: Step, count: int, shards: Sequence[Columns]) -> dict[str, Floats]:
+    """Evenly spaced ones of `count` samples with their gap."""
+    rows, parts, first = _evenly(count), [], 0
+    for shard in shards:
+        end = first + len(shard[context.inputs[0]])
         own = rows[(rows >= first) & (rows < end)] - first
         parts.append({name: values[own] for name, values in shard.items()})
+        first = end
     kept = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     x, u = stacked(kept, context.states), stacked(kept, context.inputs)
     predicted = step(x, u)
