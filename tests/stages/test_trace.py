@@ -10,6 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import loop_example as example
 
 from simgap.cli import main
+from simgap.config.reads import READS
 from simgap.io.controller_file import load_controller
 from simgap.io.recording import events
 from simgap.io.recording_check import read_curves
@@ -19,7 +20,6 @@ from simgap.provenance import sections_digest
 from simgap.report.recording import recording_content
 from simgap.report.scene import scene
 from simgap.stages.context import Context
-from simgap.stages.reads import READS
 
 
 @pytest.fixture(scope="module")
