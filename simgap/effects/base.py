@@ -15,7 +15,7 @@ import sympy as sp
 
 from simgap.effects.start import Scales, Start
 from simgap.errors import UserError
-from simgap.model.symbolic import Parameter, SymbolicModel, symbol
+from simgap.model.symbolic import Parameter, SymbolicModel, Variable, symbol
 
 Kind = Literal["coordinate", "input", "state", "parameter", "plant"]
 Values = Mapping[str, sp.Expr]
@@ -49,6 +49,8 @@ class Effect(ABC):
     parameters: ClassVar[tuple[EffectParameter, ...]]
     contains: ClassVar[str] = ""
     """Name of an effect that this one extends: its fit is a place to begin from."""
+    remembers: ClassVar[bool] = False
+    """Whether what it does depends on the past beyond the plant's own state."""
 
     @abstractmethod
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
@@ -70,6 +72,14 @@ class Effect(ABC):
     def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
         """Where to begin from the fit of the effect that this one contains, and from one of its own starts."""
         return {**start, **contained}
+
+    def memory_state(self, on: str) -> str | None:
+        """Name of the state that carries what the effect remembers of the input `on`; None if no state does."""
+        return None
+
+    def lateness(self, values: Mapping[str, float]) -> float:
+        """Seconds by which inputs act later under it, to first order; its stand-in where its memory is left out."""
+        return 0.0
 
     def physical(self, values: Mapping[str, float]) -> bool:
         """Whether the values obey the sign constraints."""
@@ -163,6 +173,43 @@ class InputEffect(Effect):
         """Units from the input's."""
         unit = next(v.unit for v in model.inputs if v.name == on)
         return {p.symbol: p.unit.format(input=unit) for p in self.parameters}
+
+
+class MemoryInputEffect(InputEffect):
+    """A dead time and a first-order lag between command and plant: what the plant feels depends on past commands.
+
+    An effect gives one of them or both, as functions of its parameters; the model, the fit and the simulators take
+    them from there.
+    """
+
+    remembers: ClassVar[bool] = True
+
+    def delay(self, values: Values) -> sp.Expr:
+        """Seconds until a command begins to act."""
+        return sp.Integer(0)
+
+    def lag(self, values: Values) -> sp.Expr:
+        """Time constant of the actuator, s; 0 for none."""
+        return sp.Integer(0)
+
+    def lateness(self, values: Mapping[str, float]) -> float:
+        """Delay and lag together: for slow commands they are alike."""
+        numbers = {name: sp.Float(value) for name, value in values.items()}
+        return float(self.delay(numbers)) + float(self.lag(numbers))
+
+    def memory_state(self, on: str) -> str | None:
+        """The actuator's output, if there is a lag."""
+        lag = self.lag({p.symbol: symbol(p.symbol) for p in self.parameters})
+        return f"{on}_lagged" if sp.sympify(lag) != 0 else None
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Declare the delay; add the actuator's output as a state that follows its command."""
+        state, delay, lag = self.memory_state(on), self.delay(values), self.lag(values)
+        if state is not None:
+            unit = next(v.unit for v in model.inputs if v.name == on)
+            lagged = model.with_input(on, symbol(state))
+            model = lagged.with_state(Variable(state, unit), (symbol(on) - symbol(state)) / lag)
+        return model if delay == 0 else model.with_delay(on, delay)
 
 
 class StaticInputEffect(InputEffect):

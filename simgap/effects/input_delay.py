@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from simgap.effects.base import EffectParameter, InputEffect, Values
+import sympy as sp
+
+from simgap.effects.base import EffectParameter, MemoryInputEffect, Values
 from simgap.effects.start import Scales, Start, multiple
-from simgap.model.symbolic import SymbolicModel
 
 
-class InputDelay(InputEffect):
+class InputDelay(MemoryInputEffect):
     """The plant feels what was commanded some time ago (computation, bus, network)."""
 
     name = "input_delay"
@@ -19,6 +20,6 @@ class InputDelay(InputEffect):
         """A few multiples of the sampling interval."""
         return tuple(multiple("delay", k * scales.interval) for k in (0.5, 2.0, 6.0))
 
-    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
-        """Declare the delay; discretising the model turns it into states that hold past commands."""
-        return model.with_delay(on, values["delay"])
+    def delay(self, values: Values) -> sp.Expr:
+        """delay."""
+        return values["delay"]

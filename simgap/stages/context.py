@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,6 +15,7 @@ from simgap.config.domain import DomainSection
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.geometry import Box, Floats
+from simgap.plants.plant_model import PlantModel
 
 T = TypeVar("T")
 log = logging.getLogger("simgap")
@@ -54,6 +56,11 @@ class Context:
     def domain(self) -> DomainSection:
         """Sampling time, X and U."""
         return self.need(self.case.domain, "domain")
+
+    @cached_property
+    def plant(self) -> PlantModel:
+        """The nominal model, built once for the stage."""
+        return PlantModel.of(self.case, self.folder)
 
     @property
     def states(self) -> list[str]:

@@ -14,7 +14,7 @@ import yaml
 from simgap.config.load import case_content, parse_case
 from simgap.effects import AppliedEffect, effect
 from simgap.effects.sensor_offset import SensorOffset
-from simgap.plants.build import symbolic_model
+from simgap.plants.plant_model import PlantModel
 from simgap.stages.augmentation import augment, plan
 
 SUFFIX = "_corrected"
@@ -65,7 +65,7 @@ def corrected_case(
         content["gap"]["remainder"] = finite
     body = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     checked = parse_case(yaml.safe_load(body), target)
-    symbolic_model(checked.plant, folder)
+    _ = PlantModel.of(checked, folder).corrected  # refuses what does not fit
     return _header(applied, rig, sentence, content, words) + body
 
 

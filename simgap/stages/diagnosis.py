@@ -12,7 +12,7 @@ from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.missing import missing_terms
 from simgap.diagnosis.reading import Reading
-from simgap.diagnosis.remainder import Remainder, bound_remainder, without_memory
+from simgap.diagnosis.remainder import Remainder, bound_remainder
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.survey import Survey, survey
 from simgap.errors import UserError
@@ -20,7 +20,6 @@ from simgap.io.atomic import write_text
 from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
 from simgap.model.symbolic import SymbolicModel
-from simgap.plants.build import symbolic_model
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
@@ -29,6 +28,7 @@ from simgap.stages.diagnosis_page import draw, overlays, page
 from simgap.stages.measured_data import load_reading
 from simgap.stages.measured_share import FILE, write_transitions
 
+Corrected = tuple[SymbolicModel, dict[str, float]]  # of `PlantModel.corrected_by`
 JSON, PAGE, CASE, RECORDING = "diagnosis.json", "report.html", "corrected_case.yaml", "residual.rrd"
 
 
@@ -62,7 +62,7 @@ def run(
     section = context.case.measured or MeasuredSection()
     paths = _paths(context, section, data)
     with context.blame():
-        model = symbolic_model(context.case.plant, context.folder)
+        model = context.plant.corrected
         tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")
         reading = load_reading(model, section, paths, context.folder, str(case_path), strict=not data)
         record = reading.record
@@ -73,10 +73,11 @@ def run(
         tell("searching for what the model lacks")
         found = diagnose(model, record, _settings(section, reading, look))
     tell("bounding what is left, drawing, writing")
-    remainder = _remainder(context, section, model, found, reading)
+    corrected = context.plant.corrected_by(found.applied)
+    remainder = _remainder(context, section, corrected, found, reading)
     made_of = provenance("diagnosis", context.case, context.folder)
     content = document(found, reading, look, remainder, context.units, made_of)
-    _write(context, section, model, found, reading, content, paths, out_dir)
+    _write(context, section, corrected, found, reading, content, paths, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
     return content
 
@@ -107,14 +108,13 @@ def _settings(section: MeasuredSection, reading: Reading, look: Survey) -> Diagn
 
 
 def _remainder(
-    context: Context, section: MeasuredSection, model: SymbolicModel, found: Diagnosis, reading: Reading
+    context: Context, section: MeasuredSection, corrected: Corrected, found: Diagnosis, reading: Reading
 ) -> Remainder | None:
-    corrected, shifts = without_memory(model, found.applied)
-    domain = context.case.domain
+    domain, (model, shifts) = context.case.domain, corrected
     return bound_remainder(
         found.windows,
         {name: found.sigma[name] for name in reading.record.measured},
-        (model, corrected),
+        (context.plant.corrected, model),
         shifts,
         domain.tau if domain is not None else 0.0,
         context.case.plant.integrator if domain is not None else "rk4",
@@ -125,7 +125,7 @@ def _remainder(
 def _write(
     context: Context,
     section: MeasuredSection,
-    model: SymbolicModel,
+    corrected: Corrected,
     found: Diagnosis,
     reading: Reading,
     content: Mapping[str, Any],
@@ -134,9 +134,9 @@ def _write(
 ) -> None:
     """All files; the document last, so that where it stands the others do."""
     record, title = reading.record, context.case.title or context.case.name
-    corrected, shifts = without_memory(model, found.applied)
+    model, shifts = corrected
     sigma = np.array([found.sigma[s] for s in record.measured])
-    lacking = missing_terms(record, model, corrected, shifts, sigma)
+    lacking = missing_terms(record, context.plant.corrected, model, shifts, sigma)
     stretches = overlays(found.windows, record.measured, record.inputs, found.sigma)
     target = out_dir / CASE
     partial = content["verdict"] == "partial" and section.rig == "hardware" and content.get("remainder")

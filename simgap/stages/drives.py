@@ -22,7 +22,6 @@ from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import write_parquet
 from simgap.model.sampled import NominalModel
-from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
 from simgap.stages.context import Context, log
@@ -61,7 +60,7 @@ def run(
     section = context.need(context.case.validation, "validation")
     with context.blame():
         model, gap, arena = (
-            nominal_model(context.case, context.folder),
+            context.plant.sampled,
             from_json(read_json(gap_path)),
             arena_of(context),
         )

@@ -14,7 +14,6 @@ from simgap.gap.function import GapDomain
 from simgap.geometry import Box, Floats, Grid
 from simgap.io.documents import write_json
 from simgap.paper import Row, allowed, pendulum_rows, printed_gap, turtlebot_rows
-from simgap.plants.cases import nominal_model
 from simgap.simulators.process import run_in_processes
 from simgap.stages.context import Context, log
 from simgap.stages.rollouts import product, roll_out
@@ -76,7 +75,7 @@ def posed(context: Context, domain: GapDomain, gamma: dict[str, str]) -> Problem
     section = context.need(context.case.synthesis, "synthesis")
     specification = make_specification(section.specification.model_dump(), tuple(context.states), context.box)
     return Problem(
-        model=nominal_model(context.case, context.folder),
+        model=context.plant.sampled,
         specification=specification,
         cells=section.cells,
         inputs=context.input_set,
@@ -105,6 +104,6 @@ def measured_gap(context: Context, pendulum: Path, engine_log: Path | None) -> d
     grid = Grid(Box(context.box.lo, context.box.hi), (POINTS, POINTS))
     x, u = product(grid.centres(), context.input_set)
     ((following, _),) = run_in_processes(roll_out, [(case, pendulum.parent, x, u)], log=engine_log)
-    d = (following - nominal_model(context.case, context.folder).step(x, u)).reshape(POINTS, POINTS, -1, 2)
+    d = (following - context.plant.sampled.step(x, u)).reshape(POINTS, POINTS, -1, 2)
     slopes = [np.abs(np.diff(d, axis=j)).max(axis=(0, 1, 2)) / (2.0 * grid.h[j]) for j in range(2)]
     return {"gap": np.abs(d).max(axis=(0, 1, 2)), "L1": np.hypot(*slopes)}

@@ -15,8 +15,6 @@ from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
 from simgap.model.paths import nominal_paths
 from simgap.model.sampled import NominalModel
-from simgap.plants.cases import nominal_model
-from simgap.plants.memory import carried_model
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
 from simgap.stages.hidden_gap import pose_axes
@@ -83,14 +81,14 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     The controller made with the gap minds the way between samples; that of the nominal model alone only if asked to.
     """
     section = context.need(context.case.synthesis, "synthesis")
-    model = nominal_model(context.case, context.folder)
+    model = context.plant.sampled
     bound = read_json(gap_path) if gap_path else None
     gap = from_json(bound) if bound else None
     specification = case_specification(context)
     reaching = isinstance(specification, ReachAvoidSpecification)
     on_the_way = reaching and (bound is not None or section.nominal_between_samples)
     sweep = _sweep(context, model, bound) if on_the_way else None
-    flow = rates(carried_model(context.case.plant, context.folder))
+    flow = rates(context.plant.carried)
     spread = np.array([s.size for s in gap.sup().values()]) if gap and sweep is None else np.zeros(model.nx)
     between, _ = excursion(flow, specification.region, context.input_set, model.tau, spread / model.tau)
     sensing = context.case.sensing
@@ -122,9 +120,13 @@ def _sweep(context: Context, model: NominalModel, bound: Any) -> tuple[Floats, F
     if bound is not None:
         return (np.array(bound["sweep"]["lower"]), np.array(bound["sweep"]["upper"])) if "sweep" in bound else None
     pose = pose_axes(context)
-    symbolic_plant = carried_model(context.case.plant, context.folder)
     way, bulge = nominal_paths(
-        symbolic_plant, context.case.plant.integrator, model.tau, np.zeros(model.nx), context.input_set, WAY_POINTS
+        context.plant.carried,
+        context.case.plant.integrator,
+        model.tau,
+        np.zeros(model.nx),
+        context.input_set,
+        WAY_POINTS,
     )
     extent = BodySamples.of_paths(np.arange(len(way)), way[..., list(pose)]).extent
     return extent[:, [0, 2]] - bulge, extent[:, [1, 3]] + bulge

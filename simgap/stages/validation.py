@@ -22,7 +22,6 @@ from simgap.geometry import Box, Floats
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import table, write_parquet
 from simgap.model.sampled import NominalModel
-from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
 from simgap.stages.context import Context, log
@@ -65,7 +64,7 @@ def run(
         drives.run(context, {"nominal": nominal, "gap": robust}, gap_path, out, traces, workers, engine_log)
         return
     with context.blame():
-        model, gap = nominal_model(context.case, context.folder), from_json(read_json(gap_path))
+        model, gap = context.plant.sampled, from_json(read_json(gap_path))
         safe = safe_box(context)
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
