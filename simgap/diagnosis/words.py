@@ -3,46 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
+
+from simgap.notation import joined, pretty_unit, with_error
 
 Document = Mapping[str, Any]
 Parameters = Mapping[str, Mapping[str, Any]]
 
-_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-
 _OF_THE_PLANT = {"gravity_tilt": "a base tilt", "wheel_mismatch": "unequal wheels", "lateral_slip": "sideways slip"}
-
-
-def pretty_unit(unit: str) -> str:
-    """A unit as it is printed: 'N*m*s/rad' -> 'N m s/rad', 'kg*m^2' -> 'kg m²'; nothing for a pure number."""
-    if unit in ("1", ""):
-        return ""
-    out, k = "", 0
-    text = unit.replace("**", "^")
-    while k < len(text):
-        if text[k] == "^":
-            end = k + 1
-            while end < len(text) and (text[end].isdigit() or text[end] == "-"):
-                end += 1
-            out, k = out + text[k + 1 : end].translate(_SUPERSCRIPTS), end
-        else:
-            out, k = out + (" " if text[k] == "*" else text[k]), k + 1
-    return out
-
-
-def with_error(value: float, half: float, unit: str = "") -> str:
-    """`value ± half unit`, rounded where the uncertainty has two digits: 0.19 ± 0.01 N m."""
-    tail = f" {pretty_unit(unit)}" if pretty_unit(unit) else ""
-    if not (math.isfinite(half) and half > 0.0):
-        return f"{value:.4g}{tail}"
-    size = 10.0 ** math.floor(math.log10(half))
-    leading = round(half / size, 1)
-    digits = -round(math.log10(size)) + (1 if leading < 2.0 and leading != 1.0 else 0)  # 0.01, 0.012 and 0.3
-    if digits > 7:
-        return f"({value:.4g} ± {half:.1g}){tail}"
-    digits = max(digits, 0)
-    return f"{value:.{digits}f} ± {half:.{digits}f}{tail}"
 
 
 def _quoted(parameters: Parameters, name: str, scale: float = 1.0, unit: str | None = None) -> str:
@@ -121,11 +90,6 @@ def phrase(effect: Mapping[str, Any]) -> str:
         return f"an offset of the sensor of {on}"
     words = name.replace("_", " ").replace("coulomb", "Coulomb").replace("stribeck", "Stribeck")
     return f"{words} at the {on}"
-
-
-def joined(parts: Sequence[str], last: str = "and") -> str:
-    """'a', 'a and b', 'a, b and c'."""
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"
 
 
 def verdict_sentence(document: Document) -> str:

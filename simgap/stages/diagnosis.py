@@ -21,10 +21,10 @@ from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
 from simgap.model.symbolic import SymbolicModel
 from simgap.provenance import provenance
+from simgap.report.diagnosis_document import document
+from simgap.report.diagnosis_page import draw, overlays, page
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
-from simgap.stages.diagnosis_document import document
-from simgap.stages.diagnosis_page import draw, overlays, page
 from simgap.stages.measured_data import load_reading
 from simgap.stages.measured_share import FILE, write_transitions
 

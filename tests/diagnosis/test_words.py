@@ -2,7 +2,8 @@
 
 import pytest
 
-from simgap.diagnosis.words import describe, phrase, pretty_unit, verdict_sentence, with_error
+from simgap.diagnosis.words import describe, phrase, verdict_sentence
+from simgap.notation import pretty_unit, with_error
 
 
 @pytest.mark.parametrize(

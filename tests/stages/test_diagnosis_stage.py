@@ -18,10 +18,10 @@ from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.plants.plant_model import PlantModel
 from simgap.provenance import provenance
+from simgap.report.diagnosis_document import document
 from simgap.stages import diagnosis as stage
 from simgap.stages.context import Context
 from simgap.stages.corrected_case import corrected_case
-from simgap.stages.diagnosis_document import document
 
 ARM = """\
 name: arm

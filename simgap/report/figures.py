@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import base64
 import io
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simgap.config.synthesis import ReachAvoidSpecification
 from simgap.io import figure_style as style
-from simgap.io import figures_domains, figures_gap, figures_traces
+from simgap.io import figures_arena, figures_domains, figures_gap, figures_traces
 from simgap.io.parquet import stack
+from simgap.io.recording_content import PlanarScene
 from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, shown
-from simgap.stages.report_tables import is_signed, sweep
-from simgap.stages.trace import limits, scene
-
-if TYPE_CHECKING:
-    from simgap.stages.report import Material
-
+from simgap.report.material import Material
+from simgap.report.scene import limits, scene
+from simgap.report.tables import is_signed, sweep
 
 NAMES = ("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected")
 DENSE = ("bound", "inputs")  # too many paths for SVG
@@ -82,9 +80,6 @@ def _loop(m: Material) -> dict[str, Any]:
 
 
 def _arena(m: Material) -> dict[str, Any]:
-    from simgap.io import figures_arena
-    from simgap.io.recording import PlanarScene
-
     where = scene(m.context)
     out: dict[str, Any] = {}
     if isinstance(where, PlanarScene):

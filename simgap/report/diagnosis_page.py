@@ -11,10 +11,10 @@ import numpy as np
 from simgap.diagnosis.missing import Missing
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, HELD_OUT_QUALITY
-from simgap.diagnosis.words import joined
 from simgap.io import figure_style as style
 from simgap.io.diagnosis_figures import Overlay, error_figure, missing_figure, overlay_figure, ranking_figure
 from simgap.io.pages import render
+from simgap.notation import joined
 
 MOST_OVERLAYS, WINDOWS_SHOWN = 2, 6
 MEANING = {

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simgap.config.synthesis import InvarianceSpecification
-from simgap.diagnosis.words import pretty_unit
 from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR
-from simgap.stages import report_tables as tables
-
-if TYPE_CHECKING:
-    from simgap.stages.report import Material
+from simgap.notation import pretty_unit
+from simgap.report import tables
+from simgap.report.material import Material
 
 
 def content(m: Material) -> dict[str, Any]:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from simgap.diagnosis.words import pretty_unit
-from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR
-
-if TYPE_CHECKING:
-    from simgap.stages.report import Material
+from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, TITLES
+from simgap.notation import pretty_unit
+from simgap.report.material import Material
 
 Rows = list[dict[str, Any]]
 BOUND_FIGURES = (
@@ -82,9 +80,8 @@ def scenario(gap: Mapping[str, Any]) -> Rows:
 
 def loops(m: Material) -> Rows:
     """One row for each controller on each plant."""
-    titles = {ROBUST: "gap-aware", NOMINAL: "nominal-only"}
     return [
-        {"controller": titles[kind], "plant": plant, **m.validation["controllers"][kind][plant]}
+        {"controller": TITLES[kind], "plant": plant, **m.validation["controllers"][kind][plant]}
         for kind in (ROBUST, NOMINAL)
         for plant in (SIMULATOR, MODEL)
         if plant in m.validation["controllers"][kind]
@@ -135,10 +132,10 @@ def corrected(m: Material) -> Rows:
             row = {"what": f"{name}, {state}", "before": own[state][key], "after": bounds[state][key], "unit": unit}
             rows.append(row)
     rows += _measured(m)
-    for kind, name in ((NOMINAL, "nominal-only"), (ROBUST, "gap-aware")):
+    for kind, name in TITLES.items():
         before, later = m.syntheses[kind]["winning_fraction"], after["winning_fraction"][kind]
         rows.append({"what": f"winning fraction, {name}", "before": before, "after": later, "unit": ""})
-    for kind, name in ((NOMINAL, "nominal-only"), (ROBUST, "gap-aware")):
+    for kind, name in TITLES.items():
         tallies = (m.validation["controllers"], after["closed_loop"])
         first, second = (t[kind][SIMULATOR]["runs_that_violated_it"] for t in tallies)
         rows.append({"what": f"runs that violate, {name}", "before": first, "after": second, "unit": ""})
