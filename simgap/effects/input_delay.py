@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from simgap.effects.base import EffectParameter, MemoryInputEffect, Values
+from simgap.effects.base import COMMAND, EffectParameter, MemoryInputEffect, Values
+from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
 
 
@@ -14,6 +15,7 @@ class InputDelay(MemoryInputEffect):
     name = "input_delay"
     formula = "u'(t) = u(t - delay)"
     source = "Astrom, Wittenmark (1997), Computer-Controlled Systems, sec. 2.3"
+    rank = COMMAND + 50
     parameters = (EffectParameter("delay", "s", "time from command to effect", null=0.0, lower=0.0),)
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
@@ -23,3 +25,7 @@ class InputDelay(MemoryInputEffect):
     def delay(self, values: Values) -> sp.Expr:
         """delay."""
         return values["delay"]
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In milliseconds."""
+        return f"a delay of {quoted.number('delay', 1e3, 'ms')} on {on}"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from simgap.effects.base import EffectParameter, MemoryInputEffect, Values
+from simgap.effects.base import COMMAND, EffectParameter, MemoryInputEffect, Values
+from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
 
 
@@ -14,6 +15,7 @@ class InputLag(MemoryInputEffect):
     name = "input_lag"
     formula = "u' = z, T dz/dt = u - z"
     source = "Astrom, Murray (2008), Feedback Systems, sec. 3.2"
+    rank = COMMAND
     parameters = (EffectParameter("T", "s", "time constant", null=0.0, lower=0.0),)
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
@@ -23,3 +25,7 @@ class InputLag(MemoryInputEffect):
     def lag(self, values: Values) -> sp.Expr:
         """T."""
         return values["T"]
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In milliseconds."""
+        return f"a lag of {quoted.number('T', 1e3, 'ms')} on {on}"

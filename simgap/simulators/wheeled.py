@@ -16,7 +16,10 @@ from typing import Any
 import numpy as np
 
 from simgap.config.case import Case
+from simgap.config.plant import AddedEffect
 from simgap.config.wheeled import WheeledSection
+from simgap.effects import effect
+from simgap.effects.base import InputEffect
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.urdf_checks import check_urdf
@@ -61,6 +64,27 @@ def wheeled_plant(case: Case, folder: Path) -> WheeledPlant:
     return WheeledPlant(folder / section.urdf, domain.tau, plant.gravity, (x, y, heading), (linear, angular))
 
 
+def wheel_ratios(effects: Sequence[AddedEffect]) -> tuple[float, float]:
+    """Factors on the speeds of the left and right wheel by which effects are acted out.
+
+    Raises:
+        UserError: an effect that neither the wheels nor the path of the commands can act out.
+    """
+    left, right = 1.0, 1.0
+    for added in effects:
+        kind = effect(added.name)
+        kind.check_values(added.parameters)
+        ratios = kind.wheel_ratios(added.parameters)
+        if ratios is None and not isinstance(kind, InputEffect):
+            raise UserError(
+                f"the simulator cannot act out '{added.name}'", key="simulator.effects",
+                remedy="It takes changes of the commands and of the wheels' speeds. Without it gamma does not cover "
+                "hardware that has the effect.",
+            )  # fmt: skip
+        left, right = (left * ratios[0], right * ratios[1]) if ratios is not None else (left, right)
+    return left, right
+
+
 class PyBulletWheeled(Simulator):
     """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity."""
 
@@ -74,12 +98,12 @@ class PyBulletWheeled(Simulator):
                 f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",
                 remedy="Let substeps be a multiple of poses.",
             )  # fmt: skip
+        self._ratios = wheel_ratios(section.effects)
         self.nx, self.nu = 3, 2
         self.engine = f"pybullet {p.getAPIVersion()}"
         self._p: Any = BulletClient(p.DIRECT)
         self.pose = plant.pose
         self._plant, self._section = plant, section
-        self._right = float(np.prod([e.parameters["ratio"] for e in section.effects if e.name == "wheel_mismatch"]))
         self._body, self._wheels = self._load()
         self._offset = np.array(self._p.getDynamicsInfo(self._body, -1)[3])  # of the centre of mass from the root
         self._height = self._settled_height()
@@ -126,12 +150,12 @@ class PyBulletWheeled(Simulator):
 
     def _command(self, linear: float, angular: float) -> None:
         s = self._section
-        half = 0.5 * s.track * angular
+        half, (left, right) = 0.5 * s.track * angular, self._ratios
         # PyBullet limits a motor's impulse by force times the outer time step whatever the number of sub-steps
         force = s.torque / (s.substeps // s.poses)
         self._p.setJointMotorControlArray(
             self._body, self._wheels, self._p.VELOCITY_CONTROL,
-            targetVelocities=[(linear - half) / s.wheel_radius, self._right * (linear + half) / s.wheel_radius],
+            targetVelocities=[left * (linear - half) / s.wheel_radius, right * (linear + half) / s.wheel_radius],
             forces=[force, force],
         )  # fmt: skip
 
