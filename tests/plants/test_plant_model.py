@@ -55,7 +55,7 @@ def test_synthesis_builds_the_plant_once(vary, tmp_path, monkeypatch):
     built = []
     real = plant_model.declared_model
     monkeypatch.setattr(plant_model, "declared_model", lambda *args: built.append(args) or real(*args))
-    synthesis.run(vary("pendulum", {"synthesis.cells": [20, 20]}), None, tmp_path / "c.npz", tmp_path / "s.json", 1)
+    synthesis.run(vary("pendulum", {"synthesis.cells": [100, 100]}), None, tmp_path / "c.npz", tmp_path / "s.json", 1)
     assert len(built) == 1
 
 
