@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from simgap.diagnosis.missing import Binned, Missing
-from simgap.diagnosis.table import Floats
+from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.thresholds import BIC_GAIN
-from simgap.diagnosis.words import phrase
+from simgap.diagnosis.verdict.missing import Binned, Missing
+from simgap.diagnosis.verdict.words import phrase
 from simgap.io import figure_style as style
 from simgap.notation import axis_label, pretty_unit
 

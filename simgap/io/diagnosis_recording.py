@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.table import Floats
 from simgap.io import figure_style as style
 from simgap.io.atomic import atomic
 from simgap.io.recording_log import line, send

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from simgap.diagnosis.words import phrase
+from simgap.diagnosis.verdict.words import phrase
 from simgap.notation import number, pretty_unit
 
 REPORTS = Path(__file__).resolve().parents[2] / "reports"

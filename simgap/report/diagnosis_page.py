@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from simgap.diagnosis.missing import Missing
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, HELD_OUT_QUALITY
+from simgap.diagnosis.verdict.missing import Missing
 from simgap.io import figure_style as style
 from simgap.io.diagnosis_figures import Overlay, error_figure, missing_figure, overlay_figure, ranking_figure
 from simgap.io.pages import render

@@ -8,7 +8,7 @@ from simgap.config.context import Context
 from simgap.config.synthesis import InvarianceSpecification, ReachAvoidSpecification
 from simgap.geometry import Box
 from simgap.io.recording_content import JointScene, PlanarScene
-from simgap.synthesis.regions import partial_box
+from simgap.specifications.regions import partial_box
 
 
 def limits(context: Context) -> Box:

@@ -10,11 +10,12 @@ import numpy as np
 
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.missing import missing_terms
-from simgap.diagnosis.reading import Reading
-from simgap.diagnosis.remainder import Remainder, bound_remainder
+from simgap.diagnosis.reading.survey import Survey, survey
+from simgap.diagnosis.reading.traces import Reading
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
-from simgap.diagnosis.survey import Survey, survey
+from simgap.diagnosis.verdict.missing import missing_terms
+from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder
+from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.diagnosis_recording import write_recording
@@ -73,12 +74,28 @@ def run(
         tell("searching for what the model lacks")
         found = diagnose(model, record, _settings(section, reading, look))
     tell("bounding what is left, drawing, writing")
+    content = conclude(context, section, found, reading, look, paths, out_dir)
+    tell(f"{content['verdict']}: {content['sentence']}")
+    return content
+
+
+def conclude(
+    context: Context,
+    section: MeasuredSection,
+    found: Diagnosis,
+    reading: Reading,
+    look: Survey,
+    paths: Sequence[Path],
+    out_dir: Path,
+) -> dict[str, Any]:
+    """Bound what is left and write all files: the content of `diagnosis.json`."""
     corrected = context.plant.corrected_by(found.applied)
     remainder = _remainder(context, section, corrected, found, reading)
-    made_of = provenance("diagnosis", context.case, context.folder)
-    content = document(found, reading, look, remainder, context.units, made_of)
-    _write(context, section, corrected, found, reading, content, paths, out_dir)
-    tell(f"{content['verdict']}: {content['sentence']}")
+    case = context.case
+    use = use_of(remainder, found.verdict, section.rig, case.gap is not None, case.hidden_state is not None)
+    made_of = provenance("diagnosis", case, context.folder)
+    content = document(found, reading, look, remainder, use, context.units, made_of)
+    _write(context, section, corrected, found, reading, content, use, paths, out_dir)
     return content
 
 
@@ -129,6 +146,7 @@ def _write(
     found: Diagnosis,
     reading: Reading,
     content: Mapping[str, Any],
+    use: RemainderUse,
     paths: Sequence[Path],
     out_dir: Path,
 ) -> None:
@@ -139,9 +157,7 @@ def _write(
     lacking = missing_terms(record, context.plant.corrected, model, shifts, sigma)
     stretches = overlays(found.windows, record.measured, record.inputs, found.sigma)
     target = out_dir / CASE
-    partial = content["verdict"] == "partial" and section.rig == "hardware" and content.get("remainder")
-    left = content["remainder"]["after"] if partial else None
-    text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], left)
+    text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], use.by)
     out_dir.mkdir(parents=True, exist_ok=True)
     figures = draw(content, stretches, lacking, out_dir)
     write_text(out_dir / PAGE, page(content, title, figures))

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simgap.gap.function import from_json
+from simgap.gap.load import from_json
 from simgap.io.atomic import write_text
+from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.pages import REPORTS, render
 from simgap.io.parquet import read_parquet
@@ -19,7 +20,6 @@ from simgap.report.figures import draw
 from simgap.report.material import Corrected, Material
 from simgap.stages.context import Context, log
 from simgap.stages.measured_share import FILE, share_inside
-from simgap.synthesis.controller import Controller
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         bound=from_json(gap),
         samples=read_parquet(inputs.samples),
         syntheses={kind: read_json(folder / "synthesis.json") for kind, folder in folders.items()},
-        controllers={kind: Controller.load(folder / "controller.npz") for kind, folder in folders.items()},
+        controllers={kind: load_controller(folder / "controller.npz") for kind, folder in folders.items()},
         validation=read_json(inputs.validation / "validation.json"),
         traces=split(table, context.states, context.inputs),
         diagnosis=read_json(inputs.diagnosis / "diagnosis.json") if inputs.diagnosis else None,
@@ -84,7 +84,7 @@ def read(case_path: Path, inputs: Inputs) -> Material:
 
 def _corrected(context: Context, inputs: Inputs, gap: Mapping[str, Any]) -> Corrected:
     folder = inputs.corrected or Path()
-    controllers = {kind: Controller.load(folder / "synthesis" / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
+    controllers = {kind: load_controller(folder / "synthesis" / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
     return Corrected(read_json(folder / "summary.json"), controllers, _inside(context, inputs, gap))
 
 

@@ -10,6 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import loop_example as example
 
 from simgap.cli import main
+from simgap.io.controller_file import load_controller
 from simgap.io.recording import events
 from simgap.io.recording_check import read_curves
 from simgap.io.recording_content import JointScene, PlanarScene
@@ -17,7 +18,6 @@ from simgap.io.traces import split
 from simgap.report.recording import recording_content
 from simgap.report.scene import scene
 from simgap.stages.context import Context
-from simgap.synthesis.controller import Controller
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_what_the_recording_says_happened(robot):
     folder, case = robot
     context = Context.load(case)
     traces = split(pq.read_table(folder / "validation/traces.parquet"), context.states, context.inputs)
-    controllers = [Controller.load(folder / kind / "controller.npz") for kind in ("nominal", "gap")]
+    controllers = [load_controller(folder / kind / "controller.npz") for kind in ("nominal", "gap")]
     content = recording_content(context, traces, *controllers)
     told = [text for kind, t in content.shown.items() for _, text, _ in events(content, kind, t)]
     assert any(text.startswith("nominal-only: the simulator is unsafe at x = -0.01") for text in told)

@@ -1,0 +1,87 @@
+"""The diagnosis in one sentence that a person can act on, from the document that `diagnosis.json` holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from simgap.effects import effect
+from simgap.effects.quoted import Quoted
+from simgap.notation import joined, pretty_unit
+
+Document = Mapping[str, Any]
+
+
+def describe(found: Mapping[str, Any]) -> str:
+    """An effect with its numbers, as a noun phrase: 'Coulomb friction of 0.19 ± 0.01 N m at the hinge'."""
+    return effect(found["name"]).describe(str(found["on"]), Quoted(found["parameters"]))
+
+
+def phrase(found: Mapping[str, Any]) -> str:
+    """An effect without numbers: 'Coulomb friction at the hinge', 'the torque gain', 'the mass of the rod'."""
+    return effect(found["name"]).phrase(str(found["on"]))
+
+
+def verdict_sentence(document: Document) -> str:
+    """What was found, what it explains, and what cannot be told apart."""
+    verdict, effects = document["verdict"], document["effects"]
+    if verdict == "none":
+        return f"The model explains these data down to their noise: no effect is missing.{_blind(document)}"
+    if verdict == "unexplained":
+        return _unexplained(document)
+    found = joined([describe(e) for e in effects])
+    verb = "explains" if len(effects) == 1 else "together explain"
+    share = 100 * min(max(float(document["explained_share"]), 0.0), 1.0)
+    text = f"{found[0].upper()}{found[1:]} {verb} {share:.0f} % of the excess error"
+    doubts = [_doubt(e) for e in effects if e.get("alternatives")]
+    if doubts:
+        text += f"; {'; '.join(doubts)}"
+    text += "."
+    if verdict == "partial":
+        text += f" {_remainder(document)}"
+    return text
+
+
+def _doubt(effect: Mapping[str, Any]) -> str:
+    names = [phrase(effect), *(joined([phrase(e) for e in alternative]) for alternative in effect["alternatives"])]
+    if len(names) > 4:
+        names = [*names[:3], f"{len(names) - 3} more"]
+    return f"{joined(names)} cannot be told apart from this data"
+
+
+def _blind(document: Document) -> str:
+    advice = [w for w in document.get("warnings", ()) if "cannot be told" in w or "look alike" in w]
+    return f" But {advice[0]}." if advice else ""
+
+
+def _remainder(document: Document) -> str:
+    error = document["error"]["after"]
+    h = error["horizon_s"]
+    sizes = joined([f"{x:.2g}{_of(document, s)}" for s, x in error["horizon_rmse"].items()])
+    covered = _covered(document.get("remainder"))
+    return f"An error of {sizes} is left {h:g} s ahead that nothing in the library explains{covered}."
+
+
+def _covered(remainder: Mapping[str, Any] | None) -> str:
+    """What was done with the one-step part of what is left."""
+    if remainder is None:
+        return ""
+    if remainder["bounded"]:
+        return "; its one-step part is bounded into gamma"
+    return f"; it is not bounded into gamma: {remainder['reason']}"
+
+
+def _of(document: Document, state: str) -> str:
+    unit = pretty_unit(document.get("units", {}).get(state, ""))
+    return f" {unit} in {state}" if unit else f" in {state}"
+
+
+def _unexplained(document: Document) -> str:
+    best = document["candidates"][0] if document["candidates"] else None
+    text = "No effect of the library explains the difference between model and data"
+    if best is not None:
+        text += f" (the nearest is {phrase(best)}, which is not enough)"
+    return (
+        f"{text}: look for a force that was not measured, a column that is not what the case says, "
+        f"or a mechanism outside the library."
+    )
