@@ -91,10 +91,6 @@ class Effect(ABC):
         """Seconds by which inputs act later under it, to first order; its stand-in where its memory is left out."""
         return 0.0
 
-    def wheel_ratios(self, values: Mapping[str, float]) -> tuple[float, float] | None:
-        """Factors on the speeds of a robot's left and right wheel that act it out in an engine; None if none do."""
-        return None
-
     def canonical(self, values: Mapping[str, float]) -> dict[str, float]:
         """The same effect with values as they are reported, such as an angle within half a turn."""
         return dict(values)
@@ -160,6 +156,14 @@ class Effect(ABC):
             description = f"{p.description} ({self.name} on {on})"
             grown = grown.with_parameter(name, Parameter(float(values[p.symbol]), units[p.symbol], description))
         return self.insert(grown, on, {key: symbol(name) for key, name in names.items()})
+
+
+class WheelEffect(Effect):
+    """A change of the speeds of a robot's driven wheels; an engine of such a robot acts it out on its motors."""
+
+    @abstractmethod
+    def ratios(self, values: Mapping[str, float]) -> tuple[float, float]:
+        """Factors on the speeds of the left and the right wheel."""
 
 
 class CoordinateEffect(Effect):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simgap.effects.base import PLANT, Effect, EffectParameter, Values
+from simgap.effects.base import PLANT, EffectParameter, Values, WheelEffect
 from simgap.effects.quoted import Quoted
 from simgap.model.symbolic import SymbolicModel, symbol
 
 
-class WheelMismatch(Effect):
+class WheelMismatch(WheelEffect):
     """The right wheel of a differential drive is larger or smaller than declared, the left one is as declared."""
 
     name = "wheel_mismatch"
@@ -34,7 +34,7 @@ class WheelMismatch(Effect):
         turned = held.with_input(wheels.angular, (right - left) / track)
         return turned.substitute({"_linear": (right + left) / 2})
 
-    def wheel_ratios(self, values: Mapping[str, float]) -> tuple[float, float]:
+    def ratios(self, values: Mapping[str, float]) -> tuple[float, float]:
         """The right wheel alone."""
         return 1.0, values["ratio"]
 
