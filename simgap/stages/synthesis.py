@@ -119,13 +119,9 @@ def _sweep(context: Context, model: NominalModel, bound: Any, error: Floats | No
     if bound is not None:
         return (np.array(bound["sweep"]["lower"]), np.array(bound["sweep"]["upper"])) if "sweep" in bound else None
     pose = pose_axes(context)
+    every, rest = context.input_set, np.zeros(model.nx)
     path, bulge = nominal_paths(
-        context.plant.carried,
-        context.case.plant.integrator,
-        model.tau,
-        np.zeros(model.nx),
-        context.input_set,
-        PATH_POINTS,
+        context.plant.carried, context.case.plant.integrator, model.tau, rest, every, PATH_POINTS
     )
     extent = BodySamples.of_paths(np.arange(len(path)), path[..., list(pose)]).extent
     return extent[:, [0, 2]] - bulge, extent[:, [1, 3]] + bulge
