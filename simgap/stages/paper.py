@@ -12,7 +12,6 @@ from simgap.gap.function import GapDomain
 from simgap.geometry import Box, Grid
 from simgap.io.documents import write_json
 from simgap.paper import Row, allowed, measured_gap, pendulum_rows, printed_gap, turtlebot_rows
-from simgap.plants.cases import nominal_model
 from simgap.provenance import file_digest, provenance
 from simgap.report.scene import limits
 from simgap.simulators.process import run_in_processes
@@ -67,7 +66,7 @@ def posed(context: Context, domain: GapDomain, gamma: dict[str, str]) -> Problem
     """The synthesis problem with the printed bound."""
     section = context.need(context.case.synthesis, "synthesis")
     return Problem(
-        model=nominal_model(context.case, context.folder),
+        model=context.plant.sampled,
         specification=specification_of(context.case),
         space=Space.of(context.case),
         cells=section.cells,
@@ -86,6 +85,6 @@ def pendulum_table(
     grid = Grid(Box(context.box.lo, context.box.hi), (POINTS, POINTS))
     x, u = product(grid.centres(), context.input_set)
     ((following, _),) = run_in_processes(roll_out, [(case, pendulum.parent, x, u)], log=engine_log)
-    d = (following - nominal_model(context.case, context.folder).step(x, u)).reshape(POINTS, POINTS, -1, 2)
+    d = (following - context.plant.sampled.step(x, u)).reshape(POINTS, POINTS, -1, 2)
     constants = {name: p.value for name, p in symbolic.parameters.items()}
     return pendulum_rows(domain, printed, constants, limits(context), context.domain.tau, measured_gap(d, grid.h))

@@ -17,7 +17,6 @@ from simgap.io.pages import render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
 from simgap.paper import suprema_and_constants
-from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.report.content import content, summary
 from simgap.report.figures import draw
@@ -146,6 +145,6 @@ def _inside(
     noise, rows = read_json(found.document)["noise"], read_parquet(found.transitions)
     sides = {"before": (context, gap, False), "after": (later, read_json(files.gap), True)}
     return {
-        side: share_inside(own, rows, nominal_model(own.case, own.folder), from_json(bound), noise, late)
+        side: share_inside(own, rows, own.plant.sampled, from_json(bound), noise, late)
         for side, (own, bound, late) in sides.items()
     }
