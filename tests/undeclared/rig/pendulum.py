@@ -35,6 +35,26 @@ class Hidden:
     library: bool = True  # whether the library can express it
 
 
+@dataclass
+class Draft:
+    """Hidden effects while they are drawn, one after the other."""
+
+    effects: list[tuple[str, str]] = field(default_factory=list)
+    parameters: dict[str, dict[str, float]] = field(default_factory=dict)
+    rig: dict[str, float] = field(default_factory=dict)
+    delay: float = 0.0
+    offset: float = 0.0
+
+    def add(self, name: str, on: str, **values: float) -> None:
+        """Note an effect and its parameters for the scoring."""
+        self.effects.append((name, on))
+        self.parameters[f"{name} {on}"] = values
+
+    def hidden(self) -> Hidden:
+        """What the rig is told."""
+        return Hidden(tuple(self.effects), self.parameters, self.rig, self.delay, self.offset)
+
+
 @njit(cache=True)
 def _torque(u: float, p: np.ndarray) -> float:
     """Static path of the command: gain, bias, dead zone, saturation."""
