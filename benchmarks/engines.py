@@ -19,8 +19,9 @@ import numpy as np
 from simgap.config.case import Case
 from simgap.config.simulator import Damping, MuJoCoSection, PyBulletSection
 from simgap.gap.fit import fit_gap
+from simgap.gap.fresh_check import check_fresh
 from simgap.gap.samples import GapSamples
-from simgap.gap.tiers import check_fresh
+from simgap.gap.settings import GapSettings
 from simgap.geometry import Floats, Grid
 from simgap.plants.cases import nominal_model
 from simgap.simulators.process import run_in_processes
@@ -72,7 +73,7 @@ def main() -> None:
     grid, inputs = Grid.covering(context.box, given.eps), context.input_set
     pairs = product(grid.centres(), inputs)
     x, u = draw(context.box, inputs, given.fresh, context.case.gap.seed)
-    settings = replace(context.case.gap.settings(), extreme_value=False)
+    settings = replace(GapSettings.of(context.case.gap), extreme_value=False)
 
     @cache
     def ends(name: str) -> tuple[Floats, Floats]:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from simgap.geometry import Box, Grid
+from simgap.specifications.regions import cells_meeting, cells_within, partial_box
 from simgap.synthesis.growth import growth_abstraction
-from simgap.synthesis.regions import cells_meeting, cells_within, partial_box
 
 PENDULUM = {  # cells: (winning cells, admissible (cell, input) pairs)
     (200, 100): (17_311, 420_269),

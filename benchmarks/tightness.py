@@ -22,9 +22,9 @@ import numpy as np
 from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
 from simgap.gap.fit import GapResult, fit_gap
+from simgap.gap.fresh_check import check_fresh
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import check_fresh
 from simgap.geometry import Floats, Grid
 from simgap.plants.cases import nominal_model
 from simgap.simulators.process import run_in_processes

@@ -20,14 +20,15 @@ from typing import Any
 
 import numpy as np
 
+from simgap.config.pose import pose_axes
 from simgap.errors import SimgapError
 from simgap.gap.bases import Basis
 from simgap.gap.design import Design
-from simgap.gap.function import from_json
+from simgap.gap.fresh_check import check_fresh
 from simgap.gap.hidden_state import hull, previous_inputs
+from simgap.gap.load import from_json
 from simgap.gap.scenario import solve_scenario
 from simgap.gap.symmetry import BodyFrameGap, nominal_motion
-from simgap.gap.tiers import check_fresh
 from simgap.geometry import Floats
 from simgap.io.documents import read_json
 from simgap.plants.cases import nominal_model
@@ -126,7 +127,7 @@ def main() -> None:
     content = read_json(path["gap"])
     default = from_json(content)
     problem, _ = pose(context, path["gap"])
-    model, axes, inputs = nominal_model(context.case, context.folder), hidden_gap.pose_axes(context), context.input_set
+    model, axes, inputs = nominal_model(context.case, context.folder), pose_axes(context), context.input_set
     centre = 0.5 * (context.box.lo + context.box.hi)
     motion = nominal_motion(model.step, centre, inputs, axes, np.random.default_rng(0))
     grid = hidden_gap.read_samples(context, path["grid"])

@@ -7,7 +7,6 @@ from typing import Literal
 from pydantic import Field, field_validator, model_validator
 
 from simgap.config.base import Section
-from simgap.gap.settings import GapSettings
 
 
 class BasisSection(Section):
@@ -136,23 +135,3 @@ class GapSection(Section):
         if self.bound == "conformal" and self.conformal.seed == self.seed:
             raise ValueError(f"conformal.seed and seed are both {self.seed}: the check would see what set the width")
         return self
-
-    def settings(self) -> GapSettings:
-        """The settings of `simgap.gap.fit.fit_gap`."""
-        listed = isinstance(self.basis, tuple)
-        return GapSettings(
-            basis="expressions" if isinstance(self.basis, tuple) else self.basis.kind,
-            basis_options={"terms": tuple(map(str, self.basis))} if listed else self.basis.options(),  # type: ignore[union-attr]
-            objective=self.objective,
-            sides=self.sides,
-            padding=self.padding,
-            bound=self.bound,
-            slack=self.slack,
-            rough_limit=self.lipschitz.rough_limit,
-            miscoverage=self.conformal.miscoverage,
-            envelope_nodes=self.envelope_nodes,
-            extreme_value=self.lipschitz.extreme_value,
-            extreme_value_blocks=self.lipschitz.extreme_value_blocks,
-            extreme_value_pairs=self.lipschitz.extreme_value_pairs,
-            seed=self.seed,
-        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from simgap.config.case import Case
+from simgap.config.plugged import INNER
 from simgap.errors import UserError
 
 
@@ -82,18 +84,35 @@ def parse_case(content: Any, path: Path) -> Case:
     if not isinstance(content, dict):
         raise UserError("holds no keys", file=path, remedy="A case starts with `name:` and `plant:`.")
     try:
-        return Case.model_validate(content)
+        return Case.model_validate(content, context={"folder": path.parent})
     except ValidationError as error:
-        found = error.errors(include_url=False)
-        first = next((e for e in found if e["type"] == "extra_forbidden"), found[0])  # a typo is missing elsewhere
-        raise _user_error(first, len(error.errors()), path) from None
+        found = [mistake for e in error.errors(include_url=False) for mistake in _unfolded(e)]
+        first = next((m for m in found if m.error["type"] == "extra_forbidden"), found[0])  # a typo leaves a gap
+        raise _user_error(first, len(found), path) from None
 
 
-def _user_error(first: Any, count: int, path: Path) -> UserError:
-    key = ".".join(str(part) for part in first["loc"]) or None
+@dataclass(frozen=True)
+class _Mistake:
+    """A validator's error, where it stands below `model`, and the keys that lead to that model."""
+
+    error: Any
+    model: type[BaseModel] = Case
+    above: tuple[Any, ...] = ()
+
+
+def _unfolded(error: Any) -> list[_Mistake]:
+    """The errors inside the section of a plug-in, instead of the one that stands for them."""
+    if error["type"] != INNER:
+        return [_Mistake(error)]
+    return [_Mistake(e, error["ctx"]["model"], error["loc"]) for e in error["ctx"]["errors"]]
+
+
+def _user_error(mistake: _Mistake, count: int, path: Path) -> UserError:
+    first = mistake.error
+    key = ".".join(str(part) for part in (*mistake.above, *first["loc"])) or None
     kind, problem, remedy = first["type"], str(first["msg"]), None
     if kind == "extra_forbidden":
-        problem, remedy = "unknown key", _suggestion(first["loc"])
+        problem, remedy = "unknown key", _suggestion(mistake.model, first["loc"])
     elif kind == "missing":
         problem, remedy = "this key is missing", "Add it."
     elif kind == "value_error":
@@ -105,9 +124,9 @@ def _user_error(first: Any, count: int, path: Path) -> UserError:
     return UserError(problem, file=path, key=key, remedy=remedy)
 
 
-def _suggestion(loc: tuple[Any, ...]) -> str:
-    """The nearest key that is known at this place."""
-    model: Any = Case
+def _suggestion(top: type[BaseModel], loc: tuple[Any, ...]) -> str:
+    """The nearest key that is known at this place below a model."""
+    model: Any = top
     for part in loc[:-1]:
         model = _inside(model, part)
         if model is None:

@@ -7,24 +7,24 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis import answer
-from simgap.diagnosis.coarse import JUDGED_ROWS, coarse
-from simgap.diagnosis.equivalence import Rival, collinear_pairs, rivals
-from simgap.diagnosis.fit import Fit, fit
-from simgap.diagnosis.initial import initial_states
-from simgap.diagnosis.judge import HeldOut, chi2_dof, excess, judge, judged, verdict
-from simgap.diagnosis.noise import noise_floor
-from simgap.diagnosis.problem import Problem, build_problem
-from simgap.diagnosis.record import Record
+from simgap.diagnosis.reading.noise import noise_floor
+from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.reading.windows import Windows, held_out_mask, split_windows
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Judged
-from simgap.diagnosis.scoring import list_starts
-from simgap.diagnosis.search import Explanation, Search
-from simgap.diagnosis.selection import on_all, preferred, select
-from simgap.diagnosis.step_length import settled
-from simgap.diagnosis.supermodel import cached_supermodel
+from simgap.diagnosis.search.equivalence import Rival, collinear_pairs, rivals
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.scoring import list_starts
+from simgap.diagnosis.search.selection import on_all, preferred, select
+from simgap.diagnosis.search.transfer import transferable
+from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.problem import Problem, build_problem
+from simgap.diagnosis.simulation.step_length import settled
+from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
-from simgap.diagnosis.transfer import transferable
-from simgap.diagnosis.windows import Windows, held_out_mask, split_windows
+from simgap.diagnosis.verdict import answer
+from simgap.diagnosis.verdict.judge import HeldOut, chi2_dof, excess, judge, judged, verdict
 from simgap.effects import apply_effects
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel

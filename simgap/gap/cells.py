@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from simgap.gap.function import GapDomain, GapFunction, GapSuprema, Kernel
+from simgap.gap.input_index import input_index
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
 
@@ -121,7 +122,7 @@ def _over_rows(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slop
 def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slopes, lower, upper):  # type: ignore[no-untyped-def]
     nx, row = len(counts), 0
     if upper.shape[1] > 1:
-        row = _input_index(inputs, u)
+        row = input_index(inputs, u)
     cells, start = 1, 0
     inside = row >= 0
     for j in range(nx):
@@ -135,18 +136,6 @@ def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slope
     if inside:
         for n in range(cells):
             _widen_by_cell(n, xlo, xhi, row, lo, hi, edges, nodes, counts, slopes, lower, upper)
-
-
-@njit(error_model="numpy", cache=True)
-def _input_index(inputs, u):  # type: ignore[no-untyped-def]
-    """Row of the input set that equals u to 1e-9 of its size; -1 if there is none."""
-    for m in range(len(inputs)):
-        same = True
-        for k in range(inputs.shape[1]):
-            same = same and abs(inputs[m, k] - u[k]) <= 1e-9 * (1.0 + abs(u[k]))
-        if same:
-            return m
-    return -1
 
 
 @njit(error_model="numpy", cache=True)

@@ -1,8 +1,9 @@
 """The gap function: `lo_i(x, u) <= d_i(x, u) <= hi_i(x, u)` with d = simulator - nominal, on all of X x U.
 
 Every kind of bound (linear in a basis, tables of cells) is a `GapFunction` and offers the same: bounds at points and
-over boxes, a numba kernel for the abstraction, suprema, and a JSON form that a person can read. Bounds are rounded
-outward. Outside the domain there is no bound: (-inf, inf) is returned. All values are immutable.
+over boxes, a numba kernel for the abstraction, suprema, and a JSON form that a person can read (`load.from_json` reads
+it back). Bounds are rounded outward. Outside the domain there is no bound: (-inf, inf) is returned. All values are
+immutable.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.errors import UserError
 from simgap.gap.forms import MARGIN
 from simgap.gap.tiers import Tier
 from simgap.geometry import Box, Floats
@@ -142,23 +142,3 @@ class GapFunction(ABC):
         """The bound as plain data: what it holds for, the formula, what it rests on."""
         guarantee = [tier.to_json() for tier in self.tiers]
         return {**self._content(), "domain": self.domain.to_json(), "guarantee": guarantee}
-
-
-def from_json(data: Mapping[str, Any]) -> GapFunction:
-    """A gap function from what `to_json` gave.
-
-    Raises:
-        UserError: for an unknown kind or missing parts.
-    """
-    from simgap.gap.cells import CellGap
-    from simgap.gap.linear import LinearGap
-    from simgap.gap.symmetry import BodyFrameGap
-
-    kinds: dict[str, Any] = {"linear": LinearGap, "cells": CellGap, "body_frame": BodyFrameGap}
-    try:
-        domain = GapDomain.from_json(data["domain"])
-        tiers = tuple(Tier.from_json(t) for t in data["guarantee"])
-        result: GapFunction = kinds[data["kind"]].from_content(data, domain, tiers)
-    except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"not a saved gap bound ({error!r})", remedy="Run the gap stage again.") from error
-    return result

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from simgap.config.gap import GapSection
 from simgap.errors import UserError
 
 OBJECTIVES = ("lexicographic", "eta")
@@ -48,6 +49,27 @@ class GapSettings:
             value = getattr(self, key)
             if value not in known:
                 raise UserError(f"there is no {key} '{value}'", key=f"gap.{key}", remedy=f"Known: {', '.join(known)}.")
+
+    @staticmethod
+    def of(section: GapSection) -> GapSettings:
+        """The settings that a case's `gap` section asks for."""
+        basis = section.basis
+        return GapSettings(
+            basis="expressions" if isinstance(basis, tuple) else basis.kind,
+            basis_options={"terms": tuple(map(str, basis))} if isinstance(basis, tuple) else basis.options(),
+            objective=section.objective,
+            sides=section.sides,
+            padding=section.padding,
+            bound=section.bound,
+            slack=section.slack,
+            rough_limit=section.lipschitz.rough_limit,
+            miscoverage=section.conformal.miscoverage,
+            envelope_nodes=section.envelope_nodes,
+            extreme_value=section.lipschitz.extreme_value,
+            extreme_value_blocks=section.lipschitz.extreme_value_blocks,
+            extreme_value_pairs=section.lipschitz.extreme_value_pairs,
+            seed=section.seed,
+        )
 
     @property
     def signed(self) -> bool:

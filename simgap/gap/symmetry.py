@@ -15,8 +15,8 @@ import numpy as np
 from numba import njit
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.cells import _input_index
 from simgap.gap.function import GapDomain, GapFunction, GapSuprema, Kernel
+from simgap.gap.input_index import input_index
 from simgap.gap.rotation import rotated_box, to_body
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
@@ -116,7 +116,7 @@ def _over_rows(xlo, xhi, u, lo, hi, inputs, llo, lhi, lower, upper, i, j, k):  #
 
 @njit(error_model="numpy")
 def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, lower, upper, i, j, k):  # type: ignore[no-untyped-def]
-    m = _input_index(inputs, u)
+    m = input_index(inputs, u)
     inside = m >= 0
     for n in range(3):
         inside = inside and xlo[n] >= llo[n] and xhi[n] <= lhi[n]

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from simgap.diagnosis.missing import Binned, Missing
-from simgap.diagnosis.table import Floats
+from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.thresholds import BIC_GAIN
-from simgap.diagnosis.words import phrase, pretty_unit
+from simgap.diagnosis.verdict.missing import Binned, Missing
+from simgap.diagnosis.verdict.words import phrase
 from simgap.io import figure_style as style
+from simgap.notation import axis_label, pretty_unit
 
 MOST_POINTS = 1500
 
@@ -43,12 +44,6 @@ class Overlay:
     sigma: Floats
     held_out: tuple[tuple[float, float], ...] = ()
     whole: bool = True
-
-
-def axis_label(name: str, units: Mapping[str, str]) -> str:
-    """'q (rad)'."""
-    unit = pretty_unit(units.get(name, ""))
-    return f"{name} ({unit})" if unit else name
 
 
 def overlay_figure(o: Overlay, units: Mapping[str, str]) -> Any:

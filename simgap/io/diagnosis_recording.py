@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.table import Floats
-from simgap.diagnosis.words import pretty_unit
 from simgap.io import figure_style as style
 from simgap.io.atomic import atomic
+from simgap.io.recording_log import line, send
+from simgap.notation import axis_label
 
-TIMELINE = "sim_time"
 _LINES = (("measured", style.MEASURED, 3.0), ("before", style.BEFORE, 1.5), ("after", style.AFTER, 1.5))
 
 
@@ -69,31 +69,26 @@ def _log_trace(
 
 
 def _send(recording: Any, entity: str, t: Floats, values: Floats, colour: str, width: float) -> None:
-    import rerun as rr
-
-    rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-    recording.log(entity, rr.SeriesLines(colors=rgb, widths=width, names=entity.rsplit("/", 1)[-1]), static=True)
-    recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=t)], rr.Scalars.columns(scalars=values))
+    line(recording, entity, colour, width, entity.rsplit("/", 1)[-1])
+    send(recording, entity, t, values)
 
 
 def _blueprint(traces: Sequence[str], measured: Sequence[str], inputs: Sequence[str], units: Mapping[str, str]) -> Any:
     """One tab a trace: every state above its residual, the inputs below."""
     import rerun.blueprint as rrb
 
-    def view(name: str, origin: str, unit: str = "") -> Any:
-        return rrb.TimeSeriesView(name=f"{name} ({unit})" if unit else name, origin=origin)
-
+    view = rrb.TimeSeriesView
     tabs = []
     for trace in traces:
         root = _entity(trace)
         views = []
         for state in measured:
-            unit = pretty_unit(units.get(state, ""))
+            label = axis_label(state, units)
             views += [
-                view(state, f"/{root}/{state}", unit),
-                view(f"residual of {state}", f"/{root}/residual/{state}", unit),
+                view(name=label, origin=f"/{root}/{state}"),
+                view(name=f"residual of {label}", origin=f"/{root}/residual/{state}"),
             ]
         if inputs:
-            views.append(view("inputs", f"/{root}/input"))
+            views.append(view(name="inputs", origin=f"/{root}/input"))
         tabs.append(rrb.Vertical(*views, name=trace))
     return rrb.Blueprint(rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0], rrb.TimePanel(state="collapsed"))

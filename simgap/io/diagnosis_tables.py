@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from simgap.diagnosis.table import Floats, RawTable
+from simgap.diagnosis.reading.table import Floats, RawTable
 from simgap.errors import UserError
 from simgap.io.diagnosis_csv import CsvLayout, csv_layout, read_csv_columns
 

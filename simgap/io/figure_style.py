@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from simgap.io.atomic import atomic
+from simgap.io.traces import NOMINAL, ROBUST
 
 # Okabe & Ito (2008), Color Universal Design
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY = "#8A8F98"
 MEASURED, BEFORE, AFTER, FLOOR = BLACK, VERMILLION, BLUE, GREY
+COLOURS = {ROBUST: BLUE, NOMINAL: VERMILLION}  # of the controllers
 WIDTH = 8.6  # inches: 12 pt text stays legible at half of a page's width
 
 _RC: dict[str, Any] = {

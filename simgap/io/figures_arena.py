@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from simgap.diagnosis.words import pretty_unit
 from simgap.geometry import Box, Floats
 from simgap.io import figure_style as style
-from simgap.io.figures_domains import COLOURS, TITLES
-from simgap.io.recording import PlanarScene
-from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR, Trace
+from simgap.io.figure_style import COLOURS
+from simgap.io.recording_content import PlanarScene
+from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR, TITLES, Trace
+from simgap.notation import axis_label
 
 OBSTACLE, FOOTPRINTS = "#3A3F47", 7
 
@@ -33,15 +33,10 @@ def arena_figure(scene: PlanarScene, traces: Sequence[Trace], units: Mapping[str
             if trace.controller == kind:
                 _run(axis, scene, trace, COLOURS[kind] if trace.plant == SIMULATOR else "#8A8F98")
         axis.set_title(TITLES[kind], color=COLOURS[kind])
-        axis.set_xlabel(_axis(states[scene.axes[0]], units))
-    axes[0].set_ylabel(_axis(states[scene.axes[1]], units))
+        axis.set_xlabel(axis_label(states[scene.axes[0]], units))
+    axes[0].set_ylabel(axis_label(states[scene.axes[1]], units))
     _legend(figure)
     return figure
-
-
-def _axis(name: str, units: Mapping[str, str]) -> str:
-    unit = pretty_unit(units.get(name, ""))
-    return f"{name} ({unit})" if unit else name
 
 
 def _arena(axis: Any, scene: PlanarScene) -> None:

@@ -7,19 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from simgap.diagnosis.words import pretty_unit
 from simgap.io import figure_style as style
-from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR, Trace
+from simgap.io.figure_style import COLOURS
+from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR, TITLES, Trace
+from simgap.notation import axis_label, pretty_unit
 from simgap.synthesis.controller import Controller
 
-COLOURS = {ROBUST: style.BLUE, NOMINAL: style.VERMILLION}
-TITLES = {ROBUST: "gap-aware", NOMINAL: "nominal-only"}
 _PALE = {ROBUST: "#BBD9EC", NOMINAL: "#F6D3BC"}
-
-
-def _axis(name: str, units: Mapping[str, str]) -> str:
-    unit = pretty_unit(units.get(name, ""))
-    return f"{name} ({unit})" if unit else name
 
 
 def domains_figure(controllers: Mapping[str, Controller], traces: Sequence[Trace], units: Mapping[str, str]) -> Any:
@@ -42,9 +36,9 @@ def domains_figure(controllers: Mapping[str, Controller], traces: Sequence[Trace
             if trace.controller == kind and trace.plant == SIMULATOR:
                 _run(axis, trace, COLOURS[kind])
         axis.set_title(f"{TITLES[kind]}: {controller.solution.fraction:.3f} wins")
-        axis.set_xlabel(_axis(controller.states[0], units))
+        axis.set_xlabel(axis_label(controller.states[0], units))
         axis.grid(visible=False)
-    axes[0].set_ylabel(_axis(controllers[ROBUST].states[1], units))
+    axes[0].set_ylabel(axis_label(controllers[ROBUST].states[1], units))
     _legend(figure, bool(traces))
     return figure
 
@@ -118,9 +112,9 @@ def slices_figure(
         axis.set_title(f"{controller.states[2]} = {third:.2f} {pretty_unit(units.get(controller.states[2], ''))}")
         axis.grid(visible=False)
     for axis in axes[-1]:
-        axis.set_xlabel(_axis(controller.states[0], units))
+        axis.set_xlabel(axis_label(controller.states[0], units))
     for axis in axes[:, 0]:
-        axis.set_ylabel(_axis(controller.states[1], units))
+        axis.set_ylabel(axis_label(controller.states[1], units))
     if picture is not None and field is not None:
         figure.colorbar(picture, ax=axes, label=title or "worst-case steps to the target", shrink=0.8)
     return figure

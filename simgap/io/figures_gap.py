@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from simgap.diagnosis.words import pretty_unit
 from simgap.gap.function import GapFunction
 from simgap.geometry import Floats
 from simgap.io import figure_style as style
+from simgap.notation import axis_label, pretty_unit
 
 _PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""))
 MESH = 25  # points a side of a surface
@@ -86,8 +86,8 @@ def _surfaces(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floa
         end = factor * float(pair[1][0, i])
         axes.text(box.lo[0], box.lo[1], end, f"{_at(gap, at, units)}  ", fontsize=11, ha="right", va="center")
     names = gap.domain.states
-    axes.set_xlabel(_axis(names[0], units), labelpad=6)
-    axes.set_ylabel(_axis(names[1], units), labelpad=6)
+    axes.set_xlabel(axis_label(names[0], units), labelpad=6)
+    axes.set_ylabel(axis_label(names[1], units), labelpad=6)
     axes.set_zlabel(f"gap of {names[i]} ({unit})", labelpad=5)
     axes.tick_params(labelsize=10, pad=1)
     for each in (axes.xaxis, axes.yaxis, axes.zaxis):
@@ -108,7 +108,7 @@ def _residual(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floa
     axes.plot(edge, factor * narrowest, color=style.BLUE, lw=1.0)
     axes.plot(edge, -factor * narrowest, color=style.BLUE, lw=1.0, label="narrowest")
     axes.scatter(x[:, 0], factor * (d[:, i] - middle), s=1.2, color=style.BLACK, lw=0, label="samples", rasterized=True)
-    axes.set_xlabel(_axis(gap.domain.states[0], units))
+    axes.set_xlabel(axis_label(gap.domain.states[0], units))
     axes.set_ylabel(f"gap of {name} − middle ({unit})")
     axes.set_title("around the middle of the bound", fontsize=11)
     axes.margins(x=0)
@@ -124,11 +124,6 @@ def _envelope(x: Floats, half: Floats, bins: int = 60) -> tuple[Floats, Floats, 
     centre = np.array([x[p].mean() for p in parts])
     centre[0], centre[-1] = x[0], x[-1]
     return centre, np.array([half[p].max() for p in parts]), np.array([half[p].min() for p in parts])
-
-
-def _axis(name: str, units: Mapping[str, str]) -> str:
-    unit = pretty_unit(units.get(name, ""))
-    return f"{name} ({unit})" if unit else name
 
 
 def _locator(count: int) -> Any:
@@ -155,7 +150,7 @@ def slices_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapp
         factor, unit = scaled(float(np.abs([lo[:, i], hi[:, i]]).max()), units[name])
         axis.fill_between(line, factor * lo[:, i], factor * hi[:, i], color=style.SKY, alpha=0.5, label="bound")
         axis.scatter(x[own, 0], factor * d[own, i], s=3, color=style.BLACK, lw=0, label="samples")
-        axis.set_xlabel(_axis(states[0], units))
+        axis.set_xlabel(axis_label(states[0], units))
         axis.set_ylabel(f"gap of {name} ({unit})")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, markerscale=4)
     return figure
@@ -199,11 +194,11 @@ def inputs_figure(gap: GapFunction, lo: Floats, hi: Floats, units: Mapping[str, 
         table = np.full((len(first), len(second)), np.nan)
         table[rows, columns] = factor * size[:, i]
         mesh = axis.pcolormesh(first, second, table.T, cmap="cividis", vmin=0.0, rasterized=True)
-        axis.set_xlabel(_axis(gap.domain.inputs[0], units))
+        axis.set_xlabel(axis_label(gap.domain.inputs[0], units))
         axis.set_title(name)
         axis.grid(visible=False)
         figure.colorbar(mesh, ax=axis, location="bottom", label=f"bound of the gap ({unit})", shrink=0.95)
-    axes[0, 0].set_ylabel(_axis(gap.domain.inputs[1], units))
+    axes[0, 0].set_ylabel(axis_label(gap.domain.inputs[1], units))
     return figure
 
 
@@ -236,7 +231,7 @@ def sweep_figure(rows: Sequence[Mapping[str, Any]], states: Sequence[str], units
         axis.set_xticks(eps, [f"{e:g}" for e in eps])
         axis.minorticks_off()
         axis.set_xlabel("eps, radius of the balls that cover X")
-        axis.set_ylabel(f"{_axis(state, units)}")
+        axis.set_ylabel(f"{axis_label(state, units)}")
         axis.margins(0.15)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=4, columnspacing=1.0)
     return figure

@@ -7,20 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from simgap.diagnosis.words import pretty_unit
 from simgap.geometry import Box, Floats
 from simgap.io import figure_style as style
-from simgap.io.figures_domains import COLOURS, TITLES
+from simgap.io.figure_style import COLOURS
 from simgap.io.figures_gap import scaled
-from simgap.io.recording import share_of_bound
-from simgap.io.traces import NOMINAL, ROBUST, Trace, twin
+from simgap.io.recording_content import share_of_bound
+from simgap.io.traces import NOMINAL, ROBUST, TITLES, Trace, twin
+from simgap.notation import axis_label
 
 UNSAFE = "#EFE3DC"
-
-
-def _axis(name: str, units: Mapping[str, str]) -> str:
-    unit = pretty_unit(units.get(name, ""))
-    return f"{name} ({unit})" if unit else name
 
 
 def trajectories_figure(
@@ -50,7 +45,7 @@ def trajectories_figure(
         axes[-1, k].set_xlabel("time (s)")
         axes[-1, k].xaxis.set_major_locator(MaxNLocator(3))
     for j, name in enumerate(states):
-        axes[j, 0].set_ylabel(_axis(name, units))
+        axes[j, 0].set_ylabel(axis_label(name, units))
     _legend(figure)
     return figure
 

@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
-from simgap.diagnosis.words import phrase, pretty_unit
+from simgap.diagnosis.verdict.words import phrase
+from simgap.notation import number, pretty_unit
 
-_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 REPORTS = Path(__file__).resolve().parents[2] / "reports"
-
-
-def number(value: Any, digits: int = 4) -> str:
-    """A number as it is printed in tables."""
-    if value is None:
-        return ""
-    x = float(value)
-    if not math.isfinite(x):
-        return "unbounded"
-    text = f"{x:.{digits}g}"
-    if "e" in text:
-        mantissa, exponent = text.split("e")
-        return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}"
-    return text
 
 
 def render(template: str, **content: Any) -> str:

@@ -11,74 +11,27 @@ Entities, over the timeline `sim_time`:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from simgap.geometry import Box, Floats
 from simgap.io import figure_style as style
 from simgap.io.atomic import atomic
-from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, Trace, twin
-from simgap.synthesis.controller import Controller
+from simgap.io.figure_style import COLOURS
+from simgap.io.recording_blueprint import blueprint
+from simgap.io.recording_content import Content, curves, finite, share_of_bound
+from simgap.io.recording_log import TIMELINE, line, send
+from simgap.io.recording_phase import log_phase
+from simgap.io.recording_scene import log_scene
+from simgap.io.traces import SIMULATOR, TITLES, Trace, twin
 
-TIMELINE = "sim_time"
-COLOURS = {ROBUST: style.BLUE, NOMINAL: style.VERMILLION}
-TITLES = {ROBUST: "gap-aware", NOMINAL: "nominal-only"}
 SERIES = (style.SKY, style.PURPLE, style.GREEN, style.YELLOW)
-_PLANTS = {SIMULATOR: "simulator", MODEL: "nominal_model"}
-
-
-@dataclass(frozen=True, eq=False)
-class JointScene:
-    """A URDF whose joints follow states: joint name -> index of the state that is its position."""
-
-    urdf: Path
-    joints: Mapping[str, int]
-
-
-@dataclass(frozen=True, eq=False)
-class PlanarScene:
-    """A robot that drives on a floor: a URDF placed at (x, y, heading), with boxes around it.
-
-    Attributes:
-        urdf: the robot, or None for a disc; axes: indices of the states x, y, heading.
-        arena, target, obstacles: boxes over (x, y); radius: of the footprint, m.
-    """
-
-    urdf: Path | None
-    axes: tuple[int, int, int]
-    arena: Box
-    target: Box
-    obstacles: tuple[Box, ...]
-    radius: float
-
-
-@dataclass(frozen=True, eq=False)
-class Content:
-    """What a recording shows."""
-
-    case: str
-    about: str  # Markdown
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    units: Mapping[str, str]
-    safe: Box  # bounds to draw beside each state, infinite where there are none
-    traces: Sequence[Trace]
-    shown: Mapping[str, Trace]  # by controller
-    controllers: Mapping[str, Controller]
-    scene: JointScene | PlanarScene | None
 
 
 def write_recording(path: Path, content: Content) -> None:
     """Write the recording with its blueprint, atomically."""
     import rerun as rr
-
-    from simgap.io.recording_blueprint import blueprint
-    from simgap.io.recording_phase import log_phase
-    from simgap.io.recording_scene import log_scene
 
     with atomic(path) as temporary:
         recording = rr.RecordingStream("simgap", recording_id=f"simgap-{content.case}")
@@ -95,55 +48,6 @@ def write_recording(path: Path, content: Content) -> None:
         log_scene(recording, content)
         recording.flush()
         recording.disconnect()
-
-
-def root(trace: Trace) -> str:
-    """The entity under which a run is kept."""
-    return f"runs/{trace.controller}/{_PLANTS[trace.plant]}/run-{trace.run}"
-
-
-def curves(trace: Trace, states: Sequence[str], inputs: Sequence[str]) -> Iterator[tuple[str, Floats, Floats]]:
-    """Entity, times and values of everything that the table of traces holds of a run; only finite values."""
-    for j, name in enumerate(states):
-        yield _finite(f"{root(trace)}/state/{name}", trace.t, trace.x[:, j])
-    for j, name in enumerate(inputs):
-        yield _finite(f"{root(trace)}/input/{name}", trace.t, trace.u[:, j])
-    for j, name in enumerate(states):
-        for part, values in (("actual", trace.d), ("lower", trace.lo), ("upper", trace.hi)):
-            yield _finite(f"{root(trace)}/gap/{name}/{part}", trace.t, values[:, j])
-
-
-def _finite(entity: str, t: Floats, values: Floats) -> tuple[str, Floats, Floats]:
-    good = np.isfinite(values)
-    return entity, t[good], values[good]
-
-
-def share_of_bound(trace: Trace) -> Floats:
-    """Where the gap lies between its bounds: -1 at the lower, 1 at the upper one: (n, nx); NaN without a bound."""
-    half = 0.5 * (trace.hi - trace.lo)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = (trace.d - 0.5 * (trace.hi + trace.lo)) / half
-    return np.where(np.isfinite(half) & (half > 0), share, np.nan)
-
-
-def send(recording: Any, entity: str, t: Floats, values: Floats) -> None:
-    """Log scalars over `sim_time`."""
-    import rerun as rr
-
-    if len(t):
-        recording.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=t)], rr.Scalars.columns(scalars=values))
-
-
-def rgb(colour: str, alpha: int = 255) -> list[int]:
-    """'#0072B2' -> [0, 114, 178, alpha]."""
-    return [*(int(colour[k : k + 2], 16) for k in (1, 3, 5)), alpha]
-
-
-def line(recording: Any, entity: str, colour: str, width: float, name: str) -> None:
-    """How a curve is drawn."""
-    import rerun as rr
-
-    recording.log(entity, rr.SeriesLines(colors=rgb(colour), widths=width, names=name), static=True)
 
 
 def _style(recording: Any, entity: str, trace: Trace) -> None:
@@ -163,7 +67,7 @@ def _log_shown(recording: Any, content: Content, controller: str, trace: Trace) 
 
     share = share_of_bound(trace)
     for j, name in enumerate(content.states):
-        entity, t, values = _finite(f"shown/{controller}/share/{name}", trace.t, share[:, j])
+        entity, t, values = finite(f"shown/{controller}/share/{name}", trace.t, share[:, j])
         line(recording, entity, SERIES[j % len(SERIES)], 2.0, name)
         send(recording, entity, t, values)
     policy = content.controllers[controller]

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from simgap.diagnosis.words import pretty_unit
 from simgap.geometry import Box
-from simgap.io.recording import TIMELINE, TITLES, Content, JointScene, PlanarScene, root
-from simgap.io.traces import ROBUST, twin
+from simgap.io.recording_content import Content, JointScene, PlanarScene, root
+from simgap.io.recording_log import TIMELINE
+from simgap.io.recording_scene import robot_name, stance
+from simgap.io.traces import ROBUST, TITLES, twin
+from simgap.notation import axis_label
 
 
 def blueprint(content: Content) -> Any:
@@ -53,8 +55,6 @@ def _columns() -> Any:
 def _scene(content: Content) -> Any:
     import rerun.blueprint as rrb
 
-    from simgap.io.recording_scene import robot_name
-
     planar = isinstance(content.scene, PlanarScene)
     name = "Arena, robots and paths" if planar else "The plant under both controllers; grey: the nominal model"
     bodies = [f"/body_{controller}_{plant}" for controller in content.shown for plant in ("simulator", "model")]
@@ -69,8 +69,6 @@ def _scene(content: Content) -> Any:
 def _eye(content: Content) -> Any:
     import rerun.blueprint as rrb
 
-    from simgap.io.recording_scene import stance
-
     if not isinstance(content.scene, JointScene):
         arena = content.scene.arena if content.scene is not None else Box([0.0, 0.0], [1.0, 1.0])
         x, y = 0.5 * (arena.lo + arena.hi)
@@ -80,11 +78,6 @@ def _eye(content: Content) -> Any:
     target = np.array([0.0, 0.0, -0.45 * reach])
     eye = target + reach * (-1.35 * along + 0.12 * across) + np.array([0.0, 0.0, 0.12 * reach])
     return rrb.EyeControls3D(position=eye, look_target=target, eye_up=(0.0, 0.0, 1.0))
-
-
-def _label(name: str, unit: str) -> str:
-    unit = pretty_unit(unit)
-    return f"{name} ({unit})" if unit else name
 
 
 def first_seconds(content: Content) -> float:
@@ -116,10 +109,10 @@ def _curves(content: Content) -> Any:
     views = []
     for name in content.states:
         runs = [f"/{root(t)}/state/{name}" for t in (*content.shown.values(), *models)]
-        views.append(_plot(content, _label(name, content.units.get(name, "")), [f"/safe_set/{name}/**", *runs]))
+        views.append(_plot(content, axis_label(name, content.units), [f"/safe_set/{name}/**", *runs]))
     for name in content.inputs:
         runs = [f"/{root(t)}/input/{name}" for t in content.shown.values()]
-        views.append(_plot(content, f"input {_label(name, content.units.get(name, ''))}", runs))
+        views.append(_plot(content, f"input {axis_label(name, content.units)}", runs))
     if any(c.solution.value is not None for c in content.controllers.values()):
         values = [f"/shown/{controller}/value" for controller in content.shown]
         views.append(_plot(content, "Value function: steps to the target", values))
@@ -134,7 +127,7 @@ def _gaps(content: Content) -> Any:
     for controller, trace in content.shown.items():
         views = []
         for name in content.states:
-            label = _label(name, content.units.get(name, ""))
+            label = axis_label(name, content.units)
             views.append(_plot(content, f"gap of {label} and its bound", [f"/{root(trace)}/gap/{name}/**"], "LeftTop"))
         share = ["/bound/**", f"/shown/{controller}/share/**"]
         views.append(_plot(content, "where each gap lies in its bound, ±1", share))

@@ -9,7 +9,8 @@ import numpy as np
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Floats
-from simgap.io.recording import TIMELINE, curves
+from simgap.io.recording_content import curves
+from simgap.io.recording_log import TIMELINE
 from simgap.io.traces import Trace
 
 _SCALARS = "Scalars:scalars"

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from simgap.geometry import Box, Floats
 from simgap.io import figure_style as style
-from simgap.io.recording import COLOURS, TIMELINE, TITLES, Content, rgb
-from simgap.io.traces import NOMINAL, ROBUST
+from simgap.io.figure_style import COLOURS
+from simgap.io.recording_content import Content
+from simgap.io.recording_log import TIMELINE, rgb
+from simgap.io.traces import NOMINAL, ROBUST, TITLES
 from simgap.synthesis.controller import Controller
 
 PIXELS = 800  # along the longer side, at least

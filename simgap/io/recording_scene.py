@@ -10,8 +10,10 @@ import numpy as np
 
 from simgap.geometry import Box, Floats
 from simgap.io import figure_style as style
-from simgap.io.recording import COLOURS, TIMELINE, TITLES, Content, JointScene, PlanarScene, rgb
-from simgap.io.traces import MODEL, Trace, twin
+from simgap.io.figure_style import COLOURS
+from simgap.io.recording_content import Content, JointScene, PlanarScene
+from simgap.io.recording_log import TIMELINE, rgb
+from simgap.io.traces import MODEL, TITLES, Trace, twin
 
 WORLD = "tf#/scene"  # the frame of the entity /scene
 APART = 0.6  # between copies of a plant that is fixed to the ground, as a share of its reach

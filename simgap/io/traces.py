@@ -16,6 +16,7 @@ from simgap.io.parquet import stack
 
 SIMULATOR, MODEL = "simulator", "nominal model"
 ROBUST, NOMINAL = "gap", "nominal"
+TITLES = {NOMINAL: "nominal-only", ROBUST: "gap-aware"}  # what people read
 
 
 @dataclass(frozen=True, eq=False)

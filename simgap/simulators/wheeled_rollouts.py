@@ -13,8 +13,8 @@ import numpy as np
 
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.gap.hidden_state import BodySamples, Ints
 from simgap.geometry import Floats
+from simgap.simulators.body_samples import BodySamples, Ints, joined
 from simgap.simulators.wheeled import PyBulletWheeled
 
 
@@ -81,12 +81,3 @@ def at_headings(
             for h in range(headings):
                 turned[h, i] = robot.responses(history, present, float(angles[h, i]))[0, -1]
     return reference, turned
-
-
-def joined(parts: list[BodySamples]) -> BodySamples:
-    """Samples under each other."""
-    return BodySamples(
-        np.concatenate([p.m for p in parts]),
-        np.concatenate([p.final for p in parts]),
-        np.concatenate([p.extent for p in parts]),
-    )

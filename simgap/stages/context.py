@@ -1,93 +1,11 @@
-"""What every stage starts from: a checked case, its folder, a log."""
+"""What every stage starts from: a checked case and a log."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TypeVar
 
-from simgap.config.case import Case
-from simgap.config.domain import DomainSection
-from simgap.config.load import load_case
-from simgap.errors import UserError
-from simgap.geometry import Box, Floats
+from simgap.config.context import Context
 
-T = TypeVar("T")
+__all__ = ["Context", "log"]
+
 log = logging.getLogger("simgap")
-
-
-@dataclass(frozen=True)
-class Context:
-    """A case with the place that its relative paths start from."""
-
-    case: Case
-    path: Path
-
-    @staticmethod
-    def load(path: Path) -> Context:
-        """Read the case file.
-
-        Raises:
-            UserError: if it does not check.
-        """
-        return Context(load_case(path), path)
-
-    @property
-    def folder(self) -> Path:
-        """The folder of the case file."""
-        return self.path.parent
-
-    def need(self, section: T | None, key: str) -> T:
-        """A section that this stage cannot do without.
-
-        Raises:
-            UserError: if the case does not have it.
-        """
-        if section is None:
-            raise UserError("this stage needs the section", file=self.path, key=key, remedy=f"Add `{key}:`.")
-        return section
-
-    @property
-    def domain(self) -> DomainSection:
-        """Sampling time, X and U."""
-        return self.need(self.case.domain, "domain")
-
-    @property
-    def states(self) -> list[str]:
-        """Names of the states, in order."""
-        return list(self.case.plant.states)
-
-    @property
-    def inputs(self) -> list[str]:
-        """Names of the inputs, in order."""
-        return list(self.case.plant.inputs)
-
-    @property
-    def box(self) -> Box:
-        """The state box X."""
-        ends = [self.domain.X[name] for name in self.states]
-        return Box([lo for lo, _ in ends], [hi for _, hi in ends])
-
-    @property
-    def input_set(self) -> Floats:
-        """All of U, (M, nu)."""
-        return self.domain.inputs(self.inputs)
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Unit of each state and input."""
-        plant = self.case.plant
-        return {n: s.unit for n, s in plant.states.items()} | {n: i.unit for n, i in plant.inputs.items()}
-
-    @contextmanager
-    def blame(self) -> Iterator[None]:
-        """Name the case file in mistakes that surface deeper down without a file."""
-        try:
-            yield
-        except UserError as error:
-            if error.file is None:
-                raise UserError(error.problem, file=self.path, key=error.key, remedy=error.remedy) from None
-            raise

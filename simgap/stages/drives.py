@@ -15,10 +15,13 @@ from simgap.arena import COLLIDED, LATE, REACHED, STUCK, Arena, Drive, drive, wr
 from simgap.audit import Tally, audit_gap
 from simgap.closed_loop import Run, batch_loop, scalar_lookup
 from simgap.config.case import Case
+from simgap.config.pose import pose_axes
 from simgap.config.synthesis import ReachAvoidSpecification
 from simgap.errors import UserError
-from simgap.gap.function import GapFunction, from_json
+from simgap.gap.function import GapFunction
+from simgap.gap.load import from_json
 from simgap.geometry import Floats
+from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import write_parquet
 from simgap.model.sampled import NominalModel
@@ -26,7 +29,6 @@ from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
 from simgap.stages.context import Context, log
-from simgap.stages.hidden_gap import pose_axes
 from simgap.stages.starts import starts
 from simgap.stages.validation import Subject, keep_promise, keep_some, trace
 from simgap.synthesis.controller import Controller
@@ -68,7 +70,7 @@ def run(
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
     for kind, path in paths.items():
-        controller = Controller.load(path)
+        controller = load_controller(path)
         with context.blame():
             begin = starts(context, section, controller)
         driven = _simulate(context, path, begin, section.steps, arena, workers, engine_log)
@@ -112,7 +114,7 @@ def drive_chunk(
     """Run in an engine's process."""
     from simgap.simulators.build import make_simulator
 
-    controller, simulator = Controller.load(path), make_simulator(case, folder)
+    controller, simulator = load_controller(path), make_simulator(case, folder)
     value = value_function(controller)
     try:
         return [drive(simulator, controller, value, arena, x, steps, position) for x in starts]  # type: ignore[arg-type]

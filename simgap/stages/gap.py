@@ -14,9 +14,11 @@ import pyarrow as pa
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.conformal import Calibration
 from simgap.gap.fit import fit_gap
+from simgap.gap.fresh_check import FreshCheck, check_fresh
 from simgap.gap.function import GapFunction
 from simgap.gap.samples import GapSamples
-from simgap.gap.tiers import FreshCheck, Tier, check_fresh
+from simgap.gap.settings import GapSettings
+from simgap.gap.tiers import Tier
 from simgap.geometry import Floats, Grid
 from simgap.io.documents import write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
@@ -63,7 +65,7 @@ def run(
         log.info("fitting on %d states x %d inputs", samples.grid.size, len(samples.inputs))
         began = time.perf_counter()
         drawn = Calibration(*gaps(context, model, read_parquet(calibration))) if calibration else None
-        result = fit_gap(samples, section.settings(), drawn)
+        result = fit_gap(samples, GapSettings.of(section), drawn)
         log.info("fitted in %.2f s", time.perf_counter() - began)
     x, u, d = gaps(context, model, read_parquet(fresh))
     check = check_fresh(result.function, x, u, d, section.confidence)

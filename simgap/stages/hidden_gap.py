@@ -9,16 +9,18 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from simgap.config.pose import pose_axes
 from simgap.errors import BrokenPromise
+from simgap.gap.fresh_check import FreshCheck, check_fresh
 from simgap.gap.function import GapDomain
-from simgap.gap.hidden_state import BodySamples, HiddenStateFit, fit_hidden_state, tolerance_of
+from simgap.gap.hidden_state import HiddenStateFit, fit_hidden_state, tolerance_of
 from simgap.gap.symmetry import HeadingDeviation, check_symmetry, nominal_motion
-from simgap.gap.tiers import FreshCheck, check_fresh
 from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
 from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
+from simgap.simulators.body_samples import BodySamples
 from simgap.stages.context import Context, log
 from simgap.stages.gap import THINNED, tolerate
 from simgap.stages.histories import EXTENTS
@@ -63,14 +65,6 @@ def run(case_path: Path, grid: Path, random: Path, memory: Path, fresh: Path, ou
     tolerate(check, hidden.tolerated_probability, LONGER)
     write_parquet(thinned, thin(context, read_samples(context, grid), motion))
     write_json(out, content(context, fit, check, measured, len(read_parquet(grid, ["input"]))))
-
-
-def pose_axes(context: Context) -> tuple[int, int, int]:
-    """Which states are x, y and heading."""
-    symbolic = context.need(context.case.plant.symbolic, "plant.symbolic")
-    wheels = context.need(symbolic.wheels, "plant.symbolic.wheels")
-    x, y, heading = (context.states.index(name) for name in (wheels.x, wheels.y, wheels.heading))
-    return x, y, heading
 
 
 def between_poses(context: Context) -> float:

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from simgap.config.measured import ColumnMap, MeasuredSection
-from simgap.diagnosis.channels import Channel
-from simgap.diagnosis.reading import Reading, ReadingOptions, read_traces
-from simgap.diagnosis.stamps import TimeRange
+from simgap.diagnosis.reading.channels import Channel
+from simgap.diagnosis.reading.stamps import TimeRange
+from simgap.diagnosis.reading.traces import Reading, ReadingOptions, read_traces
 from simgap.errors import UserError
 from simgap.io.diagnosis_tables import read_recording
 from simgap.model.symbolic import SymbolicModel

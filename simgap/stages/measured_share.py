@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from simgap.diagnosis.remainder import transitions
 from simgap.diagnosis.result import WindowPrediction
+from simgap.diagnosis.verdict.remainder import transitions
 from simgap.gap.function import GapFunction
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
 from simgap.model.sampled import NominalModel

@@ -7,19 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simgap.gap.function import GapFunction, from_json
+from simgap.gap.load import from_json
 from simgap.io.atomic import write_text
+from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.pages import REPORTS, render
 from simgap.io.parquet import read_parquet
-from simgap.io.traces import NOMINAL, ROBUST, Trace, split
+from simgap.io.traces import NOMINAL, ROBUST, split
 from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
-from simgap.stages import report_content as words
+from simgap.report.content import content, summary
+from simgap.report.figures import draw
+from simgap.report.material import Corrected, Material
 from simgap.stages.context import Context, log
 from simgap.stages.measured_share import FILE, share_inside
-from simgap.stages.report_figures import draw
-from simgap.synthesis.controller import Controller
 
 
 @dataclass(frozen=True)
@@ -42,42 +43,7 @@ class Inputs:
     corrected: Path | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Corrected:
-    """The same case with the nominal model that the diagnosis corrected.
-
-    `inside` is the share of measured transitions inside f +- gamma, "before" and "after"; None where it is not known.
-    """
-
-    summary: Mapping[str, Any]
-    controllers: Mapping[str, Controller]
-    inside: Mapping[str, Mapping[str, float] | None]
-
-
-@dataclass(frozen=True, eq=False)
-class Material:
-    """What was read.
-
-    Attributes:
-        sweep: the content of every gap.json, largest eps first; gap: of the case's own eps; bound: the function in it.
-        syntheses, controllers: by kind, "nominal" and "gap".
-    """
-
-    context: Context
-    sweep: Sequence[Mapping[str, Any]]
-    gap: Mapping[str, Any]
-    bound: GapFunction
-    samples: Any
-    syntheses: Mapping[str, Mapping[str, Any]]
-    controllers: Mapping[str, Controller]
-    validation: Mapping[str, Any]
-    traces: Sequence[Trace]
-    diagnosis: Mapping[str, Any] | None
-    corrected: Corrected | None
-    printed: Mapping[str, Any]
-
-
-def run(case_path: Path, inputs: Inputs, out: Path, summary: Path) -> None:
+def run(case_path: Path, inputs: Inputs, out: Path, figures_out: Path) -> None:
     """Read the results of a case, write its page and its summary.
 
     Raises:
@@ -85,11 +51,11 @@ def run(case_path: Path, inputs: Inputs, out: Path, summary: Path) -> None:
     """
     material = read(case_path, inputs)
     record = provenance("report", material.context.case, material.context.folder)
-    content = words.content(material)
+    said = content(material)
     figures, notes = draw(material)
-    page = render("report.html.j2", figures=figures, notes=notes, provenance=record, **content)
+    page = render("report.html.j2", figures=figures, notes=notes, provenance=record, **said)
     write_text(out, page)
-    write_json(summary, words.summary(material, content) | {"provenance": record})
+    write_json(figures_out, summary(material, said) | {"provenance": record})
     log.info("page of %d kB", len(page) // 1024)
 
 
@@ -108,7 +74,7 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         bound=from_json(gap),
         samples=read_parquet(inputs.samples),
         syntheses={kind: read_json(folder / "synthesis.json") for kind, folder in folders.items()},
-        controllers={kind: Controller.load(folder / "controller.npz") for kind, folder in folders.items()},
+        controllers={kind: load_controller(folder / "controller.npz") for kind, folder in folders.items()},
         validation=read_json(inputs.validation / "validation.json"),
         traces=split(table, context.states, context.inputs),
         diagnosis=read_json(inputs.diagnosis / "diagnosis.json") if inputs.diagnosis else None,
@@ -119,7 +85,7 @@ def read(case_path: Path, inputs: Inputs) -> Material:
 
 def _corrected(context: Context, inputs: Inputs, gap: Mapping[str, Any]) -> Corrected:
     folder = inputs.corrected or Path()
-    controllers = {kind: Controller.load(folder / "synthesis" / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
+    controllers = {kind: load_controller(folder / "synthesis" / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
     return Corrected(read_json(folder / "summary.json"), controllers, _inside(context, inputs, gap))
 
 

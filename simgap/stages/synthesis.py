@@ -9,20 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from simgap.gap.function import from_json
-from simgap.gap.hidden_state import BodySamples
+from simgap.config.pose import pose_axes
+from simgap.gap.load import from_json
 from simgap.geometry import Floats
+from simgap.io.controller_file import save_controller
 from simgap.io.documents import read_json, write_json
 from simgap.model.paths import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.plants.cases import nominal_model
 from simgap.plants.memory import carried_model
 from simgap.provenance import provenance
+from simgap.simulators.body_samples import BodySamples
+from simgap.specifications.solution import Solution
 from simgap.stages.context import Context, log
-from simgap.stages.hidden_gap import pose_axes
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.intersample import excursion, rates
-from simgap.synthesis.solution import Solution
 from simgap.synthesis.specifications import ReachAvoidSpecification, Specification, make_specification
 from simgap.synthesis.sweep import planar_sweep
 from simgap.synthesis.synthesise import Problem, synthesise
@@ -46,7 +47,7 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
     record = provenance("synthesis", context.case, context.folder)
     section = context.need(context.case.synthesis, "synthesis")
     names = tuple(context.states), tuple(context.inputs)
-    Controller(problem.inputs, *names, solution, section.rule, record).save(out)
+    save_controller(Controller(problem.inputs, *names, solution, section.rule, record), out)
     figures = {
         "model": "with gap" if gap_path else "nominal",
         "cells": list(problem.cells),

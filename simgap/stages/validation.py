@@ -17,18 +17,20 @@ from simgap.closed_loop import Run, Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
 from simgap.config.synthesis import InvarianceSpecification, ReachAvoidSpecification
 from simgap.errors import BrokenPromise
-from simgap.gap.function import GapFunction, from_json
+from simgap.gap.function import GapFunction
+from simgap.gap.load import from_json
 from simgap.geometry import Box, Floats
+from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import table, write_parquet
 from simgap.model.sampled import NominalModel
 from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
+from simgap.specifications.regions import partial_box
 from simgap.stages.context import Context, log
 from simgap.stages.starts import starts
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.regions import partial_box
 
 R = TypeVar("R")
 CHUNK = 50  # runs a worker does between two signs of life
@@ -70,7 +72,7 @@ def run(
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
     for kind, path in (("nominal", nominal), ("gap", robust)):
-        controller = Controller.load(path)
+        controller = load_controller(path)
         with context.blame():
             begin = starts(context, section, controller)
         for subject, runs in _subjects(context, kind, controller, path, begin, model, safe, workers, engine_log):
@@ -153,7 +155,7 @@ def simulate_chunk(
     section = case.sensing
     error = np.array([section.error.get(n, 0.0) if section else 0.0 for n in case.plant.states])
     sensing = Sensing(error, section.latency if section else 0)
-    controller, simulator = Controller.load(path), make_simulator(case, folder)
+    controller, simulator = load_controller(path), make_simulator(case, folder)
     lo, hi = safe.lo.tolist(), safe.hi.tolist()
     axes = range(len(lo))
 

@@ -1,6 +1,6 @@
-"""A synthesised controller: one file, asked for an input at a state in one line.
+"""A synthesised controller, asked for an input at a state in one line.
 
-    u = Controller.load("controller.npz").input(x)
+    u = load_controller("controller.npz").input(x)          # simgap.io.controller_file
 
 Every admissible input keeps the promise of the specification, so which of them is applied is a matter of taste. The
 default rule is `least_effort`: the input of smallest sum of squares, each input scaled by its largest magnitude, ties
@@ -9,26 +9,21 @@ broken by the order of the input set. `middle` takes the median of the admissibl
 
 from __future__ import annotations
 
-import json
-import zipfile
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.geometry import Box, Grid
-from simgap.io.atomic import atomic
+from simgap.geometry import Grid
+from simgap.specifications.solution import Solution
 from simgap.synthesis.bits import preferred, unpack
-from simgap.synthesis.solution import Solution
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 RULES = ("least_effort", "middle")
-_EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +66,29 @@ class Controller:
             return _middle(self.solution.mask, len(self.input_set))
         return preferred(self.solution.mask, least_effort(self.input_set))
 
+    def cell(self, x: ArrayLike) -> Ints:
+        """Cells of measured states: (n, nx) or (nx,) -> (n,), -1 outside.
+
+        Raises:
+            UserError: for another number of states than this controller has, or one that is no finite number.
+        """
+        points = np.atleast_2d(np.asarray(x, dtype=np.float64))
+        if points.ndim != 2 or points.shape[1] != self.grid.box.size:
+            names = ", ".join(self.states)
+            raise UserError(f"a state is {self.grid.box.size} numbers ({names}), not of shape {np.shape(x)}")
+        if not np.isfinite(points).all():
+            raise UserError(
+                f"a state must be finite numbers, not {points[~np.isfinite(points).all(axis=1)][0].tolist()}"
+            )
+        return self.grid.index(points)
+
     def rows(self, x: ArrayLike, pending: ArrayLike = 0) -> Ints:
         """Rows of `choice` and of the mask: measured states (n, nx), pending inputs (n,) -> (n,), -1 outside."""
-        cells = self.grid.index(np.atleast_2d(np.asarray(x, dtype=np.float64)))
-        return np.where(cells >= 0, cells * self.memory + np.asarray(pending), -1)
+        known = np.asarray(pending)
+        if not np.all((known >= 0) & (known < self.memory)):
+            raise UserError(f"the pending input is a number from 0 to {self.memory - 1}, not {pending!r:.60}")
+        cells = self.cell(x)
+        return np.where(cells >= 0, cells * self.memory + known, -1)
 
     def lookup(self, x: ArrayLike, pending: ArrayLike = 0) -> Ints:
         """Chosen input numbers: (n, nx), (n,) -> (n,), -1 where the controller has none."""
@@ -86,6 +100,7 @@ class Controller:
 
         Raises:
             BrokenPromise: outside the winning domain, or in the target, where the task is done.
+            UserError: for what is no state of this controller.
         """
         m = int(self.lookup(x, pending)[0])
         if m < 0:
@@ -99,12 +114,12 @@ class Controller:
 
     def contains(self, x: ArrayLike) -> NDArray[np.bool_]:
         """Whether measured states are in the winning domain: (n, nx) -> (n,)."""
-        cells = self.grid.index(np.atleast_2d(np.asarray(x, dtype=np.float64)))
+        cells = self.cell(x)
         return np.where(cells >= 0, self.solution.winning[cells], False)
 
     def in_target(self, x: ArrayLike) -> NDArray[np.bool_]:
         """Whether measured states are in a target cell: (n, nx) -> (n,); never for invariance."""
-        cells = self.grid.index(np.atleast_2d(np.asarray(x, dtype=np.float64)))
+        cells = self.cell(x)
         target = self.solution.target
         return np.zeros(len(cells), np.bool_) if target is None else np.where(cells >= 0, target[cells], False)
 
@@ -112,71 +127,8 @@ class Controller:
         """Worst-case steps to the target: (n, nx) -> (n,), -1 where losing or outside."""
         if self.solution.value is None:
             raise UserError("an invariance controller has no value function")
-        cells = self.grid.index(np.atleast_2d(np.asarray(x, dtype=np.float64)))
+        cells = self.cell(x)
         return np.where(cells >= 0, self.solution.value[cells], -1).astype(np.int64)
-
-    def save(self, path: Path | str) -> None:
-        """Write one compressed .npz, whole or not at all; equal controllers give equal bytes."""
-        s = self.solution
-        about = {
-            "states": list(self.states),
-            "inputs": list(self.input_names),
-            "periodic": list(self.grid.periodic),
-            "rule": self.rule,
-            "memory": s.memory,
-            "statistics": s.statistics,
-            "provenance": self.metadata,
-        }
-        arrays: dict[str, NDArray[Any]] = {
-            "about": np.frombuffer(json.dumps(about, sort_keys=True).encode(), np.uint8),
-            "box": np.stack([self.grid.box.lo, self.grid.box.hi]),
-            "cells": np.array(self.grid.cells, np.int64),
-            "input_set": self.input_set,
-            "winning": np.packbits(s.winning),
-            "free": np.packbits(s.free),
-            "mask": s.mask,
-        }
-        if s.value is not None and s.target is not None:
-            arrays |= {"value": s.value, "target": np.packbits(s.target)}
-        with atomic(Path(path)) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-            for name, array in arrays.items():
-                entry = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
-                entry.compress_type = zipfile.ZIP_DEFLATED
-                entry._compresslevel = 1  # type: ignore[attr-defined]  # zipfile has no other way for an open entry
-                with archive.open(entry, "w", force_zip64=True) as stream:
-                    np.lib.format.write_array(stream, np.ascontiguousarray(array), allow_pickle=False)
-
-    @staticmethod
-    def load(path: Path | str) -> Controller:
-        """Read a saved controller.
-
-        Raises:
-            UserError: if the file is missing or not a controller.
-        """
-        try:
-            with np.load(path, allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in stored.files}
-            about = json.loads(arrays["about"].tobytes().decode())
-            grid = Grid(Box(*arrays["box"]), arrays["cells"].tolist(), about["periodic"])
-            flags = {
-                name: np.unpackbits(arrays[name], count=grid.size).view(np.bool_)
-                for name in ("winning", "free", "target")
-                if name in arrays
-            }
-            solution = Solution(
-                grid=grid,
-                mask=arrays["mask"],
-                value=arrays.get("value"),
-                memory=about["memory"],
-                statistics=about["statistics"],
-                **flags,
-            )
-            names = tuple(about["states"]), tuple(about["inputs"])
-            return Controller(arrays["input_set"], *names, solution, about["rule"], about["provenance"])
-        except FileNotFoundError as error:
-            raise UserError("there is no such controller", file=path, remedy="Run the synthesis stage") from error
-        except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-            raise UserError(f"not a controller file ({error})", file=path, remedy="Run the synthesis stage") from error
 
 
 def least_effort(inputs: Floats) -> Ints:

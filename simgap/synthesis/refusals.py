@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.geometry import Grid
+from simgap.specifications.solution import Solution
 from simgap.synthesis.nominal import Model
 from simgap.synthesis.product import Kernel, no_gap
-from simgap.synthesis.solution import Solution
 from simgap.synthesis.specifications import InvarianceSpecification, Specification
 
 Floats = NDArray[np.float64]

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.geometry import Grid
+from simgap.specifications.solution import Solution
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.bits import packed_width
 from simgap.synthesis.holes import clip_boxes
 from simgap.synthesis.invariance import invariance, row_index
-from simgap.synthesis.solution import Solution
 from simgap.synthesis.threads import over_rows
 from simgap.synthesis.windows import (
     Words,

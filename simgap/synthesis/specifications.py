@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
+from simgap.specifications.regions import cells_meeting, cells_within, grown, partial_box
+from simgap.specifications.solution import Solution
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.invariance import invariance
 from simgap.synthesis.reach import reach_avoid
-from simgap.synthesis.regions import cells_meeting, cells_within, grown, partial_box
-from simgap.synthesis.solution import Solution
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

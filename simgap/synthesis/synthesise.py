@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.geometry import Grid
+from simgap.specifications.solution import Solution
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.nominal import Model, nominal_abstraction
 from simgap.synthesis.product import Kernel
 from simgap.synthesis.refusals import hopeless_dimension, reason_for_empty
 from simgap.synthesis.sensing import sensed_invariance
-from simgap.synthesis.solution import Solution
 from simgap.synthesis.specifications import InvarianceSpecification, Specification
 from simgap.synthesis.sweep import Sweep
 

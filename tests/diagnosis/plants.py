@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import sympy as sp
 
-from simgap.diagnosis.problem import Problem, build_problem
-from simgap.diagnosis.record import Record, Trace
-from simgap.diagnosis.supermodel import SuperModel, cached_supermodel
-from simgap.diagnosis.windows import Windows
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.simulation.problem import Problem, build_problem
+from simgap.diagnosis.simulation.supermodel import SuperModel, cached_supermodel
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
 
 

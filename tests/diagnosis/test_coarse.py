@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgap.diagnosis.coarse import SEARCH_ROWS, coarse
-from simgap.diagnosis.problem import Problem, build_problem
-from simgap.diagnosis.record import Record, Trace
-from simgap.diagnosis.supermodel import cached_supermodel
-from simgap.diagnosis.windows import split_windows
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.reading.windows import split_windows
+from simgap.diagnosis.simulation.coarse import SEARCH_ROWS, coarse
+from simgap.diagnosis.simulation.problem import Problem, build_problem
+from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from tests.diagnosis.plants import point_pendulum
 
 NOISE = np.array([1e-3, 1e-2])

@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.noise import noise_floor
-from simgap.diagnosis.record import Record, Trace
+from simgap.diagnosis.reading.noise import noise_floor
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.reading.windows import held_out_mask, split_windows
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.sensitivity import choose_step, linearise, slot_direction
-from simgap.diagnosis.windows import held_out_mask, split_windows
+from simgap.diagnosis.simulation.sensitivity import choose_step, linearise, slot_direction
 from simgap.errors import UserError
 from tests.diagnosis.plants import block, one_window, point_pendulum, with_effect
 

@@ -12,8 +12,8 @@ import diagnosis_example as example
 import yaml
 
 from simgap.config.load import parse_case
-from simgap.diagnosis.missing import missing_terms
-from simgap.diagnosis.record import Record, Trace
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.effects import AppliedEffect, apply_effects
 from simgap.model.symbolic import PlanarWheels, SymbolicModel, Variable, symbol
 from simgap.plants.build import symbolic_model

@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
 import diagnosis_example as example
 
 from simgap.config.load import parse_case
-from simgap.diagnosis.remainder import bound_remainder, without_memory
+from simgap.diagnosis.verdict.remainder import bound_remainder, without_memory
 from simgap.effects import AppliedEffect
 from simgap.plants.build import symbolic_model
 

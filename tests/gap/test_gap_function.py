@@ -7,9 +7,9 @@ from gap_examples import PAPER, U, X, coulomb, off_grid, on_grid, smooth
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.conformal import Calibration
 from simgap.gap.fit import fit_gap
-from simgap.gap.function import from_json
+from simgap.gap.fresh_check import check_fresh, clopper_pearson_upper
+from simgap.gap.load import from_json
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import check_fresh, clopper_pearson_upper
 
 KINDS = {
     "signed": {},

@@ -4,8 +4,8 @@ import pytest
 from gap_examples import PAPER, off_grid, on_grid, pendulum_gap
 
 from simgap.gap.fit import fit_gap
+from simgap.gap.fresh_check import check_fresh
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import check_fresh
 
 pytest.importorskip("pybullet")
 

@@ -2,10 +2,11 @@ import pytest
 from pydantic import ValidationError
 
 from simgap.config.gap import GapSection
+from simgap.gap.settings import GapSettings
 
 
 def test_defaults_are_the_tightest():
-    settings = GapSection(basis=("x1", "1")).settings()
+    settings = GapSettings.of(GapSection(basis=("x1", "1")))
     assert (settings.objective, settings.sides, settings.padding, settings.bound) == (
         "lexicographic",
         "signed",
@@ -17,7 +18,7 @@ def test_defaults_are_the_tightest():
 
 
 def test_a_kind_with_options():
-    settings = GapSection(basis={"kind": "blocks", "blocks": [4, 4]}).settings()
+    settings = GapSettings.of(GapSection(basis={"kind": "blocks", "blocks": [4, 4]}))
     assert settings.basis == "blocks"
     assert settings.basis_options == {"blocks": (4, 4)}
 

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.function import GapDomain, from_json
+from simgap.gap.function import GapDomain
+from simgap.gap.load import from_json
 from simgap.gap.rotation import rotated_box, to_body
 from simgap.gap.symmetry import BodyFrameGap, check_symmetry, heading_deviation, nominal_motion
 from simgap.gap.tiers import Tier

@@ -10,14 +10,14 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
 import loop_example as example
 
-from simgap.gap.function import from_json
+from simgap.gap.load import from_json
 from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io import figures_arena, figures_domains, figures_gap, figures_traces
+from simgap.io.controller_file import load_controller
 from simgap.io.parquet import stack
 from simgap.io.recording_phase import domains_image, to_pixels
 from simgap.io.traces import NOMINAL, ROBUST, shown, split
-from simgap.synthesis.controller import Controller
 
 UNITS = example.UNITS["pendulum"]
 
@@ -27,7 +27,7 @@ def made(tmp_path_factory, root):
     folder = tmp_path_factory.mktemp("pendulum")
     example.pendulum(root, folder)
     traces = split(pq.read_table(folder / "validation/traces.parquet"), ["x1", "x2"], ["u"])
-    controllers = {kind: Controller.load(folder / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
+    controllers = {kind: load_controller(folder / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
     return from_json(example.read_json(folder / "gap.json")), traces, controllers, folder
 
 

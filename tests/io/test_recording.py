@@ -12,7 +12,7 @@ import loop_example as example
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.io import recording_check
-from simgap.io.recording import share_of_bound
+from simgap.io.recording_content import share_of_bound
 from simgap.io.traces import NOMINAL, ROBUST, shown, split, twin
 from simgap.stages import trace as stage
 

@@ -9,14 +9,15 @@ import pyarrow as pa
 import yaml
 
 from simgap.gap.fit import fit_gap
+from simgap.gap.fresh_check import check_fresh
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import check_fresh
 from simgap.geometry import Box, Grid
+from simgap.io.controller_file import save_controller
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
+from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.solution import Solution
 
 RECORD = {"stage": "made by hand", "case": "example", "reads": {"sections": [], "sha256": "0"}, "code": "0",
           "versions": {}, "seeds": {"starts": 1}}  # fmt: skip
@@ -98,7 +99,7 @@ def _results(folder, case, box, inputs, safe, grid, gap, tau, steps):
     for kind in ("nominal", "gap"):
         controller = _controller(grid, inputs, states, input_names, kind, box)
         (folder / kind).mkdir(parents=True)
-        controller.save(folder / kind / "controller.npz")
+        save_controller(controller, folder / kind / "controller.npz")
         s = controller.solution
         write_json(folder / kind / "synthesis.json", {
             "model": kind, "cells": list(grid.cells), "inputs": len(inputs),
@@ -147,7 +148,7 @@ def _write_gap(folder, box, inputs, states, input_names, gap, units):
 def _controller(grid, inputs, states, input_names, kind, box):
     centres = grid.centres()
     winning = centres[:, 0] + 0.1 * centres[:, 1] > (0.01 if kind == "gap" else -0.01)
-    mask = np.where(winning[:, None], 255, 0).astype(np.uint8).repeat(-(-len(inputs) // 8), axis=1)
+    mask = np.packbits(winning[:, None].repeat(len(inputs), axis=1), axis=1, bitorder="little")
     more = {}
     if box.size == 3:
         target = (centres[:, 0] > 3) & (centres[:, 1] > 3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simgap.errors import BrokenPromise
-from simgap.gap.function import from_json
+from simgap.gap.load import from_json
 from simgap.geometry import Grid
 from simgap.io.documents import read_json
 from simgap.plants.cases import nominal_model

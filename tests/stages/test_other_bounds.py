@@ -6,7 +6,7 @@ import yaml
 
 from simgap.cli import main
 from simgap.errors import UserError
-from simgap.gap.function import from_json
+from simgap.gap.load import from_json
 from simgap.io.documents import read_json
 from simgap.io.parquet import read_parquet
 from simgap.stages import calibration, fresh, gap, rollouts, synthesis, validation

@@ -10,12 +10,14 @@ sys.path.insert(0, str(Path(__file__).parent))
 import loop_example as example
 
 from simgap.cli import main
-from simgap.io.recording import JointScene, PlanarScene, events
+from simgap.io.controller_file import load_controller
+from simgap.io.recording import events
 from simgap.io.recording_check import read_curves
+from simgap.io.recording_content import JointScene, PlanarScene
 from simgap.io.traces import split
-from simgap.stages import trace as stage
+from simgap.report.recording import recording_content
+from simgap.report.scene import scene
 from simgap.stages.context import Context
-from simgap.synthesis.controller import Controller
 
 
 @pytest.fixture(scope="module")
@@ -43,13 +45,13 @@ def test_robot_by_the_command_line(robot):
 
 def test_the_scene_follows_from_the_case(robot, tmp_path, root):
     _, case = robot
-    planar = stage.scene(Context.load(case))
+    planar = scene(Context.load(case))
     assert isinstance(planar, PlanarScene)
     assert planar.axes == (0, 1, 2)
     assert planar.radius == 0.18
     assert [list(b.hi) for b in planar.obstacles] == [[2.0, 2.5]]
     assert list(planar.target.lo) == [3.0, 3.0]
-    jointed = stage.scene(Context.load(example.pendulum(root, tmp_path)))
+    jointed = scene(Context.load(example.pendulum(root, tmp_path)))
     assert isinstance(jointed, JointScene)
     assert jointed.joints == {"hinge": 0}
 
@@ -58,8 +60,8 @@ def test_what_the_recording_says_happened(robot):
     folder, case = robot
     context = Context.load(case)
     traces = split(pq.read_table(folder / "validation/traces.parquet"), context.states, context.inputs)
-    controllers = [Controller.load(folder / kind / "controller.npz") for kind in ("nominal", "gap")]
-    content = stage.recording_content(context, traces, *controllers)
+    controllers = [load_controller(folder / kind / "controller.npz") for kind in ("nominal", "gap")]
+    content = recording_content(context, traces, *controllers)
     told = [text for kind, t in content.shown.items() for _, text, _ in events(content, kind, t)]
     assert any(text.startswith("nominal-only: the simulator is unsafe at x = -0.01") for text in told)
     assert "gap-aware: target reached after 30 s" in told

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import GridLipschitz
+from simgap.gap.samples import GapSamples
+from simgap.gap.settings import GapSettings
 from simgap.geometry import Floats
-
-if TYPE_CHECKING:
-    from simgap.gap.samples import GapSamples
-    from simgap.gap.settings import GapSettings
 
 _REACH = 3  # cells: pairs lie within this many cells of each other along every axis
 

@@ -1,0 +1,81 @@
+"""Sections of a case whose keys belong to a plug-in: found by name, checked by the plug-in's own frozen section."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError, ValidationInfo
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from simgap import plugins
+from simgap.config.base import Section
+from simgap.errors import UserError
+
+INNER = "plugged"
+"""Type of the one error that stands for all errors inside such a section; its context holds them."""
+
+
+@dataclass(frozen=True)
+class Plugged:
+    """Annotation of a field: `Annotated[Section, Plugged("engines", "engine")]`.
+
+    The key `tag` of the section names a plug-in of the group. The plug-in is a `Section` itself or has one as
+    its `Settings`; the value of the field is an instance of that section. A file beside the case is found through the
+    validation context `{"folder": ...}`.
+    """
+
+    group: str
+    tag: str
+
+    def section(self, name: str, info: ValidationInfo | None = None) -> type[Section]:
+        """The section of a plug-in.
+
+        Raises:
+            UserError: unknown name, or a plug-in without a section.
+        """
+        folder = (info.context or {}).get("folder") if info is not None else None
+        return section_of(plugins.find(self.group, name, folder), name)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Validation by the plug-in's section, serialisation as that section's own."""
+        return core_schema.with_info_plain_validator_function(
+            self._validate,
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                lambda section, info: section.model_dump(mode=info.mode), info_arg=True
+            ),
+        )
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Any of the built-in plug-ins, by the tag; other names take any keys."""
+        known = [(name, self.section(name)) for name in plugins.BUILT_IN[self.group]]
+        choices: list[JsonSchemaValue] = [handler(section.__pydantic_core_schema__) for _, section in known]
+        other = {"properties": {self.tag: {"type": "string", "not": {"enum": [name for name, _ in known]}}}}
+        return {"anyOf": [*choices, {"type": "object", "required": [self.tag], **other}]}
+
+    def _validate(self, value: Any, info: ValidationInfo) -> Section:
+        if isinstance(value, Section):
+            return value
+        if not isinstance(value, dict) or not isinstance(value.get(self.tag), str):
+            known = ", ".join(plugins.names(self.group))
+            raise ValueError(f"needs the key '{self.tag}', one of {known}")
+        try:
+            return self.section(value[self.tag], info).model_validate(value, context=info.context)
+        except UserError as error:
+            raise ValueError(f"{error.problem} {error.remedy or ''}".strip()) from None
+        except ValidationError as error:
+            inner = {"errors": error.errors(include_url=False), "model": self.section(value[self.tag], info)}
+            raise PydanticCustomError(INNER, "the section is wrong", inner) from None
+
+
+def section_of(plugin: type[Any], name: str) -> type[Section]:
+    """The section of a plug-in: itself or its `Settings`.
+
+    Raises:
+        UserError: a plug-in without one.
+    """
+    for candidate in (plugin, getattr(plugin, "Settings", None)):
+        if isinstance(candidate, type) and issubclass(candidate, Section):
+            return candidate
+    raise UserError(f"the plug-in '{name}' has no section", remedy="Derive it, or its Settings, from simgap's Section.")

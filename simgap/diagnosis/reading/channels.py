@@ -1,0 +1,139 @@
+"""Which column of a recording is which state or input, and what its cells mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgap.diagnosis.reading.table import Floats, RawTable
+from simgap.errors import UserError
+from simgap.units import conversion, full_turn
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A state or an input of the model and the column it comes from.
+
+    The value is `scale * (cell converted to unit) + offset`, in `unit`, the model's own.
+
+    Attributes:
+        name: state or input.
+        unit: its unit in the model.
+        is_input: whether it is an input.
+        column: name of the column.
+        column_unit: unit of the cells; None: what the file says, else `unit`.
+        wrapped: whether the cells jump by full turns; None: found from the data.
+        constant: value of an input that was held and not recorded.
+        mapped: whether the case maps it, so that a missing column is a mistake.
+    """
+
+    name: str
+    unit: str
+    is_input: bool
+    column: str
+    column_unit: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    wrapped: bool | None = None
+    constant: float | None = None
+    mapped: bool = False
+
+    @property
+    def key(self) -> str:
+        """The case's key for it."""
+        return f"measured.columns.{self.name}"
+
+
+@dataclass(frozen=True, eq=False)
+class Converted:
+    """The channels of one file in the model's units: name -> (rows,); and those that may be wrapped.
+
+    `turns` gives a full turn in the model's unit, and whether the case says that the channel is wrapped (None: the
+    data decide).
+    """
+
+    values: Mapping[str, Floats]
+    turns: Mapping[str, tuple[float, bool | None]]
+
+
+def measured_states(table: RawTable, channels: Sequence[Channel]) -> tuple[str, ...]:
+    """The states that the file holds, in the model's order.
+
+    Raises:
+        UserError: if it holds none, or lacks a column that the case names.
+    """
+    for c in channels:
+        if c.mapped and c.constant is None and c.column not in table.columns:
+            raise UserError(
+                f"no column '{c.column}', which {c.key} names, among {_listed(table.header)}",
+                file=table.file,
+                remedy=f"Correct {c.key}.column.",
+            )
+    found = tuple(c.name for c in channels if not c.is_input and c.column in table.columns)
+    if not found:
+        states = [c.name for c in channels if not c.is_input]
+        raise UserError(
+            f"none of its columns {_listed(table.header)} is a state of the model ({_listed(states)})",
+            file=table.file,
+            remedy="Rename a column or map it under measured.columns in the case.",
+        )
+    return found
+
+
+def convert(table: RawTable, channels: Sequence[Channel]) -> Converted:
+    """All channels of a file in the model's units; wrapped angles are still wrapped.
+
+    Raises:
+        UserError: for an input that is missing and not declared constant, or a unit that cannot be converted.
+    """
+    values: dict[str, Floats] = {}
+    turns: dict[str, tuple[float, bool | None]] = {}
+    for c in channels:
+        if c.constant is not None:
+            values[c.name] = np.full(table.rows, c.constant)
+        elif c.column in table.columns:
+            unit = c.column_unit or table.units.get(c.column) or c.unit
+            factor, shift = _affine(unit, c, table.file)
+            values[c.name] = table.columns[c.column] * (c.scale * factor) + (c.scale * shift + c.offset)
+            turn = full_turn(unit)
+            if c.wrapped and turn is None:
+                raise UserError(f"'{unit}' is not an angle, so it cannot be wrapped", file=table.file, key=c.key)
+            if turn is not None and c.wrapped is not False and not c.is_input:
+                turns[c.name] = (abs(turn * factor * c.scale), c.wrapped)
+        elif c.is_input:
+            raise UserError(
+                f"no column for the input '{c.name}' among {_listed(table.header)}",
+                file=table.file,
+                remedy=f"Map it with {c.key}.column, or give {c.key}.constant if it was held.",
+            )
+    return Converted(values, turns)
+
+
+def _affine(unit: str, c: Channel, file: str) -> tuple[float, float]:
+    try:
+        change = conversion(unit, c.unit)
+    except UserError as error:
+        key = f"{c.key}.unit" if c.column_unit else f"column '{c.column}'"
+        raise UserError(error.problem, file=file, key=key, remedy=error.remedy) from None
+    return change.factor, change.shift
+
+
+def unwrap(values: Floats, dt: Floats, typical_dt: float, turn: float, wrapped: bool | None) -> tuple[Floats, bool]:
+    """Angles without jumps by a full turn: (n,), intervals (n-1,) -> (n,) and whether anything changed.
+
+    With `wrapped` None the data decide: they are wrapped if they stay within one turn and jump by more than half a
+    turn between neighbours that are an ordinary interval apart.
+    """
+    jumps = np.abs(np.diff(values)) > 0.5 * turn
+    if wrapped is None:
+        within = np.ptp(values) <= turn * (1 + 1e-6)
+        wrapped = bool(within and np.any(jumps & (dt <= 3.0 * typical_dt)))
+    if not wrapped or not jumps.any():
+        return values, False
+    return np.unwrap(values, period=turn), True
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(f"'{n}'" for n in names)

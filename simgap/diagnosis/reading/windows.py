@@ -1,0 +1,102 @@
+"""Short windows of a record: which are fitted and which are held out."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.reading.record import Record
+from simgap.errors import UserError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+MIN_SAMPLES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Windows over the samples of all traces laid one after another.
+
+    Attributes:
+        start, stop: (w,) samples [start, stop) of each window.
+        first: (w,) first sample of the window's trace.
+        trace: (w,) index of the trace.
+    """
+
+    start: Ints
+    stop: Ints
+    first: Ints
+    trace: Ints
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def pick(self, which: NDArray[np.bool_] | Ints) -> Windows:
+        """Some of the windows."""
+        return Windows(self.start[which], self.stop[which], self.first[which], self.trace[which])
+
+    @property
+    def samples(self) -> int:
+        """Samples of all windows together."""
+        return int(np.sum(self.stop - self.start))
+
+
+def split_windows(record: Record, seconds: float) -> Windows:
+    """Cut every trace into windows of equal length near `seconds`; together they hold every sample once.
+
+    Raises:
+        UserError: if no trace is as long as a window.
+    """
+    rows: list[tuple[int, int, int, int]] = []
+    base = 0
+    for index, trace in enumerate(record.traces):
+        n, duration = len(trace.t), trace.duration
+        count = max(1, round(duration / seconds))
+        if n >= MIN_SAMPLES and duration >= 0.5 * seconds:
+            edges = np.searchsorted(trace.t, trace.t[0] + duration * np.arange(1, count) / count)
+            bounds = [0, *edges.tolist(), n]
+            for a, b in itertools.pairwise(bounds):
+                if b - a >= MIN_SAMPLES:
+                    rows.append((base + a, base + b, base, index))
+        base += n
+    if not rows:
+        longest = max((trace.duration for trace in record.traces), default=0.0)
+        raise UserError(
+            f"no trace is as long as a window of {seconds:g} s (the longest lasts {longest:.3g} s)",
+            remedy="Give longer traces or set measured.window_s to less.",
+        )
+    table = np.array(rows, dtype=np.int64)
+    return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
+
+
+def held_out_mask(
+    record: Record, windows: Windows, traces: tuple[str, ...], share: float, block: int = 1
+) -> NDArray[np.bool_]:
+    """Which windows are never fitted: (w,).
+
+    Whole traces where they are named; else whole traces at the end of the record if there are four or more; else
+    blocks of `block` neighbouring windows spread evenly over the record, so that both sides see every kind of motion.
+
+    Raises:
+        UserError: if nothing would be left to fit, or nothing is held out by that name.
+    """
+    present = np.unique(windows.trace)
+    held = np.zeros(len(windows), dtype=bool)
+    if traces:
+        names = [trace.name for trace in record.traces]
+        held = np.array([names[k] in traces for k in windows.trace], dtype=bool)
+        if held.all() or not held.any():
+            word = "leaves nothing to fit" if held.all() else "names no trace that is as long as a window"
+            raise UserError(f"held_out {word}", remedy=f"Traces: {', '.join(names)}.")
+    elif len(present) >= 4:
+        held = np.isin(windows.trace, present[-max(1, round(share * len(present))) :])
+    elif len(windows) > 1:
+        block = max(1, min(block, round(share * len(windows))))
+        blocks = max(1, round(share * len(windows) / block))
+        for centre in (np.arange(blocks) + 0.5) * len(windows) / blocks:
+            begin = int(min(max(round(centre - 0.5 * block), 0), len(windows) - block))
+            held[begin : begin + block] = True
+    return held

@@ -1,0 +1,1 @@
+"""Which set of effects: fits, scores, selection, equivalences, transfer to other data."""

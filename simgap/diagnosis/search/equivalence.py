@@ -1,0 +1,136 @@
+"""What the data cannot tell apart: near-ties by BIC, exact equivalences by the rank of the sensitivities."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.search.explanations import Explanation, Key, Search
+from simgap.diagnosis.search.scoring import column, small_amplitude
+from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction, with_values
+from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.diagnosis.thresholds import AMBIGUOUS, BIC_GAIN, COLLINEAR, EQUIVALENT_CHI2, EXACTLY_COLLINEAR
+
+Floats = NDArray[np.float64]
+_MOST_REFITS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """A set of effects that explains the data as well; `exact` if it predicts the same whatever the motion."""
+
+    explanation: Explanation
+    exact: bool
+
+
+def rivals(search: Search, chosen: Explanation) -> list[Rival]:
+    """All sets within `AMBIGUOUS` of the chosen one, best first.
+
+    Each effect is replaced by others in turn, then whole sets by others whose sensitivities span the same space. A set
+    that only adds effects to another one on the list is left out.
+    """
+    if not chosen.members:
+        return []
+    for member in chosen.members:
+        base = search.without(chosen, member)
+        floor = base.fit.chi2 - chosen.fit.chi2
+        ranked = [
+            s for s in search.ranked(base) if s.candidate.key != member.key and s.candidate.key not in chosen.keys
+        ]
+        for s in [s for s in ranked if s.drop / search.scale > BIC_GAIN and s.drop > 0.3 * floor][:4]:
+            search.extend(base, s)
+    spanned = _spanned(search, chosen)
+    for members in _other_sets(chosen, spanned):
+        theta = _reset(search, chosen, members)
+        search.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
+    return _listed(search, chosen, {c.key for c in spanned})
+
+
+def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Rival]:
+    close = [
+        e for e in search.tried.values()
+        if e.physical and e.members and e.keys != chosen.keys and e.bic < chosen.bic + AMBIGUOUS
+    ]  # fmt: skip
+    close.sort(key=lambda e: (e.count, e.bic))
+    kept: list[Explanation] = [chosen]
+    found = []
+    for e in close:
+        if any(other.keys <= e.keys for other in kept):
+            continue
+        kept.append(e)
+        same = abs(e.fit.chi2 - chosen.fit.chi2) < EQUIVALENT_CHI2 * search.scale and e.count == chosen.count
+        found.append(Rival(e, same and e.keys <= spanned | chosen.keys))
+    return sorted(found, key=lambda r: r.explanation.bic)
+
+
+def _spanned(search: Search, chosen: Explanation) -> list[Candidate]:
+    """Candidates whose projected sensitivity lies in the span of the chosen effects' at the fitted point."""
+    problem, at = search.problem, chosen.fit
+    own = [slot_direction(problem, at.theta, k, search.steps[k]) for k in at.slots]
+    asked, directions = [], list(own)
+    for index, (c, start) in enumerate(search.starts.items):
+        if c.key in chosen.keys or start.size != 1 or start.amplitude is not None:
+            continue
+        asked.append(c)
+        directions.append(column(at.theta, c, start, 0, small_amplitude(problem, at, c, start, index, search.starts)))
+    if not own or not asked:
+        return []
+    gram = _normalised(linearise(problem, at.theta, at.x0, directions).gram)
+    p = len(own)
+    inside = []
+    for j, c in enumerate(asked, start=p):
+        weights = np.linalg.lstsq(gram[:p, :p], gram[:p, j], rcond=1e-9)[0]
+        if float(weights @ gram[:p, j]) > EXACTLY_COLLINEAR**2:
+            inside.append(c)
+    return inside
+
+
+def _normalised(gram: Floats) -> Floats:
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    return np.asarray(gram / np.outer(scale, scale))
+
+
+def _other_sets(chosen: Explanation, spanned: list[Candidate]) -> list[tuple[Candidate, ...]]:
+    """Sets of the same size, at least two effects replaced (single replacements were fitted already)."""
+    size = len(chosen.members)
+    pool = [*chosen.members, *spanned]
+    sets = [
+        s
+        for s in itertools.combinations(pool, size)
+        if len({c.key for c in s} - chosen.keys) >= (1 if size == 1 else 2)
+    ]
+    if size > 1:  # replacements of one effect by something in the span are cheap to confirm as well
+        sets += [s for s in itertools.combinations(pool, size) if len({c.key for c in s} - chosen.keys) == 1]
+    return sets[:_MOST_REFITS]
+
+
+def _reset(search: Search, chosen: Explanation, members: tuple[Candidate, ...]) -> Floats:
+    """Start of a set: shared effects as fitted, everything else at its null."""
+    keys = {c.key for c in members}
+    gone = [k for c in chosen.members if c.key not in keys for k in c.slots]
+    return with_values(chosen.fit.theta, {k: float(search.problem.model.null[k]) for k in gone})
+
+
+def collinear_pairs(search: Search, base: Explanation) -> list[tuple[Key, Key, float]]:
+    """Pairs of candidates whose sensitivities around the declared model correlate above `COLLINEAR`, closest first."""
+    problem, at = search.problem, base.fit
+    asked: list[Candidate] = []
+    directions = []
+    for index, (c, start) in enumerate(search.starts.items):
+        if start.size == 1 and c.key not in {a.key for a in asked}:
+            amplitude = small_amplitude(problem, at, c, start, index, search.starts)
+            asked.append(c)
+            directions.append(column(at.theta, c, start, 0, amplitude))
+    if not directions:
+        return []
+    linear = linearise(problem, at.theta, at.x0, directions)
+    seen = np.diag(linear.gram) > 1e-12
+    gram = np.abs(_normalised(linear.gram))
+    pairs = [
+        (asked[i].key, asked[j].key, min(float(gram[i, j]), 1.0))
+        for i in range(len(asked)) for j in range(i) if seen[i] and seen[j] and gram[i, j] > COLLINEAR
+    ]  # fmt: skip
+    return sorted(pairs, key=lambda pair: -pair[2])

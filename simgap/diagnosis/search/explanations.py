@@ -1,0 +1,173 @@
+"""Sets of effects, fitted: one search over one problem, in which everything that is tried is kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.scoring import Score, Starts, best_of_each, score
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
+from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.diagnosis.thresholds import BIC_GAIN, FINALISTS, SAME_PROMISE
+
+Floats = NDArray[np.float64]
+Key = tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A set of effects, fitted.
+
+    Attributes:
+        members: the effects.
+        fit: the fit with their parameters free.
+        bic: chi^2 over `scale` plus k log N.
+        physical: whether every coefficient has its sign and none vanished.
+    """
+
+    members: tuple[Candidate, ...]
+    fit: Fit
+    bic: float
+    physical: bool
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """Names and targets."""
+        return frozenset(c.key for c in self.members)
+
+    @property
+    def count(self) -> int:
+        """Number of parameters, discrete choices included."""
+        return sum(len(c.slots) for c in self.members)
+
+
+@dataclass(eq=False)
+class Search:
+    """One search over one problem: everything that is tried is fitted once and kept."""
+
+    problem: Problem
+    starts: Starts
+    scale: float = 1.0
+    steps: dict[int, float] = field(default_factory=dict)
+    tried: dict[tuple[frozenset[Key], tuple[float, ...]], Explanation] = field(default_factory=dict)
+    scores: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
+    every: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
+
+    def empty(self, base: Fit) -> Explanation:
+        """The model as declared."""
+        return Explanation((), base, self.bic(base.chi2, 0), True)
+
+    def bic(self, chi2: float, count: int) -> float:
+        """chi^2 / scale + k log N."""
+        return chi2 / self.scale + count * math.log(self.problem.size)
+
+    def extend(self, base: Explanation, s: Score) -> Explanation:
+        """Fit the base and one more effect, begun where its score says, or at each of its starts if it bends much."""
+        members = (*base.members, s.candidate)
+        known = self._key(members, with_values(base.fit.theta, s.values)) in self.tried
+        found = self.explain(members, with_values(base.fit.theta, s.values), base.fit)
+        if not known and len(s.candidate.slots) > 2 and not _integers(s.candidate):
+            starts = [other for other in self.every[base.keys] if other.candidate.key == s.candidate.key]
+            for other in starts:
+                if other is not s:
+                    found = self.explain(members, with_values(base.fit.theta, other.values), base.fit, again=True)
+            for theta, contained in self._from_contained(base, starts):
+                found = self.explain(members, theta, contained, again=True)
+        return found
+
+    def _from_contained(self, base: Explanation, starts: Sequence[Score]) -> Iterator[tuple[Floats, Fit]]:
+        """Places to begin at the fit of an effect that a candidate contains; far from the null no derivative leads."""
+        c = starts[0].candidate
+        for s in self.every[base.keys]:
+            if s.candidate.key != (c.effect.contains, c.on):
+                continue
+            inner = self.explain((*base.members, s.candidate), with_values(base.fit.theta, s.values), base.fit).fit
+            own = _values(s.candidate, inner.theta)
+            back = {k: float(self.problem.model.null[k]) for k in s.candidate.slots}
+            for start in starts:
+                point = c.effect.beyond(own, _values(c, with_values(inner.theta, start.values)))
+                slots = dict(zip((p.symbol for p in c.effect.parameters), c.slots, strict=True))
+                yield with_values(inner.theta, back | {slots[n]: v for n, v in point.items()}), inner
+            return
+
+    def without(self, base: Explanation, member: Candidate) -> Explanation:
+        """Fit the base without one effect."""
+        kept = tuple(c for c in base.members if c.key != member.key)
+        null = {k: float(self.problem.model.null[k]) for k in member.slots}
+        return self.explain(kept, with_values(base.fit.theta, null), base.fit, again=True)
+
+    def _key(self, members: tuple[Candidate, ...], theta: Floats) -> tuple[frozenset[Key], tuple[float, ...]]:
+        discrete = tuple(float(theta[k]) for c in members for k in _integers(c))
+        return frozenset(c.key for c in members), discrete
+
+    def explain(self, members: tuple[Candidate, ...], theta: Floats, base: Fit, *, again: bool = False) -> Explanation:
+        """Fit a set of effects from a starting point; once, or `again` from another start if that may end lower."""
+        key = self._key(members, theta)
+        if key not in self.tried or again:
+            slots = [k for c in members for k in c.slots if k not in _integers(c)]
+            found = self._fitted(theta, base.x0, slots)
+            count = sum(len(c.slots) for c in members)
+            physical = all(_sound(c, found) for c in members)
+            new = Explanation(members, found, self.bic(found.chi2, count), physical)
+            if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - 0.1:
+                self.tried[key] = new
+        return self.tried[key]
+
+    def _fitted(self, theta: Floats, x0: Floats, slots: list[int]) -> Fit:
+        """Fit, and again if difference steps that suit the start do not suit the end (a peak that began flat)."""
+        steps = {k: choose_step(self.problem, theta, x0, k, 1e-4) for k in slots}
+        found = fit(self.problem, theta, x0, slots, steps)
+        for _ in range(2):
+            again = {k: choose_step(self.problem, found.theta, found.x0, k, 1e-4) for k in slots}
+            if all(0.1 < again[k] / steps[k] < 10.0 for k in slots):
+                break
+            steps = again
+            found = fit(self.problem, found.theta, found.x0, slots, steps)
+        self.steps.update(steps)
+        return found
+
+    def ranked(self, base: Explanation) -> list[Score]:
+        """Scores of everything that could join the base, best first, one start for each candidate."""
+        if base.keys not in self.scores:
+            every = score(self.problem, base.fit, self.steps, self.starts, base.keys)
+            self.scores[base.keys], self.every[base.keys] = best_of_each(every), every
+        return self.scores[base.keys]
+
+    def joined(self, base: Explanation, exclude: Collection[Key] = (), most: int = FINALISTS) -> list[Explanation]:
+        """The most promising extensions of the base, fitted, physical ones only."""
+        worth = [s for s in self.ranked(base) if s.candidate.key not in exclude and s.drop / self.scale > BIC_GAIN]
+        firsts = _distinct(worth)[:most]
+        fitted = [(s, self.extend(base, s)) for s in firsts]
+        sound = [(s, e) for s, e in fitted if e.physical]
+        if sound:  # one direction at the null need not be one far from it: the best one's namesakes are fitted too
+            best, _ = min(sound, key=lambda pair: pair[1].bic)
+            twins = [s for s in worth if s not in firsts and abs(s.drop - best.drop) <= 2 * SAME_PROMISE * best.drop]
+            sound += [(s, e) for s, e in ((s, self.extend(base, s)) for s in twins) if e.physical]
+        return [e for _, e in sound]
+
+
+def _distinct(scores: list[Score]) -> list[Score]:
+    """Scores without those that promise exactly what a better one does: the same direction under another name."""
+    kept: list[Score] = []
+    for s in scores:
+        if not kept or s.drop < kept[-1].drop * (1.0 - SAME_PROMISE):
+            kept.append(s)
+    return kept
+
+
+def _integers(c: Candidate) -> tuple[int, ...]:
+    return tuple(k for p, k in zip(c.effect.parameters, c.slots, strict=True) if p.integer)
+
+
+def _values(c: Candidate, theta: Floats) -> dict[str, float]:
+    return {p.symbol: float(theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+
+
+def _sound(c: Candidate, found: Fit) -> bool:
+    return c.effect.physical(_values(c, found.theta)) and not any(k in found.at_limit for k in c.slots)

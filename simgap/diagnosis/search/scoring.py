@@ -1,0 +1,155 @@
+"""How much each candidate promises: the drop of chi^2 in the direction of its projected sensitivity."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction, with_values
+from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.effects import InputEffect
+from simgap.effects.base import CoordinateEffect
+from simgap.effects.start import Scales, Start
+
+Floats = NDArray[np.float64]
+_RESPONSE = 0.001  # of the noise: a small step for derivatives
+_SECANT = (0.3, 2.0)  # how far from a secant's own size its estimate may be
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a candidate promises from one start: drop of chi^2 and the values to begin a fit with, slot -> value."""
+
+    candidate: Candidate
+    drop: float
+    values: dict[int, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """All starts of all candidates, with their amplitudes (kept between rounds)."""
+
+    items: tuple[tuple[Candidate, Start], ...]
+    amplitudes: dict[int, float] = field(default_factory=dict)
+
+
+def list_starts(problem: Problem) -> Starts:
+    """The starts of every candidate at the scales of this record."""
+    model = problem.model.model
+    interval = float(np.median(np.diff(problem.t)[np.diff(problem.t) > 0]))
+    commands = dict(zip(model.input_names, np.abs(problem.u).max(axis=0), strict=True))
+    items = []
+    for c in problem.model.candidates:
+        scales = Scales(interval)
+        if isinstance(c.effect, InputEffect):
+            scales = Scales(interval, command=float(commands[c.on]))
+        elif isinstance(c.effect, CoordinateEffect):
+            scales = Scales(interval, speed=_speed(problem, c.on))
+        items += [(c, start) for start in c.effect.starts(scales)]
+    return Starts(tuple(items))
+
+
+def _speed(problem: Problem, coordinate: str) -> float:
+    """Root mean square speed of a coordinate, from its own channel or its position's differences."""
+    c, measured = problem.model.model.coordinate(coordinate), problem.model.measured
+    if c.velocity in measured:
+        return max(float(np.sqrt(np.mean(problem.y[:, measured.index(c.velocity)] ** 2))), 1e-9)
+    if c.position in measured:
+        hop = 5  # several samples apart: noise weighs less
+        q, t = problem.y[:, measured.index(c.position)], problem.t
+        step = t[hop:] - t[:-hop]
+        v = ((q[hop:] - q[:-hop]) / np.where(step > 0, step, np.inf))[step > 0]
+        return max(float(np.sqrt(np.mean(v**2))), 1e-9)
+    return 1.0
+
+
+def score(
+    problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, exclude: Collection[tuple[str, str]] = ()
+) -> list[Score]:
+    """Best start of every candidate, best first; candidates whose promise has the wrong sign are left out.
+
+    Args:
+        problem: data and model.
+        at: fit around which sensitivities are taken; its free parameters may move along.
+        steps: difference steps of the free parameters.
+        starts: from `list_starts`.
+        exclude: keys of candidates that are not asked.
+    """
+    own = [slot_direction(problem, at.theta, k, steps[k]) for k in at.slots]
+    asked, directions = [], list(own)
+    for index, (c, start) in enumerate(starts.items):
+        if c.key in exclude:
+            continue
+        amplitude = small_amplitude(problem, at, c, start, index, starts)
+        columns = [column(at.theta, c, start, j, amplitude) for j in range(start.size)]
+        asked.append((c, start, range(len(directions), len(directions) + start.size)))
+        directions += columns
+    linear = linearise(problem, at.theta, at.x0, directions)
+    scores = []
+    for c, start, columns_at in asked:
+        drop, coefficients = _promise(linear.gram, linear.gradient, len(own), list(columns_at))
+        if start.amplitude is not None:
+            if coefficients[0] <= 0.0:
+                continue
+            coefficients = np.clip(coefficients, *_SECANT) * start.amplitude
+        values = start.point(list(coefficients))
+        if drop > 0.0 and c.effect.physical(values):
+            slots = dict(zip((p.symbol for p in c.effect.parameters), c.slots, strict=True))
+            scores.append(Score(c, drop, {slots[s]: v for s, v in values.items()}))
+    return sorted(scores, key=lambda s: -s.drop)
+
+
+def best_of_each(scores: Sequence[Score]) -> list[Score]:
+    """The best start of every candidate, best first."""
+    seen: dict[tuple[str, str], Score] = {}
+    for s in scores:
+        seen.setdefault(s.candidate.key, s)
+    return list(seen.values())
+
+
+def _point(theta: Floats, c: Candidate, start: Start, coefficients: Sequence[float]) -> Floats:
+    values = start.point(coefficients)
+    return with_values(theta, {k: values[p.symbol] for p, k in zip(c.effect.parameters, c.slots, strict=True)})
+
+
+def column(theta: Floats, c: Candidate, start: Start, j: int, amplitude: float) -> Direction:
+    """Direction of one coefficient of a start, from the point where the others are zero."""
+    coefficients = [amplitude if i == j else 0.0 for i in range(start.size)]
+    return Direction(_point(theta, c, start, coefficients), theta, amplitude)
+
+
+def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index: int, starts: Starts) -> float:
+    """A small coefficient whose response is a fraction of the noise, found once on a few windows."""
+    if start.amplitude is not None:
+        return start.amplitude
+    if index not in starts.amplitudes:
+        few = np.unique(np.linspace(0, len(problem.windows) - 1, 6).astype(int))
+        part, x0 = problem.on(problem.windows.pick(few)), at.x0[few]
+        base, amplitude = part.residuals(at.theta, x0), 1e-4
+        for _ in range(4):
+            moved = part.residuals(column(at.theta, c, start, 0, amplitude).plus, x0)
+            size = float(np.sqrt(np.mean(np.minimum(np.abs(moved - base), 1e6) ** 2)))
+            if size > 0.0 and 0.2 < size / _RESPONSE < 5.0:
+                break
+            amplitude = float(np.clip(amplitude * _RESPONSE / max(size, 1e-10), 1e-9, 1e2))
+        starts.amplitudes[index] = amplitude
+    return starts.amplitudes[index]
+
+
+def _promise(gram: Floats, gradient: Floats, own: int, columns: list[int]) -> tuple[float, Floats]:
+    """Drop of chi^2 when these columns join the free parameters, and their coefficients."""
+    free = [*range(own), *columns]
+    g, b = gram[np.ix_(free, free)], gradient[free]
+    scale = np.sqrt(np.maximum(np.diag(g), 1e-300))
+    whole = np.linalg.lstsq(g / np.outer(scale, scale), b / scale, rcond=1e-10)[0]
+    drop = float(whole @ (b / scale))
+    if own:
+        s = scale[:own]
+        part = np.linalg.lstsq(g[:own, :own] / np.outer(s, s), b[:own] / s, rcond=1e-10)[0]
+        drop -= float(part @ (b[:own] / s))
+    return drop, (whole / scale)[own:]

@@ -1,0 +1,94 @@
+"""Which set of effects: forward selection with removals and swaps under BIC."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.thresholds import BIC_GAIN, NEAR_TIE
+
+_FIRSTS = 3  # single effects from which a selection sets out
+_EQUALS = 8  # sets that predict the same, of which each effect is dropped in turn
+_SAME_BIC = 0.1
+
+
+def choose(options: Iterable[Explanation]) -> Explanation | None:
+    """Smallest BIC; among near-ties the one with fewest parameters. A fit that diverged is none."""
+    listed = [e for e in options if math.isfinite(e.bic)]
+    if not listed:
+        return None
+    best = min(e.bic for e in listed)
+    return min((e for e in listed if e.bic - best < NEAR_TIE), key=lambda e: (e.count, e.bic))
+
+
+def select(search: Search, base: Fit, most: int) -> Explanation:
+    """Forward selection: add the best effect, drop what is not worth it, swap what has a better rival; repeat.
+
+    Where more than one effect is needed the best first one need not be among them (two effects together can look like
+    a third): selection also sets out from the next best single effects, and all that was tried competes.
+    """
+    found = grow(search, search.empty(base), most)
+    if len(found.members) < 2:
+        return found
+    for first in sorted(search.joined(search.empty(base)), key=lambda e: e.bic)[:_FIRSTS]:
+        if not first.keys & found.keys:
+            grow(search, first, most)
+    return preferred(search, found, most)
+
+
+def preferred(search: Search, found: Explanation, most: int) -> Explanation:
+    """The best of all that was tried, the simpler of near-ties, without effects that are worth too little."""
+    if len(found.members) > 2:  # one of its equals may hold an effect that is worth nothing
+        equals = [e for e in search.tried.values() if e.physical and abs(e.bic - found.bic) < _SAME_BIC]
+        for e in equals[:_EQUALS]:
+            _prune(search, e)
+    best = choose(e for e in search.tried.values() if e.physical and 0 < len(e.members) <= most)
+    return found if best is None or not found.members else _prune(search, best)
+
+
+def grow(search: Search, current: Explanation, most: int) -> Explanation:
+    """Add, drop and swap effects from here on while that pays."""
+    while len(current.members) < most:
+        option = choose(search.joined(current))
+        if option is None or current.bic - option.bic < BIC_GAIN:
+            break
+        current = _prune(search, _swap(search, _prune(search, option)))
+    return current
+
+
+def _prune(search: Search, current: Explanation) -> Explanation:
+    """Drop effects while one of them is worth less than the threshold."""
+    while len(current.members) > 1:
+        options = [search.without(current, c) for c in current.members]
+        best = min(options, key=lambda e: e.bic)
+        if best.bic - current.bic >= BIC_GAIN:
+            return current
+        current = best
+    return current
+
+
+def _swap(search: Search, current: Explanation) -> Explanation:
+    """Replace one effect by a rival while that lowers BIC."""
+    for _ in range(4):
+        rivals = []
+        for c in current.members:
+            if len(current.members) == 1:
+                continue
+            rivals += search.joined(search.without(current, c), exclude=(c.key,), most=3)
+        option = choose([current, *rivals])
+        if option is None or option.keys == current.keys:
+            return current
+        current = option
+    return current
+
+
+def on_all(full: Search, search: Search, found: Explanation, base: Fit) -> Explanation:
+    """What a search on fewer samples found, fitted on all of them; effects that are worth nothing there are dropped."""
+    if full.problem is search.problem:
+        return found
+    if not found.members:
+        return full.empty(base)
+    start = fit(full.problem, found.fit.theta, base.x0, [], {})
+    return _prune(full, full.explain(found.members, found.fit.theta, start))

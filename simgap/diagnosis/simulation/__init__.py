@@ -1,0 +1,1 @@
+"""Windows simulated under every candidate effect, with their sensitivities."""

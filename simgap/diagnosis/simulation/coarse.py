@@ -1,0 +1,107 @@
+"""A smaller problem for the search: block means of a densely sampled record, and a spread of its windows.
+
+The search fits hundreds of sets of effects, and neither a rate far above the motion's nor hours of data change which
+set wins; what it chooses is fitted and judged on every sample afterwards. A block mean keeps what the samples say
+together: its noise is the samples' over the root of their number. Where the motion bends more within a block than the
+mean's noise hides, the sample at its middle stands for it instead. Inputs are held at their mean over the block.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.reading.windows import MIN_SAMPLES, Windows
+from simgap.diagnosis.simulation.problem import Memo, Problem, interval
+from simgap.diagnosis.simulation.step_length import settled
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+SAMPLES_A_WINDOW = 200
+"""Samples that a window keeps in the search."""
+SEARCH_ROWS = 12_000
+"""Samples of all windows that the search fits."""
+JUDGED_ROWS = 40_000
+"""Samples of all windows that choose among sets by what carries over."""
+_BIAS = 0.2  # a block's mean may miss the motion at its middle by this share of the mean's noise
+
+
+def coarse(problem: Problem, rows: int = SEARCH_ROWS, together: int = 1) -> Problem:
+    """The problem that a search works on; the same one if it is small enough.
+
+    Args:
+        problem: every sample.
+        rows: the most samples of all windows together.
+        together: neighbouring windows that are kept or left out together (a prediction may be longer than a window).
+    """
+    k = _block(problem)
+    thin = problem if k == 1 else settled(_blocks(problem, k))
+    share = rows / max(thin.windows.samples, 1)
+    if share >= 1.0:
+        return thin
+    group = np.arange(len(thin.windows)) // together
+    count = max(1, int(share * (group[-1] + 1)))
+    spread = np.linspace(0, group[-1], count).round().astype(np.int64)
+    return thin.on(thin.windows.pick(np.isin(group, spread)))
+
+
+def _block(problem: Problem) -> int:
+    """Samples in a block: odd, so that one of them is its middle."""
+    lengths = problem.windows.stop - problem.windows.start
+    k = int(np.median(lengths)) // SAMPLES_A_WINDOW if len(lengths) else 1
+    return max(k - (1 - k % 2), 1)
+
+
+def _bias(problem: Problem, k: int) -> float:
+    """RMS of block mean minus motion at the middle, over the noise of one sample, of the worst channel.
+
+    A second difference of block means, k samples apart, is k^2 times the curvature; the mean of a block is off by
+    (k^2 - 1) / 24 times it. What noise alone would show is taken away.
+    """
+    worst = 0.0
+    for channel, sigma in zip(problem.y.T, problem.sigma, strict=True):
+        means = np.convolve(channel, np.full(k, 1.0 / k), "valid")
+        bend = (means[2 * k :] - 2.0 * means[k:-k] + means[: -2 * k]) / sigma
+        size = max(float(np.mean(bend**2)) - 6.0 / k, 0.0) if bend.size else 0.0
+        worst = max(worst, np.sqrt(size) * (k * k - 1) / (24.0 * k * k))
+    return worst
+
+
+def _blocks(problem: Problem, k: int) -> Problem:
+    """Blocks of k samples around every k-th one of each trace."""
+    mean = _bias(problem, k) <= _BIAS / np.sqrt(k)
+    ends = [*problem.firsts[1:].tolist(), len(problem.t)]
+    parts = [_thinned(problem, int(a), b, k, mean) for a, b in zip(problem.firsts, ends, strict=True)]
+    lengths = [len(part[0]) for part in parts]
+    firsts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
+    t, y, u = (np.ascontiguousarray(np.concatenate([part[j] for part in parts])) for j in range(3))
+    windows = _mapped(problem.windows, problem.firsts, firsts, k)
+    sigma = problem.sigma / np.sqrt(k) if mean else problem.sigma
+    return replace(problem, t=t, y=y, u=u, firsts=firsts, windows=windows, sigma=sigma, h_max=interval(t), memo=Memo())
+
+
+def _thinned(problem: Problem, a: int, b: int, k: int, mean: bool) -> tuple[Floats, Floats, Floats]:
+    """Stamps, centred means of the readings (or the readings), and means of the held inputs until the next stamp."""
+    t, y, u = problem.t[a:b], problem.y[a:b], problem.u[a:b]
+    at = np.arange(0, len(t), k)
+    middle = y[at]
+    if mean:
+        reach = np.minimum(np.minimum(at, len(t) - 1 - at), k // 2)  # the ends have less on one side
+        total = np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(y, axis=0)])
+        middle = (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
+    area = np.concatenate([np.zeros((1, u.shape[1])), np.cumsum(u[:-1] * np.diff(t)[:, None], axis=0)])
+    held = u[at].copy()
+    for j, (lo, hi) in enumerate(itertools.pairwise(at.tolist())):
+        held[j] = (area[hi] - area[lo]) / (t[hi] - t[lo])
+    return t[at], middle, held
+
+
+def _mapped(windows: Windows, old: Ints, new: Ints, k: int) -> Windows:
+    """The windows over the blocks; those that become too short are dropped."""
+    trace = np.searchsorted(old, windows.first)
+    start, stop = (new[trace] + -(-(edge - windows.first) // k) for edge in (windows.start, windows.stop))
+    kept = stop - start >= MIN_SAMPLES
+    return Windows(start, stop, new[trace], windows.trace).pick(kept)

@@ -1,0 +1,60 @@
+"""First guesses of the states at the start of windows, from the measured channels."""
+
+from __future__ import annotations
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.model.symbolic import SymbolicModel
+
+Floats = NDArray[np.float64]
+_SAMPLES = 15
+_HEADINGS = 24
+
+
+def initial_states(problem: Problem) -> Floats:
+    """States at the first sample of each window, (w, nx).
+
+    A measured state is a cubic fitted to the first samples, a state that is the rate of a measured one is the slope of
+    that cubic. An angle that nothing tells (a heading that was not recorded) is the best of a few directions, by what
+    the declared model then predicts. Anything else starts at zero.
+    """
+    model, measured = problem.model.model, problem.model.measured
+    names, position = model.state_names, _position_of(model)
+    x0 = np.zeros((len(problem.windows), len(names)))
+    for w, (a, b) in enumerate(zip(problem.windows.start, problem.windows.stop, strict=True)):
+        stop = min(int(b), int(a) + _SAMPLES)
+        t = problem.t[a:stop] - problem.t[a]
+        span = max(float(t[-1]), 1e-9)
+        basis = np.vander(t / span, min(4, len(t) - 1), increasing=True)
+        fit = np.linalg.lstsq(basis, problem.y[a:stop], rcond=None)[0]
+        for i, name in enumerate(names):
+            if name in measured:
+                x0[w, i] = fit[0, measured.index(name)]
+            elif position.get(name) in measured:
+                x0[w, i] = fit[1, measured.index(position[name])] / span
+    for i, v in enumerate(model.states):
+        if v.name not in measured and v.name not in position and v.unit == "rad":
+            x0 = _best_angle(problem, x0, i)
+    return x0
+
+
+def _position_of(model: SymbolicModel) -> dict[str, str]:
+    """Velocity -> position for every state whose rate is another state."""
+    rates = zip(model.state_names, map(sp.sympify, model.xdot), strict=True)
+    return {str(rate): name for name, rate in rates if rate.is_Symbol and str(rate) in model.state_names}
+
+
+def _best_angle(problem: Problem, x0: Floats, i: int) -> Floats:
+    """Of evenly spread values of state i, the one with the smallest residual in each window."""
+    best, least = x0.copy(), np.full(len(x0), np.inf)
+    for angle in np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False):
+        tried = x0.copy()
+        tried[:, i] = angle
+        squares = np.sum(problem.residuals(problem.model.null, tried) ** 2, axis=1)
+        size = np.add.reduceat(squares, problem.rows[:-1])
+        better = size < least
+        best[better], least[better] = tried[better], size[better]
+    return best

@@ -1,0 +1,175 @@
+"""The arrays of one fit: what is predicted, what was measured, and the difference in units of the noise."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numba import float64, int64, njit, void
+from numpy.typing import NDArray
+
+from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.simulation.simulate import simulate
+from simgap.diagnosis.simulation.supermodel import SuperModel
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Drive = tuple[Floats, Floats, Floats, Floats]
+_REMEMBERED = 8
+_LARGE = 1e9
+
+
+class Memo(OrderedDict[bytes, Drive]):
+    """The inputs of the last few parameter vectors: a pass over chunks of windows asks for the same ones again."""
+
+    def __setitem__(self, key: bytes, value: Drive) -> None:
+        super().__setitem__(key, value)
+        while len(self) > _REMEMBERED:
+            self.popitem(last=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Windows of a record under a model with candidates.
+
+    Attributes:
+        model: the compiled model.
+        t: (n,) time stamps; y: (n, k) measured; u: (n, m) recorded inputs, all traces one after another.
+        firsts: (traces,) first sample of each trace.
+        windows: the windows that are compared.
+        sigma: (k,) noise of each channel.
+        h_max: longest integration step, s.
+    """
+
+    model: SuperModel
+    t: Floats
+    y: Floats
+    u: Floats
+    firsts: Ints
+    windows: Windows
+    sigma: Floats
+    h_max: float
+    memo: Memo = field(default_factory=lambda: Memo())
+
+    def on(self, windows: Windows) -> Problem:
+        """The same data and model on other windows."""
+        return replace(self, windows=windows)
+
+    def part(self, which: slice) -> Problem:
+        """The same data and model on a slice of the windows."""
+        if which == slice(0, len(self.windows)):
+            return self
+        return self.on(self.windows.pick(np.arange(len(self.windows))[which]))
+
+    @property
+    def size(self) -> int:
+        """Number of compared numbers."""
+        return self.windows.samples * self.y.shape[1]
+
+    @cached_property
+    def rows(self) -> Ints:
+        """(w + 1,) first row of each window in flat arrays, and their total."""
+        return np.concatenate([[0], np.cumsum(self.windows.stop - self.windows.start)]).astype(np.int64)
+
+    @cached_property
+    def samples(self) -> Ints:
+        """(rows,) sample behind each flat row."""
+        spans = [np.arange(a, b) for a, b in zip(self.windows.start, self.windows.stop, strict=True)]
+        return np.concatenate(spans)
+
+    @cached_property
+    def readings(self) -> Floats:
+        """(rows, k) measured, window after window."""
+        return self.y[self.samples]
+
+    def states(self, theta: Floats, x0: Floats) -> Floats:
+        """Simulated states of all windows: theta, (w, nx) -> (rows, nx)."""
+        level, excess, delay, lag = self._drive(theta)
+        w, rows, constants = self.windows, self.rows, self.model.constants_at(theta)
+        out = np.empty((int(rows[-1]), x0.shape[1]))
+        simulate(
+            self.model.rhs, self.t, level, excess, delay, lag, constants, np.ascontiguousarray(x0), w.first, w.start,
+            w.stop, np.ascontiguousarray(rows[:-1]), self.model.speed, self.h_max, out,
+        )  # fmt: skip
+        return out
+
+    def predict(self, theta: Floats, x0: Floats) -> Floats:
+        """What the measured channels would read: theta, (w, nx) -> (rows, k)."""
+        x = self.states(theta, x0)
+        out = np.empty((len(x), self.y.shape[1]))
+        self.model.read(x, theta, out)
+        return out
+
+    def residuals(self, theta: Floats, x0: Floats) -> Floats:
+        """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""
+        residual = self.predict(theta, x0)
+        _compare(self.readings, self.sigma, residual)
+        return residual
+
+    def _drive(self, theta: Floats) -> Drive:
+        """Level, excess, delay and lag of the inputs; kept while the parameters of the inputs stay the same."""
+        key = theta[list(self.model.input_slots)].tobytes()
+        if key not in self.memo:
+            self.memo[key] = self._make_drive(theta)
+        return self.memo[key]
+
+    def _make_drive(self, theta: Floats) -> Drive:
+        level = np.empty_like(self.u)
+        self.model.static(self.u, theta, level)
+        delay = self.model.base_delay + np.array([theta[k] if k >= 0 else 0.0 for k in self.model.delay_slots])
+        lag = np.array([theta[k] if k >= 0 else 0.0 for k in self.model.lag_slots])
+        excess = np.zeros_like(level)
+        for c in np.flatnonzero(lag > 0.0):
+            excess[:, c] = lagged_excess(self.t, np.ascontiguousarray(level[:, c]), self.firsts, float(lag[c]))
+        return level, excess, np.maximum(delay, 0.0), lag
+
+
+@njit(float64[::1](float64[::1], float64[::1], int64[::1], float64), cache=True)
+def lagged_excess(t: Floats, level: Floats, firsts: Ints, lag: float) -> Floats:
+    """Lagged input minus its target at each stamp, exactly, for inputs held between stamps: (n,).
+
+    z' = (u - z) / T gives e_k = e_{k-1} exp(-dt/T) + u_{k-1} - u_k; each trace starts settled.
+    """
+    excess = np.zeros_like(level)
+    trace = 0
+    for k in range(t.size):
+        if trace < firsts.size and k == firsts[trace]:
+            trace += 1
+        else:
+            excess[k] = excess[k - 1] * math.exp(-(t[k] - t[k - 1]) / lag) + level[k - 1] - level[k]
+    return excess
+
+
+@njit(void(float64[:, ::1], float64[::1], float64[:, ::1]), cache=True)
+def _compare(readings: Floats, sigma: Floats, predicted: Floats) -> None:
+    """Predictions become (measured - predicted) / sigma, in place; what diverged becomes a large number."""
+    for i in range(predicted.shape[0]):
+        for j in range(predicted.shape[1]):
+            r = (readings[i, j] - predicted[i, j]) / sigma[j]
+            predicted[i, j] = min(max(r, -_LARGE), _LARGE) if r == r else _LARGE
+
+
+def interval(t: Floats) -> float:
+    """Median interval of stamps that lie trace after trace, s."""
+    steps = np.diff(t)
+    return float(np.median(steps[steps > 0]))
+
+
+def build_problem(model: SuperModel, record: Record, windows: Windows, sigma: Floats) -> Problem:
+    """Lay the traces one after another."""
+    t = np.concatenate([trace.t for trace in record.traces])
+    lengths = [len(trace.t) for trace in record.traces]
+    return Problem(
+        model=model,
+        t=t,
+        y=np.concatenate([trace.y for trace in record.traces]),
+        u=np.ascontiguousarray(np.concatenate([trace.u for trace in record.traces])),
+        firsts=np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64),
+        windows=windows,
+        sigma=sigma,
+        h_max=interval(t),
+    )

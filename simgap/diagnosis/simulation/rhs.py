@@ -1,0 +1,68 @@
+"""The dynamics with all candidate effects as one compiled first-class function."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numba import njit
+from numpy.typing import NDArray
+
+from simgap.diagnosis.simulation.hoist import hoist
+from simgap.diagnosis.simulation.runge_kutta import RHS_SIGNATURE
+from simgap.model.compile import compile_kernel
+from simgap.model.symbolic import SymbolicModel, symbol
+
+_TRANSCENDENTAL = (sp.sin, sp.cos, sp.tan, sp.tanh, sp.atan, sp.exp, sp.log)
+
+
+@dataclass(frozen=True)
+class Costly:
+    """Terms of xdot that are only evaluated while `gate` (an expression of the parameters) is not 0."""
+
+    xdot: tuple[sp.Expr, ...]
+    gate: sp.Expr
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """`rhs` of signature `RHS_SIGNATURE`, whose parameters are what `constants` (theta -> tuple) returns.
+
+    `speed` holds the index of each coordinate's velocity.
+    """
+
+    rhs: Any
+    constants: Any
+    speed: NDArray[np.int64]
+
+
+def is_costly(force: sp.Expr) -> bool:
+    """Whether a term is worth skipping while it is switched off."""
+    return bool(force.has(*_TRANSCENDENTAL))
+
+
+def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbol, ...]) -> Dynamics:
+    """Compile xdot over (x, u, constants, signs): the sign of each coordinate's velocity is an argument of its own."""
+    speeds = [symbol(c.velocity) for c in plant.coordinates]
+    signs = [symbol(f"sign_{k}") for k in range(len(speeds))]
+    swap = {sp.sign(v): s for v, s in zip(speeds, signs, strict=True)} | plant.values()
+    nx = len(plant.states)
+    split = [sp.sympify(e).subs(swap) for e in (*plant.xdot, *costly.xdot, costly.gate)]
+    exprs, names, inner = hoist(split[:-1], theta)
+    groups = ([v.symbol for v in plant.states], [v.symbol for v in plant.inputs], [symbol("gate"), *names], signs)
+    main, rest = compile_kernel(exprs[:nx], groups), compile_kernel(exprs[nx:], groups)
+    constants = compile_kernel([split[-1], *inner], (theta,))
+
+    def rhs(x: Any, u: Any, c: Any, s: Any, out: Any) -> None:
+        derivative = main(x, u, c, s)
+        for i in range(nx):
+            out[i] = derivative[i]
+        if c[0] != 0.0:
+            more = rest(x, u, c, s)
+            for i in range(nx):
+                out[i] += more[i]
+
+    index = [plant.state_names.index(c.velocity) for c in plant.coordinates]
+    return Dynamics(njit(RHS_SIGNATURE, error_model="numpy")(rhs), constants, np.array(index, dtype=np.int64))

@@ -1,0 +1,160 @@
+"""Sensitivities of the windows to parameters, with the initial states projected out.
+
+Columns are one-sided differences of the simulation, with a step so small that the response is a fraction of the noise
+and the curvature vanishes beside it; the simulation is exact at friction reversals and input switches, so that it is
+smooth enough for that. Eliminating the initial state of each window by QR is variable projection: Golub,
+Pereyra (1973), SIAM J. Numer. Anal. 10(2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.simulation.problem import Problem
+
+Floats = NDArray[np.float64]
+_ROWS_AT_ONCE = 60_000  # memory of a pass does not grow with the record
+_TARGET_RESPONSE = 0.001  # of the noise, root mean square
+
+
+@dataclass(frozen=True)
+class Direction:
+    """Two points in parameter space and their distance: the column is (prediction(plus) - prediction(minus)) / span."""
+
+    plus: Floats
+    minus: Floats
+    span: float
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """The least-squares problem around a point, initial states eliminated.
+
+    Attributes:
+        gram: (p, p) projected J^T J; gradient: (p,) projected J^T r; rest: projected r^T r.
+        chi2: r^T r before projection.
+        window_gradient: (w, p) share of each window in the gradient.
+        state_r: (w, nx, nx) triangular factors of the initial-state columns; state_b: (w, nx, p) and
+        state_g: (w, nx), Q^T of the parameter columns and of the residual, to recover the initial states' step.
+    """
+
+    gram: Floats
+    gradient: Floats
+    rest: float
+    chi2: float
+    window_gradient: Floats
+    state_r: Floats
+    state_b: Floats
+    state_g: Floats
+
+    def state_step(self, step: Floats) -> Floats:
+        """The initial states' Gauss-Newton step that goes with a parameter step: (p,) -> (w, nx)."""
+        right = self.state_g - self.state_b @ step
+        return np.stack([_solve_triangular(r, b) for r, b in zip(self.state_r, right, strict=True)])
+
+
+def _solve_triangular(r: Floats, b: Floats) -> Floats:
+    size = np.abs(np.diag(r))
+    keep = size > 1e-10 * max(float(size.max(initial=0.0)), 1e-300)
+    if keep.all():
+        return np.asarray(np.linalg.solve(r, b), dtype=np.float64)
+    return np.asarray(np.linalg.lstsq(r, b, rcond=1e-10)[0])
+
+
+def slot_direction(problem: Problem, theta: Floats, slot: int, step: float) -> Direction:
+    """One-sided difference in one parameter, away from its limits."""
+    moved = theta.copy()
+    if theta[slot] + step <= problem.model.upper[slot]:
+        moved[slot] += step
+        return Direction(moved, theta, step)
+    moved[slot] -= step
+    return Direction(theta, moved, step)
+
+
+def choose_step(problem: Problem, theta: Floats, x0: Floats, slot: int, guess: float) -> float:
+    """A difference step whose response is about `_TARGET_RESPONSE` of the noise, within four decades of the guess."""
+    few = np.unique(np.linspace(0, len(problem.windows) - 1, 8).astype(int))
+    part, part_x0 = problem.on(problem.windows.pick(few)), x0[few]
+    step = guess
+    for _ in range(3):
+        d = slot_direction(part, theta, slot, step)
+        response = np.abs(part.residuals(d.plus, part_x0) - part.residuals(d.minus, part_x0))
+        size = float(np.sqrt(np.mean(np.minimum(response, 1e6) ** 2)))
+        if size > 0.0 and 0.2 < size / _TARGET_RESPONSE < 5.0:
+            break
+        step = float(np.clip(step * _TARGET_RESPONSE / max(size, 1e-12), 1e-6 * guess, 1e2 * guess))
+    return step
+
+
+def chunks(problem: Problem) -> Iterator[slice]:
+    """Slices of windows of a bounded number of samples."""
+    lengths = problem.windows.stop - problem.windows.start
+    begin, rows = 0, 0
+    for k, n in enumerate(lengths):
+        if rows and rows + n > _ROWS_AT_ONCE:
+            yield slice(begin, k)
+            begin, rows = k, 0
+        rows += int(n)
+    yield slice(begin, len(lengths))
+
+
+def state_steps(problem: Problem, x0: Floats) -> Floats:
+    """Difference steps for the initial states, (nx,)."""
+    return 1e-6 * (0.1 + np.abs(x0).max(axis=0))
+
+
+def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction]) -> Linearised:
+    """Residual and columns of all windows, projected: theta, (w, nx), p directions."""
+    p, nx, w = len(directions), x0.shape[1], len(problem.windows)
+    gram, rest, chi2 = np.zeros((p, p)), 0.0, 0.0
+    window_gradient = np.zeros((w, p))
+    state_r, state_b, state_g = np.zeros((w, nx, nx)), np.zeros((w, nx, p)), np.zeros((w, nx))
+    steps = state_steps(problem, x0)
+    for part in chunks(problem):
+        sub = problem.part(part)
+        residual, columns, states = _columns(sub, theta, x0[part], directions, steps)
+        chi2 += float(residual @ residual)
+        k = problem.y.shape[1]
+        for j in range(len(sub.windows)):
+            rows = slice(int(sub.rows[j]) * k, int(sub.rows[j + 1]) * k)
+            q, r = np.linalg.qr(states[rows])
+            b, e = columns[rows], residual[rows]
+            qb, qe = q.T @ b, q.T @ e
+            b, e = b - q @ qb, e - q @ qe
+            gram += b.T @ b
+            rest += float(e @ e)
+            at = part.start + j
+            window_gradient[at] = b.T @ e
+            state_r[at], state_b[at], state_g[at] = r, qb, qe
+    gradient = window_gradient.sum(axis=0)
+    return Linearised(gram, gradient, rest, chi2, window_gradient, state_r, state_b, state_g)
+
+
+def _columns(
+    problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction], steps: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Flat residual (rows k,), parameter columns (rows k, p) and initial-state columns (rows k, nx), over sigma."""
+    centre = problem.residuals(theta, x0).ravel()
+    columns = np.empty((len(centre), len(directions)))
+    for j, d in enumerate(directions):
+        high = centre if np.array_equal(d.plus, theta) else problem.residuals(d.plus, x0).ravel()
+        low = centre if np.array_equal(d.minus, theta) else problem.residuals(d.minus, x0).ravel()
+        columns[:, j] = (low - high) / d.span
+    states = np.empty((len(centre), x0.shape[1]))
+    for i, step in enumerate(steps):
+        shift = np.zeros(x0.shape[1])
+        shift[i] = step
+        states[:, i] = (centre - problem.residuals(theta, x0 + shift).ravel()) / step
+    return centre, columns, states
+
+
+def with_values(theta: Floats, values: Mapping[int, float]) -> Floats:
+    """A copy of theta with some slots changed."""
+    out = theta.copy()
+    for slot, value in values.items():
+        out[slot] = value
+    return out

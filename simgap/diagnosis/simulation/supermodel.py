@@ -1,0 +1,211 @@
+"""One compiled model that holds every candidate effect, each switched off until its parameters say otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numba import float64 as f64
+from numba import njit, types, void
+from numpy.typing import NDArray
+
+from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
+from simgap.effects import EFFECTS, Effect, StaticInputEffect
+from simgap.effects.base import CoordinateEffect, InputEffect
+from simgap.effects.input_delay import InputDelay
+from simgap.effects.input_lag import InputLag
+from simgap.errors import UserError
+from simgap.model.compile import Kernel, compile_kernel
+from simgap.model.symbolic import SymbolicModel, symbol
+
+Floats = NDArray[np.float64]
+_ROWS = types.Array(types.float64, 2, "C")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect on one target, with the places of its parameters in theta."""
+
+    effect: Effect
+    on: str
+    slots: tuple[int, ...]
+
+    @property
+    def label(self) -> str:
+        """What people read: effect on target."""
+        return f"{self.effect.name} on {self.on}"
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Name and target."""
+        return self.effect.name, self.on
+
+
+@dataclass(frozen=True, eq=False)
+class SuperModel:
+    """The plant with all candidates at their null.
+
+    Attributes:
+        model: the model as declared.
+        candidates: every effect that may be tried, on every target.
+        null: theta at which no effect acts.
+        speed: index of the velocity of each coordinate (dry friction acts on these).
+        rhs: numba, `RHS_SIGNATURE`; its u is what the plant feels, its third argument what `constants` returns.
+        constants: numba (theta) -> tuple, all that the dynamics need of the parameters.
+        static: numba (u rows (n, m), theta, out (n, m)): commands through gain, bias, dead zone and saturation.
+        read: numba (x rows (n, nx), theta, out (n, k)): what the measured channels read.
+        delay_slots, lag_slots: (m,) places in theta of each input's delay and lag, -1 if not a candidate.
+        base_delay: (m,) delays that the model already declares, s.
+    """
+
+    model: SymbolicModel
+    candidates: tuple[Candidate, ...]
+    null: Floats
+    lower: Floats
+    upper: Floats
+    speed: NDArray[np.int64]
+    measured: tuple[str, ...]
+    rhs: Any
+    constants: Any
+    static: Any
+    read: Any
+    delay_slots: tuple[int, ...]
+    lag_slots: tuple[int, ...]
+    base_delay: Floats
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return len(self.model.states)
+
+    def constants_at(self, theta: Floats) -> Floats:
+        """What the dynamics need of the parameters."""
+        return np.array(self.constants(theta), dtype=np.float64)
+
+    @property
+    def input_slots(self) -> tuple[int, ...]:
+        """Places in theta of everything that acts between command and plant."""
+        return tuple(k for c in self.candidates if isinstance(c.effect, InputEffect) for k in c.slots)
+
+    def find(self, name: str, on: str) -> Candidate:
+        """The candidate of that name and target."""
+        return next(c for c in self.candidates if c.key == (name, on))
+
+
+def build_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = ()) -> SuperModel:
+    """Put every effect of the library (or those named) on every target and compile the result once.
+
+    Raises:
+        UserError: for an unknown effect, or a measured channel that is not a state.
+    """
+    for name in effects:
+        if name not in EFFECTS:
+            raise UserError(f"no effect is called '{name}'", remedy=f"Known: {', '.join(EFFECTS)}.")
+    for name in measured:
+        if name not in model.state_names:
+            raise UserError(f"'{name}' is measured but not a state", remedy=f"States: {list(model.state_names)}.")
+    chosen = [e for e in EFFECTS.values() if not effects or e.name in effects]
+    candidates: list[Candidate] = []
+    specs = []  # type: ignore[var-annotated]
+    for e in chosen:
+        for on in e.targets(model):
+            if e.kind == "state" and on not in measured:
+                continue
+            candidates.append(Candidate(e, on, tuple(range(len(specs), len(specs) + len(e.parameters)))))
+            specs += list(e.parameters)
+    theta = tuple(symbol(f"theta_{k}") for k in range(len(specs)))
+    plant, costly, commands = _insert(model, candidates, theta)
+    values = model.values()
+    dynamics = compile_dynamics(plant, costly, theta)
+    return SuperModel(
+        model=model,
+        candidates=tuple(candidates),
+        null=np.array([p.null for p in specs]),
+        lower=np.array([p.lower for p in specs]),
+        upper=np.array([p.upper for p in specs]),
+        speed=dynamics.speed,
+        measured=measured,
+        rhs=dynamics.rhs,
+        constants=dynamics.constants,
+        static=_rowwise(compile_kernel(_numeric(commands, values), ([v.symbol for v in model.inputs], theta)))
+        if commands
+        else _no_columns,
+        read=_rowwise(compile_kernel(_numeric(_readings(plant, measured), values), (_symbols(plant), theta))),
+        delay_slots=_slots(model, candidates, InputDelay),
+        lag_slots=_slots(model, candidates, InputLag),
+        base_delay=np.array([float(sp.sympify(model.delays.get(n, 0)).subs(values)) for n in model.input_names]),
+    )
+
+
+def _insert(
+    model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.Symbol, ...]
+) -> tuple[SymbolicModel, Costly, list[sp.Expr]]:
+    """The plant as a function of what it feels, costly terms apart, and what it feels as a function of the command."""
+    plant, path = model, {n: symbol(n) for n in model.input_names}
+    forces: list[tuple[Candidate, sp.Expr, sp.Expr]] = []
+    for c in candidates:
+        values = {p.symbol: theta[k] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+        if isinstance(c.effect, CoordinateEffect):
+            joint = plant.coordinate(c.on)
+            away = sum(sp.Abs(theta[k] - p.null) for p, k in zip(c.effect.parameters, c.slots, strict=True))
+            forces.append((c, c.effect.force(symbol(joint.position), symbol(joint.velocity), values), away))
+        elif isinstance(c.effect, StaticInputEffect):  # inserted from the plant backwards to the command
+            path[c.on] = path[c.on].subs(symbol(c.on), c.effect.applied(symbol(c.on), values))
+        elif not isinstance(c.effect, InputEffect):
+            plant = c.effect.insert(plant, c.on, values)
+    extra = [sp.Integer(0) for _ in plant.states]
+    gate = sp.Integer(0)
+    for c, force, away in forces:  # after the plant's own parameters, on which the columns depend
+        if is_costly(force):
+            extra = [e + column * force for e, column in zip(extra, plant.force_map[c.on], strict=True)]
+            gate += away
+        else:
+            plant = plant.with_force(c.on, force)
+    return plant, Costly(tuple(extra), gate), [path[n] for n in model.input_names]
+
+
+def _symbols(model: SymbolicModel) -> list[sp.Symbol]:
+    return [v.symbol for v in model.states]
+
+
+def _readings(model: SymbolicModel, measured: tuple[str, ...]) -> list[sp.Expr]:
+    return [sp.sympify(model.outputs.get(n, symbol(n))) for n in measured]
+
+
+def _numeric(exprs: Any, values: dict[sp.Symbol, float]) -> list[sp.Expr]:
+    return [sp.sympify(e).subs(values) for e in exprs]
+
+
+def _slots(model: SymbolicModel, candidates: list[Candidate], kind: type[Effect]) -> tuple[int, ...]:
+    places = {c.on: c.slots[0] for c in candidates if isinstance(c.effect, kind)}
+    return tuple(places.get(n, -1) for n in model.input_names)
+
+
+def _rowwise(kernel: Kernel) -> Any:
+    def rows(x: Any, th: Any, out: Any) -> None:
+        for k in range(x.shape[0]):
+            values = kernel(x[k], th)
+            for i in range(out.shape[1]):
+                out[k, i] = values[i]
+
+    return njit(void(_ROWS, f64[::1], _ROWS), error_model="numpy")(rows)
+
+
+def _no_columns(x: Floats, theta: Floats, out: Floats) -> None:
+    """The inputs of a plant that has none."""
+
+
+_COMPILED: dict[str, SuperModel] = {}
+
+
+def cached_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = ()) -> SuperModel:
+    """`build_supermodel`, kept for the life of the process: a second record of the same plant compiles nothing."""
+    key = repr((model, measured, tuple(effects)))
+    if key not in _COMPILED:
+        if len(_COMPILED) >= 16:
+            _COMPILED.clear()
+        _COMPILED[key] = build_supermodel(model, measured, effects)
+    return _COMPILED[key]

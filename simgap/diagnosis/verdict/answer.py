@@ -1,0 +1,138 @@
+"""From a search to the parts of a diagnosis that people read."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from simgap.diagnosis.result import Alternative, CandidateScore, Collinear, Estimate, FoundEffect, Key, WindowPrediction
+from simgap.diagnosis.search.confidence import interval, standard_errors
+from simgap.diagnosis.search.equivalence import Rival
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.effects import AppliedEffect
+from simgap.model.symbolic import SymbolicModel
+
+_MOST_WINDOWS = 100  # of each kind, for plots
+
+
+def parameter_values(c: Candidate, at: Fit) -> dict[str, float]:
+    """Fitted values of an effect; angles within half a turn."""
+    values = {p.symbol: float(at.theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+    if "phase" in values:
+        values["phase"] = (values["phase"] + math.pi) % (2 * math.pi) - math.pi
+    return values
+
+
+def applied(found: Explanation) -> tuple[AppliedEffect, ...]:
+    """The effects with their numbers."""
+    return tuple(AppliedEffect(c.effect.name, c.on, parameter_values(c, found.fit)) for c in found.members)
+
+
+def found_effects(
+    search: Search, found: Explanation, rivals: Sequence[Rival], reduced: float, at_floor: bool, model: SymbolicModel
+) -> tuple[FoundEffect, ...]:
+    """The chosen effects with intervals and what could stand in their place."""
+    errors = standard_errors(search.problem, found.fit, search.steps, reduced, at_floor)
+    by_slot = dict(zip(found.fit.slots, errors.tolist(), strict=True))
+    dof = search.problem.size if at_floor else len(search.problem.windows) - len(found.fit.slots)
+    effects = []
+    for c in found.members:
+        units, values = c.effect.units(model, c.on), parameter_values(c, found.fit)
+        estimates = {
+            p.symbol: Estimate(values[p.symbol], interval(values[p.symbol], by_slot.get(k, 0.0), dof), units[p.symbol])
+            for p, k in zip(c.effect.parameters, c.slots, strict=True)
+        }
+        effects.append(FoundEffect(c.effect.name, c.on, estimates, _replacements(c.key, found, rivals)))
+    return tuple(effects)
+
+
+def _replacements(key: Key, found: Explanation, rivals: Sequence[Rival]) -> tuple[tuple[Key, ...], ...]:
+    sets = []
+    for r in rivals:
+        keys = r.explanation.keys
+        if key not in keys:
+            sets.append(tuple(sorted(keys - found.keys)))
+    return tuple(dict.fromkeys(s for s in sets if s))
+
+
+def alternatives(found: Explanation, rivals: Sequence[Rival]) -> tuple[Alternative, ...]:
+    """Whole sets that fit as well."""
+    return tuple(Alternative(applied(r.explanation), r.explanation.bic - found.bic, r.exact) for r in rivals)
+
+
+def candidate_scores(search: Search, empty: Explanation) -> tuple[CandidateScore, ...]:
+    """Every candidate beside the model as declared, the most promising first."""
+    promised = {s.candidate.key: s.drop for s in search.ranked(empty)}
+    alone: dict[Key, Explanation] = {}
+    for single in search.tried.values():
+        if len(single.members) == 1:
+            key = single.members[0].key
+            if key not in alone or single.bic < alone[key].bic:
+                alone[key] = single
+    rows = []
+    for c in search.problem.model.candidates:
+        e: Explanation | None = alone.get(c.key)
+        reason = "" if c.key in promised else "the data ask for the opposite sign or nothing at all"
+        if e is not None and not e.physical:
+            reason = "its best fit is not physical or vanishes"
+        rows.append(
+            CandidateScore(
+                c.effect.name,
+                c.on,
+                promised.get(c.key, 0.0),
+                None if e is None else empty.bic - e.bic,
+                {} if e is None else parameter_values(c, e.fit),
+                reason,
+            )
+        )
+    return tuple(sorted(rows, key=lambda r: -max(r.bic_gain or -math.inf, 0.0) - 1e-3 * r.chi2_drop))
+
+
+_ADVICE = (
+    ({"spring", "cubic_spring", "parameter_error", "gravity_tilt"}, "swing wider: these differ with the angle"),
+    ({"coulomb_friction", "stribeck_friction", "viscous_friction", "quadratic_drag"}, "vary the speed, slow ones too"),
+    ({"input_delay", "input_lag"}, "add faster changes of the input"),
+    ({"input_gain", "input_dead_zone", "input_saturation", "input_bias"}, "vary the size of the input, both signs"),
+)
+
+
+def collinear_table(pairs: Sequence[tuple[Key, Key, float]], exact: float) -> tuple[Collinear, ...]:
+    """Pairs with what would separate them."""
+    rows = []
+    for a, b, correlation in pairs:
+        advice = "an excitation that moves them apart: other frequencies, sizes and positions"
+        for names, words in _ADVICE:
+            if a[0] in names and b[0] in names:
+                advice = words
+        if correlation > exact:
+            advice = "to first order no motion separates them: measure one of them directly"
+        rows.append(Collinear(a, b, correlation, advice))
+    return tuple(rows)
+
+
+def predictions(
+    problem: Problem,
+    names: Sequence[str],
+    before: tuple[Fit, np.ndarray],
+    after: tuple[Fit, np.ndarray],
+    held_out: bool,
+) -> list[WindowPrediction]:
+    """Measured, before and after on evenly picked windows; each model comes with its initial states (w, nx)."""
+    few = np.unique(np.linspace(0, len(problem.windows) - 1, _MOST_WINDOWS).astype(int))
+    part = problem.on(problem.windows.pick(few))
+    old = part.predict(before[0].theta, before[1][few])
+    new, states = part.predict(after[0].theta, after[1][few]), part.states(after[0].theta, after[1][few])
+    out = []
+    for w, (a, b) in enumerate(itertools.pairwise(part.rows.tolist())):
+        s = slice(int(part.windows.start[w]), int(part.windows.stop[w]))
+        name = names[int(part.windows.trace[w])]
+        out.append(
+            WindowPrediction(name, held_out, problem.t[s], problem.y[s], old[a:b], new[a:b], states[a:b], problem.u[s])
+        )
+    return out

@@ -1,0 +1,97 @@
+"""The causal error h ahead, E(h), and what a perfect model would show with this noise, F(h)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.search.fit import fit
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import state_steps
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+LOOK_BACK_S = 0.2
+LOOK_BACK_SAMPLES = 10
+
+
+@dataclass(frozen=True, eq=False)
+class HorizonError:
+    """Per channel: rmse E(h), floor F(h), both (k,); `starts` is how many predictions they are the RMS of."""
+
+    rmse: Floats
+    floor: Floats
+    starts: int
+
+
+def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonError | None:
+    """Predict `horizon` seconds ahead from many instants of the problem's windows.
+
+    At each instant the state is estimated from the samples of the last `LOOK_BACK_S` seconds alone (at least
+    `LOOK_BACK_SAMPLES`), then the model runs on the recorded input; E is the RMS error at the end. F adds to the noise
+    of the sample at the end what the noise of the look-back does to the state estimate, by the model's linearisation.
+    Returns None if no stretch is long enough.
+    """
+    base, middle, end = _instants(problem, horizon)
+    if not len(base):
+        return None
+    first = problem.firsts[np.searchsorted(problem.firsts, base, side="right") - 1]
+    at = problem.on(Windows(base, middle, first, np.zeros_like(base)))
+    start = fit(at, theta, initial_states(at), [], {}).x0
+    whole = problem.on(Windows(base, end, first, at.windows.trace))
+    error = whole.residuals(theta, start)[whole.rows[1:] - 1] * problem.sigma
+    return HorizonError(np.sqrt(np.mean(error**2, axis=0)), _floor(at, whole, theta, start), len(base))
+
+
+def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
+    """Look-back from, instant (exclusive end of the look-back), and end (exclusive) in samples."""
+    rows: list[tuple[int, int, int]] = []
+    t = problem.t
+    for a, b in _stretches(problem.windows):
+        k = a
+        while True:
+            middle = max(int(np.searchsorted(t[a:b], t[k] + LOOK_BACK_S)) + a, k + LOOK_BACK_SAMPLES)
+            if middle >= b:
+                break
+            end = int(np.searchsorted(t[a:b], t[middle - 1] + horizon * (1 - 1e-9))) + a
+            if end >= b:
+                break
+            rows.append((k, middle, end + 1))
+            k = max(int(np.searchsorted(t[a:b], t[k] + 0.25 * max(horizon, LOOK_BACK_S))) + a, k + 1)
+    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    return table[:, 0].copy(), table[:, 1].copy(), table[:, 2].copy()
+
+
+def _stretches(windows: Windows) -> list[tuple[int, int]]:
+    """Adjacent windows of one trace, joined."""
+    joined: list[list[int]] = []
+    traces = set(windows.first.tolist())
+    for a, b in sorted(zip(windows.start.tolist(), windows.stop.tolist(), strict=True)):
+        if joined and joined[-1][1] == a and a not in traces:
+            joined[-1][1] = b
+        else:
+            joined.append([a, b])
+    return [(a, b) for a, b in joined]
+
+
+def _floor(at: Problem, whole: Problem, theta: Floats, start: Floats) -> Floats:
+    """F(h) from the covariance of the look-back's state estimate, carried to the end."""
+    steps, k = state_steps(at, start), at.y.shape[1]
+    back = np.empty((int(at.rows[-1]), k, start.shape[1]))
+    ahead = np.empty((len(start), k, start.shape[1]))
+    for i, step in enumerate(steps):
+        shift = np.zeros(start.shape[1])
+        shift[i] = step
+        back[:, :, i] = (at.residuals(theta, start - shift) - at.residuals(theta, start + shift)) / (2 * step)
+        low, high = whole.residuals(theta, start - shift), whole.residuals(theta, start + shift)
+        ahead[:, :, i] = ((low - high) / (2 * step))[whole.rows[1:] - 1]
+    variance = np.ones((len(start), k))
+    for w in range(len(start)):
+        a = back[at.rows[w] : at.rows[w + 1]].reshape(-1, start.shape[1])
+        covariance = np.linalg.pinv(a.T @ a, rcond=1e-12)
+        variance[w] += np.einsum("ki,ij,kj->k", ahead[w], covariance, ahead[w])
+    return np.asarray(np.sqrt(np.mean(variance, axis=0)) * at.sigma)

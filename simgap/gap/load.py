@@ -1,0 +1,37 @@
+"""A saved gap bound read back: every kind of bound by the name under which it saves itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from simgap.errors import UserError
+from simgap.gap.cells import CellGap
+from simgap.gap.function import GapDomain, GapFunction
+from simgap.gap.linear import LinearGap
+from simgap.gap.symmetry import BodyFrameGap
+from simgap.gap.tiers import Tier
+
+
+class Kind(Protocol):
+    """What a kind of bound offers to be read back."""
+
+    def from_content(self, data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> GapFunction:
+        """The inverse of `GapFunction.to_json`, domain and tiers read already."""
+
+
+KINDS: Mapping[str, Kind] = {"linear": LinearGap, "cells": CellGap, "body_frame": BodyFrameGap}
+
+
+def from_json(data: Mapping[str, Any]) -> GapFunction:
+    """A gap function from what `to_json` gave.
+
+    Raises:
+        UserError: for an unknown kind or missing parts.
+    """
+    try:
+        domain = GapDomain.from_json(data["domain"])
+        tiers = tuple(Tier.from_json(t) for t in data["guarantee"])
+        return KINDS[data["kind"]].from_content(data, domain, tiers)
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"not a saved gap bound ({error!r})", remedy="Run the gap stage again.") from error

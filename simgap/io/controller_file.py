@@ -1,0 +1,180 @@
+"""Controllers as files: one compressed .npz, equal bytes for equal controllers, nothing believed when it is read."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.errors import UserError
+from simgap.geometry import Box, Grid
+from simgap.io.atomic import atomic
+from simgap.specifications.solution import Solution
+from simgap.synthesis.bits import packed_width
+from simgap.synthesis.controller import Controller
+
+Arrays = Mapping[str, NDArray[Any]]
+REMEDY = "Run the synthesis stage again."
+CHECKSUM = "sha256"
+MOST_INPUTS = 2**15 - 1  # the chosen input is stored in 16 bits
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+_NEEDED = {"about", "box", "cells", "input_set", "winning", "free", "mask"}
+
+
+def save_controller(controller: Controller, path: Path | str) -> None:
+    """Write a controller, whole or not at all; equal controllers give equal bytes."""
+    s, grid = controller.solution, controller.grid
+    about = {
+        "states": list(controller.states),
+        "inputs": list(controller.input_names),
+        "periodic": list(grid.periodic),
+        "rule": controller.rule,
+        "memory": s.memory,
+        "statistics": s.statistics,
+        "provenance": controller.metadata,
+    }
+    arrays: dict[str, NDArray[Any]] = {
+        "about": np.frombuffer(json.dumps(about, sort_keys=True).encode(), np.uint8),
+        "box": np.stack([grid.box.lo, grid.box.hi]),
+        "cells": np.array(grid.cells, np.int64),
+        "input_set": controller.input_set,
+        "winning": np.packbits(s.winning),
+        "free": np.packbits(s.free),
+        "mask": s.mask,
+    }
+    if s.value is not None and s.target is not None:
+        arrays |= {"value": s.value, "target": np.packbits(s.target)}
+    arrays[CHECKSUM] = _checksum(arrays)
+    with atomic(Path(path)) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for name, array in arrays.items():
+            entry = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry._compresslevel = 1  # type: ignore[attr-defined]  # zipfile has no other way for an open entry
+            with archive.open(entry, "w", force_zip64=True) as stream:
+                np.lib.format.write_array(stream, np.ascontiguousarray(array), allow_pickle=False)
+
+
+def load_controller(path: Path | str) -> Controller:
+    """Read a controller.
+
+    Raises:
+        UserError: a file that is missing, damaged, changed by hand or no controller at all.
+    """
+    try:
+        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        _require(set(arrays) >= _NEEDED, "parts of it are missing")
+        about = json.loads(arrays["about"].tobytes().decode())
+        _require(CHECKSUM in arrays, "it has no checksum, so nothing says that it is whole")
+        kept = {name: array for name, array in arrays.items() if name != CHECKSUM}
+        _require(np.array_equal(arrays[CHECKSUM], _checksum(kept)), "its checksum does not fit its content")
+        return _controller(about, kept)
+    except FileNotFoundError:
+        raise UserError("there is no such controller", file=path, remedy="Run the synthesis stage") from None
+    except UserError as error:
+        raise UserError(f"not a controller file ({error.problem})", file=path, remedy=REMEDY) from None
+    except (
+        AttributeError,  # an array that is no archive
+        KeyError,
+        TypeError,
+        ValueError,
+        OSError,
+        EOFError,
+        MemoryError,  # a damaged header may ask for any size
+        NotImplementedError,
+        RecursionError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ) as error:
+        raise UserError(f"not a controller file ({error!s:.120})", file=path, remedy=REMEDY) from None
+
+
+def _checksum(arrays: Arrays) -> NDArray[np.uint8]:
+    """Of names, types, shapes and bytes."""
+    found = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        found.update(f"{name} {array.dtype.str} {array.shape};".encode())
+        found.update(array.reshape(-1).view(np.uint8).data)
+    return np.frombuffer(found.digest(), np.uint8)
+
+
+def _require(holds: Any, problem: str) -> None:
+    if not holds:
+        raise UserError(problem)
+
+
+def _controller(about: Mapping[str, Any], arrays: Arrays) -> Controller:
+    states, inputs = _names(about, "states"), _names(about, "inputs")
+    grid, input_set = _grid(about, arrays, len(states)), arrays["input_set"]
+    _require(
+        input_set.dtype == np.float64
+        and input_set.ndim == 2
+        and 1 <= len(input_set) <= MOST_INPUTS
+        and input_set.shape[1] == len(inputs)
+        and np.isfinite(input_set).all(),
+        f"its inputs are not a table of finite numbers with the columns {', '.join(inputs)}",
+    )
+    memory, statistics = about["memory"], about["statistics"]
+    _require(type(memory) is int and memory in (1, len(input_set) + 1), f"memory {memory!r:.40} cannot be")
+    _require(isinstance(statistics, dict) and isinstance(about["provenance"], dict), "its metadata is no mapping")
+    mask = arrays["mask"]
+    shape = (grid.size * memory, packed_width(len(input_set)))
+    _require(mask.dtype == np.uint8 and mask.shape == shape, f"its table of inputs has shape {mask.shape}, not {shape}")
+    spare = 8 * shape[1] - len(input_set)
+    _require(not (mask[:, -1] >> (8 - spare)).any() if spare else True, "it admits inputs that do not exist")
+    solution = Solution(
+        grid=grid,
+        winning=_flags(arrays, "winning", grid.size),
+        mask=mask,
+        free=_flags(arrays, "free", grid.size),
+        value=arrays.get("value"),
+        target=_flags(arrays, "target", grid.size) if "target" in arrays else None,
+        memory=memory,
+        statistics=statistics,
+    )
+    _check_sets(solution)
+    return Controller(input_set, states, inputs, solution, about["rule"], about["provenance"])
+
+
+def _names(about: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    names = about[key]
+    good = isinstance(names, list) and all(isinstance(n, str) and n for n in names) and len({*names}) == len(names)
+    _require(good, f"its {key} are not distinct names")
+    return tuple(names)
+
+
+def _grid(about: Mapping[str, Any], arrays: Arrays, nx: int) -> Grid:
+    box, cells, periodic = arrays["box"], arrays["cells"], about["periodic"]
+    _require(box.dtype == np.float64 and box.shape == (2, nx) and np.isfinite(box).all(), "its box is not 2 x states")
+    _require(cells.dtype == np.int64 and cells.shape == (nx,), "its cell counts are not one integer a state")
+    good = isinstance(periodic, list) and all(type(j) is int and 0 <= j < nx for j in periodic)
+    _require(good and len({*periodic}) == len(periodic), "its periodic axes are not axes")
+    return Grid(Box(*box), cells.tolist(), periodic)
+
+
+def _flags(arrays: Arrays, name: str, size: int) -> NDArray[np.bool_]:
+    packed = arrays[name]
+    good = packed.dtype == np.uint8 and packed.shape == ((size + 7) // 8,)
+    _require(good, f"its set of {name} cells has another size than its grid")
+    return np.unpackbits(packed, count=size).view(np.bool_)
+
+
+def _check_sets(s: Solution) -> None:
+    """What every solution keeps: winning cells are allowed, have an input or are the end, and count down to it."""
+    _require(not (s.winning & ~s.free).any(), "it wins cells that the specification forbids")
+    _require((s.value is None) == (s.target is None), "it has a value function or a target, but not both")
+    done = np.zeros(s.grid.size, np.bool_) if s.target is None else s.target
+    start = s.mask.reshape(s.grid.size, s.memory, -1)[:, -1]  # the last memory is "nothing is pending yet"
+    _require(not (s.winning & ~done & ~start.any(axis=1)).any(), "it wins cells without an input")
+    if s.value is not None:
+        _require(s.value.dtype == np.int32 and s.value.shape == (s.grid.size,), "its values are not one a cell")
+        _require(np.array_equal(s.value >= 0, s.winning), "its values and its winning cells differ")
+        _require(not (done & ~s.winning).any(), "its target is not won")

@@ -1,0 +1,70 @@
+"""Numbers, units and lists as people read them, one way everywhere: pages, figures, recordings, messages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+def superscript(digits: str) -> str:
+    """'-12' -> '⁻¹²'."""
+    return digits.translate(_SUPERSCRIPTS)
+
+
+def pretty_unit(unit: str) -> str:
+    """A unit as it is printed: 'N*m*s/rad' -> 'N m s/rad', 'kg*m^2' -> 'kg m²'; nothing for a pure number."""
+    if unit in ("1", ""):
+        return ""
+    out, k = "", 0
+    text = unit.replace("**", "^")
+    while k < len(text):
+        if text[k] == "^":
+            end = k + 1
+            while end < len(text) and (text[end].isdigit() or text[end] == "-"):
+                end += 1
+            out, k = out + superscript(text[k + 1 : end]), end
+        else:
+            out, k = out + (" " if text[k] == "*" else text[k]), k + 1
+    return out
+
+
+def axis_label(name: str, units: Mapping[str, str]) -> str:
+    """'q (rad)'; the name alone for a pure number."""
+    unit = pretty_unit(units.get(name, ""))
+    return f"{name} ({unit})" if unit else name
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """A number as it is printed in tables."""
+    if value is None:
+        return ""
+    x = float(value)
+    if not math.isfinite(x):
+        return "unbounded"
+    text = f"{x:.{digits}g}"
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        return f"{mantissa}·10{superscript(str(int(exponent)))}"
+    return text
+
+
+def with_error(value: float, half: float, unit: str = "") -> str:
+    """`value ± half unit`, rounded where the uncertainty has two digits: 0.19 ± 0.01 N m."""
+    tail = f" {pretty_unit(unit)}" if pretty_unit(unit) else ""
+    if not (math.isfinite(half) and half > 0.0):
+        return f"{value:.4g}{tail}"
+    size = 10.0 ** math.floor(math.log10(half))
+    leading = round(half / size, 1)
+    digits = -round(math.log10(size)) + (1 if leading < 2.0 and leading != 1.0 else 0)  # 0.01, 0.012 and 0.3
+    if digits > 7:
+        return f"({value:.4g} ± {half:.1g}){tail}"
+    digits = max(digits, 0)
+    return f"{value:.{digits}f} ± {half:.{digits}f}{tail}"
+
+
+def joined(parts: Sequence[str], last: str = "and") -> str:
+    """'a', 'a and b', 'a, b and c'."""
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"

@@ -1,0 +1,125 @@
+"""The one registry of plug-ins: engines, bases, effects and specifications, found by name and imported when asked for.
+
+A plug-in is a class. Built-ins stand in `BUILT_IN`; a distribution offers its own as entry points of the group's name
+(`[project.entry-points."simgap.engines"]`); `file.py:Name` is the class `Name` of a file beside the case. Nothing is
+imported before it is used, so that no room depends on the plug-ins that other rooms offer.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import logging
+import sys
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+from typing import Any
+
+from simgap.errors import UserError
+
+BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "engines": MappingProxyType({}),
+        "bases": MappingProxyType({}),
+        "effects": MappingProxyType({}),
+        "specifications": MappingProxyType({}),
+    }
+)
+"""For each group, names and where the class stands ('module:Class')."""
+
+log = logging.getLogger("simgap")
+
+
+def names(group: str) -> tuple[str, ...]:
+    """Names of a group: built-ins in their order, then those of installed distributions."""
+    return (*BUILT_IN[group], *(name for name in sorted(_offered(group)) if name not in BUILT_IN[group]))
+
+
+def find(group: str, name: str, folder: Path | None = None) -> type[Any]:
+    """The plug-in of that name; `file.py:Name` is looked for in `folder`, that of the case.
+
+    What is not part of simgap is code that runs with the rights of whoever runs simgap; its first use
+    is logged.
+
+    Raises:
+        UserError: an unknown name, with the known ones; a file that is missing, broken, outside the folder or without
+            the class.
+    """
+    place = BUILT_IN[group].get(name)
+    if place is not None:
+        module, _, attribute = place.partition(":")
+        return _of(importlib.import_module(module), attribute, name)
+    if ".py:" in name:
+        return _beside(name, folder)
+    if name in _offered(group):
+        return _installed(group, name)
+    raise UserError(f"no {group} plug-in is called '{_short(name)}'", remedy=f"Known: {', '.join(names(group))}.")
+
+
+def source(plugin: type[Any]) -> Path | None:
+    """The file that a plug-in stands in, None where there is none; its bytes belong to what a result was made from."""
+    module = sys.modules.get(plugin.__module__)
+    file = getattr(module, "__file__", None)
+    return Path(file) if file else None
+
+
+@lru_cache(maxsize=8)
+def _offered(group: str) -> Mapping[str, metadata.EntryPoint]:
+    return {point.name: point for point in metadata.entry_points(group=f"simgap.{group}")}
+
+
+@lru_cache(maxsize=64)
+def _installed(group: str, name: str) -> type[Any]:
+    point = _offered(group)[name]
+    log.info("plug-in '%s' of group %s is code of %s", name, group, point.value)
+    try:
+        return _of(importlib.import_module(point.module), point.attr, name)
+    except ImportError as error:
+        raise UserError(f"the plug-in '{name}' cannot be imported: {error}", remedy="Install what it needs.") from None
+
+
+def _beside(name: str, folder: Path | None) -> type[Any]:
+    file, _, attribute = name.rpartition(":")
+    if folder is None:
+        raise UserError(f"'{_short(name)}' is a file, but there is no case for it to stand beside")
+    path = (folder / file).resolve()
+    if not path.is_relative_to(folder.resolve()):
+        raise UserError(f"the plug-in file '{_short(file)}' lies outside the case's folder", remedy="Put it beside it.")
+    if not path.is_file():
+        raise UserError("the plug-in file does not exist", file=path, remedy="Put it beside the case.")
+    return _of(_module(path, hashlib.sha256(path.read_bytes()).hexdigest()), attribute, name)
+
+
+@lru_cache(maxsize=64)
+def _module(path: Path, content: str) -> ModuleType:
+    """The file as a module; its name holds its content, so that another version of it is another module."""
+    log.info("plug-in file %s is code and runs with your rights", path)
+    name = f"simgap_plugin_{path.stem}_{content[:16]}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise UserError("not a Python file", file=path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        raise UserError(f"the plug-in does not run: {type(error).__name__}: {_short(str(error))}", file=path) from None
+    return module
+
+
+def _of(module: ModuleType, attribute: str, name: str) -> type[Any]:
+    found = getattr(module, attribute, None)
+    if not isinstance(found, type):
+        raise UserError(
+            f"the plug-in '{_short(name)}' has no class '{_short(attribute)}'", remedy="Check its spelling."
+        )
+    return found
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 80 else text[:77] + "..."

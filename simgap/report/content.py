@@ -1,0 +1,163 @@
+"""What the page of a case says: the verdict, tables and the guarantee, as plain data for the template."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from simgap.config.synthesis import InvarianceSpecification
+from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR
+from simgap.notation import pretty_unit
+from simgap.report import tables
+from simgap.report.material import Material
+
+
+def content(m: Material) -> dict[str, Any]:
+    """Everything that the template prints."""
+    return {
+        "case": m.context.case,
+        "title": m.context.case.title or m.context.case.name,
+        "units": m.context.units,
+        "verdict": verdict(m),
+        "invariance": _is_invariance(m),
+        "settings": settings(m),
+        "gap": m.gap,
+        "coefficients": tables.coefficients(m.gap),
+        "sweep": tables.sweep(m),
+        "printed": m.printed,
+        "signed": tables.is_signed(m.gap),
+        "lipschitz": tables.lipschitz(m),
+        "scenario": tables.scenario(m.gap),
+        "syntheses": m.syntheses,
+        "loops": tables.loops(m),
+        "between": between_samples(m),
+        "hidden": tables.hidden_state(m),
+        "validation": m.validation,
+        "diagnosis": tables.diagnosis(m),
+        "corrected": tables.corrected(m),
+        "sources": tables.sources(m),
+    }
+
+
+def _is_invariance(m: Material) -> bool:
+    section = m.context.need(m.context.case.synthesis, "synthesis")
+    return isinstance(section.specification, InvarianceSpecification)
+
+
+def verdict(m: Material) -> dict[str, Any]:
+    """The headline: a class for its colour, a sentence each for both controllers, and for the winning domains."""
+    tallies = m.validation["controllers"]
+    robust, nominal = tallies[ROBUST][SIMULATOR], tallies[NOMINAL][SIMULATOR]
+    kept, runs = robust["runs_that_kept_the_specification"], robust["runs"]
+    good = kept == runs and robust["steps_outside_gamma"] == 0
+    deed = "safe" if _is_invariance(m) else "in the target without touching anything"
+    return {
+        "good": good,
+        "badge": "promise kept" if good else "promise broken",
+        "robust": f"Gap-aware controller: {kept:,} of {runs:,} runs {deed}, "
+        f"{robust['steps_outside_gamma']:,} of {robust['steps']:,} steps outside gamma.",
+        "nominal": f"Nominal-only controller: {_violations(nominal)}.",
+        "winning": f"The gap-aware controller wins {m.syntheses[ROBUST]['winning_fraction']:.3f} of the "
+        f"{'safe set' if _is_invariance(m) else 'free cells'} with the gap taken into account; the nominal model "
+        f"alone would promise {m.syntheses[NOMINAL]['winning_fraction']:.3f}.",
+        "tolerated": m.gap.get("fresh", {}).get("violations", 0),
+    }
+
+
+def _violations(tally: Mapping[str, Any]) -> str:
+    bad, runs = tally["runs_that_violated_it"], tally["runs"]
+    if not bad:
+        return f"none of {runs:,} runs violates the specification in the simulator; here it happens to survive"
+    text = f"{bad:,} of {runs:,} runs violate the specification in the simulator"
+    median = tally.get("median_steps_until_violation")
+    return text + (f", half of these within {median:,.0f} steps" if median else "")
+
+
+def between_samples(m: Material) -> dict[str, float]:
+    """How far each state may stray between two samples with the gap-aware controller; empty if nothing says so."""
+    said = m.syntheses[ROBUST].get("between_samples") or {}
+    return {state: bound for state, bound in said.items() if bound}
+
+
+def settings(m: Material) -> list[tuple[str, str]]:
+    """Model, simulator and grid as names with text."""
+    case, domain = m.context.case, m.context.domain
+    plant = case.plant
+    source = f"{plant.urdf.rsplit('/', 1)[-1]} (URDF)" if plant.urdf else "equations in the case file"
+    names = m.context.units
+    boxes = [f"{n} in [{lo:g}, {hi:g}] {pretty_unit(names[n])}" for n, (lo, hi) in domain.X.items()]
+    grid = m.context.input_set
+    inputs = [
+        f"{n} in [{grid[:, j].min():g}, {grid[:, j].max():g}] {pretty_unit(names[n])}"
+        for j, n in enumerate(m.context.inputs)
+    ]
+    rows = [
+        ("nominal model", f"{source}, {plant.integrator.replace('_', ' ')}, sampling time {domain.tau:g} s"),
+        ("states X", "; ".join(boxes)),
+        ("inputs U", f"{'; '.join(inputs)} ({len(grid)} values)"),
+    ]
+    rows += [("effect in the model", _effect(e)) for e in plant.effects]
+    if case.simulator is not None:
+        given = case.simulator.model_dump(mode="json")
+        given.pop("effects", None)
+        rows.append(("simulator", "; ".join(_plain(given))))
+        rows += [("effect in the simulator", _effect(e)) for e in getattr(case.simulator, "effects", ())]
+    rows.append(("specification", _specification(m)))
+    sensing = case.sensing
+    if sensing is not None:
+        rows.append(("sensing", "; ".join(_plain(sensing.model_dump(mode="json")))))
+    return rows
+
+
+def _plain(given: Mapping[str, Any], prefix: str = "") -> list[str]:
+    out = []
+    for key, value in given.items():
+        if isinstance(value, Mapping):
+            out += _plain(value, f"{prefix}{key} ")
+        elif value is not None:
+            out.append(f"{prefix}{key} {value:g}" if isinstance(value, float) else f"{prefix}{key} {value}")
+    return out
+
+
+def _effect(effect: Any) -> str:
+    numbers = ", ".join(f"{k} = {v:g}" for k, v in effect.parameters.items())
+    return f"{effect.name.replace('_', ' ')} on {effect.on}: {numbers}"
+
+
+def _specification(m: Material) -> str:
+    spec = m.context.need(m.context.case.synthesis, "synthesis").specification
+    if isinstance(spec, InvarianceSpecification):
+        return f"stay for ever in {_box(spec.safe, m)}"
+    text = f"reach {_box(spec.target, m)} and avoid {len(spec.obstacles)} obstacles"
+    if spec.clearance:
+        text += ", clear of them and of the walls by " + _distances(spec.clearance, m)
+    return text
+
+
+def _box(named: Mapping[str, tuple[float, float]], m: Material) -> str:
+    return ", ".join(f"{n} in [{lo:g}, {hi:g}] {pretty_unit(m.context.units[n])}" for n, (lo, hi) in named.items())
+
+
+def _distances(named: Mapping[str, float], m: Material) -> str:
+    return ", ".join(f"{v:g} {pretty_unit(m.context.units[n])} in {n}" for n, v in named.items())
+
+
+def summary(m: Material, page: Mapping[str, Any]) -> dict[str, Any]:
+    """The figures that a script wants."""
+    return {
+        "case": m.context.case.name,
+        "title": page["title"],
+        "promise_kept": page["verdict"]["good"],
+        "verdict": [page["verdict"][k] for k in ("robust", "nominal", "winning")],
+        "eps": m.gap.get("eps"),
+        "sup_gamma": [{"eps": r["eps"], "states": r["states"]} for r in page["sweep"]],
+        "fresh": {
+            k: v for k, v in m.gap.get("fresh", {}).items() if k in ("samples", "violations", "upper", "confidence")
+        },
+        "winning_fraction": {kind: s["winning_fraction"] for kind, s in m.syntheses.items()},
+        "winning_cells": {kind: s["winning_cells"] for kind, s in m.syntheses.items()},
+        "closed_loop": m.validation["controllers"],
+        "between_samples": page["between"],
+        "guarantee": m.gap["guarantee"],
+        "diagnosis": page["diagnosis"]["verdict"] if page["diagnosis"] else None,
+    }

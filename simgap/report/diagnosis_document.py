@@ -1,0 +1,123 @@
+"""The content of `diagnosis.json`: plain values, the contract's keys first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from simgap.diagnosis.reading.survey import Survey
+from simgap.diagnosis.reading.traces import Reading
+from simgap.diagnosis.result import CandidateScore, Diagnosis, Estimate, FoundEffect, Judged
+from simgap.diagnosis.verdict.remainder import Remainder
+from simgap.diagnosis.verdict.remainder_use import RemainderUse
+from simgap.diagnosis.verdict.words import verdict_sentence
+
+
+def document(
+    found: Diagnosis,
+    reading: Reading,
+    look: Survey,
+    remainder: Remainder | None,
+    use: RemainderUse,
+    units: Mapping[str, str],
+    provenance: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Everything that is reported, as JSON takes it."""
+    content: dict[str, Any] = {
+        "verdict": found.verdict,
+        "sentence": "",
+        "effects": [_effect(e) for e in found.effects],
+        "error": {
+            "before": _error(found.before),
+            "after": _error(found.after),
+            "noise_floor": _error(found.floor),
+        },
+        "held_out": _held_out(found, reading),
+        "data": [asdict(note) for note in reading.files],
+        "candidates": [_candidate(c) for c in found.candidates],
+        "warnings": [*reading.warnings, *look.warnings, *(w for w in found.warnings if w not in look.warnings)],
+        "explained_share": 1.0 - found.excess_share,
+        "fit_quality": {
+            "chi2_dof": {"before": found.before.chi2_dof, "after": found.after.chi2_dof},
+            "held_out_ratio": {"before": found.before.held_out_ratio, "after": found.after.held_out_ratio},
+        },
+        "alternatives": [
+            {
+                "effects": [{"name": a.name, "on": a.on, "parameters": dict(a.values)} for a in alternative.effects],
+                "bic_excess": alternative.bic_excess,
+                "exact": alternative.exact,
+            }
+            for alternative in found.alternatives
+        ],
+        "indistinguishable": [
+            {
+                "candidates": [_key(c.first), _key(c.second)],
+                "correlation": c.correlation,
+                "advice": c.advice,
+            }
+            for c in found.collinear
+        ],
+        "noise": dict(found.sigma),
+        "remainder": _remainder(remainder, use) if remainder is not None else None,
+        "survey": asdict(look),
+        "units": dict(units),
+        "provenance": dict(provenance),
+    }
+    content["sentence"] = verdict_sentence(content)
+    return content
+
+
+def _remainder(remainder: Remainder, use: RemainderUse) -> dict[str, Any]:
+    """The bounds, and what was really done with them."""
+    return {**asdict(remainder), "bounded": use.bounded, "reason": use.reason}
+
+
+def _key(key: Sequence[str]) -> dict[str, str]:
+    return {"name": key[0], "on": key[1]}
+
+
+def _effect(e: FoundEffect) -> dict[str, Any]:
+    return {
+        "name": e.name,
+        "on": e.on,
+        "parameters": {symbol: _estimate(p) for symbol, p in e.parameters.items()},
+        "alternatives": [[_key(k) for k in alternative] for alternative in e.alternatives],
+    }
+
+
+def _estimate(p: Estimate) -> dict[str, Any]:
+    return {"value": p.value, "ci95": list(p.ci95), "unit": p.unit}
+
+
+def _error(j: Judged) -> dict[str, Any]:
+    return {"fit_rmse": dict(j.fit_rmse), "horizon_s": j.horizon_s, "horizon_rmse": dict(j.horizon_rmse)}
+
+
+def _held_out(found: Diagnosis, reading: Reading) -> dict[str, Any]:
+    """Which traces, or which windows of them, were never fitted."""
+    whole = set(reading.held_out) | {t for t, _, _ in found.held_out if _covers(found, reading, t)}
+    return {
+        "traces": [t.name for t in reading.record.traces if t.name in whole],
+        "windows": [{"trace": t, "from": a, "to": b} for t, a, b in found.held_out if t not in whole],
+    }
+
+
+def _covers(found: Diagnosis, reading: Reading, trace: str) -> bool:
+    """Whether the held-out stretches of a trace are all of it."""
+    duration = next(t.duration for t in reading.record.traces if t.name == trace)
+    held = sum(b - a for t, a, b in found.held_out if t == trace)
+    return math.isclose(held, duration, rel_tol=0.05)
+
+
+def _candidate(c: CandidateScore) -> dict[str, Any]:
+    return {
+        "name": c.name,
+        "on": c.on,
+        "score": c.bic_gain if c.bic_gain is not None else c.chi2_drop,
+        "chi2_drop": c.chi2_drop,
+        "bic_gain": c.bic_gain,
+        "parameters": dict(c.parameters),
+        "rejected": c.rejected,
+    }

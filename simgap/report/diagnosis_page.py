@@ -1,0 +1,132 @@
+"""The pictures and the page of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgap.diagnosis.result import WindowPrediction
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, HELD_OUT_QUALITY
+from simgap.diagnosis.verdict.missing import Missing
+from simgap.io import figure_style as style
+from simgap.io.diagnosis_figures import Overlay, error_figure, missing_figure, overlay_figure, ranking_figure
+from simgap.io.pages import render
+from simgap.notation import joined
+
+MOST_OVERLAYS, WINDOWS_SHOWN = 2, 6
+MEANING = {
+    "none": "Before any correction the windows are predicted down to the noise, and no candidate gains enough.",
+    "attributed": (
+        f"With these effects the fit reaches the noise floor (chi²/dof at most {FIT_QUALITY}), and so do data that "
+        f"were never fitted (RMSE/σ at most {HELD_OUT_QUALITY})."
+    ),
+    "partial": (
+        "The effects have their physical sign, agree between folds and take away at least half of the excess error on "
+        "data that were never fitted; the noise floor is not reached."
+    ),
+    "unexplained": (
+        "No set of effects reaches the noise floor or halves the excess error on data that were never fitted. The "
+        "corrected case is the case as it was."
+    ),
+}
+RANKING = (
+    "What each effect alone promises: the drop of chi² beside the model as declared (bar), and its gain in BIC where "
+    f"it was fitted (dot). Less than {BIC_GAIN:g} does not count."
+)
+
+
+def overlays(
+    windows: Sequence[WindowPrediction], states: Sequence[str], inputs: Sequence[str], sigma: Mapping[str, float]
+) -> list[Overlay]:
+    """Stretches of a few windows around held-out ones, for the first traces that have any."""
+    held = [w for w in windows if w.held_out] or list(windows)
+    out = []
+    for trace in list(dict.fromkeys(w.trace for w in held))[:MOST_OVERLAYS]:
+        own = sorted((w for w in windows if w.trace == trace), key=lambda w: float(w.t[0]))
+        centre = next((k for k in range(len(own) // 2, len(own)) if own[k].held_out), len(own) // 2)
+        first = min(max(0, centre - WINDOWS_SHOWN // 2), max(0, len(own) - WINDOWS_SHOWN))
+        shown = own[first : first + WINDOWS_SHOWN]
+        cut = np.full((1, len(states)), np.nan)
+        stack = {
+            side: np.concatenate([part for w in shown for part in (getattr(w, side), cut)])
+            for side in ("measured", "before", "after")
+        }
+        out.append(
+            Overlay(
+                trace,
+                np.concatenate([np.append(w.t, w.t[-1]) for w in shown]),
+                stack["measured"],
+                stack["before"],
+                stack["after"],
+                np.concatenate([np.vstack([w.inputs, np.full((1, len(inputs)), np.nan)]) for w in shown]),
+                tuple(states),
+                tuple(inputs),
+                np.array([sigma[s] for s in states]),
+                tuple((float(w.t[0]), float(w.t[-1])) for w in shown if w.held_out),
+                all(w.held_out for w in shown),
+            )
+        )
+    return out
+
+
+def draw(
+    document: Mapping[str, Any], stretches: Sequence[Overlay], missing: Sequence[Missing], folder: Path
+) -> dict[str, Any]:
+    """All figures: written as PNG into `folder`, returned as SVG text for the page."""
+    units = document["units"]
+    texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "ranking": ""}
+
+    def keep(figure: Any, name: str) -> str:
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # laid out once, drawn twice
+        style.save_picture(figure, folder / f"{name}.png")
+        text = style.svg_text(figure)
+        style.close(figure)
+        return text
+
+    with style.figure_style():
+        if document["error"]["before"]["horizon_rmse"]:
+            texts["error"] = keep(error_figure(document["error"], units), "error")
+        for k, o in enumerate(stretches):
+            texts["overlays"].append(keep(overlay_figure(o, units), f"measured-{k + 1}"))
+        for k, m in enumerate(missing):
+            texts["missing"].append(keep(missing_figure(m), f"residual-{k + 1}"))
+        if document["candidates"]:
+            texts["ranking"] = keep(ranking_figure(document["candidates"], document["effects"]), "candidates")
+    return texts
+
+
+def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) -> str:
+    """The page as one HTML text."""
+    from markupsafe import Markup
+
+    marked = {k: [Markup(f) for f in v] if isinstance(v, list) else Markup(v) for k, v in figures.items()}
+    return render(
+        "diagnosis.html.j2",
+        d=document,
+        title=title,
+        figures=marked,
+        meaning=MEANING[document["verdict"]],
+        held_out=_held_out(document["held_out"]),
+        quality=_quality(document["fit_quality"]),
+        ranking_note=RANKING,
+    )
+
+
+def _held_out(held: Mapping[str, Any]) -> str:
+    parts = [*held["traces"]]
+    if held["windows"]:
+        spans = [f"{w['from']:.3g} to {w['to']:.3g} s of {w['trace']}" for w in held["windows"]]
+        parts += spans if len(spans) <= 6 else [*spans[:5], f"{len(spans) - 5} more stretches"]
+    return joined(parts) if parts else "nothing could be held out; these errors are of fitted data"
+
+
+def _quality(quality: Mapping[str, Any]) -> str:
+    fit, held = quality["chi2_dof"], quality["held_out_ratio"]
+    return (
+        f"chi²/dof of the fitted windows: {fit['before']:.4g} before, {fit['after']:.4g} after; "
+        f"held-out RMSE/σ: {held['before']:.4g} before, {held['after']:.4g} after."
+    )

@@ -1,0 +1,107 @@
+"""The pictures of a case's page, each as text to put into it, with what must be said under them."""
+
+from __future__ import annotations
+
+import base64
+import io
+from typing import Any
+
+from simgap.config.synthesis import ReachAvoidSpecification
+from simgap.io import figure_style as style
+from simgap.io import figures_arena, figures_domains, figures_gap, figures_traces
+from simgap.io.parquet import stack
+from simgap.io.recording_content import PlanarScene
+from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, shown
+from simgap.report.material import Material
+from simgap.report.scene import limits, scene
+from simgap.report.tables import is_signed, sweep
+
+NAMES = ("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected")
+DENSE = ("bound", "inputs")  # too many paths for SVG
+
+
+def embedded(figure: Any) -> str:
+    """A figure as an image element that carries its PNG; without a date, so equal figures are equal text."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=170, metadata={"Software": None})
+    data = base64.b64encode(buffer.getvalue()).decode()
+    return f'<img alt="" style="width: 100%" src="data:image/png;base64,{data}">'
+
+
+def draw(m: Material) -> tuple[dict[str, Any], dict[str, str]]:
+    """Figures by name as markup, empty where a case has no use for one, and notes by name."""
+    from markupsafe import Markup
+
+    figures: dict[str, Any] = dict.fromkeys(NAMES, "")
+    with style.figure_style():
+        made = {**_bound(m), "sweep": _sweep(m), **_loop(m)}
+        if m.corrected is not None and len(m.context.states) == 2:
+            made["corrected"] = figures_domains.domains_figure(m.corrected.controllers, [], m.context.units)
+        for name, figure in made.items():
+            if figure is not None:
+                figures[name] = Markup(embedded(figure) if name in DENSE else style.svg_text(figure))
+                style.close(figure)
+    return figures, {"model": model_note(m)}
+
+
+def _bound(m: Material) -> dict[str, Any]:
+    """The bound over states or, where it depends on two inputs alone, over these."""
+    by_input = figures_gap.over_inputs(m.bound) if len(m.context.inputs) == 2 else None
+    if by_input is not None:
+        return {"inputs": figures_gap.inputs_figure(m.bound, *by_input, m.context.units)}
+    states, inputs = m.context.states, m.context.inputs
+    x, u = stack(m.samples, states), stack(m.samples, inputs)
+    d = stack(m.samples, [f"gap_{n}" for n in states])
+    draw_it = figures_gap.surface_figure if len(states) == 2 else figures_gap.slices_figure
+    return {"bound": draw_it(m.bound, x, u, d, m.context.units)}
+
+
+def _sweep(m: Material) -> Any:
+    rows = sweep(m)
+    return figures_gap.sweep_figure(rows, m.context.states, m.context.units) if len(rows) > 1 else None
+
+
+def _loop(m: Material) -> dict[str, Any]:
+    """Winning domains, trajectories and the gap along the run."""
+    context = m.context
+    chosen = {kind: shown(m.traces, kind) for kind in (NOMINAL, ROBUST)}
+    until = figures_traces.first_seconds(chosen)
+    gap = figures_traces.gap_figure(chosen[ROBUST], context.states, context.units, until)
+    section = context.need(context.case.synthesis, "synthesis")
+    if isinstance(section.specification, ReachAvoidSpecification):
+        return {"gap": gap, **_arena(m)}
+    out = {"gap": gap}
+    if len(context.states) == 2:
+        out["domains"] = figures_domains.domains_figure(m.controllers, m.traces, context.units)
+    out["trajectories"] = figures_traces.trajectories_figure(
+        chosen, m.traces, limits(context), context.states, context.units
+    )
+    return out
+
+
+def _arena(m: Material) -> dict[str, Any]:
+    where = scene(m.context)
+    out: dict[str, Any] = {}
+    if isinstance(where, PlanarScene):
+        out["trajectories"] = figures_arena.arena_figure(where, m.traces, m.context.units, m.context.states)
+    if len(m.context.states) == 3:
+        out["domains"] = figures_domains.slices_figure(m.controllers[ROBUST], m.context.units)
+    steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
+    if any(len(s) for s in steps.values()):
+        out["times"] = figures_arena.times_figure(steps, m.context.domain.tau)
+    return out
+
+
+def model_note(m: Material) -> str:
+    """Why the gap-aware controller may fail on the nominal model, where it does."""
+    tally = m.validation["controllers"][ROBUST].get(MODEL)
+    if not tally or not tally["runs_that_violated_it"]:
+        return ""
+    bad, runs = tally["runs_that_violated_it"], tally["runs"]
+    if is_signed(m.gap):
+        return (
+            f"On the nominal model itself the gap-aware controller ends {bad:,} of {runs:,} runs early. That is no "
+            "fault: a signed gap takes the simulator's bias out of the model, so this controller is made for the "
+            "simulator, and the nominal model is outside its bound."
+        )
+    return f"On the nominal model itself the gap-aware controller ends {bad:,} of {runs:,} runs early."

@@ -1,0 +1,47 @@
+"""What the page of a case is made from, in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from simgap.config.context import Context
+from simgap.gap.function import GapFunction
+from simgap.io.traces import Trace
+from simgap.synthesis.controller import Controller
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """The same case with the nominal model that the diagnosis corrected.
+
+    `inside` is the share of measured transitions inside f +- gamma, "before" and "after"; None where it is not known.
+    """
+
+    summary: Mapping[str, Any]
+    controllers: Mapping[str, Controller]
+    inside: Mapping[str, Mapping[str, float] | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """What was read.
+
+    Attributes:
+        sweep: the content of every gap.json, largest eps first; gap: of the case's own eps; bound: the function in it.
+        syntheses, controllers: by kind, "nominal" and "gap".
+    """
+
+    context: Context
+    sweep: Sequence[Mapping[str, Any]]
+    gap: Mapping[str, Any]
+    bound: GapFunction
+    samples: Any
+    syntheses: Mapping[str, Mapping[str, Any]]
+    controllers: Mapping[str, Controller]
+    validation: Mapping[str, Any]
+    traces: Sequence[Trace]
+    diagnosis: Mapping[str, Any] | None
+    corrected: Corrected | None
+    printed: Mapping[str, Any]

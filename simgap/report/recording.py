@@ -1,0 +1,49 @@
+"""What the recording of a case shows, put together from its traces and controllers."""
+
+from __future__ import annotations
+
+from simgap.config.context import Context
+from simgap.io.recording_content import Content
+from simgap.io.traces import NOMINAL, ROBUST, TITLES, Trace, shown
+from simgap.report.scene import limits, scene
+from simgap.synthesis.controller import Controller
+
+ABOUT = """# {title}
+
+Both controllers in the simulator, on the time line `sim_time`.
+
+- **blue**: the controller made for the model **with** its gap
+- **vermilion**: the controller made for the nominal model alone
+- **grey**: the same controller on the nominal model itself
+- **orange**: the bound of the gap; **green**: the ends of the safe set
+
+Winning domains: pale where both win, blue or vermilion where only one does.
+
+{runs}
+"""
+
+
+def recording_content(context: Context, traces: list[Trace], nominal: Controller, robust: Controller) -> Content:
+    """What the recording of a case shows."""
+    chosen = {kind: shown(traces, kind) for kind in (ROBUST, NOMINAL)}
+    lines = [f"- {TITLES[kind]}: run {t.run}, {_fate(t)}" for kind, t in chosen.items()]
+    about = ABOUT.format(title=context.case.title or context.case.name, runs="\n".join(lines))
+    return Content(
+        case=context.case.name,
+        about=about,
+        states=tuple(context.states),
+        inputs=tuple(context.inputs),
+        units=context.units,
+        safe=limits(context),
+        traces=traces,
+        shown=chosen,
+        controllers={ROBUST: robust, NOMINAL: nominal},
+        scene=scene(context),
+    )
+
+
+def _fate(trace: Trace) -> str:
+    if trace.violates:
+        first = float(trace.t[~trace.safe][0])
+        return f"**unsafe after {first:g} s**"
+    return f"safe for all {trace.duration:g} s"

@@ -1,0 +1,167 @@
+"""The tables of a case's page, as plain rows for the template."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, TITLES
+from simgap.notation import pretty_unit
+from simgap.report.material import Material
+
+Rows = list[dict[str, Any]]
+BOUND_FIGURES = (
+    ("size", "sup of gamma's size"),
+    ("width", "sup of its width"),
+    ("sampled", "largest sampled gap"),
+)
+
+
+def is_signed(gap: Mapping[str, Any]) -> bool:
+    """Whether lower and upper bound were fitted apart."""
+    programs = [d["scenario"] for d in gap.get("dimensions", ()) if "scenario" in d]
+    return all("lower" in p and "upper" in p for p in programs)
+
+
+def coefficients(gap: Mapping[str, Any]) -> Rows:
+    """For bounds linear in a basis: each state with its terms and both coefficients."""
+    if gap.get("kind") != "linear":
+        return []
+    out = []
+    for state, sides in gap["gap"].items():
+        terms = list(sides["upper"]["coefficients"])
+        rows = [{"term": t, **{s: sides[s]["coefficients"].get(t) for s in ("lower", "upper")}} for t in terms]
+        rows.append({"term": "raised by", "lower": sides["lower"]["offset"], "upper": sides["upper"]["offset"]})
+        out.append({"state": state, "rows": rows})
+    return out
+
+
+def sweep(m: Material) -> Rows:
+    """The table of suprema against eps, with the values that the paper prints."""
+    rows = []
+    for gap in m.sweep:
+        printed = m.printed.get("sup_gamma", {}).get(f"{gap.get('eps') or 0:g}", {})
+        states = {s: row | {"printed": printed.get(s)} for s, row in suprema(m, gap).items()}
+        row = {"eps": gap.get("eps"), "samples": gap.get("samples"), "states": states, "fresh": gap.get("fresh")}
+        rows.append(row)
+    return rows
+
+
+def suprema(m: Material, gap: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Suprema of a bound by state: of its size and of its width, with the largest sampled gap where it is known."""
+    reports = {d["state"]: d for d in gap.get("dimensions", ())}
+    if reports:
+        keys = (("size", "sup_size"), ("width", "sup_width"), ("sampled", "largest_sampled_gap"))
+        return {s: {short: d.get(key) for short, key in keys} for s, d in reports.items()}
+    return {s: {"size": v.size, "width": v.width, "sampled": None} for s, v in m.bound.sup().items()}
+
+
+def lipschitz(m: Material) -> Rows:
+    """Estimates of each state side by side: method, value, goodness of fit, remark."""
+    printed = m.printed.get("lipschitz", {})
+    out = []
+    for d in m.gap.get("dimensions", ()):
+        rows = [dict(e) for e in d.get("lipschitz_estimates", ())]
+        if rows and d["state"] in printed:
+            rows.append({"method": "printed in the paper", "value": printed[d["state"]], "ks_p": None, "note": ""})
+        if rows:
+            out.append({"state": d["state"], "rows": rows})
+    return out
+
+
+def scenario(gap: Mapping[str, Any]) -> Rows:
+    """One row a scenario program."""
+    return [
+        {"state": d["state"], "side": side, **program}
+        for d in gap.get("dimensions", ())
+        for side, program in d.get("scenario", {}).items()
+    ]
+
+
+def loops(m: Material) -> Rows:
+    """One row for each controller on each plant."""
+    return [
+        {"controller": TITLES[kind], "plant": plant, **m.validation["controllers"][kind][plant]}
+        for kind in (ROBUST, NOMINAL)
+        for plant in (SIMULATOR, MODEL)
+        if plant in m.validation["controllers"][kind]
+    ]
+
+
+def hidden_state(m: Material) -> list[tuple[str, str]]:
+    """What a bound over hidden state was taken over and what was found, as names with text; empty for other bounds."""
+    if "budget" not in m.gap:
+        return []
+    rows = [(k.replace("_", " "), f"{v:,}") for k, v in m.gap["budget"].items() if isinstance(v, int)]
+    for age, influence in enumerate(m.gap.get("memory", ())):
+        rows.append((f"effect of inputs more than {age + 1} samples back", _by_state(m, influence)))
+    if "heading_deviation" in m.gap:
+        rows.append(("largest deviation between headings", _by_state(m, m.gap["heading_deviation"])))
+    for key, name in (("beyond_previous_inputs", "found beyond the previous input"), ("margin", "added for that")):
+        if all(key in d for d in m.gap["dimensions"]):
+            rows.append((name, _by_state(m, [d[key] for d in m.gap["dimensions"]])))
+    return rows
+
+
+def _by_state(m: Material, values: Iterable[float]) -> str:
+    named = zip(m.context.states, values, strict=False)
+    return ", ".join(f"{n} {v:.3g} {pretty_unit(m.context.units[n])}" for n, v in named)
+
+
+def diagnosis(m: Material) -> dict[str, Any] | None:
+    """What measured data said about the model, for a short section with a link."""
+    d = m.diagnosis
+    if d is None:
+        return None
+    before, after = d["error"]["before"]["horizon_rmse"], d["error"]["after"]["horizon_rmse"]
+    floor = d["error"]["noise_floor"]["horizon_rmse"]
+    rows = [{"state": s, "before": before[s], "after": after[s], "floor": floor[s]} for s in before]
+    horizon = d["error"]["before"]["horizon_s"]
+    return {"verdict": d["verdict"], "sentence": d.get("sentence", ""), "rows": rows, "horizon": horizon}
+
+
+def corrected(m: Material) -> Rows:
+    """What the corrected model changes: a row a figure, before and after."""
+    if m.corrected is None:
+        return []
+    after = m.corrected.summary
+    bounds, own = after["sup_gamma"][-1]["states"], suprema(m, m.gap)
+    rows: Rows = []
+    for key, name in BOUND_FIGURES:
+        for state, unit in ((s, m.context.units[s]) for s in own):
+            row = {"what": f"{name}, {state}", "before": own[state][key], "after": bounds[state][key], "unit": unit}
+            rows.append(row)
+    rows += _measured(m)
+    for kind, name in TITLES.items():
+        before, later = m.syntheses[kind]["winning_fraction"], after["winning_fraction"][kind]
+        rows.append({"what": f"winning fraction, {name}", "before": before, "after": later, "unit": ""})
+    for kind, name in TITLES.items():
+        tallies = (m.validation["controllers"], after["closed_loop"])
+        first, second = (t[kind][SIMULATOR]["runs_that_violated_it"] for t in tallies)
+        rows.append({"what": f"runs that violate, {name}", "before": first, "after": second, "unit": ""})
+    return rows
+
+
+def _measured(m: Material) -> Rows:
+    """One-step error and share inside f +- gamma on held-out transitions, before and after."""
+    rows: Rows = []
+    step = ((m.diagnosis or {}).get("remainder") or {}).get("one_step")
+    if step:
+        for state, before in step["before"].items():
+            what = f"one-step error on held-out data, {state} (noise floor {step['noise_floor'][state]:.3g})"
+            rows.append({"what": what, "before": before, "after": step["after"][state], "unit": m.context.units[state]})
+    inside = m.corrected.inside if m.corrected is not None else {}
+    first, second = inside.get("before"), inside.get("after")
+    if first and second:
+        count = f"{first['transitions']:,.0f} held-out transitions"
+        names = {"share": f"share of {count} inside f ± gamma", "noise_alone": "the same if noise were all there is"}
+        rows += [{"what": n, "before": first[k], "after": second[k], "unit": ""} for k, n in names.items()]
+    return rows
+
+
+def sources(m: Material) -> Rows:
+    """The provenance of every result that went into the page."""
+    named = [(f"gap, eps = {g['eps']:g}" if "eps" in g else "gap", g) for g in m.sweep]
+    named += [("synthesis, gap-aware", m.syntheses[ROBUST]), ("synthesis, nominal", m.syntheses[NOMINAL])]
+    named.append(("validation", m.validation))
+    return [{"what": what, **document["provenance"]} for what, document in named if "provenance" in document]

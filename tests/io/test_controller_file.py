@@ -1,0 +1,161 @@
+"""Controllers read back the same, and no damaged or impossible one is ever obeyed."""
+
+import hashlib
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import simgap
+from simgap.errors import UserError
+from simgap.geometry import Box, Grid
+from simgap.io.controller_file import load_controller, save_controller
+from simgap.specifications.solution import Solution
+from simgap.synthesis.controller import Controller
+
+GRID = Grid(Box([0.0, -1.0], [1.0, 1.0]), (4, 3), (1,))
+INPUTS = np.array([[-1.0], [0.0], [1.0]])
+
+
+def reaching(memory=1):
+    """A controller made by hand: the first two cells are the target, the last one is lost."""
+    target, free, winning = (np.zeros(GRID.size, bool) for _ in range(3))
+    target[:2], free[:], winning[:-1] = True, True, True
+    value = np.where(target, 0, np.where(winning, 1, -1)).astype(np.int32)
+    mask = np.zeros((GRID.size, memory, 1), np.uint8)
+    mask[2:-1] = 0b101
+    solution = Solution(GRID, winning, mask.reshape(-1, 1), free, value, target, memory, {"steps": 1})
+    return Controller(INPUTS, ("x", "v"), ("u",), solution, "least_effort", {"seed": 0})
+
+
+@pytest.fixture
+def saved(tmp_path):
+    save_controller(reaching(), tmp_path / "controller.npz")
+    return tmp_path / "controller.npz"
+
+
+def parts(path):
+    with np.load(path) as stored:
+        return {name: stored[name] for name in stored.files}
+
+
+def rewritten(path, about=None, **changes):
+    """The file with other content and a checksum that fits it, as a faulty program would write it."""
+    arrays = parts(path)
+    arrays |= changes
+    if about:
+        told = json.loads(arrays["about"].tobytes()) | about
+        arrays["about"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    arrays.pop("sha256")
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        digest.update(f"{name} {arrays[name].dtype.str} {arrays[name].shape};".encode() + arrays[name].tobytes())
+    np.savez(path, sha256=np.frombuffer(digest.digest(), np.uint8), **arrays)
+    return path
+
+
+def refused(path, match):
+    with pytest.raises(UserError, match=match) as caught:
+        load_controller(path)
+    assert caught.value.file == path
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("memory", [1, 4])
+def test_it_reads_back_the_same(tmp_path, memory):
+    made, path = reaching(memory), tmp_path / "a.npz"
+    save_controller(made, path)
+    read = load_controller(path)
+    for name in ("winning", "mask", "free", "value", "target"):
+        assert np.array_equal(getattr(read.solution, name), getattr(made.solution, name)), name
+    assert (read.states, read.memory, read.grid.periodic) == (("x", "v"), memory, (1,))
+    save_controller(read, tmp_path / "b.npz")
+    assert path.read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def test_the_package_offers_it_without_costing_anything_before(saved):
+    assert simgap.load_controller(saved).input([0.9, 0.0]).tolist() == [-1.0]
+    code = "import sys, simgap; sys.exit(any(name.startswith(('numpy', 'numba', 'simgap.')) for name in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    with pytest.raises(AttributeError, match="no attribute 'load_everything'"):
+        simgap.load_everything  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("about", "changes", "match"),
+    [
+        ({"memory": 0}, {}, "memory 0 cannot be"),
+        ({"memory": -1}, {}, "memory -1 cannot be"),
+        ({"memory": True}, {}, "memory True cannot be"),
+        ({"memory": 4}, {}, "table of inputs has shape"),
+        ({}, {"input_set": np.array([[-1.0], [np.nan], [1.0]])}, "finite numbers with the columns u"),
+        ({}, {"input_set": np.array([[-1.0], [0.0]])}, "admits inputs that do not exist"),
+        ({}, {"input_set": np.zeros((3, 2))}, "finite numbers with the columns u"),
+        ({}, {"cells": np.array([3, 5])}, "shape|size|grid"),
+        ({}, {"cells": np.array([4, -3])}, "positive cell counts"),
+        ({}, {"box": np.array([[0.0, np.inf], [1.0, 1.0]])}, "box is not 2 x states"),
+        ({"periodic": [7]}, {}, "periodic axes"),
+        ({"states": ["x"]}, {}, "box is not"),
+        ({"states": ["x", "x"]}, {}, "distinct names"),
+        ({"rule": "best"}, {}, "no selection rule"),
+        ({"statistics": None}, {}, "no mapping"),
+        ({}, {"mask": np.zeros((12, 1), np.uint8)}, "wins cells without an input"),
+        ({}, {"mask": np.full((12, 1), 0b1000, np.uint8)}, "admits inputs that do not exist"),
+        ({}, {"free": np.zeros(2, np.uint8)}, "wins cells that the specification forbids"),
+        ({}, {"winning": np.zeros(3, np.uint8)}, "another size than its grid"),
+        ({}, {"value": np.zeros(12, np.int32)}, "values and its winning cells differ"),
+    ],
+)
+def test_what_cannot_be_is_refused_even_with_a_checksum_that_fits(saved, about, changes, match):
+    refused(rewritten(saved, about, **changes), match)
+
+
+def test_a_swap_of_two_cells_is_refused(saved):
+    arrays = parts(saved)
+    arrays["mask"][[2, 11]] = arrays["mask"][[11, 2]]
+    np.savez(saved, **arrays)
+    refused(saved, "checksum does not fit")
+
+
+def test_a_file_without_checksum_or_with_missing_parts_is_refused(saved):
+    arrays = parts(saved)
+    np.savez(saved, **{name: array for name, array in arrays.items() if name != "sha256"})
+    refused(saved, "no checksum")
+    np.savez(saved, sha256=arrays["sha256"])
+    refused(saved, "parts of it are missing")
+    np.save(saved.with_suffix(".npy"), np.zeros(3))
+    refused(saved.with_suffix(".npy"), "not a controller file")
+    refused(saved.parent, "not a controller file")
+
+
+def test_every_flipped_bit_is_refused_or_changes_nothing(saved):
+    whole, rng = saved.read_bytes(), np.random.default_rng(14)
+    want, seen = parts(saved), 0
+    for bit in rng.choice(8 * len(whole), 400, replace=False):
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        saved.write_bytes(damaged)
+        try:
+            load_controller(saved)
+        except UserError:
+            seen += 1
+        else:
+            assert all(np.array_equal(array, want[name]) for name, array in parts(saved).items())
+    assert seen > 200
+
+
+def test_what_is_no_state_gets_no_answer():
+    controller = reaching()
+    for wrong in ([0.1], [0.1, 0.0, 0.0], 0.1, [[[0.1, 0.0]]]):
+        with pytest.raises(UserError, match=r"a state is 2 numbers \(x, v\)"):
+            controller.input(wrong)
+    for wrong in ([np.nan, 0.0], [0.1, np.inf]):
+        with pytest.raises(UserError, match="must be finite"):
+            controller.input(wrong)
+        with pytest.raises(UserError, match="must be finite"):
+            controller.contains([wrong])
+    for wrong in (1, -1):
+        with pytest.raises(UserError, match="pending input is a number from 0 to 0"):
+            controller.input([0.9, 0.0], wrong)
