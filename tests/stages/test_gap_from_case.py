@@ -11,7 +11,6 @@ from simgap.gap.load import from_json
 from simgap.gap.pairs import draw, product
 from simgap.geometry import Grid
 from simgap.io.documents import read_json
-from simgap.plants.cases import nominal_model
 from simgap.stages import fresh, grid
 from simgap.stages.context import Context
 
@@ -48,7 +47,7 @@ def stage(vary, tmp_path, inputs):
         removed = ("measured", "simulator")
         path = vary("pendulum", {"gap": QUICK | section, "domain.U": inputs}, removed)
         context = Context.load(path)
-        model = nominal_model(context.case, context.folder)
+        model = context.plant.sampled
         pairs = product(Grid.covering(context.box, EPS).centres(), context.input_set)
         for name, (x, u) in (("shard", pairs), ("fresh", draw(context.box, context.input_set, 4000, 1))):
             road.made_up(context, tmp_path / f"{name}.parquet", x, u, model.step(x, u) + known(x, u))

@@ -21,9 +21,9 @@ from simgap.simulators.body_samples import BodySamples, joined
 
 def nominal(context: Context) -> NominalModel:
     """The sampled nominal model of the case."""
-    from simgap.plants.cases import nominal_model
+    from simgap.plants.plant_model import PlantModel
 
-    return nominal_model(context.case, context.folder)
+    return PlantModel.of(context.case, context.folder).sampled
 
 
 def stacked(columns: Columns, names: Sequence[str]) -> Floats:
