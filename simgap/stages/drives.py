@@ -18,10 +18,10 @@ from simgap.config.case import Case
 from simgap.config.synthesis import ReachAvoidSpecification
 from simgap.errors import UserError
 from simgap.gap.function import GapFunction
-from simgap.gap.load import from_json
 from simgap.geometry import Floats
 from simgap.io.controller_file import load_controller
-from simgap.io.documents import read_json, write_json
+from simgap.io.documents import write_json
+from simgap.io.gap_file import load_gap
 from simgap.io.parquet import write_parquet
 from simgap.model.sampled import NominalModel
 from simgap.plants.cases import nominal_model
@@ -64,7 +64,7 @@ def run(
     with context.blame():
         model, gap, arena = (
             nominal_model(context.case, context.folder),
-            from_json(read_json(gap_path)),
+            load_gap(gap_path, context).function,
             arena_of(context),
         )
     tallies: dict[str, dict[str, Any]] = {}

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simgap.gap.load import from_json
+from simgap.gap.function import GapFunction
 from simgap.io.atomic import write_text
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
+from simgap.io.gap_file import load_gap
 from simgap.io.pages import REPORTS, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
@@ -62,34 +63,34 @@ def run(case_path: Path, inputs: Inputs, out: Path, figures_out: Path) -> None:
 def read(case_path: Path, inputs: Inputs) -> Material:
     """Everything that the page needs, in memory."""
     context = Context.load(case_path)
-    sweep = sorted((read_json(path) for path in inputs.gaps), key=lambda g: -float(g.get("eps", 0.0)))
+    found = sorted((load_gap(path, context) for path in inputs.gaps), key=lambda g: -float(g.content.get("eps", 0.0)))
     grid = context.case.grid
-    gap = min(sweep, key=lambda g: abs(float(g["eps"]) - grid.eps)) if grid is not None else sweep[-1]
+    gap = min(found, key=lambda g: abs(float(g.content["eps"]) - grid.eps)) if grid is not None else found[-1]
     folders = {NOMINAL: inputs.nominal, ROBUST: inputs.robust}
     table = read_parquet(inputs.validation / "traces.parquet")
     return Material(
         context=context,
-        sweep=sweep,
-        gap=gap,
-        bound=from_json(gap),
+        sweep=[g.content for g in found],
+        gap=gap.content,
+        bound=gap.function,
         samples=read_parquet(inputs.samples),
         syntheses={kind: read_json(folder / "synthesis.json") for kind, folder in folders.items()},
         controllers={kind: load_controller(folder / "controller.npz") for kind, folder in folders.items()},
         validation=read_json(inputs.validation / "validation.json"),
         traces=split(table, context.states, context.inputs),
         diagnosis=read_json(inputs.diagnosis / "diagnosis.json") if inputs.diagnosis else None,
-        corrected=_corrected(context, inputs, gap) if inputs.corrected else None,
+        corrected=_corrected(context, inputs, gap.function) if inputs.corrected else None,
         printed=printed_values(context.case.name),
     )
 
 
-def _corrected(context: Context, inputs: Inputs, gap: Mapping[str, Any]) -> Corrected:
+def _corrected(context: Context, inputs: Inputs, gap: GapFunction) -> Corrected:
     folder = inputs.corrected or Path()
     controllers = {kind: load_controller(folder / "synthesis" / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
     return Corrected(read_json(folder / "summary.json"), controllers, _inside(context, inputs, gap))
 
 
-def _inside(context: Context, inputs: Inputs, gap: Mapping[str, Any]) -> dict[str, Mapping[str, float] | None]:
+def _inside(context: Context, inputs: Inputs, gap: GapFunction) -> dict[str, Mapping[str, float] | None]:
     """Measured transitions against both bounds, where the diagnosis and the corrected bound are there."""
     found, bounds = inputs.diagnosis, sorted((inputs.corrected or Path()).glob("gap/*/gap.json"))
     if found is None or not (found / FILE).is_file() or not bounds:
@@ -98,7 +99,7 @@ def _inside(context: Context, inputs: Inputs, gap: Mapping[str, Any]) -> dict[st
     later = Context.load(found / "corrected_case.yaml")
     if later.states != context.states:
         return {}
-    sides = {"before": (context, from_json(gap), False), "after": (later, from_json(read_json(bounds[-1])), True)}
+    sides = {"before": (context, gap, False), "after": (later, load_gap(bounds[-1], later).function, True)}
     return {
         side: share_inside(own, found / FILE, nominal_model(own.case, own.folder), bound, noise, late)
         for side, (own, bound, late) in sides.items()

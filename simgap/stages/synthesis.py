@@ -5,15 +5,14 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from simgap.gap.hidden_state import BodySamples
-from simgap.gap.load import from_json
 from simgap.geometry import Floats
 from simgap.io.controller_file import save_controller
-from simgap.io.documents import read_json, write_json
+from simgap.io.documents import write_json
+from simgap.io.gap_file import SavedGap, load_gap
 from simgap.model.paths import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.plants.cases import nominal_model
@@ -49,7 +48,7 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
     names = tuple(context.states), tuple(context.inputs)
     save_controller(Controller(problem.inputs, *names, solution, section.rule, record), out)
     figures = {
-        "model": "with gap" if gap_path else "nominal",
+        "model": "with gap" if gap_path is not None else "nominal",
         "cells": list(problem.cells),
         "inputs": len(problem.inputs),
         "winning_cells": int(solution.winning.sum()),
@@ -85,14 +84,14 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     """
     section = context.need(context.case.synthesis, "synthesis")
     model = nominal_model(context.case, context.folder)
-    bound = read_json(gap_path) if gap_path else None
-    gap = from_json(bound) if bound else None
+    bound = load_gap(gap_path, context) if gap_path is not None else None
+    gap = bound.function if bound is not None else None
     specification = case_specification(context)
     reaching = isinstance(specification, ReachAvoidSpecification)
     on_the_way = reaching and (bound is not None or section.nominal_between_samples)
     sweep = _sweep(context, model, bound) if on_the_way else None
     flow = rates(carried_model(context.case.plant, context.folder))
-    spread = np.array([s.size for s in gap.sup().values()]) if gap and sweep is None else np.zeros(model.nx)
+    spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and sweep is None else np.zeros(model.nx)
     between, _ = excursion(flow, specification.region, context.input_set, model.tau, spread / model.tau)
     sensing = context.case.sensing
     error = np.array([sensing.error.get(name, 0.0) for name in context.states]) if sensing else None
@@ -102,8 +101,8 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
         cells=section.cells,
         inputs=context.input_set,
         periodic=tuple(context.states.index(name) for name in context.domain.periodic),
-        gap=gap.kernel() if gap else None,
-        gap_axes=[j for j in range(model.nx) if j not in gap.domain.free] if gap else None,
+        gap=gap.kernel() if gap is not None else None,
+        gap_axes=[j for j in range(model.nx) if j not in gap.domain.free] if gap is not None else None,
         error=error,
         latency=sensing.latency if sensing else 0,
     )
@@ -112,7 +111,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     return problem, between
 
 
-def _sweep(context: Context, model: NominalModel, bound: Any) -> tuple[Floats, Floats] | None:
+def _sweep(context: Context, model: NominalModel, bound: SavedGap | None) -> tuple[Floats, Floats] | None:
     """The box of each input's way, seen from the robot: measured with the gap, or the nominal way without one.
 
     None for a plant that is no wheeled robot: the clearance then covers what happens between samples.
@@ -121,7 +120,7 @@ def _sweep(context: Context, model: NominalModel, bound: Any) -> tuple[Floats, F
     if symbolic is None or symbolic.wheels is None:
         return None
     if bound is not None:
-        return (np.array(bound["sweep"]["lower"]), np.array(bound["sweep"]["upper"])) if "sweep" in bound else None
+        return bound.sweep
     pose = pose_axes(context)
     symbolic_plant = carried_model(context.case.plant, context.folder)
     way, bulge = nominal_paths(

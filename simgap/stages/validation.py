@@ -18,10 +18,10 @@ from simgap.config.case import Case
 from simgap.config.synthesis import InvarianceSpecification, ReachAvoidSpecification
 from simgap.errors import BrokenPromise
 from simgap.gap.function import GapFunction
-from simgap.gap.load import from_json
 from simgap.geometry import Box, Floats
 from simgap.io.controller_file import load_controller
-from simgap.io.documents import read_json, write_json
+from simgap.io.documents import write_json
+from simgap.io.gap_file import load_gap
 from simgap.io.parquet import table, write_parquet
 from simgap.model.sampled import NominalModel
 from simgap.plants.cases import nominal_model
@@ -67,7 +67,7 @@ def run(
         drives.run(context, {"nominal": nominal, "gap": robust}, gap_path, out, traces, workers, engine_log)
         return
     with context.blame():
-        model, gap = nominal_model(context.case, context.folder), from_json(read_json(gap_path))
+        model, gap = nominal_model(context.case, context.folder), load_gap(gap_path, context).function
         safe = safe_box(context)
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
