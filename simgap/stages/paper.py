@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from simgap.config.load import load_case, read_yaml
+from simgap.config.load import load_case
+from simgap.config.load_yaml import read_yaml
 from simgap.gap.function import GapDomain
 from simgap.geometry import Box, Floats, Grid
 from simgap.io.documents import write_json
