@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap.config.pose import pose_axes
 from simgap.errors import SimgapError
 from simgap.gap.bases import Basis
 from simgap.gap.design import Design
@@ -126,7 +127,7 @@ def main() -> None:
     content = read_json(path["gap"])
     default = from_json(content)
     problem, _ = pose(context, path["gap"])
-    model, axes, inputs = nominal_model(context.case, context.folder), hidden_gap.pose_axes(context), context.input_set
+    model, axes, inputs = nominal_model(context.case, context.folder), pose_axes(context), context.input_set
     centre = 0.5 * (context.box.lo + context.box.hi)
     motion = nominal_motion(model.step, centre, inputs, axes, np.random.default_rng(0))
     grid = hidden_gap.read_samples(context, path["grid"])

@@ -13,38 +13,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.function import GapDomain
 from simgap.gap.symmetry import BodyFrameGap, HeadingDeviation
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
+from simgap.simulators.body_samples import BodySamples, Ints
 
-Ints = NDArray[np.int64]
 TOP = 20
 CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True, eq=False)
-class BodySamples:
-    """Roll-outs seen from the pose at which their input began.
-
-    Attributes:
-        m: (n,) number of the input in U; final: (n, 3) pose after tau; extent: (n, 4) least and largest x, least and
-            largest y on the way, the start included.
-    """
-
-    m: Ints
-    final: Floats
-    extent: Floats
-
-    @staticmethod
-    def of_paths(m: Ints, paths: Floats, pose: tuple[int, int, int] = (0, 1, 2)) -> BodySamples:
-        """From paths (n, poses, 3) that do not hold the start itself; `pose` says which states are x, y, heading."""
-        x, y = paths[..., pose[0]], paths[..., pose[1]]
-        ends = [np.minimum(x.min(1), 0), np.maximum(x.max(1), 0), np.minimum(y.min(1), 0), np.maximum(y.max(1), 0)]
-        return BodySamples(m, paths[:, -1].copy(), np.stack(ends, axis=1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,19 +13,23 @@ import numpy as np
 
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.gap.hidden_state import BodySamples, Ints
 from simgap.geometry import Floats
-from simgap.simulators.wheeled import PyBulletWheeled
+from simgap.simulators.base import PathSimulator
+from simgap.simulators.body_samples import BodySamples, Ints, joined
 
 
 @contextmanager
-def _robot(case: Case, folder: Path) -> Iterator[PyBulletWheeled]:
+def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
     from simgap.simulators.build import make_simulator
 
     simulator = make_simulator(case, folder)
     try:
-        if not isinstance(simulator, PyBulletWheeled):
-            raise UserError("hidden states are sampled for wheeled robots", key="simulator.engine")
+        if not isinstance(simulator, PathSimulator):
+            raise UserError(
+                "the engine records no poses between samples, which a hidden state needs",
+                key="simulator.engine",
+                remedy="Use one that does, such as pybullet_wheeled.",
+            )
         yield simulator
     finally:
         simulator.close()
@@ -81,12 +85,3 @@ def at_headings(
             for h in range(headings):
                 turned[h, i] = robot.responses(history, present, float(angles[h, i]))[0, -1]
     return reference, turned
-
-
-def joined(parts: list[BodySamples]) -> BodySamples:
-    """Samples under each other."""
-    return BodySamples(
-        np.concatenate([p.m for p in parts]),
-        np.concatenate([p.final for p in parts]),
-        np.concatenate([p.extent for p in parts]),
-    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -40,7 +39,7 @@ def corrected_case(
         rig: 'simulator' if the recordings are of the case's own simulator: the nominal model alone gets the effects.
             Else the simulator's twin gets them too.
         sentence: the verdict in words, for the comment on top.
-        remainder: one-step bounds of what is left, by state; added to gamma where the case has one.
+        remainder: one-step bounds of what is left, by state, for gamma to take in; the case then has a `gap:` section.
 
     Raises:
         UserError: if the result does not check, which an original that checks makes impossible but for the name.
@@ -60,9 +59,8 @@ def corrected_case(
         content["plant"]["effects"] = [*content["plant"].get("effects", []), *added]
         if rig != "simulator":
             words = _on_hardware(content, added, target)
-    finite = {name: float(v) for name, v in (remainder or {}).items() if math.isfinite(v)}
-    if finite and isinstance(content.get("gap"), dict):
-        content["gap"]["remainder"] = finite
+    if remainder:
+        content["gap"]["remainder"] = {name: float(v) for name, v in remainder.items()}
     body = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     checked = parse_case(yaml.safe_load(body), target)
     symbolic_model(checked.plant, folder)

@@ -15,6 +15,7 @@ from simgap.diagnosis.reading.traces import Reading
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder, without_memory
+from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.diagnosis_recording import write_recording
@@ -73,11 +74,28 @@ def run(
         tell("searching for what the model lacks")
         found = diagnose(model, record, _settings(section, reading, look))
     tell("bounding what is left, drawing, writing")
-    remainder = _remainder(context, section, model, found, reading)
-    made_of = provenance("diagnosis", context.case, context.folder)
-    content = document(found, reading, look, remainder, context.units, made_of)
-    _write(context, section, model, found, reading, content, paths, out_dir)
+    content = conclude(context, section, model, found, reading, look, paths, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
+    return content
+
+
+def conclude(
+    context: Context,
+    section: MeasuredSection,
+    model: SymbolicModel,
+    found: Diagnosis,
+    reading: Reading,
+    look: Survey,
+    paths: Sequence[Path],
+    out_dir: Path,
+) -> dict[str, Any]:
+    """Bound what is left and write all files: the content of `diagnosis.json`."""
+    remainder = _remainder(context, section, model, found, reading)
+    case = context.case
+    use = use_of(remainder, found.verdict, section.rig, case.gap is not None, case.hidden_state is not None)
+    made_of = provenance("diagnosis", case, context.folder)
+    content = document(found, reading, look, remainder, use, context.units, made_of)
+    _write(context, section, model, found, reading, content, use, paths, out_dir)
     return content
 
 
@@ -129,6 +147,7 @@ def _write(
     found: Diagnosis,
     reading: Reading,
     content: Mapping[str, Any],
+    use: RemainderUse,
     paths: Sequence[Path],
     out_dir: Path,
 ) -> None:
@@ -139,9 +158,7 @@ def _write(
     lacking = missing_terms(record, model, corrected, shifts, sigma)
     stretches = overlays(found.windows, record.measured, record.inputs, found.sigma)
     target = out_dir / CASE
-    partial = content["verdict"] == "partial" and section.rig == "hardware" and content.get("remainder")
-    left = content["remainder"]["after"] if partial else None
-    text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], left)
+    text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], use.by)
     out_dir.mkdir(parents=True, exist_ok=True)
     figures = draw(content, stretches, lacking, out_dir)
     write_text(out_dir / PAGE, page(content, title, figures))

@@ -15,6 +15,7 @@ from simgap.arena import COLLIDED, LATE, REACHED, STUCK, Arena, Drive, drive, wr
 from simgap.audit import Tally, audit_gap
 from simgap.closed_loop import Run, batch_loop, scalar_lookup
 from simgap.config.case import Case
+from simgap.config.pose import pose_axes
 from simgap.config.synthesis import ReachAvoidSpecification
 from simgap.errors import UserError
 from simgap.gap.function import GapFunction
@@ -28,7 +29,6 @@ from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
 from simgap.stages.context import Context, log
-from simgap.stages.hidden_gap import pose_axes
 from simgap.stages.starts import starts
 from simgap.stages.validation import Subject, keep_promise, keep_some, trace
 from simgap.synthesis.controller import Controller

@@ -9,21 +9,22 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from simgap.config.pose import pose_axes
 from simgap.errors import BrokenPromise
 from simgap.gap.fresh_check import FreshCheck, check_fresh
 from simgap.gap.function import GapDomain
-from simgap.gap.hidden_state import BodySamples, HiddenStateFit, fit_hidden_state, tolerance_of
+from simgap.gap.hidden_state import HiddenStateFit, fit_hidden_state, tolerance_of
 from simgap.gap.symmetry import HeadingDeviation, check_symmetry, nominal_motion
 from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
 from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
+from simgap.simulators.body_samples import BodySamples
 from simgap.stages.context import Context, log
 from simgap.stages.gap import THINNED, tolerate
 from simgap.stages.histories import EXTENTS
 
-GRAVITY = 9.81
 LONGER = "Raise hidden_state.chains or hidden_state.previous, or set hidden_state.tolerated_probability."
 
 
@@ -36,6 +37,7 @@ def run(case_path: Path, grid: Path, random: Path, memory: Path, fresh: Path, ou
     context = Context.load(case_path)
     hidden = context.need(context.case.hidden_state, "hidden_state")
     symmetry = context.need(context.case.symmetry, "symmetry")
+    section = context.need(context.case.simulator, "simulator")
     measured = read_json(memory)
     pose = pose_axes(context)
     with context.blame():
@@ -54,7 +56,7 @@ def run(case_path: Path, grid: Path, random: Path, memory: Path, fresh: Path, ou
             read_samples(context, random),
             np.array(measured["memory"]),
             deviation,
-            between_poses(context),
+            section.between_poses(context.domain.tau, context.case.plant.gravity),
             hidden.growth,
             pose,
         )
@@ -63,21 +65,6 @@ def run(case_path: Path, grid: Path, random: Path, memory: Path, fresh: Path, ou
     tolerate(check, hidden.tolerated_probability, LONGER)
     write_parquet(thinned, thin(context, read_samples(context, grid), motion))
     write_json(out, content(context, fit, check, measured, len(read_parquet(grid, ["input"]))))
-
-
-def pose_axes(context: Context) -> tuple[int, int, int]:
-    """Which states are x, y and heading."""
-    symbolic = context.need(context.case.plant.symbolic, "plant.symbolic")
-    wheels = context.need(symbolic.wheels, "plant.symbolic.wheels")
-    x, y, heading = (context.states.index(name) for name in (wheels.x, wheels.y, wheels.heading))
-    return x, y, heading
-
-
-def between_poses(context: Context) -> float:
-    """How far the way may stray from the line through the recorded poses: a t^2 / 8 for the tyres' largest force."""
-    section: Any = context.case.simulator
-    interval = context.domain.tau / section.poses
-    return float(section.floor_friction * GRAVITY * interval**2 / 8.0)
 
 
 def read_samples(context: Context, path: Path) -> BodySamples:
@@ -156,7 +143,7 @@ def content(
             "previous_inputs": measured["previous_inputs"],
             "random_sequences": hidden.chains,
             "steps_of_each": hidden.chain_length,
-            "substeps": getattr(context.case.simulator, "substeps", None),
+            "substeps": context.case.simulator.substeps if context.case.simulator else None,
         },
         "fresh": asdict(check),
         "provenance": provenance("hidden_gap", context.case, context.folder, seeds),

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 
 from simgap.config.wheeled import HiddenStateSection
-from simgap.gap.hidden_state import BodySamples, fading, previous_inputs, random_sequences
+from simgap.gap.hidden_state import fading, previous_inputs, random_sequences
 from simgap.gap.symmetry import heading_deviation
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
 from simgap.provenance import provenance
+from simgap.simulators.body_samples import BodySamples, joined
 from simgap.simulators.process import engine_pool
 from simgap.simulators.wheeled_rollouts import (
     after_previous,
     along_sequences,
     at_headings,
-    joined,
     with_longer_histories,
 )
 from simgap.stages.context import Context, log

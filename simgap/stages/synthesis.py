@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simgap.gap.hidden_state import BodySamples
+from simgap.config.pose import pose_axes
 from simgap.geometry import Floats
 from simgap.io.controller_file import save_controller
 from simgap.io.documents import write_json
@@ -18,9 +18,9 @@ from simgap.model.sampled import NominalModel
 from simgap.plants.cases import nominal_model
 from simgap.plants.memory import carried_model
 from simgap.provenance import provenance
+from simgap.simulators.body_samples import BodySamples
 from simgap.specifications.solution import Solution
 from simgap.stages.context import Context, log
-from simgap.stages.hidden_gap import pose_axes
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.intersample import excursion, rates
 from simgap.synthesis.specifications import ReachAvoidSpecification, Specification, make_specification

@@ -6,7 +6,6 @@ import pytest
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.function import GapDomain
 from simgap.gap.hidden_state import (
-    BodySamples,
     check_fading,
     extrapolated_maximum,
     fading,
@@ -18,6 +17,7 @@ from simgap.gap.hidden_state import (
 )
 from simgap.gap.symmetry import HeadingDeviation
 from simgap.geometry import Box
+from simgap.simulators.body_samples import BodySamples
 
 V, W = np.round(np.arange(-5, 6) * 0.1, 12), np.round(np.arange(-4, 5) * 0.25, 12)
 U = np.array([(v, w) for v in V for w in W])

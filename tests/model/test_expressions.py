@@ -38,8 +38,8 @@ LIMITS = ("1e400", "9**9**9", "2**(10**9)", "x^101", "9" * 5001, "(" * 1500 + "x
           "sin(" * (DEEPEST + 5) + "x" + ")" * (DEEPEST + 5), " + ".join(["x"] * 3000), "x" * (LONGEST + 1),
           "+".join(["x"] * MOST_PARTS), "max(" + ",".join("xy" * 20) + ")")  # fmt: skip
 OTHERS = ("", "sin()", "sin(x, y)", "min()", "sin(x=1)", "sin(*x)", "x.real", "x[0]", "[x]", "'x'", "1j", "True",
-          "x < y", "x % y", "lambda: 1", "__import__('os')", "x y", "\x00", "x²", "١٢", "x if y else 1", "z", "f(x)", "(x",
-          "x;y")  # fmt: skip
+          "x < y", "x % y", "lambda: 1", "__import__('os')", "x y", "\x00", "x²", "١٢", "x if y else 1", "z",
+          "f(x)", "(x", "x;y")  # fmt: skip
 
 
 @pytest.mark.parametrize("text", [*NUMBERS, *LIMITS, *OTHERS])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from simgap.errors import BrokenPromise
-from simgap.gap.hidden_state import BodySamples
 from simgap.gap.load import from_json
 from simgap.io.documents import read_json, write_json
+from simgap.simulators.body_samples import BodySamples
 from simgap.stages import hidden_gap
 from simgap.stages.context import Context
 from simgap.stages.histories import write_samples

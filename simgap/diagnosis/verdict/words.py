@@ -128,8 +128,17 @@ def _remainder(document: Document) -> str:
     error = document["error"]["after"]
     h = error["horizon_s"]
     sizes = joined([f"{x:.2g}{_of(document, s)}" for s, x in error["horizon_rmse"].items()])
-    covered = "; its one-step part is bounded into gamma" if document.get("remainder") else ""
+    covered = _covered(document.get("remainder"))
     return f"An error of {sizes} is left {h:g} s ahead that nothing in the library explains{covered}."
+
+
+def _covered(remainder: Mapping[str, Any] | None) -> str:
+    """What was done with the one-step part of what is left."""
+    if remainder is None:
+        return ""
+    if remainder["bounded"]:
+        return "; its one-step part is bounded into gamma"
+    return f"; it is not bounded into gamma: {remainder['reason']}"
 
 
 def _of(document: Document, state: str) -> str:

@@ -1,0 +1,42 @@
+"""Steps of a planar robot as the robot itself sees them: where it got to, and what box it took on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.geometry import Floats
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class BodySamples:
+    """Roll-outs seen from the pose at which their input began.
+
+    Attributes:
+        m: (n,) number of the input in U; final: (n, 3) pose after tau; extent: (n, 4) least and largest x, least and
+            largest y on the way, the start included.
+    """
+
+    m: Ints
+    final: Floats
+    extent: Floats
+
+    @staticmethod
+    def of_paths(m: Ints, paths: Floats, pose: tuple[int, int, int] = (0, 1, 2)) -> BodySamples:
+        """From paths (n, poses, 3) that do not hold the start itself; `pose` says which states are x, y, heading."""
+        x, y = paths[..., pose[0]], paths[..., pose[1]]
+        ends = [np.minimum(x.min(1), 0), np.maximum(x.max(1), 0), np.minimum(y.min(1), 0), np.maximum(y.max(1), 0)]
+        return BodySamples(m, paths[:, -1].copy(), np.stack(ends, axis=1))
+
+
+def joined(parts: list[BodySamples]) -> BodySamples:
+    """Samples under each other."""
+    return BodySamples(
+        np.concatenate([p.m for p in parts]),
+        np.concatenate([p.final for p in parts]),
+        np.concatenate([p.extent for p in parts]),
+    )
