@@ -1,6 +1,5 @@
 """The page of a case says what the results say, opens offline, and is the same bytes every time."""
 
-import json
 import re
 import sys
 from html.parser import HTMLParser
@@ -12,6 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import loop_example as example
 
 from simgap.errors import UserError
+from simgap.io.documents import write_json
 from simgap.stages import index, report
 from simgap.stages.report import Inputs
 
@@ -123,7 +123,7 @@ def test_printed_values_stand_beside_ours(pendulum, tmp_path):
     """A gap.json at an eps of the paper's table gets the paper's number in its row."""
     folder, case = pendulum
     content = example.read_json(folder / "gap.json") | {"eps": 0.0056}
-    (tmp_path / "gap.json").write_text(json.dumps(content))
+    write_json(tmp_path / "gap.json", content)
     given = example.arguments(folder) | {"gaps": [folder / "gap.json", tmp_path / "gap.json"]}
     report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
     text = page(tmp_path).text
@@ -137,12 +137,12 @@ def test_a_broken_promise_is_the_headline(pendulum, tmp_path):
     content = example.read_json(folder / "validation/validation.json")
     content["controllers"]["gap"]["simulator"]["steps_outside_gamma"] = 3
     (tmp_path / "validation").mkdir()
-    (tmp_path / "validation/validation.json").write_text(json.dumps(content))
+    write_json(tmp_path / "validation/validation.json", content)
     traces = (folder / "validation/traces.parquet").read_bytes()
     (tmp_path / "validation/traces.parquet").write_bytes(traces)
     (tmp_path / "gap").mkdir()
     synthesis = example.read_json(folder / "gap/synthesis.json") | {"between_samples": {"x1": 0.0025, "x2": 0.0}}
-    (tmp_path / "gap/synthesis.json").write_text(json.dumps(synthesis))
+    write_json(tmp_path / "gap/synthesis.json", synthesis)
     (tmp_path / "gap/controller.npz").write_bytes((folder / "gap/controller.npz").read_bytes())
     given = example.arguments(folder) | {"validation": tmp_path / "validation", "robust": tmp_path / "gap"}
     report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
@@ -160,7 +160,7 @@ def test_the_corrected_case_stands_beside_the_first(pendulum, tmp_path):
         (tmp_path / "corrected/synthesis" / kind / "controller.npz").write_bytes(controller)
     after = example.read_json(folder / "summary.json")
     after["winning_fraction"]["gap"] = 0.8125
-    (tmp_path / "corrected/summary.json").write_text(json.dumps(after))
+    write_json(tmp_path / "corrected/summary.json", after)
     given = Inputs(**example.arguments(folder), corrected=tmp_path / "corrected")
     report.run(case, given, tmp_path / "report.html", tmp_path / "summary.json")
     shown = page(tmp_path)
