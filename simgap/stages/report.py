@@ -15,7 +15,6 @@ from simgap.io.gap_file import load_gap
 from simgap.io.pages import REPORTS, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
-from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.report.content import content, summary
 from simgap.report.figures import draw
@@ -101,7 +100,7 @@ def _inside(context: Context, inputs: Inputs, gap: GapFunction) -> dict[str, Map
         return {}
     sides = {"before": (context, gap, False), "after": (later, load_gap(bounds[-1], later).function, True)}
     return {
-        side: share_inside(own, found / FILE, nominal_model(own.case, own.folder), bound, noise, late)
+        side: share_inside(own, found / FILE, own.plant.sampled, bound, noise, late)
         for side, (own, bound, late) in sides.items()
     }
 
