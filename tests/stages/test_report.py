@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -15,6 +14,7 @@ import loop_example as example
 
 from simgap.errors import UserError
 from simgap.io.documents import write_json
+from simgap.io.parquet import write_parquet
 from simgap.stages import index, report
 from simgap.stages.report import Inputs
 
@@ -172,7 +172,7 @@ def test_measured_transitions_are_held_against_the_bound_that_was_given(pendulum
     start = np.zeros((50, 2))
     columns = {"x1": start[:, 0], "x2": start[:, 1], "u": np.zeros(50), "late_u": np.zeros(50)}
     columns |= {"next_x1": np.full(50, 0.02), "next_x2": np.full(50, 0.02)}  # the model stays at rest
-    pq.write_table(pa.table(columns), tmp_path / "transitions.parquet")
+    write_parquet(tmp_path / "transitions.parquet", pa.table(columns))
     document = {"noise": {"x1": 1e-4, "x2": 1e-4}}
     write_json(tmp_path / "diagnosis.json", document)
     arguments = example.arguments(folder)
