@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap.config.copied_plugins import copied_plugins
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.reading.survey import Survey, survey
@@ -17,7 +18,7 @@ from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder, without_memory
 from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
 from simgap.errors import UserError
-from simgap.io.atomic import write_text
+from simgap.io.atomic import atomic, write_text
 from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
 from simgap.model.symbolic import SymbolicModel
@@ -168,5 +169,8 @@ def _write(
     if context.case.domain is not None:
         made_of = content["provenance"]
         write_transitions(context, out_dir / FILE, found.windows, record.measured, shifts, made_of)
+    for plugin in copied_plugins(context.case, context.folder, out_dir):
+        with atomic(out_dir / plugin.file) as temporary:
+            temporary.write_bytes(plugin.content)
     write_text(target, text)
     write_json(out_dir / JSON, content)
