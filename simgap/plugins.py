@@ -31,7 +31,13 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         ),
         "bases": MappingProxyType({}),
         "effects": MappingProxyType({}),
-        "specifications": MappingProxyType({}),
+        "specifications": MappingProxyType(
+            {
+                "invariance": "simgap.specifications.invariance:Invariance",
+                "reach_avoid": "simgap.specifications.reach_avoid:ReachAvoid",
+                "reach_and_stay": "simgap.specifications.reach_and_stay:ReachAndStay",
+            }
+        ),
     }
 )
 """For each group, names and where the class stands ('module:Class')."""

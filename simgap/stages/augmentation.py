@@ -17,10 +17,10 @@ import numpy as np
 from simgap.config.case import Case
 from simgap.config.domain import InputSet
 from simgap.config.plant import AddedEffect
-from simgap.config.synthesis import InvarianceSpecification
 from simgap.effects import AppliedEffect
 from simgap.geometry import Box, Grid
 from simgap.simulators.commands import CommandPath
+from simgap.specifications.base import specification_of
 from simgap.synthesis.bits import packed_width
 from simgap.synthesis.sensing import LARGEST_MASK
 
@@ -117,7 +117,7 @@ def _one_sample(case: Case, delays: Mapping[str, float]) -> bool:
     """Whether every input's delay is nearest to one sample, and the controller can remember the pending input."""
     if case.domain is None or case.synthesis is None or set(delays) != set(case.plant.inputs):
         return False
-    if not isinstance(case.synthesis.specification, InvarianceSpecification):
+    if not specification_of(case).carries_pending:
         return False
     near = all(0.5 <= d / case.domain.tau < 1.5 for d in delays.values())
     free = case.sensing is None or case.sensing.latency == 0 or case.sensing.latency_of == "input_delay"
