@@ -13,12 +13,10 @@ import yaml
 from simgap.config.copied_plugins import copied_plugins, renamed
 from simgap.config.load import case_content, parse_case
 from simgap.effects import AppliedEffect, effect
-from simgap.effects.sensor_offset import SensorOffset
-from simgap.plants.build import symbolic_model
+from simgap.plants.plant_model import PlantModel
 from simgap.stages.augmentation import augment, plan
 
 SUFFIX = "_corrected"
-OFFSET = "Subtract the sensor's offset from what it reads; the motion is as it was."
 
 
 def corrected_case(
@@ -64,7 +62,7 @@ def corrected_case(
     if remainder:
         content["gap"]["remainder"] = {name: float(v) for name, v in remainder.items()}
     checked = parse_case(yaml.safe_load(_dumped(content)), target, case_path)
-    symbolic_model(checked.plant, folder)
+    _ = PlantModel.of(checked, folder).corrected  # refuses what does not fit
     moved = renamed(content, copied_plugins(checked, source, folder))
     return _header(applied, rig, sentence, content, words) + _dumped(moved)
 
@@ -77,12 +75,8 @@ def _on_hardware(
     content: dict[str, Any], added: Sequence[dict[str, Any]], target: Path, case_path: Path
 ) -> tuple[str, ...]:
     """The simulator's twin gets what moves the plant; delay and lag become states while they stay small."""
-    moving = [e for e in added if not isinstance(effect(e["name"]), SensorOffset)]
-    words = (
-        ["Subtract the sensor's offset from what it reads; the motion is as it was."]
-        if len(moving) < len(added)
-        else []
-    )
+    moving = [e for e in added if not effect(e["name"]).reading_remedy]
+    words = dict.fromkeys(effect(e["name"]).reading_remedy for e in added if e not in moving)
     if moving and isinstance(content.get("simulator"), dict):
         content["simulator"]["effects"] = [*content["simulator"].get("effects", []), *moving]
     case = parse_case(content, target, case_path)

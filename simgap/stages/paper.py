@@ -14,7 +14,6 @@ from simgap.gap.function import GapDomain
 from simgap.geometry import Box, Floats, Grid
 from simgap.io.documents import write_json
 from simgap.paper import Row, allowed, pendulum_rows, printed_gap, turtlebot_rows
-from simgap.plants.cases import nominal_model
 from simgap.simulators.process import run_in_processes
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
@@ -76,7 +75,7 @@ def posed(context: Context, domain: GapDomain, gamma: dict[str, str]) -> Problem
     """The synthesis problem with the printed bound."""
     section = context.need(context.case.synthesis, "synthesis")
     return Problem(
-        model=nominal_model(context.case, context.folder),
+        model=context.plant.sampled,
         specification=specification_of(context.case),
         space=Space.of(context.case),
         cells=section.cells,
@@ -105,6 +104,6 @@ def measured_gap(context: Context, pendulum: Path, engine_log: Path | None) -> d
     grid = Grid(Box(context.box.lo, context.box.hi), (POINTS, POINTS))
     x, u = product(grid.centres(), context.input_set)
     ((following, _),) = run_in_processes(roll_out, [(case, pendulum.parent, x, u)], log=engine_log)
-    d = (following - nominal_model(context.case, context.folder).step(x, u)).reshape(POINTS, POINTS, -1, 2)
+    d = (following - context.plant.sampled.step(x, u)).reshape(POINTS, POINTS, -1, 2)
     slopes = [np.abs(np.diff(d, axis=j)).max(axis=(0, 1, 2)) / (2.0 * grid.h[j]) for j in range(2)]
     return {"gap": np.abs(d).max(axis=(0, 1, 2)), "L1": np.hypot(*slopes)}

@@ -22,7 +22,7 @@ def gap(tmp_path_factory):
     assert pushed != engine
     case = yaml.safe_load(block(PAGE, ENGINE, "yaml"))
     named = yaml.safe_load(block(PAGE, BASIS, "yaml"))
-    case |= {"grid": {"eps": 0.03}, "gap": case["gap"] | named["gap"]}
+    case |= {"grid": {"eps": 0.03, "shards": 1}, "gap": case["gap"] | named["gap"]}
     case["simulator"]["friction"] = 0.0
     scratch(folder, case, {"my_engine.py": pushed, "my_basis.py": block(PAGE, BASIS, "python")})
     snakemake(folder, "results/cart/gap/eps~0.03/gap.json")
