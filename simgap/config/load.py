@@ -52,27 +52,8 @@ def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
     return {key: value for key, value in (inherited | content).items() if value is not None}
 
 
-<<<<<<< HEAD
-def parse_case(content: Any, path: Path) -> Case:
-    """Check the content of a case file."""
-=======
-def read_yaml(path: Path) -> Any:
-    """The plain content of a YAML file."""
-    try:
-        return yaml.load(path.read_text(), Loader=_Loader)
-    except FileNotFoundError:
-        raise UserError("the file does not exist", file=path, remedy="Give the path of a case file.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"cannot be read: {error}", file=path) from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f"line {mark.line + 1}" if mark else None
-        raise UserError(f"not valid YAML: {getattr(error, 'problem', error)}", file=path, key=line) from None
-
-
 def parse_case(content: Any, path: Path, plugins_beside: Path | None = None) -> Case:
     """Check the content of a case file; plug-in files stand beside `path`, or beside `plugins_beside`."""
->>>>>>> main
     if not isinstance(content, dict):
         raise UserError("holds no keys", file=path, remedy="A case starts with `name:` and `plant:`.")
     try:
