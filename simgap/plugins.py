@@ -42,7 +42,9 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
 )
 """For each group, names and where the class stands ('module:Class')."""
 
-DOORS: Mapping[str, str] = MappingProxyType({"engines": "simgap.simulators.build"})
+DOORS: Mapping[str, str] = MappingProxyType(
+    {"engines": "simgap.simulators.build", "specifications": "simgap.specifications.base"}
+)
 """For each group the module through which its plug-ins are run: what imports it depends on those that a case uses."""
 
 log = logging.getLogger("simgap")
