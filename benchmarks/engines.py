@@ -23,7 +23,7 @@ from simgap.gap.fresh_check import check_fresh
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Floats, Grid
-from simgap.plants.cases import nominal_model
+from simgap.plants.plant_model import PlantModel
 from simgap.simulators.mujoco_joints import MuJoCoSettings
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.pybullet_joints import PyBulletSettings
@@ -57,7 +57,7 @@ def successors(context: Context, name: str, x: Floats, u: Floats, workers: int) 
     case: Case = context.case
     if name in MODELS:
         plant = case.plant.model_copy(update={"integrator": MODELS[name]})
-        return nominal_model(case.model_copy(update={"plant": plant}), context.folder).step(x, u)
+        return PlantModel.of(case.model_copy(update={"plant": plant}), context.folder).sampled.step(x, u)
     other = case.model_copy(update={"simulator": ENGINES[name]})
     parts = zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)
     found = run_in_processes(roll_out, [(other, context.folder, a, b) for a, b in parts], workers)

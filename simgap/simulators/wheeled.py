@@ -47,7 +47,7 @@ class WheeledSettings(EngineSection):
     poses: int = Field(20, ge=1, description="Poses recorded within tau, evenly spaced; divides substeps.")
     settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
     effects: tuple[AddedEffect, ...] = Field(
-        (), description="Effects on the commands, delay and lag among them, and wheel_mismatch."
+        (), description="Effects on the commands, delay and lag among them, and on the wheels' speeds."
     )
 
     def between_poses(self, tau: float, gravity: float) -> float:
@@ -64,9 +64,9 @@ class PyBulletWheeled(Engine, PathSimulator):
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:
         """Changes of the commands, and wheels of unequal size."""
-        from simgap.effects.base import InputEffect
+        from simgap.effects.base import InputEffect, WheelEffect
 
-        return isinstance(effect, InputEffect) or effect.name == "wheel_mismatch"
+        return isinstance(effect, InputEffect | WheelEffect)
 
     @classmethod
     def build(cls, case: Case, folder: Path) -> PyBulletWheeled:
@@ -82,6 +82,7 @@ class PyBulletWheeled(Engine, PathSimulator):
         from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
         from simgap.simulators.commands import CommandMemory
+        from simgap.simulators.wheeled_plant import wheel_ratios
 
         check_urdf(plant.urdf)
         if section.substeps % section.poses:
@@ -89,12 +90,12 @@ class PyBulletWheeled(Engine, PathSimulator):
                 f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",
                 remedy="Let substeps be a multiple of poses.",
             )  # fmt: skip
+        self._ratios = wheel_ratios(section.effects)
         self.nx, self.nu = 3, 2
         self.engine = f"pybullet {p.getAPIVersion()}"
         self._p: Any = BulletClient(p.DIRECT)
         self.pose = plant.pose
         self._plant, self._section = plant, section
-        self._right = float(np.prod([e.parameters["ratio"] for e in section.effects if e.name == "wheel_mismatch"]))
         self._body, self._wheels = self._load()
         self._offset = np.array(self._p.getDynamicsInfo(self._body, -1)[3])  # of the centre of mass from the root
         self._height = self._settled_height()
@@ -141,12 +142,12 @@ class PyBulletWheeled(Engine, PathSimulator):
 
     def _command(self, linear: float, angular: float) -> None:
         s = self._section
-        half = 0.5 * s.track * angular
+        half, (left, right) = 0.5 * s.track * angular, self._ratios
         # PyBullet limits a motor's impulse by force times the outer time step whatever the number of sub-steps
         force = s.torque / (s.substeps // s.poses)
         self._p.setJointMotorControlArray(
             self._body, self._wheels, self._p.VELOCITY_CONTROL,
-            targetVelocities=[(linear - half) / s.wheel_radius, self._right * (linear + half) / s.wheel_radius],
+            targetVelocities=[left * (linear - half) / s.wheel_radius, right * (linear + half) / s.wheel_radius],
             forces=[force, force],
         )  # fmt: skip
 

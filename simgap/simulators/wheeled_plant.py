@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from simgap.config.case import Case
+from simgap.config.plant import AddedEffect
+from simgap.effects import effect
+from simgap.effects.base import WheelEffect
 from simgap.errors import UserError
 
 
@@ -42,3 +46,15 @@ def wheeled_plant(case: Case, folder: Path) -> WheeledPlant:
     x, y, heading = (states.index(name) for name in pose)
     linear, angular = (inputs.index(name) for name in commands)
     return WheeledPlant(folder / section.urdf, domain.tau, plant.gravity, (x, y, heading), (linear, angular))
+
+
+def wheel_ratios(effects: Sequence[AddedEffect]) -> tuple[float, float]:
+    """Factors on the speeds of the left and right wheel that act effects out; those on the commands change none."""
+    left, right = 1.0, 1.0
+    for added in effects:
+        kind = effect(added.name)
+        kind.check_values(added.parameters)
+        if isinstance(kind, WheelEffect):
+            of_left, of_right = kind.ratios(added.parameters)
+            left, right = left * of_left, right * of_right
+    return left, right

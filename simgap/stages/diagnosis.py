@@ -14,23 +14,25 @@ from simgap.diagnosis.reading.survey import Survey, survey
 from simgap.diagnosis.reading.traces import Reading
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.verdict.missing import missing_terms
-from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder, without_memory
+from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder
 from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
+from simgap.io.parquet import table, write_parquet
 from simgap.model.symbolic import SymbolicModel
-from simgap.plants.build import symbolic_model
 from simgap.provenance import provenance
 from simgap.report.diagnosis_document import document
 from simgap.report.diagnosis_page import draw, overlays, page
+from simgap.report.measured_share import transition_columns
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
 from simgap.stages.measured_data import load_reading
-from simgap.stages.measured_share import FILE, write_transitions
 
+Corrected = tuple[SymbolicModel, dict[str, float]]  # of `PlantModel.corrected_by`
 JSON, PAGE, CASE, RECORDING = "diagnosis.json", "report.html", "corrected_case.yaml", "residual.rrd"
+TRANSITIONS = "transitions.parquet"
 
 
 def run(
@@ -39,7 +41,8 @@ def run(
     out_dir: Path,
     progress: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Diagnose recordings and write `diagnosis.json`, `report.html`, `corrected_case.yaml`, `residual.rrd`, pictures.
+    """Diagnose recordings and write `diagnosis.json`, `report.html`, `corrected_case.yaml`, `residual.rrd`, pictures,
+    `transitions.parquet`.
 
     Args:
         case_path: the case; it needs a nominal model alone.
@@ -63,7 +66,7 @@ def run(
     section = context.case.measured or MeasuredSection()
     paths = _paths(context, section, data)
     with context.blame():
-        model = symbolic_model(context.case.plant, context.folder)
+        model = context.plant.corrected
         tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")
         reading = load_reading(model, section, paths, context.folder, str(case_path), strict=not data)
         record = reading.record
@@ -74,7 +77,7 @@ def run(
         tell("searching for what the model lacks")
         found = diagnose(model, record, _settings(section, reading, look))
     tell("bounding what is left, drawing, writing")
-    content = conclude(context, section, model, found, reading, look, paths, out_dir)
+    content = conclude(context, section, found, reading, look, paths, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
     return content
 
@@ -82,7 +85,6 @@ def run(
 def conclude(
     context: Context,
     section: MeasuredSection,
-    model: SymbolicModel,
     found: Diagnosis,
     reading: Reading,
     look: Survey,
@@ -90,12 +92,13 @@ def conclude(
     out_dir: Path,
 ) -> dict[str, Any]:
     """Bound what is left and write all files: the content of `diagnosis.json`."""
-    remainder = _remainder(context, section, model, found, reading)
+    corrected = context.plant.corrected_by(found.applied)
+    remainder = _remainder(context, section, corrected, found, reading)
     case = context.case
     use = use_of(remainder, found.verdict, section.rig, case.gap is not None, case.hidden_state is not None)
     made_of = provenance("diagnosis", case, context.folder)
     content = document(found, reading, look, remainder, use, context.units, made_of)
-    _write(context, section, model, found, reading, content, use, paths, out_dir)
+    _write(context, section, corrected, found, reading, content, use, paths, out_dir)
     return content
 
 
@@ -125,14 +128,13 @@ def _settings(section: MeasuredSection, reading: Reading, look: Survey) -> Diagn
 
 
 def _remainder(
-    context: Context, section: MeasuredSection, model: SymbolicModel, found: Diagnosis, reading: Reading
+    context: Context, section: MeasuredSection, corrected: Corrected, found: Diagnosis, reading: Reading
 ) -> Remainder | None:
-    corrected, shifts = without_memory(model, found.applied)
-    domain = context.case.domain
+    domain, (model, shifts) = context.case.domain, corrected
     return bound_remainder(
         found.windows,
         {name: found.sigma[name] for name in reading.record.measured},
-        (model, corrected),
+        (context.plant.corrected, model),
         shifts,
         domain.tau if domain is not None else 0.0,
         context.case.plant.integrator if domain is not None else "rk4",
@@ -143,7 +145,7 @@ def _remainder(
 def _write(
     context: Context,
     section: MeasuredSection,
-    model: SymbolicModel,
+    corrected: Corrected,
     found: Diagnosis,
     reading: Reading,
     content: Mapping[str, Any],
@@ -153,9 +155,9 @@ def _write(
 ) -> None:
     """All files; the document last, so that where it stands the others do."""
     record, title = reading.record, context.case.title or context.case.name
-    corrected, shifts = without_memory(model, found.applied)
+    model, shifts = corrected
     sigma = np.array([found.sigma[s] for s in record.measured])
-    lacking = missing_terms(record, model, corrected, shifts, sigma)
+    lacking = missing_terms(record, context.plant.corrected, model, shifts, sigma)
     stretches = overlays(found.windows, record.measured, record.inputs, found.sigma)
     target = out_dir / CASE
     text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], use.by)
@@ -165,8 +167,8 @@ def _write(
     write_recording(
         out_dir / RECORDING, found.windows, record.measured, record.inputs, context.units, context.case.name
     )
-    if context.case.domain is not None:
-        made_of = content["provenance"]
-        write_transitions(context, out_dir / FILE, found.windows, record.measured, shifts, made_of)
+    columns = transition_columns(context, found.windows, record.measured, shifts)
+    units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
+    write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
     write_text(target, text)
     write_json(out_dir / JSON, content)

@@ -18,7 +18,6 @@ from simgap.gap.symmetry import HeadingDeviation, check_symmetry, nominal_motion
 from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
-from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import BodySamples
 from simgap.stages.context import Context, log
@@ -41,7 +40,7 @@ def run(case_path: Path, grid: Path, random: Path, memory: Path, fresh: Path, ou
     measured = read_json(memory)
     pose = pose_axes(context)
     with context.blame():
-        model = nominal_model(context.case, context.folder)
+        model = context.plant.sampled
         centre = 0.5 * (context.box.lo + context.box.hi)
         motion = nominal_motion(model.step, centre, context.input_set, pose, np.random.default_rng(0))
         deviation = HeadingDeviation(np.array(measured["largest_deviation"]), int(measured["compared"]))

@@ -16,8 +16,6 @@ from simgap.io.controller_file import save_controller
 from simgap.io.documents import read_json, write_json
 from simgap.model.paths import nominal_paths
 from simgap.model.sampled import NominalModel
-from simgap.plants.cases import nominal_model
-from simgap.plants.memory import carried_model
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import BodySamples
 from simgap.specifications.base import specification_of
@@ -79,7 +77,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     The controller made with the gap minds the path between samples; that of the nominal model alone only if asked to.
     """
     section = context.need(context.case.synthesis, "synthesis")
-    model = nominal_model(context.case, context.folder)
+    model = context.plant.sampled
     bound = read_json(gap_path) if gap_path else None
     gap = from_json(bound) if bound else None
     specification, space = specification_of(context.case), Space.of(context.case)
@@ -87,7 +85,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     sensing = context.case.sensing
     error = space.vector(sensing.error) if sensing else None
     sweep = _sweep(context, model, bound, error) if on_the_path and specification.swept_boxes else None
-    flow = rates(carried_model(context.case.plant, context.folder))
+    flow = rates(context.plant.carried)
     spread = np.array([s.size for s in gap.sup().values()]) if gap and sweep is None else np.zeros(model.nx)
     between, _ = excursion(flow, specification.region(space), context.input_set, model.tau, spread / model.tau)
     problem = Problem(
@@ -121,9 +119,9 @@ def _sweep(context: Context, model: NominalModel, bound: Any, error: Floats | No
     if bound is not None:
         return (np.array(bound["sweep"]["lower"]), np.array(bound["sweep"]["upper"])) if "sweep" in bound else None
     pose = pose_axes(context)
-    symbolic_plant = carried_model(context.case.plant, context.folder)
+    every, rest = context.input_set, np.zeros(model.nx)
     path, bulge = nominal_paths(
-        symbolic_plant, context.case.plant.integrator, model.tau, np.zeros(model.nx), context.input_set, PATH_POINTS
+        context.plant.carried, context.case.plant.integrator, model.tau, rest, every, PATH_POINTS
     )
     extent = BodySamples.of_paths(np.arange(len(path)), path[..., list(pose)]).extent
     return extent[:, [0, 2]] - bulge, extent[:, [1, 3]] + bulge

@@ -19,7 +19,6 @@ from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import write_parquet
 from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, Trace, to_table
-from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
 from simgap.specifications.base import specification_of
@@ -49,7 +48,7 @@ def run(
     context = Context.load(case_path)
     section = context.need(context.case.validation, "validation")
     with context.blame():
-        model, gap = nominal_model(context.case, context.folder), from_json(read_json(gap_path))
+        model, gap = context.plant.sampled, from_json(read_json(gap_path))
         specification, space = specification_of(context.case), Space.of(context.case)
     record = provenance("validation", context.case, context.folder, {"starts": section.seed})
     tallies: dict[str, dict[str, Any]] = {}

@@ -16,7 +16,7 @@ from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.reading.survey import survey
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
-from simgap.plants.build import symbolic_model
+from simgap.plants.plant_model import PlantModel
 from simgap.stages import diagnosis as stage
 from simgap.stages.context import Context
 from simgap.stages.corrected_case import corrected_case
@@ -38,16 +38,14 @@ measured: {files: [a.csv]}
 def write(folder, verdict="attributed", more=""):
     (folder / "case.yaml").write_text(example.CASE + more)
     context = Context.load(folder / "case.yaml")
-    model = symbolic_model(context.case.plant, folder)
+    model = PlantModel(context.case.plant, folder).corrected
     data = example.record()
     found, reading, section = (
         example.diagnosis(model, data, verdict),
         example.reading(data),
         context.case.measured or MeasuredSection(),
     )
-    return stage.conclude(
-        context, section, model, found, reading, survey(data, model), [folder / "bench.csv"], folder / "out"
-    )
+    return stage.conclude(context, section, found, reading, survey(data, model), [folder / "bench.csv"], folder / "out")
 
 
 @pytest.fixture(scope="module")
@@ -189,7 +187,7 @@ def test_the_corrected_case_runs_from_where_it_is(tmp_path):
         assert again.measured.files == ("../../a.csv",)
         assert [dict(e.parameters) for e in again.plant.effects] == [{"b": 0.05}]
         assert len(again.simulator.effects) == twins
-        assert symbolic_model(again.plant, target.parent).parameters[f"{joint}.viscous_friction.b"].value == 0.05
+        assert PlantModel.of(again, target.parent).corrected.parameters[f"{joint}.viscous_friction.b"].value == 0.05
     second = tmp_path / "results" / "second.yaml"
     text = corrected_case(target, second, [AppliedEffect("spring", joint, {"k": 0.1})], [], "hardware", "Again.")
     assert text.count("name: arm_corrected\n") == 1
