@@ -14,7 +14,6 @@ from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
-from simgap.plants.cases import nominal_model
 from simgap.report.scene import limits
 from simgap.simulators.process import run_in_processes
 from simgap.specifications.base import specification_of
@@ -44,7 +43,7 @@ def bound(path, out):
     grid = Grid.covering(context.box, 0.05)
     x, u = product(grid.centres(), context.input_set)
     ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)])
-    d = following - nominal_model(context.case, context.folder).step(x, u)
+    d = following - context.plant.sampled.step(x, u)
     samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), ("x1", "x2"), ("u",))
     terms = {"terms": ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")}
     write_json(out, fit_gap(samples, GapSettings("expressions", terms, extreme_value=False)).function.to_json())
