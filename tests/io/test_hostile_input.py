@@ -37,8 +37,9 @@ def only_user_errors(path, call):
 
 WORDS = st.sampled_from(
     ["1", "-1", "0", "1e400", ".inf", ".nan", "~", "[]", "{}", "[[1]]", "&a", "*a", "<<: *a", "!!set", "!!binary x",
-     "- ", ": ", "? ", "x: 1", "{a: 1, a: 2}", "2024-13-45", "\x00", "\t", "\n", "#", "'", '"', "|", ">", "%", "@", "١٢",
-     "9" * 400, "--- ", "on", "yes", "name", "plant", "extends: x.yaml", "../../etc", "$(touch x)", "\u202e", "\U0001f600"]
+     "- ", ": ", "? ", "x: 1", "{a: 1, a: 2}", "2024-13-45", "\x00", "\t", "\n", "#", "'", '"', "|", ">", "%", "@",
+     "١٢", "9" * 400, "--- ", "on", "yes", "name", "plant", "extends: x.yaml", "../../etc", "$(touch x)", "\u202e",
+     "\U0001f600"]
 )  # fmt: skip
 EDITS = st.lists(
     st.tuples(st.floats(0, 1), st.integers(0, 12), st.one_of(WORDS, st.text(max_size=8))), min_size=1, max_size=4
