@@ -4,23 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from simgap.config.base import Section
 from simgap.config.basis import BasisSection
 from simgap.config.plugged import Plugged
-
-
-def _terms(value: object) -> object:
-    """A list of terms is short for the basis `expressions`."""
-    if isinstance(value, list | tuple):
-        if not value:
-            raise ValueError("the basis has no terms; list at least the constant 1")
-        return {"kind": "expressions", "terms": list(value)}
-    return value
-
-
-Kind = Annotated[BasisSection, Plugged("bases", "kind")]
 
 
 class LipschitzSection(Section):
@@ -51,7 +39,7 @@ class ConformalSection(Section):
 class GapSection(Section):
     """How the gap d = simulator - nominal is bounded on all of X x U, and how the bound is checked."""
 
-    basis: Annotated[Kind, BeforeValidator(_terms, json_schema_input_type=tuple[str | float, ...] | Kind)] = Field(
+    basis: Annotated[BasisSection, Plugged("bases", "kind", listed=("expressions", "terms"))] = Field(
         description="Terms of the bound as expressions over states and inputs, such as [x1^2, x1*x2, u, 1]; or a kind "
         "with options, such as {kind: monomials, degree: 2}."
     )

@@ -15,10 +15,11 @@ from simgap.gap.dimension_fit import DimensionFit, fit_dimension
 from simgap.gap.envelope import NodeFit, envelope_gap
 from simgap.gap.function import GapFunction, GapSuprema
 from simgap.gap.linear_fit import LinearFit, linear_gap
-from simgap.gap.lipschitz.result import GATE, DimensionLipschitz
+from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import GapSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import PaddedSide
+from simgap.gap.thresholds import GATE
 from simgap.geometry import Floats
 
 

@@ -30,7 +30,6 @@ def test_a_kind_with_options():
     [
         ({"basis": {"kind": "fourier"}}, "no basis is called 'fourier'. Known: expressions, monomials"),
         ({"basis": {"degree": 2}}, "needs the key 'kind', one of expressions, monomials"),
-        ({"basis": []}, "no terms"),
         ({"basis": ["1"], "padding": "none"}, "padding"),
         ({"basis": ["1"], "fresh_samples": 0}, "fresh_samples"),
         ({"basis": ["1"], "colour": "red"}, "colour"),
@@ -50,6 +49,7 @@ def test_mistakes(content, says):
         ({"kind": "monomials", "harmonics": 2}, "gap.basis.harmonics: unknown key. Known: kind, degree."),
         ({"kind": "monomials", "degree": -1}, "gap.basis.degree: Input should be greater than or equal to 0"),
         ({"kind": "trigonometric", "harmonics": 0}, "gap.basis.harmonics: Input should be greater than or equal to 1"),
+        ([], "gap.basis.terms: the basis has no terms; list at least the constant 1"),
         ({"kind": "fourier"}, "gap.basis: no basis is called 'fourier'"),
     ],
 )

@@ -15,12 +15,14 @@ class Expressions(BasisSection):
     """The terms as written."""
 
     kind: Literal["expressions"] = Field("expressions", description="Which basis.")
-    terms: tuple[str, ...] = Field(min_length=1, description="The terms, over states and inputs.")
+    terms: tuple[str, ...] = Field(description="The terms, over states and inputs.")
 
     @field_validator("terms", mode="before")
     @classmethod
     def _numbers_are_terms(cls, value: object) -> object:
         """The constant term is written 1, which YAML reads as a number."""
+        if isinstance(value, list | tuple) and not value:
+            raise ValueError("the basis has no terms; list at least the constant 1")
         return [str(term) for term in value] if isinstance(value, list | tuple) else value
 
     def listed(self, states: Sequence[str], inputs: Sequence[str], domain: Box) -> tuple[str, ...]:

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from simgap.gap.thresholds import GATE
 from simgap.geometry import Floats
-
-GATE = 1.3
 
 
 @dataclass(frozen=True, eq=False)
