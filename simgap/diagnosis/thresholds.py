@@ -48,3 +48,11 @@ SAME_PROMISE = 1e-5
 
 FINALISTS = 5
 """How many of the most promising candidates are refitted in full at each round."""
+
+SETTLED_PROMISE = 0.05
+"""A fit has settled if the linear problem promises at most this further drop of chi^2 (in units of chi^2/dof where that
+is above 1): a step of less than a quarter of a standard error."""
+
+SETTLED_STATES = 1.0
+"""... and at most this for the initial state of a window; under dry friction, where a window may stand at a kink, what
+fitting it afresh from several starts gains counts instead of the promise."""

@@ -71,6 +71,11 @@ class Problem:
         return self.windows.samples * self.y.shape[1]
 
     @cached_property
+    def counts(self) -> Floats:
+        """(w,) compared numbers of each window."""
+        return np.asarray(self.windows.stop - self.windows.start, dtype=np.float64) * self.y.shape[1]
+
+    @cached_property
     def rows(self) -> Ints:
         """(w + 1,) first row of each window in flat arrays, and their total."""
         return np.concatenate([[0], np.cumsum(self.windows.stop - self.windows.start)]).astype(np.int64)
