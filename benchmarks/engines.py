@@ -17,14 +17,16 @@ from typing import Any
 import numpy as np
 
 from simgap.config.case import Case
-from simgap.config.simulator import Damping, MuJoCoSection, PyBulletSection
+from simgap.config.simulator import Damping
 from simgap.gap.fit import fit_gap
 from simgap.gap.fresh_check import check_fresh
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Floats, Grid
-from simgap.plants.cases import nominal_model
+from simgap.plants.plant_model import PlantModel
+from simgap.simulators.mujoco_joints import MuJoCoSettings
 from simgap.simulators.process import run_in_processes
+from simgap.simulators.pybullet_joints import PyBulletSettings
 from simgap.stages.context import Context
 from simgap.stages.fresh import draw
 from simgap.stages.rollouts import product, roll_out
@@ -32,10 +34,10 @@ from simgap.stages.rollouts import product, roll_out
 CASE = Path(__file__).parents[1] / "configs" / "cases" / "pendulum.yaml"
 FREE = Damping(linear=0.0, angular=0.0)
 ENGINES = {
-    "MuJoCo": MuJoCoSection(),
-    "PyBullet, declared inertia": PyBulletSection(inertia="file"),
-    "PyBullet, default inertia": PyBulletSection(inertia="engine"),
-    "PyBullet, declared inertia, no damping": PyBulletSection(inertia="file", damping=FREE),
+    "MuJoCo": MuJoCoSettings(),
+    "PyBullet, declared inertia": PyBulletSettings(inertia="file"),
+    "PyBullet, default inertia": PyBulletSettings(inertia="engine"),
+    "PyBullet, declared inertia, no damping": PyBulletSettings(inertia="file", damping=FREE),
 }
 MODELS = {"explicit Euler": "explicit_euler", "semi-implicit Euler": "semi_implicit_euler"}
 PAIRS = (
@@ -55,7 +57,7 @@ def successors(context: Context, name: str, x: Floats, u: Floats, workers: int) 
     case: Case = context.case
     if name in MODELS:
         plant = case.plant.model_copy(update={"integrator": MODELS[name]})
-        return nominal_model(case.model_copy(update={"plant": plant}), context.folder).step(x, u)
+        return PlantModel.of(case.model_copy(update={"plant": plant}), context.folder).sampled.step(x, u)
     other = case.model_copy(update={"simulator": ENGINES[name]})
     parts = zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)
     found = run_in_processes(roll_out, [(other, context.folder, a, b) for a, b in parts], workers)

@@ -26,7 +26,6 @@ from simgap.gap.fresh_check import check_fresh
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Floats, Grid
-from simgap.plants.cases import nominal_model
 from simgap.simulators.process import run_in_processes
 from simgap.stages.context import Context
 from simgap.stages.fresh import draw
@@ -64,7 +63,7 @@ def gap_of(context: Context, case: Case, x: Floats, u: Floats, workers: int) -> 
     """Signed gap of pairs (n, nx), (n, nu) under the simulator section of `case`."""
     parts = zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)
     results = run_in_processes(roll_out, [(case, context.folder, a, b) for a, b in parts], workers)
-    return np.concatenate([r[0] for r in results]) - nominal_model(case, context.folder).step(x, u)
+    return np.concatenate([r[0] for r in results]) - context.plant.sampled.step(x, u)
 
 
 def winning(context: Context, result: GapResult | None, workers: int) -> float:

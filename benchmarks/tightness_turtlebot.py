@@ -31,7 +31,6 @@ from simgap.gap.scenario import solve_scenario
 from simgap.gap.symmetry import BodyFrameGap, nominal_motion
 from simgap.geometry import Floats
 from simgap.io.documents import read_json
-from simgap.plants.cases import nominal_model
 from simgap.stages import hidden_gap
 from simgap.stages.context import Context
 from simgap.stages.synthesis import pose
@@ -127,7 +126,7 @@ def main() -> None:
     content = read_json(path["gap"])
     default = from_json(content)
     problem, _ = pose(context, path["gap"])
-    model, axes, inputs = nominal_model(context.case, context.folder), pose_axes(context), context.input_set
+    model, axes, inputs = context.plant.sampled, pose_axes(context), context.input_set
     centre = 0.5 * (context.box.lo + context.box.hi)
     motion = nominal_motion(model.step, centre, inputs, axes, np.random.default_rng(0))
     grid = hidden_gap.read_samples(context, path["grid"])

@@ -6,6 +6,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 from simgap.config.load import load_case
+from simgap.config.reads import READS
 from simgap.errors import SimgapError
 from simgap.provenance import (
     code_digest,
@@ -14,11 +15,9 @@ from simgap.provenance import (
     sections_digest,
     versions,
 )
-from simgap.stages.reads import READS
 
 CASE_FOLDER = Path(config["case_folder"])
 CASES = config["cases"]
-ENGINES = digest(versions("drake", "pybullet", "numpy", "numba", "clarabel", "cvxpy"))
 
 
 wildcard_constraints:
@@ -64,8 +63,8 @@ LOADED = {name: load(name) for name in CASES}
 
 
 def case_of(wildcards):
-    """The case, or the one that it came from: they differ in the nominal model alone."""
-    name = base(wildcards.case)
+    """The case, given by its name or by wildcards, or the one that it came from: they differ in the nominal model."""
+    name = base(wildcards if isinstance(wildcards, str) else wildcards.case)
     if name not in LOADED:
         LOADED[name] = load(name)
     return LOADED[name]
@@ -78,9 +77,15 @@ def reads(stage):
     )
 
 
-def code(stage):
-    """The code that the stage runs and the engines under it, as a hash for `params`."""
-    return code_digest(f"simgap.stages.{stage}") + ENGINES
+def code(stage, case=None):
+    """The code that the stage runs, plug-ins of the case included, and the distributions under it, as a hash."""
+
+    def made_by(wildcards):
+        name = case or wildcards.get("case")
+        of = (case_of(name), CASE_FOLDER) if name else ()
+        return digest([code_digest(stage, *of), versions(stage, *of)])
+
+    return made_by
 
 
 def eps_of(wildcards):

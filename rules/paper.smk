@@ -18,7 +18,7 @@ rule paper:
         mem_mb=2000,
         runtime=20,
     params:
-        code=code("paper"),
+        code=code("paper", "pendulum"),
     message:
         "The paper's printed numbers: what they allow, and reproduced values beside them"
     shell:

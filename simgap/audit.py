@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from simgap.closed_loop import Run
 from simgap.gap.function import GapFunction
-from simgap.geometry import Box, Floats
+from simgap.geometry import Floats
 from simgap.model.sampled import NominalModel
+from simgap.specifications.monitor import Monitor, Outcome, Run, Verdict
+from simgap.specifications.space import Space
+
+BATCH = 100  # runs whose steps are held against the bound at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,75 +33,96 @@ class GapAudit:
     hi: Floats
 
     @property
-    def outside(self) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    def outside(self) -> NDArray[np.bool_]:
         """Steps at which gamma did not hold."""
         return ~np.all((self.lo <= self.d) & (self.d <= self.hi), axis=1)
 
 
-def audit_gap(x: Floats, u: Floats, following: Floats, model: NominalModel, gap: GapFunction) -> GapAudit:
-    """Compare steps (k, nx), (k, nu) -> (k, nx) with the bound that the controller was made for."""
-    if len(x) == 0:
-        empty = np.empty((0, model.nx))
-        return GapAudit(empty, empty, empty)
-    lo, hi = gap.bounds(x, u)
-    return GapAudit(following - model.step(x, u), lo, hi)
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """What the runs of one controller are held against.
+
+    Attributes:
+        space: the states; monitor: of the specification; steps: samples that a run has.
+        inputs: U, (M, nu); model, gap: f and the bound that the controller was made for.
+    """
+
+    space: Space
+    monitor: Monitor
+    steps: int
+    inputs: Floats
+    model: NominalModel
+    gap: GapFunction
+
+    def verdict(self, run: Run) -> Verdict:
+        """How a run ended."""
+        return self.monitor.judge(run, self.steps)
+
+    def audit(self, runs: Sequence[Run]) -> GapAudit:
+        """All steps of some runs, one under the other, against the bound; periodic states are brought into X."""
+        x, u, following = steps_of(runs, self.inputs)
+        if len(x) == 0:
+            empty = np.empty((0, self.space.size))
+            return GapAudit(empty, empty, empty)
+        x, following = self.space.unwound(x, following)
+        lo, hi = self.gap.bounds(x, u)
+        return GapAudit(following - self.model.step(x, u), lo, hi)
+
+    def count(self, runs: Iterable[Run], keep: int) -> tuple[dict[str, Any], list[Verdict]]:
+        """Judge and audit every run: -> figures as plain data, the `keep` runs to look at."""
+        tally, kept = Tally(), list[Verdict]()
+        following = iter(runs)
+        while batch := [self.verdict(run) for run in islice(following, BATCH)]:
+            outside = split_by_run(self.audit([v.run for v in batch]).outside, [v.run for v in batch])
+            for verdict, count in zip(batch, outside, strict=True):
+                tally.add(verdict.outcome, count)
+                keep_some(kept, verdict, keep)
+        return tally.to_json() | self.monitor.summary(tally.outcomes), kept
 
 
 @dataclass
 class Tally:
-    """Counts over runs; `ends` maps how a run ended to how many did."""
+    """Counts over runs."""
 
-    runs: int = 0
-    steps: int = 0
-    kept: int = 0
-    ends: dict[str, int] = field(default_factory=dict)
+    outcomes: list[Outcome] = field(default_factory=list)
     outside_gamma: int = 0
-    failure_steps: list[int] = field(default_factory=list)
 
-    def add(self, end: str, kept: bool, steps: int, outside: int = 0) -> None:
-        """Count one run; `kept` says that it did what the specification asks."""
-        self.runs += 1
-        self.steps += steps
-        self.kept += kept
-        self.ends[end] = self.ends.get(end, 0) + 1
+    def add(self, outcome: Outcome, outside: int = 0) -> None:
+        """Count one run with the number of its steps outside gamma."""
+        self.outcomes.append(outcome)
         self.outside_gamma += outside
-        if not kept:
-            self.failure_steps.append(steps)
 
-    def to_json(self) -> dict[str, object]:
+    def to_json(self) -> dict[str, Any]:
         """Plain data."""
-        median = float(np.median(self.failure_steps)) if self.failure_steps else None
+        failed = [o.steps for o in self.outcomes if not o.kept]
+        ends = [o.end for o in self.outcomes]
         return {
-            "runs": self.runs,
-            "steps": self.steps,
-            "runs_that_kept_the_specification": self.kept,
-            "runs_that_violated_it": self.runs - self.kept,
-            "ends": dict(sorted(self.ends.items())),
+            "runs": len(self.outcomes),
+            "steps": sum(o.steps for o in self.outcomes),
+            "runs_that_kept_the_specification": len(self.outcomes) - len(failed),
+            "runs_that_violated_it": len(failed),
+            "ends": {end: ends.count(end) for end in sorted(set(ends))},
             "steps_outside_gamma": self.outside_gamma,
-            "median_steps_until_violation": median,
+            "median_steps_until_violation": float(np.median(failed)) if failed else None,
         }
 
 
-def judge_invariance(run: Run, safe: Box, steps: int) -> tuple[str, bool]:
-    """How a run ended and whether it stayed in the safe set for all its samples."""
-    if not bool(safe.contains(run.x[-1])):
-        return "left the safe set", False
-    if run.stuck:
-        return "no admissible input", False
-    return ("stayed", True) if len(run.inputs) >= steps else ("ended early", False)
+def keep_some(kept: list[Verdict], verdict: Verdict, count: int) -> None:
+    """Keep the first runs; the first that failed takes the last place if none of them did, so that it can be seen."""
+    if len(kept) < count:
+        kept.append(verdict)
+    elif not verdict.outcome.kept and all(v.outcome.kept for v in kept):
+        kept[-1] = verdict
 
 
-def steps_of(runs: Iterable[Run], inputs: Floats) -> tuple[Floats, Floats, Floats]:
+def steps_of(runs: Sequence[Run], inputs: Floats) -> tuple[Floats, Floats, Floats]:
     """All steps of some runs under each other: x, u, x+."""
-    runs = list(runs)
     x = np.concatenate([r.x[: len(r.inputs)] for r in runs])
     u = inputs[np.concatenate([r.inputs for r in runs])]
     return x, u, np.concatenate([r.x[1 : len(r.inputs) + 1] for r in runs])
 
 
-def split_by_run(
-    flags: Sequence[bool] | np.ndarray[tuple[int, ...], np.dtype[np.bool_]], runs: Sequence[Run]
-) -> list[int]:
+def split_by_run(flags: Sequence[bool] | NDArray[np.bool_], runs: Sequence[Run]) -> list[int]:
     """How many flagged steps each run has."""
     ends = np.cumsum([len(r.inputs) for r in runs])
     counts = np.concatenate([[0], np.cumsum(np.asarray(flags, dtype=np.int64))])

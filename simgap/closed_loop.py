@@ -1,8 +1,7 @@
-"""One loop for validation, replay and rigs: a controller and a plant, sample by sample."""
+"""One loop for validation, replay and rigs: a controller and a plant, sample by sample, until a monitor says so."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,12 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.geometry import Floats
+from simgap.specifications.monitor import Monitor, Run
 
 Ints = NDArray[np.int64]
 
 
 class Plant(Protocol):
-    """What the loop drives: a simulator, a rig, the nominal model."""
+    """What the loop drives: a simulator, a rig, the nominal model.
+
+    One that records the path between samples has it as `path` (k, nx) after each step.
+    """
 
     def reset(self, x: Floats) -> None:
         """Put the plant at x (nx,)."""
@@ -47,18 +50,6 @@ class Sensing:
         return x + self.error * (np.sign(unit) if rng.integers(2) else unit)
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """One run: states (k + 1, nx), numbers of the inputs applied (k,), and whether it ran to its end.
-
-    `stuck` says that the controller had no input at the last state.
-    """
-
-    x: Floats
-    inputs: Ints
-    stuck: bool
-
-
 def closed_loop(
     plant: Plant,
     policy: Policy,
@@ -66,13 +57,14 @@ def closed_loop(
     steps: int,
     sensing: Sensing,
     rng: np.random.Generator,
-    stop: Callable[[Floats], bool],
+    monitor: Monitor,
     seen: Floats | None = None,
 ) -> Run:
-    """Run from `start` until `steps` samples, a state where `stop` says so, or one without an admissible input.
+    """Run from `start` until `steps` samples, or until the monitor ends it or the controller has no input.
 
     `seen` is the first measurement, `start` itself if not given. With one sample of latency the input decided from a
-    measurement acts one sample later; the first input is the one that the controller gives at `seen`.
+    measurement acts one sample later; the first input is the one that the controller gives at `seen`. A run also ends
+    after a step whose path touches what the monitor watches, where the plant records its path.
     """
     lookup, inputs = scalar_lookup(policy), policy.input_set
     exact = not np.any(sensing.error)
@@ -80,10 +72,12 @@ def closed_loop(
     x = np.array(start, dtype=np.float64)
     y = x if seen is None else seen
     pending = lookup(y, getattr(policy, "memory", 1) - 1) if sensing.latency else 0  # "nothing is pending yet"
-    states, applied = [x], []
+    states, measured, applied = [x], [y], []
+    watched = monitor.measures_clearance and getattr(plant, "path", None) is not None
+    near = [monitor.clearance(x[None])] if watched else []
     stuck = pending < 0
     for _ in range(steps):
-        if stuck or stop(x):
+        if stuck or monitor.over(x, y):
             break
         decided = lookup(y, pending)
         if decided < 0:
@@ -93,8 +87,20 @@ def closed_loop(
         x = plant.advance(inputs[now])
         y = x if exact else sensing.measure(x, rng)
         states.append(x)
+        measured.append(y)
         applied.append(now)
-    return Run(np.array(states), np.array(applied, dtype=np.int64), stuck)
+        if watched:
+            near.append(monitor.clearance(plant.path))  # type: ignore[attr-defined]
+            if near[-1] <= 0.0:
+                break
+    run = np.array(states)
+    return Run(
+        x=run,
+        inputs=np.array(applied, dtype=np.int64),
+        stuck=stuck,
+        seen=run if exact else np.array(measured),
+        clearance=np.array(near) if watched else None,
+    )
 
 
 def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:
@@ -102,39 +108,22 @@ def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:
     grid, choice = getattr(policy, "grid", None), getattr(policy, "choice", None)
     if grid is None or choice is None:
         return lambda x, pending: int(policy.lookup(x[None], pending)[0])
-    lo, hi = grid.box.lo.tolist(), grid.box.hi.tolist()
-    width, cells, memory = (2.0 * grid.h).tolist(), list(grid.cells), int(getattr(policy, "memory", 1))
-    axes = [(j, lo[j], hi[j], width[j], cells[j], j in grid.periodic) for j in range(len(cells))]
-    floor, picked = math.floor, choice.tolist()  # a list answers faster than an array, one element at a time
+    cell_of, memory = grid.finder(), int(getattr(policy, "memory", 1))
+    picked = choice.tolist()  # a list answers faster than an array, one element at a time
 
     def find(x: Floats, pending: int) -> int:
-        flat, values = 0, x.tolist()
-        for j, low, high, size, count, wraps in axes:  # the same floor as Grid.index: both agree on every bit
-            value = values[j]
-            k = floor((value - low) / size)
-            if k == count and value <= high:
-                k -= 1
-            if wraps:
-                k %= count
-            elif not 0 <= k < count:
-                return -1
-            flat = flat * count + k
-        return int(picked[flat * memory + pending])
+        cell = cell_of(x)
+        return int(picked[cell * memory + pending]) if cell >= 0 else -1
 
     return find
 
 
 def batch_loop(
-    step: Callable[[Floats, Floats], Floats],
-    policy: Policy,
-    starts: Floats,
-    steps: int,
-    inside: Callable[[Floats], NDArray[np.bool_]],
+    step: Callable[[Floats, Floats], Floats], policy: Policy, starts: Floats, steps: int, monitor: Monitor
 ) -> list[Run]:
     """Many runs side by side on a memoryless map `step` (n, nx), (n, nu) -> (n, nx), with exact measurements.
 
-    A run ends where `inside` is false or the policy has no input. A policy with memory decides one sample ahead, as in
-    `closed_loop`.
+    Each run is the one of `closed_loop`. A map records no path between samples.
     """
     n, nx = starts.shape
     x = np.full((steps + 1, n, nx), np.nan)
@@ -147,7 +136,7 @@ def batch_loop(
     stuck |= pending < 0
     alive = alive[~stuck]
     for k in range(steps):
-        alive = alive[inside(x[k, alive])]
+        alive = alive[~monitor.over_each(x[k, alive], x[k, alive])]
         decided = policy.lookup(x[k, alive], pending[alive])
         stuck[alive[decided < 0]] = True
         alive, decided = alive[decided >= 0], decided[decided >= 0]
@@ -158,4 +147,5 @@ def batch_loop(
         x[k + 1, alive] = step(x[k, alive], policy.input_set[now])
         inputs[k, alive] = now
         length[alive] = k + 1
-    return [Run(x[: length[i] + 1, i], inputs[: length[i], i], bool(stuck[i])) for i in range(n)]
+    paths = [x[: length[i] + 1, i] for i in range(n)]
+    return [Run(path, inputs[: length[i], i], bool(stuck[i]), path) for i, path in enumerate(paths)]

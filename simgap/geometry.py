@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -109,3 +110,25 @@ class Grid:
         inside = np.all((k >= 0) & (k < counts), axis=-1)
         flat = np.ravel_multi_index(tuple(np.moveaxis(np.where(inside[..., None], k, 0), -1, 0)), self.cells)
         return np.where(inside, flat, -1).astype(np.int64)
+
+    def finder(self) -> Callable[[Floats], int]:
+        """`index` for one point (n,) at a time, without the overhead of arrays; both agree on every bit."""
+        lo, hi, width = self.box.lo.tolist(), self.box.hi.tolist(), (2.0 * self.h).tolist()
+        axes = [(j, lo[j], hi[j], width[j], self.cells[j], j in self.periodic) for j in range(len(self.cells))]
+        floor = math.floor
+
+        def find(x: Floats) -> int:
+            flat, values = 0, x.tolist()
+            for j, low, high, size, count, wraps in axes:
+                value = values[j]
+                k = floor((value - low) / size)
+                if k == count and value <= high:
+                    k -= 1
+                if wraps:
+                    k %= count
+                elif not 0 <= k < count:
+                    return -1
+                flat = flat * count + k
+            return flat
+
+        return find

@@ -74,7 +74,7 @@ def allowed(problem: Problem, threads: int = 1) -> Allowed:
     except UserError as error:
         solution, reason = None, str(error)
     if solution is None:
-        solution = problem.specification.solve(problem.abstraction(), threads)
+        solution = problem.specification.solve(problem.game(threads))
     target = int(solution.target.sum()) if solution.target is not None else 0
     return Allowed(int(solution.winning.sum()), target, int(solution.free.sum()), reason)
 

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import importlib.util
 import logging
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -23,13 +22,28 @@ from simgap.errors import UserError
 
 BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
-        "engines": MappingProxyType({}),
+        "engines": MappingProxyType(
+            {
+                "pybullet": "simgap.simulators.pybullet_joints:PyBulletJoints",
+                "pybullet_wheeled": "simgap.simulators.wheeled:PyBulletWheeled",
+                "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
+            }
+        ),
         "bases": MappingProxyType({}),
         "effects": MappingProxyType({}),
-        "specifications": MappingProxyType({}),
+        "specifications": MappingProxyType(
+            {
+                "invariance": "simgap.specifications.invariance:Invariance",
+                "reach_avoid": "simgap.specifications.reach_avoid:ReachAvoid",
+                "reach_and_stay": "simgap.specifications.reach_and_stay:ReachAndStay",
+            }
+        ),
     }
 )
 """For each group, names and where the class stands ('module:Class')."""
+
+DOORS: Mapping[str, str] = MappingProxyType({"engines": "simgap.simulators.build"})
+"""For each group the module through which its plug-ins are run: what imports it depends on those that a case uses."""
 
 log = logging.getLogger("simgap")
 
@@ -67,6 +81,12 @@ def source(plugin: type[Any]) -> Path | None:
     return Path(file) if file else None
 
 
+def distribution(group: str, name: str) -> tuple[str, str] | None:
+    """Name and version of the distribution that offers a plug-in, None for built-ins and files."""
+    dist = None if name in BUILT_IN[group] or ".py:" in name else _offered(group)[name].dist
+    return (dist.name, dist.version) if dist is not None else None
+
+
 @lru_cache(maxsize=8)
 def _offered(group: str) -> Mapping[str, metadata.EntryPoint]:
     return {point.name: point for point in metadata.entry_points(group=f"simgap.{group}")}
@@ -75,7 +95,7 @@ def _offered(group: str) -> Mapping[str, metadata.EntryPoint]:
 @lru_cache(maxsize=64)
 def _installed(group: str, name: str) -> type[Any]:
     point = _offered(group)[name]
-    log.info("plug-in '%s' of group %s is code of %s", name, group, point.value)
+    log.warning("plug-in '%s' (%s) is code of %s and runs with your rights", name, group, point.value)
     try:
         return _of(importlib.import_module(point.module), point.attr, name)
     except ImportError as error:
@@ -91,24 +111,42 @@ def _beside(name: str, folder: Path | None) -> type[Any]:
         raise UserError(f"the plug-in file '{_short(file)}' lies outside the case's folder", remedy="Put it beside it.")
     if not path.is_file():
         raise UserError("the plug-in file does not exist", file=path, remedy="Put it beside the case.")
-    return _of(_module(path, hashlib.sha256(path.read_bytes()).hexdigest()), attribute, name)
+    content = path.read_bytes()
+    if (path, content) not in _FILES:
+        log.warning("plug-in file %s is code and runs with your rights", path)
+    return _of(_module(path, content), attribute, name)
 
 
-@lru_cache(maxsize=64)
-def _module(path: Path, content: str) -> ModuleType:
-    """The file as a module; its name holds its content, so that another version of it is another module."""
-    log.info("plug-in file %s is code and runs with your rights", path)
-    name = f"simgap_plugin_{path.stem}_{content[:16]}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise UserError("not a Python file", file=path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
+_FILES: dict[tuple[Path, bytes], ModuleType] = {}
+
+
+def files() -> tuple[tuple[Path, bytes], ...]:
+    """Plug-in files that were run in this process, for `adopt` in another one."""
+    return tuple(_FILES)
+
+
+def adopt(ran: Iterable[tuple[Path, bytes]]) -> None:
+    """Run plug-in files as another process ran them, so that what it pickled of their classes can be read here."""
+    for path, content in ran:
+        _module(path, content)
+
+
+def _module(path: Path, content: bytes) -> ModuleType:
+    """The file as a module.
+
+    What runs is what was read: no bytecode is kept beside the file, and other content is another module.
+    """
+    if (path, content) in _FILES:
+        return _FILES[path, content]
+    module = ModuleType(f"simgap_plugin_{hashlib.sha256(str(path).encode() + content).hexdigest()[:16]}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module
     try:
-        spec.loader.exec_module(module)
+        exec(compile(content, str(path), "exec"), module.__dict__)
     except Exception as error:
-        del sys.modules[name]
+        del sys.modules[module.__name__]
         raise UserError(f"the plug-in does not run: {type(error).__name__}: {_short(str(error))}", file=path) from None
+    _FILES[path, content] = module
     return module
 
 

@@ -1,4 +1,8 @@
-"""What made a result: the sections that its stage read, the code that computed it, the engines, the seeds."""
+"""What made a result: the sections that its stage read, the code that computed it, the engines, the seeds.
+
+The code of a stage is its import closure, which `grimp` finds (imports inside functions too, nothing is imported to
+find them), and the plug-ins that the case uses, which no import shows because they are found by name.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +15,17 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from simgap import plugins
 from simgap.config.case import Case
-from simgap.stages.reads import READS
+from simgap.config.plugged import used
+from simgap.config.reads import READS
 
 PACKAGE = Path(__file__).parent
-# What the typing of a case file does shows in the sections that are hashed; its code would invalidate everything.
-UNHASHED = ("simgap.config.case", "simgap.config.load", "simgap.provenance")
+# What the typing of a case file does shows in the sections that are hashed, and what the registry of plug-ins does in
+# the plug-ins that are: their code would invalidate everything.
+UNHASHED = ("simgap.config.case", "simgap.config.load", "simgap.config.plugged", "simgap.plugins", "simgap.provenance")
+# Distributions that any result may depend on; what a plug-in depends on, it declares.
+SHARED = ("drake", "numpy", "scipy", "sympy", "numba", "clarabel", "cvxpy")
 
 
 def digest(content: Any) -> str:
@@ -28,8 +37,9 @@ def digest(content: Any) -> str:
 def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
     """A hash of what a stage reads: sections by dotted name ('plant.states'), model files by their bytes."""
     content: dict[str, Any] = {}
+    whole = case.model_dump(mode="json")
     for section in sections:
-        value: Any = case.model_dump(mode="json")
+        value: Any = whole
         for part in section.split("."):
             value = value.get(part) if isinstance(value, dict) else None
         content[section] = value
@@ -44,47 +54,89 @@ def file_digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
-def code_digest(module: str) -> str:
-    """A hash of a module of this package and all that it imports from the package, however late."""
-    return digest({str(p.relative_to(PACKAGE)): file_digest(p) for p in sorted(_closure(module))})
+def code_digest(stage: str, case: Case | None = None, folder: Path = Path()) -> str:
+    """A hash of the code that a stage runs for a case: its import closure and the plug-ins that the case uses."""
+    modules = closure(f"simgap.stages.{stage}")
+    content = {name: file_digest(_file(name)) for name in sorted(modules)}
+    for place, plugin in plugins_of(stage, case, folder).items():
+        content[place] = digest(_sources(plugin))
+    return digest(content)
 
 
-@lru_cache(maxsize=64)
-def _closure(module: str) -> frozenset[Path]:
-    seen: set[Path] = set()
-    todo = [module]
-    while todo:
-        name = todo.pop()
-        path = _file(name)
-        if path is None or path in seen or name.startswith(UNHASHED):
-            continue
-        seen.add(path)
-        todo.extend(_imports(path))
-    return frozenset(seen)
+def plugins_of(stage: str, case: Case | None, folder: Path) -> dict[str, type[Any]]:
+    """The plug-ins that a stage runs for a case, by group and name: those of the groups whose door it imports."""
+    reached = closure(f"simgap.stages.{stage}")
+    return {
+        f"{u.group}: {u.name}": plugins.find(u.group, u.name, folder)
+        for u in (used(case) if case is not None else ())
+        if plugins.DOORS.get(u.group) in reached
+    }
 
 
-def _imports(path: Path) -> list[str]:
+def _sources(plugin: type[Any]) -> dict[str, str]:
+    """What a plug-in is made of: its file, and all that this file imports from the package."""
+    file = plugins.source(plugin)
+    if file is None:
+        return {}
+    if plugin.__module__.startswith("simgap."):
+        return {name: file_digest(_file(name)) for name in sorted(closure(plugin.__module__))}
+    content = file.read_bytes()
+    known = _graph().modules
+    modules = {m for name in _imported(content) if name in known for m in closure(name)}
+    return {"": hashlib.sha256(content).hexdigest()} | {name: file_digest(_file(name)) for name in sorted(modules)}
+
+
+def _imported(source: bytes) -> list[str]:
+    """Names of modules, and of what is taken from them, that a file outside the package imports from it."""
     names: list[str] = []
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             names += [a.name for a in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names.append(node.module)
-            names += [f"{node.module}.{a.name}" for a in node.names]
-    return [n for n in names if n.split(".")[0] == "simgap"]
+            names += [node.module, *(f"{node.module}.{a.name}" for a in node.names)]
+    return names
 
 
-def _file(module: str) -> Path | None:
+@lru_cache(maxsize=64)
+def closure(module: str) -> frozenset[str]:
+    """A module of this package and all that it imports from the package, however late; without `UNHASHED`."""
+    graph = _graph()
+    if module not in graph.modules:
+        return frozenset()
+    return frozenset({module, *graph.find_upstream_modules(module)} - {"simgap"})
+
+
+@lru_cache(maxsize=1)
+def _graph() -> Any:
+    """The import graph of the package, in 0.2 s; without a cache on disk, which would stand in the user's folder."""
+    import grimp
+
+    graph = grimp.build_graph("simgap", cache_dir=None)
+    for module in UNHASHED:
+        graph.remove_module(module)
+    return graph
+
+
+def _file(module: str) -> Path:
     base = PACKAGE.joinpath(*module.split(".")[1:])
-    for path in (base.with_suffix(".py"), base / "__init__.py"):
-        if path.is_file() and path != PACKAGE / "__init__.py":
-            return path
-    return None
+    return base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
 
 
-def versions(*distributions: str) -> dict[str, str]:
-    """Versions of installed distributions."""
-    return {name: metadata.version(name) for name in distributions}
+def versions(stage: str, case: Case | None = None, folder: Path = Path()) -> dict[str, str]:
+    """Versions of what a stage's results depend on: shared distributions, and those of the plug-ins that it runs."""
+    found = {name: _version(name) for name in SHARED}
+    for place, plugin in plugins_of(stage, case, folder).items():
+        found |= {name: _version(name) for name in getattr(plugin, "distributions", ())}
+        own = plugins.distribution(*place.split(": ", 1))
+        found |= dict([own] if own else [])
+    return found
+
+
+def _version(distribution: str) -> str:
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return "not installed"
 
 
 def provenance(
@@ -96,8 +148,8 @@ def provenance(
         "stage": stage,
         "case": case.name,
         "reads": {"sections": sections, "sha256": sections_digest(case, sections, folder)},
-        "code": code_digest(f"simgap.stages.{stage}"),
-        "versions": versions("simgap", "drake", "pybullet", "numpy", "numba", "clarabel"),
+        "code": code_digest(stage, case, folder),
+        "versions": {"simgap": _version("simgap"), **versions(stage, case, folder)},
         "seeds": dict(seeds or {}),
         **more,
     }

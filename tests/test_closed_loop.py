@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from simgap.audit import Tally, judge_invariance, split_by_run, steps_of
-from simgap.closed_loop import Run, Sensing, batch_loop, closed_loop, scalar_lookup
+from simgap.audit import Tally, split_by_run, steps_of
+from simgap.closed_loop import Sensing, batch_loop, closed_loop, scalar_lookup
 from simgap.geometry import Box, Grid
+from simgap.specifications.invariance import Inside
+from simgap.specifications.monitor import Run
 
 INPUTS = np.array([[-1.0], [0.0], [1.0]])
 
@@ -33,8 +35,7 @@ class Table:
         return np.where(cells >= 0, self.choice[cells * self.memory + pending], -1)
 
 
-def never(x):
-    return False
+NEVER, NEAR = Inside(Box([-9.0], [9.0])), Inside(Box([-0.95], [0.95]))
 
 
 EXACT = Sensing(np.zeros(1))
@@ -43,16 +44,16 @@ EXACT = Sensing(np.zeros(1))
 def test_a_run_follows_the_policy_and_stops_where_it_has_no_input():
     policy = Table([-1, 2, 2, 2])  # to the right, no input in the leftmost quarter
     rng = np.random.default_rng(0)
-    run = closed_loop(Integrator(), policy, np.array([0.05]), 5, EXACT, rng, never)
+    run = closed_loop(Integrator(), policy, np.array([0.05]), 5, EXACT, rng, NEVER)
     assert np.allclose(run.x[:, 0], 0.05 + 0.1 * np.arange(6))
     assert run.inputs.tolist() == [2] * 5
     assert not run.stuck
-    assert closed_loop(Integrator(), policy, np.array([-0.9]), 5, EXACT, rng, never).stuck
+    assert closed_loop(Integrator(), policy, np.array([-0.9]), 5, EXACT, rng, NEVER).stuck
 
 
 def test_a_run_stops_where_it_is_told():
     run = closed_loop(
-        Integrator(), Table([2, 2]), np.array([0.0]), 50, EXACT, np.random.default_rng(0), lambda x: x[0] > 0.35
+        Integrator(), Table([2, 2]), np.array([0.0]), 50, EXACT, np.random.default_rng(0), Inside(Box([-1.0], [0.35]))
     )
     assert len(run.inputs) == 4
     assert run.x[-1, 0] > 0.35
@@ -62,7 +63,7 @@ def test_latency_applies_the_decision_one_sample_later():
     # rows of a cell: the three inputs that may be pending, then nothing pending; the last picks what acts first
     policy = Table([2, 2, 2, 1, 2, 2, 2, 1], memory=4)
     run = closed_loop(
-        Integrator(), policy, np.array([0.0]), 3, Sensing(np.zeros(1), 1), np.random.default_rng(0), never
+        Integrator(), policy, np.array([0.0]), 3, Sensing(np.zeros(1), 1), np.random.default_rng(0), NEVER
     )
     assert run.inputs.tolist() == [1, 2, 2]
 
@@ -88,11 +89,9 @@ def test_the_scalar_lookup_is_the_grids_own_on_every_bit(periodic):
 def test_the_batch_is_the_loop():
     policy = Table([2, 2, 2, 1, 0, 0])
     starts = np.random.default_rng(3).uniform(-1, 1, (40, 1))
-    runs = batch_loop(lambda x, u: x + 0.1 * u, policy, starts, 30, lambda x: np.abs(x[:, 0]) < 0.95)
+    runs = batch_loop(lambda x, u: x + 0.1 * u, policy, starts, 30, NEAR)
     for start, run in zip(starts, runs, strict=True):
-        alone = closed_loop(
-            Integrator(), policy, start, 30, EXACT, np.random.default_rng(0), lambda x: not abs(x[0]) < 0.95
-        )
+        alone = closed_loop(Integrator(), policy, start, 30, EXACT, np.random.default_rng(0), NEAR)
         assert np.array_equal(run.x, alone.x)
         assert np.array_equal(run.inputs, alone.inputs)
 
@@ -101,27 +100,33 @@ def test_the_batch_is_the_loop_with_latency_too():
     rng = np.random.default_rng(4)
     policy = Table(rng.integers(0, 3, 4 * 6), memory=4)
     starts = rng.uniform(-1, 1, (30, 1))
-    runs = batch_loop(lambda x, u: x + 0.1 * u, policy, starts, 20, lambda x: np.abs(x[:, 0]) < 0.95)
+    runs = batch_loop(lambda x, u: x + 0.1 * u, policy, starts, 20, NEAR)
     for start, run in zip(starts, runs, strict=True):
         late = Sensing(np.zeros(1), 1)
-        alone = closed_loop(Integrator(), policy, start, 20, late, rng, lambda x: not abs(x[0]) < 0.95)
+        alone = closed_loop(Integrator(), policy, start, 20, late, rng, NEAR)
         assert np.array_equal(run.x, alone.x)
         assert np.array_equal(run.inputs, alone.inputs)
 
 
+def made(x, stuck=False):
+    return Run(x, np.zeros(len(x) - 1, dtype=np.int64), stuck, x)
+
+
 def test_counting():
-    safe = Box([-1.0], [1.0])
-    good = Run(np.zeros((4, 1)), np.zeros(3, dtype=np.int64), False)
-    out = Run(np.array([[0.0], [2.0]]), np.zeros(1, dtype=np.int64), False)
-    assert judge_invariance(good, safe, 3) == ("stayed", True)
-    assert judge_invariance(out, safe, 3) == ("left the safe set", False)
-    assert judge_invariance(Run(good.x, good.inputs, True), safe, 9) == ("no admissible input", False)
+    inside = Inside(Box([-1.0], [1.0]))
+    good, out = made(np.zeros((4, 1))), made(np.array([[0.0], [2.0]]))
+    judged = [inside.judge(good, 3), inside.judge(out, 3), inside.judge(made(good.x, stuck=True), 9)]
+    judged.append(inside.judge(good, 9))
+    assert [(v.outcome.end, v.outcome.kept) for v in judged] == [
+        ("stayed", True), ("left the safe set", False), ("no admissible input", False), ("ended early", False),
+    ]  # fmt: skip
+    assert judged[1].safe.tolist() == [True, False]
     x, u, following = steps_of([good, out], INPUTS)
     assert (len(x), len(u), following[-1, 0]) == (4, 4, 2.0)
     assert split_by_run([True, False, True, True], [good, out]) == [2, 1]
     tally = Tally()
-    tally.add("stayed", True, 3, 0)
-    tally.add("left the safe set", False, 1, 1)
+    tally.add(judged[0].outcome, 0)
+    tally.add(judged[1].outcome, 1)
     content = tally.to_json()
     assert content["runs_that_violated_it"] == 1
     assert content["steps_outside_gamma"] == 1

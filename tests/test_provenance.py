@@ -1,19 +1,65 @@
-"""What is hashed: sections that a stage reads, code that it reaches, model files by their bytes."""
+"""What is hashed: sections that a stage reads, code that it reaches, plug-ins of the case, model files as bytes."""
 
+import ast
+
+import pytest
+import yaml
+
+from simgap import plugins, provenance
 from simgap.config.load import load_case
-from simgap.provenance import _closure, sections_digest
-from simgap.stages.reads import READS
+from simgap.config.reads import READS
+from simgap.provenance import closure, code_digest, sections_digest, versions
+
+ENGINE = """
+from simgap.simulators.base import Engine
+from simgap.config.simulator import EngineSection
+
+class Still(Engine):
+    Settings = EngineSection
+    distributions = ("pyyaml",)
+"""
 
 
 def reached(stage):
-    return {"/".join(p.parts[-2:]) for p in _closure(f"simgap.stages.{stage}")}
+    return {"/".join(name.split(".")[-2:]) for name in closure(f"simgap.stages.{stage}")}
+
+
+def used(case, stage):
+    return set(provenance.plugins_of(stage, load_case(case), case.parent))
 
 
 def test_code_that_a_stage_reaches():
-    assert "synthesis/invariance.py" in reached("synthesis")
-    assert "simulators/pybullet_joints.py" in reached("rollouts")  # imported late, inside a function
+    assert "synthesis/invariance" in reached("synthesis")
+    assert "simulators/build" in reached("rollouts")  # imported late, inside a function
     assert not any(name.startswith(("synthesis/", "gap/", "diagnosis/")) for name in reached("rollouts"))
     assert not any(name.startswith("synthesis/inv") for name in reached("gap"))
+
+
+def test_the_closure_is_what_the_sources_say():
+    """Against a walk of our own over the syntax trees, from one stage."""
+
+    def imports(name):
+        base = provenance.PACKAGE.joinpath(*name.split(".")[1:])
+        path = base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
+        if not path.is_file():
+            return None
+        names = []
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names += [a.name for a in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names += [node.module, *(f"{node.module}.{a.name}" for a in node.names)]
+        return [n for n in names if n.startswith("simgap.")]
+
+    seen, todo = set(), ["simgap.stages.rollouts"]
+    while todo:
+        name = todo.pop()
+        if name in seen or name in provenance.UNHASHED or (found := imports(name)) is None:
+            continue
+        seen.add(name)
+        todo += found
+    # a package is run when something inside it is imported, but only what is taken from it counts
+    assert closure("simgap.stages.rollouts") == seen
 
 
 def test_sections_are_narrow(vary):
@@ -29,3 +75,56 @@ def test_sections_are_narrow(vary):
     assert {stage for stage in READS if base[stage] != changed[stage]} == {"validation", "diagnosis"}
     changed = digests({"plant.integrator": "rk4"})
     assert not {"rollouts", "fresh", "rig"} & {stage for stage in READS if base[stage] != changed[stage]}
+
+
+def test_only_the_engine_of_the_case_counts(root):
+    cases = root / "configs/cases"
+    assert used(cases / "pendulum.yaml", "rollouts") == {"engines: pybullet"}
+    assert used(cases / "pendulum_mujoco.yaml", "validation") == {"engines: mujoco"}
+    assert used(cases / "pendulum.yaml", "synthesis") == set()
+    assert "simgap.simulators.pybullet_joints" not in closure("simgap.stages.rollouts")
+
+
+def test_the_version_of_the_engine_is_recorded(root):
+    cases = root / "configs/cases"
+    with_mujoco = versions("rollouts", load_case(cases / "pendulum_mujoco.yaml"), cases)
+    assert with_mujoco.keys() - versions("rollouts", load_case(cases / "pendulum.yaml"), cases).keys() == {"mujoco"}
+    assert "mujoco" not in versions("synthesis", load_case(cases / "pendulum_mujoco.yaml"), cases)
+
+
+def test_another_engine_in_the_registry_changes_nothing(root, monkeypatch):
+    path = root / "configs/cases/pendulum.yaml"
+    before = code_digest("rollouts", load_case(path), path.parent)
+    more = {"engines": {**plugins.BUILT_IN["engines"], "another": "simgap.simulators.wheeled:PyBulletWheeled"}}
+    monkeypatch.setattr(plugins, "BUILT_IN", {**plugins.BUILT_IN, **more})
+    assert code_digest("rollouts", load_case(path), path.parent) == before
+    path = root / "configs/cases/pendulum_mujoco.yaml"
+    assert code_digest("rollouts", load_case(path), path.parent) != before
+
+
+@pytest.fixture
+def own(vary):
+    path = vary("pendulum", {})
+    (path.parent / "still.py").write_text(ENGINE)
+    content = yaml.safe_load(path.read_text())
+    content["simulator"] = {"engine": "still.py:Still"}
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def test_a_file_beside_the_case_is_code_of_its_stages(own):
+    def digests():
+        return {s: code_digest(s, load_case(own), own.parent) for s in ("rollouts", "validation", "synthesis", "trace")}
+
+    before = digests()
+    (own.parent / "still.py").write_text(ENGINE + "# changed\n")
+    after = digests()
+    assert {stage for stage in before if before[stage] != after[stage]} == {"rollouts", "validation"}
+    assert "pyyaml" in versions("rollouts", load_case(own), own.parent)
+
+
+def test_what_a_file_imports_from_the_package_is_its_code(own):
+    (own.parent / "still.py").write_text(ENGINE + "from simgap.simulators import joint_engine\n")
+    plugin = plugins.find("engines", "still.py:Still", own.parent)
+    assert {"", "simgap.simulators.base", "simgap.simulators.joint_engine"} <= set(provenance._sources(plugin))
+    assert not list(own.parent.rglob("__pycache__"))

@@ -12,13 +12,14 @@ from simgap.config.gap import GapSection
 from simgap.config.grid import GridSection
 from simgap.config.measured import MeasuredSection
 from simgap.config.plant import PlantSection
+from simgap.config.plugged import Plugged
 from simgap.config.sensing import SensingSection
-from simgap.config.simulator import MuJoCoSection, PyBulletSection
+from simgap.config.simulator import EngineSection
 from simgap.config.synthesis import SynthesisSection
 from simgap.config.validation import ValidationSection
-from simgap.config.wheeled import HiddenStateSection, SymmetrySection, WheeledSection
+from simgap.config.wheeled import HiddenStateSection, SymmetrySection
 
-SimulatorSection = Annotated[PyBulletSection | WheeledSection | MuJoCoSection, Field(discriminator="engine")]
+SimulatorSection = Annotated[EngineSection, Plugged("engines", "engine")]
 
 
 class Case(Section):

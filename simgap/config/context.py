@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Self, TypeVar
 
 from simgap.config.case import Case
 from simgap.config.domain import DomainSection
@@ -24,14 +24,14 @@ class Context:
     case: Case
     path: Path
 
-    @staticmethod
-    def load(path: Path) -> Context:
+    @classmethod
+    def load(cls, path: Path) -> Self:
         """Read the case file.
 
         Raises:
             UserError: if it does not check.
         """
-        return Context(load_case(path), path)
+        return cls(load_case(path), path)
 
     @property
     def folder(self) -> Path:

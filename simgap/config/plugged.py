@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from pathlib import Path
+from typing import Any, get_args
 
-from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError, ValidationInfo
+from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError, ValidationInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
@@ -29,19 +31,18 @@ class Plugged:
     group: str
     tag: str
 
-    def section(self, name: str, info: ValidationInfo | None = None) -> type[Section]:
+    def section(self, name: str, folder: Path | None = None) -> type[Section]:
         """The section of a plug-in.
 
         Raises:
             UserError: unknown name, or a plug-in without a section.
         """
-        folder = (info.context or {}).get("folder") if info is not None else None
         return section_of(plugins.find(self.group, name, folder), name)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Validation by the plug-in's section, serialisation as that section's own."""
+        """Validation by the plug-in's section, which derives from the annotated one; serialisation as its own."""
         return core_schema.with_info_plain_validator_function(
-            self._validate,
+            partial(self._validate, source),
             serialization=core_schema.plain_serializer_function_ser_schema(
                 lambda section, info: section.model_dump(mode=info.mode), info_arg=True
             ),
@@ -51,21 +52,28 @@ class Plugged:
         """Any of the built-in plug-ins, by the tag; other names take any keys."""
         known = [(name, self.section(name)) for name in plugins.BUILT_IN[self.group]]
         choices: list[JsonSchemaValue] = [handler(section.__pydantic_core_schema__) for _, section in known]
+        choices = [choice | {"required": sorted({self.tag, *choice.get("required", ())})} for choice in choices]
         other = {"properties": {self.tag: {"type": "string", "not": {"enum": [name for name, _ in known]}}}}
         return {"anyOf": [*choices, {"type": "object", "required": [self.tag], **other}]}
 
-    def _validate(self, value: Any, info: ValidationInfo) -> Section:
-        if isinstance(value, Section):
+    def _validate(self, base: type[Section], value: Any, info: ValidationInfo) -> Section:
+        if isinstance(value, base):
             return value
         if not isinstance(value, dict) or not isinstance(value.get(self.tag), str):
             known = ", ".join(plugins.names(self.group))
             raise ValueError(f"needs the key '{self.tag}', one of {known}")
+        name = value[self.tag]
         try:
-            return self.section(value[self.tag], info).model_validate(value, context=info.context)
+            section = self.section(name, (info.context or {}).get("folder"))
         except UserError as error:
-            raise ValueError(f"{error.problem} {error.remedy or ''}".strip()) from None
+            place = f"{error.file}: " if error.file else ""
+            raise ValueError(f"{place}{error.problem}. {error.remedy or ''}".strip()) from None
+        if not issubclass(section, base):
+            raise ValueError(f"the section of '{name}' must derive from {base.__module__}.{base.__qualname__}")
+        try:
+            return section.model_validate(value, context=info.context)
         except ValidationError as error:
-            inner = {"errors": error.errors(include_url=False), "model": self.section(value[self.tag], info)}
+            inner = {"errors": error.errors(include_url=False), "model": section}
             raise PydanticCustomError(INNER, "the section is wrong", inner) from None
 
 
@@ -79,3 +87,30 @@ def section_of(plugin: type[Any], name: str) -> type[Section]:
         if isinstance(candidate, type) and issubclass(candidate, Section):
             return candidate
     raise UserError(f"the plug-in '{name}' has no section", remedy="Derive it, or its Settings, from simgap's Section.")
+
+
+@dataclass(frozen=True)
+class Used:
+    """A plug-in that a case uses: where ('gap.basis'), of which group, under which name."""
+
+    place: str
+    group: str
+    name: str
+
+
+def used(section: BaseModel, place: str = "") -> tuple[Used, ...]:
+    """The plug-ins that a section and the sections inside it name."""
+    found: list[Used] = []
+    for key, field in type(section).model_fields.items():
+        value, here = getattr(section, key), f"{place}.{key}".lstrip(".")
+        if isinstance(value, BaseModel):
+            marks = [m for m in (*field.metadata, *_marks(field.annotation)) if isinstance(m, Plugged)]
+            found += [Used(here, m.group, getattr(value, m.tag)) for m in marks[:1]]
+            found += used(value, here)
+    return tuple(found)
+
+
+def _marks(annotation: Any) -> list[Any]:
+    """What `Annotated` adds anywhere in an annotation, such as one side of a union."""
+    inner = [mark for part in get_args(annotation) for mark in _marks(part)]
+    return [*getattr(annotation, "__metadata__", ()), *inner]

@@ -23,6 +23,11 @@ class SensingSection(Section):
         "earlier is held back until then.",
     )
 
+    @property
+    def known_delay(self) -> int:
+        """Samples of the inputs' delay that the controller knows of as its latency."""
+        return self.latency if self.latency_of == "input_delay" else 0
+
     @field_validator("error")
     @classmethod
     def _not_negative(cls, value: dict[str, float]) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Sections of a case with a wheeled robot: its engine, its hidden state, its symmetry."""
+"""Sections of a case with a wheeled robot: its hidden state, its symmetry."""
 
 from __future__ import annotations
 
@@ -7,27 +7,6 @@ from typing import Literal
 from pydantic import Field
 
 from simgap.config.base import Section
-from simgap.config.plant import AddedEffect
-
-
-class WheeledSection(Section):
-    """PyBullet over a differential-drive URDF: wheels in contact with a floor, torque-limited velocity motors."""
-
-    engine: Literal["pybullet_wheeled"] = Field("pybullet_wheeled", description="Which engine.")
-    urdf: str = Field(description="Model file, relative to the case file; its root lies midway between the wheels.")
-    left: str = Field("left_wheel", description="Joint of the left wheel.")
-    right: str = Field("right_wheel", description="Joint of the right wheel.")
-    wheel_radius: float = Field(gt=0, description="Radius that turns speeds into wheel speeds, m.")
-    track: float = Field(gt=0, description="Distance between the wheels that does so, m.")
-    torque: float = Field(gt=0, description="Largest torque of a wheel motor, N m.")
-    floor_friction: float = Field(gt=0, description="Friction coefficient of the floor (times that of the tyre).")
-    payload: float = Field(0.0, ge=0, description="Mass added to the base, its inertia scaled alike, kg.")
-    substeps: int = Field(100, ge=1, description="Engine steps within tau.")
-    poses: int = Field(20, ge=1, description="Poses recorded within tau, evenly spaced; divides substeps.")
-    settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
-    effects: tuple[AddedEffect, ...] = Field(
-        (), description="Effects on the commands, delay and lag among them, and wheel_mismatch."
-    )
 
 
 class SymmetrySection(Section):

@@ -16,7 +16,6 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import list_starts
 from simgap.diagnosis.search.selection import on_all, preferred, select
-from simgap.diagnosis.search.transfer import transferable
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem, build_problem
@@ -25,6 +24,7 @@ from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.judge import HeldOut, chi2_dof, excess, judge, judged, verdict
+from simgap.diagnosis.verdict.transfer import transferable
 from simgap.effects import apply_effects
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel

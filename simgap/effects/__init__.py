@@ -1,8 +1,7 @@
 """The library of physical effects: one a file, all in `EFFECTS`.
 
-The order of the registry is the order in which several effects enter a model: plant, forces, sensors, and then the
-path of a command from the plant backwards, so that a command is delayed, amplified, shifted, loses its dead zone, is
-cut and then lags.
+Several effects enter a model in the order of their ranks: plant, forces, sensors, and then the path of a command from
+the plant backwards, so that a command is delayed, amplified, shifted, loses its dead zone, is cut and then lags.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from simgap.effects.base import (
     Effect,
     EffectParameter,
     InputEffect,
+    MemoryInputEffect,
     StaticInputEffect,
 )
 from simgap.effects.cogging import Cogging
@@ -46,6 +46,7 @@ __all__ = [
     "Effect",
     "EffectParameter",
     "InputEffect",
+    "MemoryInputEffect",
     "StaticInputEffect",
     "apply_effects",
     "effect",
@@ -95,12 +96,12 @@ class AppliedEffect:
 
 
 def apply_effects(model: SymbolicModel, applied: Iterable[AppliedEffect]) -> SymbolicModel:
-    """The model with several effects, inserted in the order of the registry.
+    """The model with several effects, inserted in the order of their ranks, then of the registry.
 
     Raises:
         UserError: unknown effect or target, missing or unphysical value.
     """
-    rank = {name: k for k, name in enumerate(EFFECTS)}
-    for item in sorted(applied, key=lambda a: (rank.get(a.name, -1), a.on)):
+    place = {name: k for k, name in enumerate(EFFECTS)}
+    for item in sorted(applied, key=lambda a: (effect(a.name).rank, place[a.name], a.on)):
         model = effect(item.name).apply(model, item.on, item.values)
     return model

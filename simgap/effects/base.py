@@ -1,6 +1,7 @@
-"""What a physical effect is: a symbolic change of the model, with parameters, units and sign constraints.
+"""What a physical effect is: a symbolic change of the model, with parameters, units, sign constraints and words.
 
-The one definition serves the fit, the corrected nominal model and the simulator's twin.
+The one definition serves the fit, the corrected nominal model, the simulator's twin and the report: nothing outside an
+effect's own file knows it by name.
 """
 
 from __future__ import annotations
@@ -13,12 +14,15 @@ from typing import ClassVar, Literal
 
 import sympy as sp
 
+from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 from simgap.errors import UserError
-from simgap.model.symbolic import Parameter, SymbolicModel, symbol
+from simgap.model.symbolic import Parameter, SymbolicModel, Variable, symbol
 
 Kind = Literal["coordinate", "input", "state", "parameter", "plant"]
 Values = Mapping[str, sp.Expr]
+PLANT, FORCE, SENSOR, COMMAND = 0, 100, 200, 300
+"""Ranks: in the plant itself, forces on it, its sensors, the path of a command from the plant backwards."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +51,16 @@ class Effect(ABC):
     formula: ClassVar[str]
     source: ClassVar[str]
     parameters: ClassVar[tuple[EffectParameter, ...]]
-    contains: ClassVar[str] = ""
-    """Name of an effect that this one extends: its fit is a place to begin from."""
+    contains: ClassVar[type[Effect] | None] = None
+    """An effect that this one extends: its fit is a place to begin from."""
+    rank: ClassVar[int]
+    """Where it enters a model that has several: plant, forces, sensors, then the path of a command backwards."""
+    remembers: ClassVar[bool] = False
+    """Whether what it does depends on the past beyond the plant's own state."""
+    excitation: ClassVar[str] = ""
+    """What motion would tell it apart from another effect with the same words."""
+    reading_remedy: ClassVar[str] = ""
+    """What to do about an effect of the readings alone, which a simulator's twin must not act out."""
 
     @abstractmethod
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
@@ -70,6 +82,27 @@ class Effect(ABC):
     def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
         """Where to begin from the fit of the effect that this one contains, and from one of its own starts."""
         return {**start, **contained}
+
+    def memory_state(self, on: str) -> str | None:
+        """Name of the state that carries what the effect remembers of the input `on`; None if no state does."""
+        return None
+
+    def lateness(self, values: Mapping[str, float]) -> float:
+        """Seconds by which inputs act later under it, to first order; its stand-in where its memory is left out."""
+        return 0.0
+
+    def canonical(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The same effect with values as they are reported, such as an angle within half a turn."""
+        return dict(values)
+
+    def phrase(self, on: str) -> str:
+        """A noun phrase without numbers: 'viscous friction at the hinge'."""
+        return f"{self.name.replace('_', ' ')} at the {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """A noun phrase with its numbers: 'Coulomb friction of 0.19 ± 0.01 N m at the hinge'."""
+        numbers = ", ".join(f"{p.symbol} = {quoted.number(p.symbol)}" for p in self.parameters)
+        return f"{self.phrase(on)} ({numbers})" if numbers else self.phrase(on)
 
     def physical(self, values: Mapping[str, float]) -> bool:
         """Whether the values obey the sign constraints."""
@@ -125,10 +158,19 @@ class Effect(ABC):
         return self.insert(grown, on, {key: symbol(name) for key, name in names.items()})
 
 
+class WheelEffect(Effect):
+    """A change of the speeds of a robot's driven wheels; an engine of such a robot acts it out on its motors."""
+
+    @abstractmethod
+    def ratios(self, values: Mapping[str, float]) -> tuple[float, float]:
+        """Factors on the speeds of the left and the right wheel."""
+
+
 class CoordinateEffect(Effect):
-    """A generalised force on a coordinate."""
+    """A generalised force on a coordinate; an engine of joints acts it out at each of its steps."""
 
     kind: ClassVar[Kind] = "coordinate"
+    rank: ClassVar[int] = FORCE
 
     @abstractmethod
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
@@ -144,16 +186,17 @@ class CoordinateEffect(Effect):
         return model.with_force(on, self.force(symbol(c.position), symbol(c.velocity), values))
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
-        """Units from the coordinate's: rad for a joint whose force is a torque, m for one that slides."""
-        force = model.coordinate(on).force_unit
-        position = "rad" if "m" in force.replace("*", " ").replace("·", " ").split() else "m"
-        return {p.symbol: p.unit.format(force=force, position=position) for p in self.parameters}
+        """Units from those of the coordinate's force and of the state that is its position."""
+        c = model.coordinate(on)
+        position = next(v.unit for v in model.states if v.name == c.position)
+        return {p.symbol: p.unit.format(force=c.force_unit, position=position) for p in self.parameters}
 
 
 class InputEffect(Effect):
-    """A change between the recorded command and what the plant feels."""
+    """A change between the recorded command and what the plant feels; every engine acts it out."""
 
     kind: ClassVar[Kind] = "input"
+    rank: ClassVar[int] = COMMAND
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """Every input of the plant."""
@@ -164,9 +207,57 @@ class InputEffect(Effect):
         unit = next(v.unit for v in model.inputs if v.name == on)
         return {p.symbol: p.unit.format(input=unit) for p in self.parameters}
 
+    def phrase(self, on: str) -> str:
+        """'the dead zone of torque'."""
+        return f"the {self.name.removeprefix('input_').replace('_', ' ')} of {on}"
+
+
+class MemoryInputEffect(InputEffect):
+    """A dead time and a first-order lag between command and plant: what the plant feels depends on past commands.
+
+    An effect gives one of them or both, as functions of its parameters; the model, the fit and the simulators take
+    them from there.
+    """
+
+    remembers: ClassVar[bool] = True
+    excitation: ClassVar[str] = "add faster changes of the input"
+
+    def delay(self, values: Values) -> sp.Expr:
+        """Seconds until a command begins to act."""
+        return sp.Integer(0)
+
+    def lag(self, values: Values) -> sp.Expr:
+        """Time constant of the actuator, s; 0 for none."""
+        return sp.Integer(0)
+
+    def seconds(self, values: Mapping[str, float]) -> tuple[float, float]:
+        """Delay and time constant of the lag, s."""
+        numbers = {name: sp.Float(value) for name, value in values.items()}
+        return float(self.delay(numbers)), float(self.lag(numbers))
+
+    def lateness(self, values: Mapping[str, float]) -> float:
+        """Delay and lag together: for slow commands they are alike."""
+        return sum(self.seconds(values))
+
+    def memory_state(self, on: str) -> str | None:
+        """The actuator's output, if there is a lag."""
+        lag = self.lag({p.symbol: symbol(p.symbol) for p in self.parameters})
+        return f"{on}_lagged" if sp.sympify(lag) != 0 else None
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Declare the delay; add the actuator's output as a state that follows its command."""
+        state, delay, lag = self.memory_state(on), self.delay(values), self.lag(values)
+        if state is not None:
+            unit = next(v.unit for v in model.inputs if v.name == on)
+            lagged = model.with_input(on, symbol(state))
+            model = lagged.with_state(Variable(state, unit), (symbol(on) - symbol(state)) / lag)
+        return model if delay == 0 else model.with_delay(on, delay)
+
 
 class StaticInputEffect(InputEffect):
     """A memoryless map from command to what the plant feels."""
+
+    excitation: ClassVar[str] = "vary the size of the input, both signs"
 
     @abstractmethod
     def applied(self, command: sp.Expr, values: Values) -> sp.Expr:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import sympy as sp
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 
 LEAST_PERIODS = 2  # one period a turn is an unbalanced arm: gravity_tilt and parameter_error
@@ -36,3 +38,12 @@ class Cogging(CoordinateEffect):
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """A sin(n q + phase)."""
         return values["A"] * sp.sin(values["n"] * position + values["phase"])
+
+    def canonical(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The phase within half a turn."""
+        return {**values, "phase": (values["phase"] + math.pi) % (2 * math.pi) - math.pi}
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Amplitude and periods."""
+        n = round(quoted.value("n"))
+        return f"cogging of {quoted.number('A')} with {n} period{'' if n == 1 else 's'} a turn at the {on}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
 
 
 class CoulombFriction(CoordinateEffect):
@@ -13,8 +14,17 @@ class CoulombFriction(CoordinateEffect):
     name = "coulomb_friction"
     formula = "F = -F_c sign(v), and any |F| <= F_c that keeps v = 0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
+    excitation = "vary the speed, slow ones too"
     parameters = (EffectParameter("F_c", "{force}", "Coulomb friction force", null=0.0, lower=0.0),)
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-F_c sign(v)."""
         return -values["F_c"] * sp.sign(velocity)
+
+    def phrase(self, on: str) -> str:
+        """A person's name is written with a capital."""
+        return f"Coulomb friction at the {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Its level."""
+        return f"Coulomb friction of {quoted.number('F_c')} at the {on}"

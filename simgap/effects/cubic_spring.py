@@ -5,6 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
 
 
 class CubicSpring(CoordinateEffect):
@@ -13,8 +14,13 @@ class CubicSpring(CoordinateEffect):
     name = "cubic_spring"
     formula = "F = -k3 q^3"
     source = "Nayfeh, Mook (1979), Nonlinear Oscillations, sec. 4.1 (Duffing)"
+    excitation = "swing wider: these differ with the angle"
     parameters = (EffectParameter("k3", "{force}/{position}^3", "cubic stiffness", null=0.0),)
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-k3 q^3."""
         return -values["k3"] * position**3
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Its stiffness."""
+        return f"a cubic spring of {quoted.number('k3')} at the {on}"

@@ -6,7 +6,8 @@ import math
 
 import sympy as sp
 
-from simgap.effects.base import Effect, EffectParameter, Values
+from simgap.effects.base import PLANT, Effect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
 from simgap.model.symbolic import SymbolicModel, symbol
 
 
@@ -20,6 +21,8 @@ class GravityTilt(Effect):
     kind = "plant"
     formula = "g' = R(-tilt) g, R a rotation about the horizontal axis normal to the plane of motion"
     source = "Siciliano et al. (2009), Robotics, sec. 7.3 (gravity in the base frame)"
+    rank = PLANT + 10
+    excitation = "swing wider: these differ with the angle"
     parameters = (EffectParameter("tilt", "rad", "angle of the base", null=0.0, lower=-math.pi / 2, upper=math.pi / 2),)
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
@@ -35,3 +38,11 @@ class GravityTilt(Effect):
         if x in used or y not in used:  # about y
             return model.substitute({gravity[0]: c * x - s * z, gravity[2]: s * x + c * z})
         return model.substitute({gravity[1]: c * y + s * z, gravity[2]: -s * y + c * z})
+
+    def phrase(self, on: str) -> str:
+        """It is on the whole plant."""
+        return "a base tilt"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In degrees."""
+        return f"a base tilted by {quoted.number('tilt', 180.0 / math.pi, 'deg')}"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from simgap.effects.base import EffectParameter, StaticInputEffect, Values
+from simgap.effects.base import COMMAND, EffectParameter, StaticInputEffect, Values
+from simgap.effects.quoted import Quoted
 
 
 class InputBias(StaticInputEffect):
@@ -13,8 +14,13 @@ class InputBias(StaticInputEffect):
     name = "input_bias"
     formula = "u' = u + bias"
     source = "Ljung (1999), System Identification, sec. 4.2"
+    rank = COMMAND + 30
     parameters = (EffectParameter("bias", "{input}", "offset of the input", null=0.0),)
 
     def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
         """u + bias."""
         return command + values["bias"]
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Its size."""
+        return f"a bias of {quoted.number('bias')} on {on}"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from simgap.effects.base import EffectParameter, StaticInputEffect, Values
+from simgap.effects.base import COMMAND, EffectParameter, StaticInputEffect, Values
+from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
 
 
@@ -14,6 +15,7 @@ class InputDeadZone(StaticInputEffect):
     name = "input_dead_zone"
     formula = "u' = sign(u) max(|u| - width, 0)"
     source = "Tao, Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor Nonlinearities, ch. 2"
+    rank = COMMAND + 20
     parameters = (EffectParameter("width", "{input}", "half-width of the dead zone", null=0.0, lower=0.0),)
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
@@ -24,3 +26,7 @@ class InputDeadZone(StaticInputEffect):
         """u minus its part within +-width."""
         width = values["width"]
         return command - sp.Max(-width, sp.Min(command, width))
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Its half width."""
+        return f"a dead zone of ±({quoted.number('width')}) on {on}"

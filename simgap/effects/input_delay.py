@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from simgap.effects.base import EffectParameter, InputEffect, Values
+import sympy as sp
+
+from simgap.effects.base import COMMAND, EffectParameter, MemoryInputEffect, Values
+from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
-from simgap.model.symbolic import SymbolicModel
 
 
-class InputDelay(InputEffect):
+class InputDelay(MemoryInputEffect):
     """The plant feels what was commanded some time ago (computation, bus, network)."""
 
     name = "input_delay"
     formula = "u'(t) = u(t - delay)"
     source = "Astrom, Wittenmark (1997), Computer-Controlled Systems, sec. 2.3"
+    rank = COMMAND + 50
     parameters = (EffectParameter("delay", "s", "time from command to effect", null=0.0, lower=0.0),)
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """A few multiples of the sampling interval."""
         return tuple(multiple("delay", k * scales.interval) for k in (0.5, 2.0, 6.0))
 
-    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
-        """Declare the delay; discretising the model turns it into states that hold past commands."""
-        return model.with_delay(on, values["delay"])
+    def delay(self, values: Values) -> sp.Expr:
+        """delay."""
+        return values["delay"]
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In milliseconds."""
+        return f"a delay of {quoted.number('delay', 1e3, 'ms')} on {on}"

@@ -6,7 +6,8 @@ import math
 
 import sympy as sp
 
-from simgap.effects.base import EffectParameter, StaticInputEffect, Values
+from simgap.effects.base import COMMAND, EffectParameter, StaticInputEffect, Values
+from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 
 
@@ -16,6 +17,7 @@ class InputSaturation(StaticInputEffect):
     name = "input_saturation"
     formula = "u' = max(-limit, min(u, limit))"
     source = "Tarbouriech et al. (2011), Stability and Stabilization of Linear Systems with Saturating Actuators, ch. 1"
+    rank = COMMAND + 10
     parameters = (EffectParameter("limit", "{input}", "largest size of the input", null=math.inf, lower=0.0),)
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
@@ -30,3 +32,7 @@ class InputSaturation(StaticInputEffect):
         """u cut to +-limit."""
         limit = values["limit"]
         return sp.Max(-limit, sp.Min(command, limit))
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Its limit."""
+        return f"a limit of {quoted.number('limit')} on {on}"

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import sympy as sp
 
-from simgap.effects.base import Effect, EffectParameter, Values
+from simgap.effects.base import PLANT, Effect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
 from simgap.model.symbolic import SymbolicModel, symbol
 
 
@@ -17,6 +18,7 @@ class LateralSlip(Effect):
     kind = "plant"
     formula = "x' += -ratio v sin(heading), y' += ratio v cos(heading)"
     source = "Wang, Low (2008), IEEE Trans. Robotics 24(3), skidding and slipping of wheeled robots"
+    rank = PLANT + 30
     parameters = (EffectParameter("ratio", "1", "sideways over forward speed (0 = no slip)", null=0.0),)
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
@@ -33,3 +35,11 @@ class LateralSlip(Effect):
         xdot[names.index(wheels.x)] += -sideways * sp.sin(heading)
         xdot[names.index(wheels.y)] += sideways * sp.cos(heading)
         return replace(model, xdot=tuple(xdot))
+
+    def phrase(self, on: str) -> str:
+        """It is on the whole robot."""
+        return "sideways slip"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In percent of the speed."""
+        return f"sideways slip of {quoted.number('ratio', 100.0)} % of the speed"

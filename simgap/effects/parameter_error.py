@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from simgap.effects.base import Effect, EffectParameter, Values
+from simgap.effects.base import PLANT, Effect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
 from simgap.model.symbolic import SymbolicModel, symbol
 
 
@@ -15,6 +16,8 @@ class ParameterError(Effect):
     kind = "parameter"
     formula = "p' = ratio p"
     source = "Ljung (1999), System Identification, sec. 4.2"
+    rank = PLANT
+    excitation = "swing wider: these differ with the angle"
     parameters = (EffectParameter("ratio", "1", "true over declared value", null=1.0, lower=1e-3, upper=1e3),)
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
@@ -26,3 +29,14 @@ class ParameterError(Effect):
         scaling = model.named_parameters[on].scaling
         ratio = {symbol("ratio"): values["ratio"]}
         return model.substitute({name: sp.sympify(expr).subs(ratio) for name, expr in scaling.items()})
+
+    def phrase(self, on: str) -> str:
+        """'the mass of the rod' for rod.mass, 'the parameter g' for one without an owner."""
+        owner, _, quantity = on.rpartition(".")
+        words = {"com": "centre of mass", "": on}.get(quantity, quantity.replace("_", " "))
+        return f"the {words} of the {owner}" if owner else f"the parameter {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """How far the property is off."""
+        noun = self.phrase(on).removeprefix("the ")
+        return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun} that is {quoted.deviation()} its declared value"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
 
 
 class QuadraticDrag(CoordinateEffect):
@@ -13,8 +14,13 @@ class QuadraticDrag(CoordinateEffect):
     name = "quadratic_drag"
     formula = "F = -c v |v|"
     source = "Batchelor (1967), An Introduction to Fluid Dynamics, sec. 5.11"
+    excitation = "vary the speed, slow ones too"
     parameters = (EffectParameter("c", "{force}*s^2/{position}^2", "drag coefficient", null=0.0, lower=0.0),)
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-c v |v|."""
         return -values["c"] * velocity * sp.Abs(velocity)
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Its coefficient."""
+        return f"quadratic drag of {quoted.number('c')} at the {on}"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from simgap.effects.base import Effect, EffectParameter, Values
+from simgap.effects.base import SENSOR, Effect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
 from simgap.model.symbolic import SymbolicModel, symbol
 
 
@@ -13,6 +14,8 @@ class SensorOffset(Effect):
     kind = "state"
     formula = "y = x + offset"
     source = "Ljung (1999), System Identification, sec. 14.1"
+    rank = SENSOR
+    reading_remedy = "Subtract the sensor's offset from what it reads; the motion is as it was."
     parameters = (EffectParameter("offset", "{state}", "reading minus truth", null=0.0),)
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
@@ -26,3 +29,11 @@ class SensorOffset(Effect):
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """The unit of the state."""
         return {"offset": next(v.unit for v in model.states if v.name == on)}
+
+    def phrase(self, on: str) -> str:
+        """Named by its sensor."""
+        return f"an offset of the sensor of {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """By how much it reads too much."""
+        return f"a sensor of {on} that reads {quoted.number('offset')} too much"

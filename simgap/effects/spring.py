@@ -5,6 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
 
 
 class Spring(CoordinateEffect):
@@ -13,8 +14,13 @@ class Spring(CoordinateEffect):
     name = "spring"
     formula = "F = -k q"
     source = "Hooke's law"
+    excitation = "swing wider: these differ with the angle"
     parameters = (EffectParameter("k", "{force}/{position}", "stiffness", null=0.0, lower=0.0),)
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-k q."""
         return -values["k"] * position
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Its stiffness."""
+        return f"a spring of {quoted.number('k')} at the {on}"

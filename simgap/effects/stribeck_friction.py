@@ -7,6 +7,8 @@ from collections.abc import Mapping
 import sympy as sp
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.coulomb_friction import CoulombFriction
+from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 
 
@@ -14,9 +16,10 @@ class StribeckFriction(CoordinateEffect):
     """Dry friction that is larger near rest and falls to the Coulomb level as speed grows."""
 
     name = "stribeck_friction"
-    contains = "coulomb_friction"
+    contains = CoulombFriction
     formula = "F = -(F_c + (F_s - F_c) exp(-(v/v_s)^2)) sign(v), and any |F| <= F_s that keeps v = 0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), eq. 2"
+    excitation = "vary the speed, slow ones too"
     parameters = (
         EffectParameter("F_c", "{force}", "Coulomb friction force", null=0.0, lower=0.0),
         EffectParameter("F_s", "{force}", "breakaway force, at least F_c", null=0.0, lower=0.0),
@@ -43,3 +46,12 @@ class StribeckFriction(CoordinateEffect):
         """-(F_c + (F_s - F_c) exp(-(v/v_s)^2)) sign(v)."""
         f_c, f_s, v_s = values["F_c"], values["F_s"], values["v_s"]
         return -(f_c + (f_s - f_c) * sp.exp(-((velocity / v_s) ** 2))) * sp.sign(velocity)
+
+    def phrase(self, on: str) -> str:
+        """A person's name is written with a capital."""
+        return f"Stribeck friction at the {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Both its levels."""
+        levels = f"{quoted.number('F_s')} to break away, {quoted.number('F_c')} when sliding"
+        return f"{self.phrase(on)} ({levels})"

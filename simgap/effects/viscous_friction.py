@@ -5,6 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
 
 
 class ViscousFriction(CoordinateEffect):
@@ -13,8 +14,13 @@ class ViscousFriction(CoordinateEffect):
     name = "viscous_friction"
     formula = "F = -b v"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
+    excitation = "vary the speed, slow ones too"
     parameters = (EffectParameter("b", "{force}*s/{position}", "viscous coefficient", null=0.0, lower=0.0),)
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-b v."""
         return -values["b"] * velocity
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Its coefficient."""
+        return f"viscous friction of {quoted.number('b')} at the {on}"

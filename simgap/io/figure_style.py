@@ -11,6 +11,7 @@ from typing import Any
 
 from simgap.io.atomic import atomic
 from simgap.io.traces import NOMINAL, ROBUST
+from simgap.specifications.picture import Look
 
 # Okabe & Ito (2008), Color Universal Design
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -18,6 +19,7 @@ YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY = "#8A8F98"
 MEASURED, BEFORE, AFTER, FLOOR = BLACK, VERMILLION, BLUE, GREY
 COLOURS = {ROBUST: BLUE, NOMINAL: VERMILLION}  # of the controllers
+SURROUNDINGS = Look(target=(YELLOW, "#B8A800"), obstacle="#3A3F47", border="#3A3F47")
 WIDTH = 8.6  # inches: 12 pt text stays legible at half of a page's width
 
 _RC: dict[str, Any] = {

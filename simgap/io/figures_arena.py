@@ -2,33 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from simgap.geometry import Box, Floats
+from simgap.geometry import Floats
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
 from simgap.io.recording_content import PlanarScene
 from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR, TITLES, Trace
 from simgap.notation import axis_label
 
-OBSTACLE, FOOTPRINTS = "#3A3F47", 7
+FOOTPRINTS = 7
 
 
-def arena_figure(scene: PlanarScene, traces: Sequence[Trace], units: Mapping[str, str], states: Sequence[str]) -> Any:
+def arena_figure(
+    scene: PlanarScene,
+    traces: Sequence[Trace],
+    units: Mapping[str, str],
+    states: Sequence[str],
+    surroundings: Callable[[Any], None],
+) -> Any:
     """The arena twice: the nominal-only controller's runs on the left, the gap-aware one's on the right.
 
     Args:
         scene: arena, obstacles, target and footprint; traces: those in the simulator in colour, on the model in grey.
-        units, states: of the axes.
+        units, states: of the axes; surroundings: draws arena, obstacles and target on axes.
     """
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 2, figsize=(style.WIDTH, 5.2), sharex=True, sharey=True)
     for axis, kind in zip(axes, (NOMINAL, ROBUST), strict=True):
-        _arena(axis, scene)
+        surroundings(axis)
+        _frame(axis, scene)
         for trace in traces:
             if trace.controller == kind:
                 _run(axis, scene, trace, COLOURS[kind] if trace.plant == SIMULATOR else "#8A8F98")
@@ -39,22 +46,12 @@ def arena_figure(scene: PlanarScene, traces: Sequence[Trace], units: Mapping[str
     return figure
 
 
-def _arena(axis: Any, scene: PlanarScene) -> None:
-    _rectangle(axis, scene.target, facecolor=style.YELLOW, edgecolor="#B8A800", lw=1.0)
-    for obstacle in scene.obstacles:
-        _rectangle(axis, obstacle, facecolor=OBSTACLE, lw=0)
-    _rectangle(axis, scene.arena, facecolor="none", edgecolor=OBSTACLE, lw=2.0, zorder=3)
+def _frame(axis: Any, scene: PlanarScene) -> None:
     margin = 0.03 * float(np.max(scene.arena.hi - scene.arena.lo))
     axis.set_xlim(scene.arena.lo[0] - margin, scene.arena.hi[0] + margin)
     axis.set_ylim(scene.arena.lo[1] - margin, scene.arena.hi[1] + margin)
     axis.set_aspect("equal")
     axis.grid(visible=False)
-
-
-def _rectangle(axis: Any, box: Box, **look: Any) -> None:
-    from matplotlib.patches import Rectangle
-
-    axis.add_patch(Rectangle((box.lo[0], box.lo[1]), *(box.hi - box.lo), **look))
 
 
 def _run(axis: Any, scene: PlanarScene, trace: Trace, colour: str) -> None:
@@ -91,8 +88,8 @@ def _legend(figure: Any) -> None:
         (Line2D([], [], color=style.VERMILLION), Line2D([], [], color=style.BLUE)),
         Line2D([], [], color="#8A8F98", ls=(0, (4, 2))),
         Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10),
-        Patch(facecolor=OBSTACLE),
-        Patch(facecolor=style.YELLOW, edgecolor="#B8A800"),
+        Patch(facecolor=style.SURROUNDINGS.obstacle),
+        Patch(facecolor=style.SURROUNDINGS.target[0], edgecolor=style.SURROUNDINGS.target[1]),
     ]
     labels = ["simulator", "nominal model", "collision", "obstacle", "target"]
     figure.legend(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,13 +16,20 @@ from simgap.synthesis.controller import Controller
 _PALE = {ROBUST: "#BBD9EC", NOMINAL: "#F6D3BC"}
 
 
-def domains_figure(controllers: Mapping[str, Controller], traces: Sequence[Trace], units: Mapping[str, str]) -> Any:
+def domains_figure(
+    controllers: Mapping[str, Controller],
+    traces: Sequence[Trace],
+    units: Mapping[str, str],
+    surroundings: Callable[[Any], None] | None = None,
+    violated: str = "violation",
+) -> Any:
     """The winning domains of both controllers over two states, each with its runs in the simulator.
 
     Args:
         controllers: by kind, "nominal" and "gap"; two states each.
         traces: runs; those in the simulator are drawn, with a cross where they violate.
-        units: of the states.
+        units: of the states; surroundings: draws the specification on axes.
+        violated: what the cross at the end of a run says.
     """
     import matplotlib.pyplot as plt
 
@@ -30,6 +37,8 @@ def domains_figure(controllers: Mapping[str, Controller], traces: Sequence[Trace
     for axis, kind in zip(axes, (NOMINAL, ROBUST), strict=True):
         controller = controllers[kind]
         _region(axis, controller, _PALE[kind])
+        if surroundings is not None:
+            surroundings(axis)
         other = controllers[ROBUST if kind == NOMINAL else NOMINAL]
         _outline(axis, other, COLOURS[ROBUST if kind == NOMINAL else NOMINAL])
         for trace in traces:
@@ -39,7 +48,7 @@ def domains_figure(controllers: Mapping[str, Controller], traces: Sequence[Trace
         axis.set_xlabel(axis_label(controller.states[0], units))
         axis.grid(visible=False)
     axes[0].set_ylabel(axis_label(controllers[ROBUST].states[1], units))
-    _legend(figure, bool(traces))
+    _legend(figure, bool(traces), violated)
     return figure
 
 
@@ -70,7 +79,7 @@ def _run(axis: Any, trace: Trace, colour: str) -> None:
         axis.plot(*trace.x[-1, :2], "X", color=style.BLACK, ms=10, mec="white", mew=1.0, clip_on=False, zorder=5)
 
 
-def _legend(figure: Any, runs: bool) -> None:
+def _legend(figure: Any, runs: bool, violated: str) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -80,7 +89,7 @@ def _legend(figure: Any, runs: bool) -> None:
         Line2D([], [], color=style.GREY, marker="o", mec="white", ms=7),
         Line2D([], [], color=style.BLACK, marker="X", ls="", mec="white", ms=10),
     ]
-    labels = ["winning domain", "outline of the other one", "run in the simulator", "leaves the safe set"]
+    labels = ["winning domain", "outline of the other one", "run in the simulator", violated]
     shown = 4 if runs else 2
     figure.legend(handles[:shown], labels[:shown], loc="outside upper left", ncols=4, columnspacing=1.1)
 

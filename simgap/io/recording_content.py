@@ -29,13 +29,13 @@ class PlanarScene:
 
     Attributes:
         urdf: the robot, or None for a disc; axes: indices of the states x, y, heading.
-        arena, target, obstacles: boxes over (x, y); radius: of the footprint, m.
+        arena, target, obstacles: boxes over (x, y), no target where there is none; radius: of the footprint, m.
     """
 
     urdf: Path | None
     axes: tuple[int, int, int]
     arena: Box
-    target: Box
+    target: Box | None
     obstacles: tuple[Box, ...]
     radius: float
 

@@ -150,7 +150,8 @@ def _planar(recording: Any, content: Content, scene: PlanarScene) -> None:
     import rerun as rr
 
     _floor(recording, "scene/arena", scene.arena, rgb("#ECEFF2"), 0.01, below=True)
-    _floor(recording, "scene/target", scene.target, rgb(style.YELLOW), 0.012)
+    if scene.target is not None:
+        _floor(recording, "scene/target", scene.target, rgb(style.YELLOW), 0.012)
     for k, obstacle in enumerate(scene.obstacles):
         _floor(recording, f"scene/obstacles/{k}", obstacle, rgb("#3A3F47"), 0.35)
     for controller, trace in content.shown.items():

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.geometry import Floats
-from simgap.io.parquet import stack
+from simgap.io.parquet import stack, table
 
 SIMULATOR, MODEL = "simulator", "nominal model"
 ROBUST, NOMINAL = "gap", "nominal"
@@ -82,6 +83,31 @@ def _one(table: pa.Table, states: Sequence[str], inputs: Sequence[str], controll
         hi=columns["hi"],
         safe=rows["safe"].to_numpy(),
     )
+
+
+def to_table(
+    trace: Trace,
+    states: Sequence[str],
+    inputs: Sequence[str],
+    units: Mapping[str, str],
+    about: Mapping[str, str],
+    record: Mapping[str, Any],
+) -> pa.Table:
+    """One run as a table, a row a sample; `split` reads it back.
+
+    Args:
+        trace: the run; states, inputs, units: names and units of its columns.
+        about: the case, the controller and the plant; record: what made it.
+    """
+    n = len(trace.t)
+    columns: dict[str, Any] = {"run": np.full(n, trace.run), "step": np.arange(n), "sim_time": trace.t}
+    columns |= {name: trace.x[:, j] for j, name in enumerate(states)}
+    columns |= {name: trace.u[:, j] for j, name in enumerate(inputs)}
+    for prefix, values in (("gap", trace.d), ("lo", trace.lo), ("hi", trace.hi)):
+        columns |= {f"{prefix}_{name}": values[:, j] for j, name in enumerate(states)}
+    columns["safe"] = trace.safe
+    units = {**units, "sim_time": "s"} | {f"{p}_{name}": units[name] for p in ("gap", "lo", "hi") for name in states}
+    return table(columns, units, dict(about), dict(record))
 
 
 def shown(traces: Sequence[Trace], controller: str) -> Trace:

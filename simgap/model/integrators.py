@@ -12,26 +12,20 @@ from simgap.model.symbolic import SymbolicModel, symbol
 Exprs = tuple[sp.Expr, ...]
 
 
-def discretise(model: SymbolicModel, tau: float, integrator: str, substeps: int = 1) -> Exprs:
+def discretise(model: SymbolicModel, tau: float, integrator: str) -> Exprs:
     """The sampled map f, one expression a state over the symbols of states and inputs; parameters are numbers.
 
     Args:
         model: continuous dynamics.
         tau: sampling time, s.
         integrator: a key of `INTEGRATORS`.
-        substeps: equal steps of the integrator within tau.
 
     Raises:
         UserError: unknown integrator, or one that does not fit this plant.
     """
     if integrator not in INTEGRATORS:
         raise UserError(f"no integrator '{integrator}'", remedy=f"Known: {', '.join(INTEGRATORS)}.")
-    xdot, names = model.numeric(), [v.symbol for v in model.states]
-    step = INTEGRATORS[integrator](model, xdot, sp.Float(tau / substeps))
-    state = step
-    for _ in range(substeps - 1):
-        state = _compose(step, names, state)
-    return state
+    return INTEGRATORS[integrator](model, model.numeric(), sp.Float(tau))
 
 
 def _compose(step: Exprs, names: Sequence[sp.Symbol], at: Exprs) -> Exprs:

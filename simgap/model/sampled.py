@@ -11,11 +11,8 @@ import numpy as np
 import sympy as sp
 from numba import njit
 
-from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
-from simgap.model.integrators import discretise
-from simgap.model.symbolic import SymbolicModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,22 +26,6 @@ class NominalModel:
     u: tuple[sp.Symbol, ...]
     f: tuple[sp.Expr, ...]
     tau: float
-
-    @staticmethod
-    def of(model: SymbolicModel, tau: float, integrator: str, substeps: int = 1) -> NominalModel:
-        """Discretise a symbolic model; `integrator` is a key of `integrators.INTEGRATORS`.
-
-        Raises:
-            UserError: for a model whose inputs act late.
-        """
-        if model.delays:
-            raise UserError(
-                f"the input delay of {sorted(model.delays)} is not a function of the present state and input",
-                key="plant.effects",
-                remedy="Leave it out and let gamma cover it: `plants.memory.carried_model` does.",
-            )
-        x, u = (tuple(v.symbol for v in group) for group in (model.states, model.inputs))
-        return NominalModel(x, u, discretise(model, tau, integrator, substeps), tau)
 
     @property
     def nx(self) -> int:

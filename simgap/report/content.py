@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from simgap.config.synthesis import InvarianceSpecification
 from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR
 from simgap.notation import pretty_unit
 from simgap.report import tables
 from simgap.report.material import Material
+from simgap.specifications.base import specification_of
+from simgap.specifications.space import Space
 
 
 def content(m: Material) -> dict[str, Any]:
@@ -19,7 +20,8 @@ def content(m: Material) -> dict[str, Any]:
         "title": m.context.case.title or m.context.case.name,
         "units": m.context.units,
         "verdict": verdict(m),
-        "invariance": _is_invariance(m),
+        "specification": specification_of(m.context.case),
+        "swept": specification_of(m.context.case).swept_boxes and "sweep" in m.gap,
         "settings": settings(m),
         "gap": m.gap,
         "coefficients": tables.coefficients(m.gap),
@@ -39,26 +41,21 @@ def content(m: Material) -> dict[str, Any]:
     }
 
 
-def _is_invariance(m: Material) -> bool:
-    section = m.context.need(m.context.case.synthesis, "synthesis")
-    return isinstance(section.specification, InvarianceSpecification)
-
-
 def verdict(m: Material) -> dict[str, Any]:
     """The headline: a class for its colour, a sentence each for both controllers, and for the winning domains."""
     tallies = m.validation["controllers"]
     robust, nominal = tallies[ROBUST][SIMULATOR], tallies[NOMINAL][SIMULATOR]
     kept, runs = robust["runs_that_kept_the_specification"], robust["runs"]
     good = kept == runs and robust["steps_outside_gamma"] == 0
-    deed = "safe" if _is_invariance(m) else "in the target without touching anything"
+    words = specification_of(m.context.case).words
     return {
         "good": good,
         "badge": "promise kept" if good else "promise broken",
-        "robust": f"Gap-aware controller: {kept:,} of {runs:,} runs {deed}, "
+        "robust": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
         f"{robust['steps_outside_gamma']:,} of {robust['steps']:,} steps outside gamma.",
         "nominal": f"Nominal-only controller: {_violations(nominal)}.",
         "winning": f"The gap-aware controller wins {m.syntheses[ROBUST]['winning_fraction']:.3f} of the "
-        f"{'safe set' if _is_invariance(m) else 'free cells'} with the gap taken into account; the nominal model "
+        f"{words.allowed} with the gap taken into account; the nominal model "
         f"alone would promise {m.syntheses[NOMINAL]['winning_fraction']:.3f}.",
         "tolerated": m.gap.get("fresh", {}).get("violations", 0),
     }
@@ -102,7 +99,7 @@ def settings(m: Material) -> list[tuple[str, str]]:
         given.pop("effects", None)
         rows.append(("simulator", "; ".join(_plain(given))))
         rows += [("effect in the simulator", _effect(e)) for e in getattr(case.simulator, "effects", ())]
-    rows.append(("specification", _specification(m)))
+    rows.append(("specification", specification_of(m.context.case).sentence(Space.of(m.context.case))))
     sensing = case.sensing
     if sensing is not None:
         rows.append(("sensing", "; ".join(_plain(sensing.model_dump(mode="json")))))
@@ -122,24 +119,6 @@ def _plain(given: Mapping[str, Any], prefix: str = "") -> list[str]:
 def _effect(effect: Any) -> str:
     numbers = ", ".join(f"{k} = {v:g}" for k, v in effect.parameters.items())
     return f"{effect.name.replace('_', ' ')} on {effect.on}: {numbers}"
-
-
-def _specification(m: Material) -> str:
-    spec = m.context.need(m.context.case.synthesis, "synthesis").specification
-    if isinstance(spec, InvarianceSpecification):
-        return f"stay for ever in {_box(spec.safe, m)}"
-    text = f"reach {_box(spec.target, m)} and avoid {len(spec.obstacles)} obstacles"
-    if spec.clearance:
-        text += ", clear of them and of the walls by " + _distances(spec.clearance, m)
-    return text
-
-
-def _box(named: Mapping[str, tuple[float, float]], m: Material) -> str:
-    return ", ".join(f"{n} in [{lo:g}, {hi:g}] {pretty_unit(m.context.units[n])}" for n, (lo, hi) in named.items())
-
-
-def _distances(named: Mapping[str, float], m: Material) -> str:
-    return ", ".join(f"{v:g} {pretty_unit(m.context.units[n])} in {n}" for n, v in named.items())
 
 
 def summary(m: Material, page: Mapping[str, Any]) -> dict[str, Any]:

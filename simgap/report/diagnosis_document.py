@@ -11,6 +11,7 @@ from simgap.diagnosis.reading.survey import Survey
 from simgap.diagnosis.reading.traces import Reading
 from simgap.diagnosis.result import CandidateScore, Diagnosis, Estimate, FoundEffect, Judged
 from simgap.diagnosis.verdict.remainder import Remainder
+from simgap.diagnosis.verdict.remainder_use import RemainderUse
 from simgap.diagnosis.verdict.words import verdict_sentence
 
 
@@ -19,6 +20,7 @@ def document(
     reading: Reading,
     look: Survey,
     remainder: Remainder | None,
+    use: RemainderUse,
     units: Mapping[str, str],
     provenance: Mapping[str, Any],
 ) -> dict[str, Any]:
@@ -58,13 +60,18 @@ def document(
             for c in found.collinear
         ],
         "noise": dict(found.sigma),
-        "remainder": asdict(remainder) if remainder is not None else None,
+        "remainder": _remainder(remainder, use) if remainder is not None else None,
         "survey": asdict(look),
         "units": dict(units),
         "provenance": dict(provenance),
     }
     content["sentence"] = verdict_sentence(content)
     return content
+
+
+def _remainder(remainder: Remainder, use: RemainderUse) -> dict[str, Any]:
+    """The bounds, and what was really done with them."""
+    return {**asdict(remainder), "bounded": use.bounded, "reason": use.reason}
 
 
 def _key(key: Sequence[str]) -> dict[str, str]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Callable
 from typing import Any
 
-from simgap.config.synthesis import ReachAvoidSpecification
+from simgap.config.context import Context
 from simgap.io import figure_style as style
 from simgap.io import figures_arena, figures_domains, figures_gap, figures_traces
 from simgap.io.parquet import stack
@@ -15,6 +16,8 @@ from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, shown
 from simgap.report.material import Material
 from simgap.report.scene import limits, scene
 from simgap.report.tables import is_signed, sweep
+from simgap.specifications.base import specification_of
+from simgap.specifications.space import Space
 
 NAMES = ("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected")
 DENSE = ("bound", "inputs")  # too many paths for SVG
@@ -62,34 +65,34 @@ def _sweep(m: Material) -> Any:
 
 
 def _loop(m: Material) -> dict[str, Any]:
-    """Winning domains, trajectories and the gap along the run."""
-    context = m.context
+    """Winning domains, trajectories, the gap along the run, and the times to the target where there is one."""
+    context, where = m.context, scene(m.context)
     chosen = {kind: shown(m.traces, kind) for kind in (NOMINAL, ROBUST)}
     until = figures_traces.first_seconds(chosen)
-    gap = figures_traces.gap_figure(chosen[ROBUST], context.states, context.units, until)
-    section = context.need(context.case.synthesis, "synthesis")
-    if isinstance(section.specification, ReachAvoidSpecification):
-        return {"gap": gap, **_arena(m)}
-    out = {"gap": gap}
+    out = {"gap": figures_traces.gap_figure(chosen[ROBUST], context.states, context.units, until)}
     if len(context.states) == 2:
-        out["domains"] = figures_domains.domains_figure(m.controllers, m.traces, context.units)
-    out["trajectories"] = figures_traces.trajectories_figure(
-        chosen, m.traces, limits(context), context.states, context.units
-    )
-    return out
-
-
-def _arena(m: Material) -> dict[str, Any]:
-    where = scene(m.context)
-    out: dict[str, Any] = {}
+        out["domains"] = figures_domains.domains_figure(
+            m.controllers, m.traces, context.units, surroundings(context), specification_of(context.case).words.violated
+        )
+    elif len(context.states) == 3:
+        out["domains"] = figures_domains.slices_figure(m.controllers[ROBUST], context.units)
     if isinstance(where, PlanarScene):
-        out["trajectories"] = figures_arena.arena_figure(where, m.traces, m.context.units, m.context.states)
-    if len(m.context.states) == 3:
-        out["domains"] = figures_domains.slices_figure(m.controllers[ROBUST], m.context.units)
+        draw_floor = surroundings(context, where.axes[:2])
+        out["trajectories"] = figures_arena.arena_figure(where, m.traces, context.units, context.states, draw_floor)
+    else:
+        out["trajectories"] = figures_traces.trajectories_figure(
+            chosen, m.traces, limits(context), context.states, context.units
+        )
     steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
     if any(len(s) for s in steps.values()):
-        out["times"] = figures_arena.times_figure(steps, m.context.domain.tau)
+        out["times"] = figures_arena.times_figure(steps, context.domain.tau)
     return out
+
+
+def surroundings(context: Context, axes: tuple[int, int] = (0, 1)) -> Callable[[Any], None]:
+    """What draws the specification over two states on axes of matplotlib."""
+    specification, space = specification_of(context.case), Space.of(context.case)
+    return lambda own: specification.draw(own, space, axes, style.SURROUNDINGS)
 
 
 def model_note(m: Material) -> str:

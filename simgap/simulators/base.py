@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from simgap.config.simulator import EngineSection
 from simgap.geometry import Floats
+
+if TYPE_CHECKING:  # a case names engines, and its sections are found through them
+    from simgap.config.case import Case
+    from simgap.effects.base import Effect
 
 
 class Simulator(ABC):
@@ -44,3 +51,47 @@ class Simulator(ABC):
 
     def close(self) -> None:  # noqa: B027 - most engines have nothing to release
         """Release the engine."""
+
+
+class Engine(Simulator):
+    """A simulator that a case can name: a plug-in of the group `engines`, one a file.
+
+    Its file is imported to check a case, long before anything runs; what takes time to import belongs into functions.
+    """
+
+    Settings: ClassVar[type[EngineSection]]
+    """The keys of the case's section `simulator`."""
+    distributions: ClassVar[tuple[str, ...]] = ()
+    """Installed distributions that results depend on, such as ("mujoco",); their versions enter every hash."""
+
+    @classmethod
+    @abstractmethod
+    def build(cls, case: Case, folder: Path) -> Simulator:
+        """The engine for a case whose relative paths start from `folder`.
+
+        Raises:
+            UserError: a case that this engine cannot run.
+        """
+
+    @classmethod
+    def acts_out(cls, effect: Effect) -> bool:
+        """Whether the engine can apply this effect; a case that declares another one is refused."""
+        return False
+
+
+class PathSimulator(Simulator):
+    """A planar robot whose state is its pose while the engine remembers more; it records poses between samples."""
+
+    pose: tuple[int, int, int]
+    """Which states are x, y and heading."""
+
+    @abstractmethod
+    def responses(self, history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
+        """Paths in the body frame of the pose that a history of inputs (k, nu) leads to, from rest.
+
+        -> (M, poses, 3), one for each of the inputs (M, nu).
+        """
+
+    @abstractmethod
+    def chain(self, start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
+        """Run inputs (k, nu) one after the other from rest: -> poses (k + 1, 3), paths (k, poses, 3) in body frames."""

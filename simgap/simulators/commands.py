@@ -14,13 +14,11 @@ import numpy as np
 import sympy as sp
 
 from simgap.config.plant import AddedEffect
-from simgap.effects import EFFECTS, StaticInputEffect, effect
-from simgap.effects.base import InputEffect
+from simgap.effects import StaticInputEffect, effect
+from simgap.effects.base import InputEffect, MemoryInputEffect
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.model.symbolic import symbol
-
-MEMORY = ("input_delay", "input_lag")
 
 
 def command_paths(
@@ -38,9 +36,8 @@ def command_paths(
 
 
 def static_path(effects: Sequence[AddedEffect], name: str, command: sp.Expr) -> sp.Expr:
-    """What static effects make of a command: the order of the registry, its last entry nearest the command."""
-    rank = {key: k for k, key in enumerate(EFFECTS)}
-    own = [(effect(e.name), e) for e in sorted(effects, key=lambda e: rank.get(e.name, -1)) if e.on == name]
+    """What static effects make of a command: in the order of their ranks, the last nearest the command."""
+    own = [(effect(e.name), e) for e in sorted(effects, key=lambda e: effect(e.name).rank) if e.on == name]
     felt: sp.Expr = symbol("command")
     for kind, added in own:
         if isinstance(kind, StaticInputEffect):
@@ -68,11 +65,12 @@ class CommandPath:
     @staticmethod
     def of(effects: Sequence[AddedEffect], name: str, values: Sequence[float], known_delay: float) -> CommandPath:
         """From the effects on one input; `known_delay` (s) of it is the controller's latency and not the plant's."""
-        own = [e for e in effects if e.on == name and e.name in MEMORY]
-        for e in own:
-            effect(e.name).check_values(e.parameters)
-        delay = sum(e.parameters["delay"] for e in own if e.name == "input_delay")
-        lag = sum(e.parameters["T"] for e in own if e.name == "input_lag")
+        delay, lag = 0.0, 0.0
+        for kind, added in ((effect(e.name), e) for e in effects if e.on == name):
+            if isinstance(kind, MemoryInputEffect):
+                kind.check_values(added.parameters)
+                later, slower = kind.seconds(added.parameters)
+                delay, lag = delay + later, lag + slower
         command = symbol("command")
         static = sp.lambdify([command], static_path(effects, name, command), modules="math")
         return CommandPath(max(0.0, delay - known_delay), lag, static, tuple(sorted(values)))

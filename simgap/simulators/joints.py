@@ -9,6 +9,7 @@ from typing import Any
 
 import sympy as sp
 
+from simgap.config.case import Case
 from simgap.config.plant import AddedEffect
 from simgap.effects import CoordinateEffect, StaticInputEffect, effect
 from simgap.errors import UserError
@@ -42,6 +43,31 @@ class JointPlant:
     def nu(self) -> int:
         """Number of inputs."""
         return len(self.input_names)
+
+
+def joint_plant(case: Case, folder: Path) -> JointPlant:
+    """Where the states and inputs of a URDF case stand.
+
+    Raises:
+        UserError: if the case has no model file for the engine, or no domain.
+    """
+    plant, section, domain = case.plant, case.simulator, case.domain
+    urdf = (section.urdf if section is not None else None) or plant.urdf
+    if urdf is None or domain is None:
+        raise UserError("the simulator needs a model file and a domain", key="simulator.urdf", remedy="Give both.")
+    names = list(plant.states)
+    joints = tuple(s.joint for s in plant.states.values() if s.quantity == "position" and s.joint)
+    place = {(s.joint, s.quantity): names.index(n) for n, s in plant.states.items()}
+    return JointPlant(
+        urdf=folder / urdf,
+        joints=joints,
+        positions=tuple(place[j, "position"] for j in joints),
+        velocities=tuple(place[j, "velocity"] for j in joints),
+        inputs=tuple(tuple(k for k, i in enumerate(plant.inputs.values()) if i.joint == j) for j in joints),
+        input_names=tuple(plant.inputs),
+        tau=domain.tau,
+        gravity=plant.gravity,
+    )
 
 
 def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | None:

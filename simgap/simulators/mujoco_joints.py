@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
-from simgap.config.simulator import MuJoCoSection
+from simgap.config.simulator import Damping, EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.urdf_checks import check_urdf
-from simgap.simulators.base import Simulator
-from simgap.simulators.joints import JointPlant, joint_forces
+from simgap.simulators.joint_engine import JointEngine
+
+if TYPE_CHECKING:
+    from simgap.simulators.joints import JointPlant
 
 
-class MuJoCoJoints(Simulator):
+class MuJoCoSettings(EngineSection):
+    """MuJoCo over the plant's URDF (optional extra `simgap[mujoco]`)."""
+
+    engine: Literal["mujoco"] = Field("mujoco", description="Which engine.")
+    integrator: Literal["euler", "implicit", "rk4"] = Field("euler", description="MuJoCo's integrator.")
+    damping: Damping = Field(Damping(linear=0.0, angular=0.0), description="Only `joint` applies to MuJoCo.")
+
+
+class MuJoCoJoints(JointEngine):
     """`f_hat` of a fixed-base plant in MuJoCo: a reset clears the solver's warm start with the rest of its data."""
 
-    def __init__(self, plant: JointPlant, section: MuJoCoSection) -> None:
+    Settings = MuJoCoSettings
+    distributions = ("mujoco",)
+
+    def __init__(self, plant: JointPlant, section: MuJoCoSettings) -> None:
+        from simgap.simulators.joints import joint_forces
+
         try:
             import mujoco
         except ImportError:

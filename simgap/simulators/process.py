@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+from simgap import plugins
 from simgap.errors import SimgapError
 
 T = TypeVar("T")
@@ -21,21 +22,25 @@ class EngineCrash(SimgapError):
     """The engine's process died."""
 
 
-def _silence(log: str | None) -> None:
-    """Send what C code prints (file descriptors 1 and 2) to the log file or nowhere; errors come back as exceptions."""
+def _start(log: str | None, ran: tuple[tuple[Path, bytes], ...]) -> None:
+    """Send what C code prints (file descriptors 1 and 2) to the log file or nowhere; errors come back as exceptions.
+
+    Plug-in files that the parent ran are run here too, before a case that holds their sections is unpickled.
+    """
     target = os.open(log or os.devnull, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     for stream, descriptor in ((sys.stdout, 1), (sys.stderr, 2)):
         stream.flush()
         os.dup2(target, descriptor)
     os.close(target)
+    plugins.adopt(ran)
 
 
 @contextmanager
 def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPoolExecutor]:
     """A pool of fresh processes whose engine chatter goes to `log`."""
     context = multiprocessing.get_context("spawn")  # a forked engine would share its parent's threads and state
-    chatter = str(log.resolve()) if log else None
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_silence, initargs=(chatter,)) as pool:
+    begin = (str(log.resolve()) if log else None, plugins.files())
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_start, initargs=begin) as pool:
         yield pool
 
 

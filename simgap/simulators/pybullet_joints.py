@@ -2,23 +2,41 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
-from simgap.config.simulator import PyBulletSection
+from simgap.config.simulator import Damping, EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.urdf_checks import check_urdf
-from simgap.simulators.base import Simulator
-from simgap.simulators.joints import JointPlant, joint_forces
+from simgap.simulators.joint_engine import JointEngine
+
+if TYPE_CHECKING:
+    from simgap.simulators.joints import JointPlant
 
 
-class PyBulletJoints(Simulator):
+class PyBulletSettings(EngineSection):
+    """PyBullet over the plant's URDF: joints driven by torques, default motors off."""
+
+    engine: Literal["pybullet"] = Field("pybullet", description="Which engine.")
+    inertia: Literal["engine", "file"] = Field(
+        description="engine: PyBullet's default, which ignores the URDF's inertia; file: the URDF's inertia."
+    )
+    damping: Damping = Field(Damping(), description="Damping that the engine adds on its own.")
+
+
+class PyBulletJoints(JointEngine):
     """`f_hat` of a fixed-base plant; its whole state is (q, v), so a reset leaves nothing behind."""
 
-    def __init__(self, plant: JointPlant, section: PyBulletSection) -> None:
+    Settings = PyBulletSettings
+    distributions = ("pybullet",)
+
+    def __init__(self, plant: JointPlant, section: PyBulletSettings) -> None:
         import pybullet as p
+
+        from simgap.simulators.joints import joint_forces
 
         check_urdf(plant.urdf)
         self.nx, self.nu = plant.nx, plant.nu
@@ -31,7 +49,7 @@ class PyBulletJoints(Simulator):
         self._position, self._velocity = plant.positions, plant.velocities
         self._single = len(self._joints) == 1 and self._forces is None and plant.inputs == ((0,),)
 
-    def _load(self, section: PyBulletSection) -> tuple[int, tuple[int, ...]]:
+    def _load(self, section: PyBulletSettings) -> tuple[int, tuple[int, ...]]:
         p, client, plant = self._p, self._client, self._plant
         p.setGravity(0, 0, -plant.gravity, physicsClientId=client)
         p.setTimeStep(plant.tau / section.substeps, physicsClientId=client)

@@ -9,64 +9,80 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
-from simgap.config.case import Case
-from simgap.config.wheeled import WheeledSection
+from simgap.config.plant import AddedEffect
+from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.urdf_checks import check_urdf
-from simgap.simulators.base import Simulator
-from simgap.simulators.commands import CommandMemory, CommandPath
+from simgap.simulators.base import Engine, PathSimulator
+
+if TYPE_CHECKING:
+    from simgap.config.case import Case
+    from simgap.effects.base import Effect
+    from simgap.simulators.commands import CommandPath
+    from simgap.simulators.wheeled_plant import WheeledPlant
 
 CONTACT_BREAKING = 1e-3  # m; the default of 0.02 keeps stale contact points of a rolling wheel
 
 
-@dataclass(frozen=True)
-class WheeledPlant:
-    """Where pose and commands stand among the states and inputs, and the sampling time (s)."""
+class WheeledSettings(EngineSection):
+    """PyBullet over a differential-drive URDF: wheels in contact with a floor, torque-limited velocity motors."""
 
-    urdf: Path
-    tau: float
-    gravity: float = 9.81
-    pose: tuple[int, int, int] = (0, 1, 2)
-    commands: tuple[int, int] = (0, 1)
+    engine: Literal["pybullet_wheeled"] = Field("pybullet_wheeled", description="Which engine.")
+    urdf: str = Field(description="Model file, relative to the case file; its root lies midway between the wheels.")
+    left: str = Field("left_wheel", description="Joint of the left wheel.")
+    right: str = Field("right_wheel", description="Joint of the right wheel.")
+    wheel_radius: float = Field(gt=0, description="Radius that turns speeds into wheel speeds, m.")
+    track: float = Field(gt=0, description="Distance between the wheels that does so, m.")
+    torque: float = Field(gt=0, description="Largest torque of a wheel motor, N m.")
+    floor_friction: float = Field(gt=0, description="Friction coefficient of the floor (times that of the tyre).")
+    payload: float = Field(0.0, ge=0, description="Mass added to the base, its inertia scaled alike, kg.")
+    substeps: int = Field(100, ge=1, description="Engine steps within tau.")
+    poses: int = Field(20, ge=1, description="Poses recorded within tau, evenly spaced; divides substeps.")
+    settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
+    effects: tuple[AddedEffect, ...] = Field(
+        (), description="Effects on the commands, delay and lag among them, and on the wheels' speeds."
+    )
 
-
-def wheeled_plant(case: Case, folder: Path) -> WheeledPlant:
-    """Where the roles of `plant.symbolic.wheels` stand in the case.
-
-    Raises:
-        UserError: a plant whose states and inputs are not those of a planar wheeled robot.
-    """
-    plant, section, domain = case.plant, case.simulator, case.domain
-    wheels = plant.symbolic.wheels if plant.symbolic else None
-    states, inputs = list(plant.states), list(plant.inputs)
-    if wheels is None or domain is None or not isinstance(section, WheeledSection):
-        raise UserError(
-            "a wheeled simulator needs plant.symbolic.wheels and a domain", key="plant.symbolic.wheels",
-            remedy="Name the states x, y, heading and the inputs linear, angular.",
-        )  # fmt: skip
-    pose, commands = (wheels.x, wheels.y, wheels.heading), (wheels.linear, wheels.angular)
-    if sorted(states) != sorted(pose) or sorted(inputs) != sorted(commands):
-        raise UserError(
-            f"wheels are {pose} and {commands}, the plant has {states} and {inputs}", key="plant.symbolic.wheels"
-        )
-    x, y, heading = (states.index(name) for name in pose)
-    linear, angular = (inputs.index(name) for name in commands)
-    return WheeledPlant(folder / section.urdf, domain.tau, plant.gravity, (x, y, heading), (linear, angular))
+    def between_poses(self, tau: float, gravity: float) -> float:
+        """a t^2 / 8 for the largest acceleration that the tyres can give, over the time between two poses."""
+        return float(self.floor_friction * gravity * (tau / self.poses) ** 2 / 8.0)
 
 
-class PyBulletWheeled(Simulator):
+class PyBulletWheeled(Engine, PathSimulator):
     """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity."""
 
-    def __init__(self, plant: WheeledPlant, section: WheeledSection, paths: Sequence[CommandPath] = ()) -> None:
+    Settings = WheeledSettings
+    distributions = ("pybullet",)
+
+    @classmethod
+    def acts_out(cls, effect: Effect) -> bool:
+        """Changes of the commands, and wheels of unequal size."""
+        from simgap.effects.base import InputEffect, WheelEffect
+
+        return isinstance(effect, InputEffect | WheelEffect)
+
+    @classmethod
+    def build(cls, case: Case, folder: Path) -> PyBulletWheeled:
+        """The robot of a case with `plant.symbolic.wheels`."""
+        from simgap.simulators.behind_commands import case_command_paths
+        from simgap.simulators.wheeled_plant import wheeled_plant
+
+        section: Any = case.simulator
+        return cls(wheeled_plant(case, folder), section, case_command_paths(case) if section.effects else ())
+
+    def __init__(self, plant: WheeledPlant, section: WheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
         import pybullet as p
         from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
+
+        from simgap.simulators.commands import CommandMemory
+        from simgap.simulators.wheeled_plant import wheel_ratios
 
         check_urdf(plant.urdf)
         if section.substeps % section.poses:
@@ -74,12 +90,12 @@ class PyBulletWheeled(Simulator):
                 f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",
                 remedy="Let substeps be a multiple of poses.",
             )  # fmt: skip
+        self._ratios = wheel_ratios(section.effects)
         self.nx, self.nu = 3, 2
         self.engine = f"pybullet {p.getAPIVersion()}"
         self._p: Any = BulletClient(p.DIRECT)
         self.pose = plant.pose
         self._plant, self._section = plant, section
-        self._right = float(np.prod([e.parameters["ratio"] for e in section.effects if e.name == "wheel_mismatch"]))
         self._body, self._wheels = self._load()
         self._offset = np.array(self._p.getDynamicsInfo(self._body, -1)[3])  # of the centre of mass from the root
         self._height = self._settled_height()
@@ -126,12 +142,12 @@ class PyBulletWheeled(Simulator):
 
     def _command(self, linear: float, angular: float) -> None:
         s = self._section
-        half = 0.5 * s.track * angular
+        half, (left, right) = 0.5 * s.track * angular, self._ratios
         # PyBullet limits a motor's impulse by force times the outer time step whatever the number of sub-steps
         force = s.torque / (s.substeps // s.poses)
         self._p.setJointMotorControlArray(
             self._body, self._wheels, self._p.VELOCITY_CONTROL,
-            targetVelocities=[(linear - half) / s.wheel_radius, self._right * (linear + half) / s.wheel_radius],
+            targetVelocities=[left * (linear - half) / s.wheel_radius, right * (linear + half) / s.wheel_radius],
             forces=[force, force],
         )  # fmt: skip
 

@@ -14,18 +14,22 @@ import numpy as np
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.geometry import Floats
+from simgap.simulators.base import PathSimulator
 from simgap.simulators.body_samples import BodySamples, Ints, joined
-from simgap.simulators.wheeled import PyBulletWheeled
 
 
 @contextmanager
-def _robot(case: Case, folder: Path) -> Iterator[PyBulletWheeled]:
+def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
     from simgap.simulators.build import make_simulator
 
     simulator = make_simulator(case, folder)
     try:
-        if not isinstance(simulator, PyBulletWheeled):
-            raise UserError("hidden states are sampled for wheeled robots", key="simulator.engine")
+        if not isinstance(simulator, PathSimulator):
+            raise UserError(
+                "the engine records no poses between samples, which a hidden state needs",
+                key="simulator.engine",
+                remedy="Use one that does, such as pybullet_wheeled.",
+            )
         yield simulator
     finally:
         simulator.close()

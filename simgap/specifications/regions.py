@@ -1,52 +1,105 @@
-"""Boxes of states as sets of cells.
+"""Boxes of states as sets of cells, and boxes that name only some states.
 
 A cell lies in a box when it is contained in it, and meets a box when their interiors overlap; both are decided for the
-cell shrunk by 1e-9 of its width on each side, so that faces which coincide up to rounding count as coinciding.
+cell shrunk by 1e-9 of its width on each side, so that faces which coincide up to rounding count as coinciding. Along a
+periodic axis a box stands for all its copies, whole periods apart.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.geometry import Box, Grid
+from simgap.errors import UserError
+from simgap.geometry import Box, Floats, Grid
 
 Mask = NDArray[np.bool_]
+Interval = tuple[float, float]
 SHRINK = 1e-9
+KEY = "synthesis.specification"
 
 
-def partial_box(named: dict[str, tuple[float, float]], states: tuple[str, ...]) -> Box:
+def upright(named: Mapping[str, Interval], key: str) -> None:
+    """Refuse intervals that end before they begin.
+
+    Raises:
+        ValueError: with the key and the state, for the check of a section.
+    """
+    for name, (lo, hi) in named.items():
+        if not lo < hi:
+            raise ValueError(f"{key} is upside down for {name}: {lo} is not below {hi}")
+
+
+def known(named: Mapping[str, object], states: tuple[str, ...], key: str) -> None:
+    """Refuse names that are no states.
+
+    Raises:
+        UserError: with the names that there are.
+    """
+    unknown = [name for name in named if name not in states]
+    if unknown:
+        raise UserError(f"no state '{unknown[0]}'", key=f"{KEY}.{key}", remedy=f"The states are {', '.join(states)}")
+
+
+def inner_box(named: Mapping[str, Interval], states: tuple[str, ...], domain: Box, key: str) -> Box:
+    """The state box X narrowed along the named states.
+
+    Raises:
+        UserError: an unknown state, or an interval that sticks out of X.
+    """
+    known(named, states, key)
+    lo, hi = domain.lo.copy(), domain.hi.copy()
+    for j, name in enumerate(states):
+        if name in named:
+            lo[j], hi[j] = named[name]
+            if lo[j] < domain.lo[j] or hi[j] > domain.hi[j]:
+                raise UserError(
+                    f"[{lo[j]:.6g}, {hi[j]:.6g}] of {name} sticks out of X, [{domain.lo[j]:.6g}, {domain.hi[j]:.6g}]",
+                    key=f"{KEY}.{key}",
+                    remedy="Shrink it, or enlarge domain.X",
+                )
+    return Box(lo, hi)
+
+
+def partial_box(named: Mapping[str, Interval], states: tuple[str, ...]) -> Box:
     """A box that bounds only the named states; the others are free."""
     ends = [named.get(name, (-np.inf, np.inf)) for name in states]
     return Box([lo for lo, _ in ends], [hi for _, hi in ends])
 
 
-def grown(box: Box, by: NDArray[np.float64]) -> Box:
+def unbounded(box: Box, axes: tuple[int, ...]) -> Box:
+    """The box without ends along some axes."""
+    lo, hi = box.lo.copy(), box.hi.copy()
+    lo[list(axes)], hi[list(axes)] = -np.inf, np.inf
+    return Box(lo, hi)
+
+
+def grown(box: Box, by: Floats) -> Box:
     """The box with every face moved outward by `by` (nx,); a negative number moves it inward."""
     return Box(box.lo - by, box.hi + by)
 
 
 def cells_within(grid: Grid, box: Box) -> Mask:
     """Cells contained in the box: (cells,)."""
-    lower, upper = _faces(grid)
-    return _all_axes([(a >= box.lo[j]) & (b <= box.hi[j]) for j, (a, b) in enumerate(zip(lower, upper, strict=True))])
+    return _along_axes(grid, box, lambda low, high, lo, hi: (low >= lo) & (high <= hi))
 
 
 def cells_meeting(grid: Grid, box: Box) -> Mask:
     """Cells whose interior overlaps the box: (cells,)."""
-    lower, upper = _faces(grid)
-    return _all_axes([(b > box.lo[j]) & (a < box.hi[j]) for j, (a, b) in enumerate(zip(lower, upper, strict=True))])
+    return _along_axes(grid, box, lambda low, high, lo, hi: (high > lo) & (low < hi))
 
 
-def _faces(grid: Grid) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-    width = 2.0 * grid.h
-    edges = [grid.box.lo[j] + width[j] * np.arange(c + 1) for j, c in enumerate(grid.cells)]
-    shrink = SHRINK * width
-    lower = [e[:-1] + s for e, s in zip(edges, shrink, strict=True)]
-    return lower, [e[1:] - s for e, s in zip(edges, shrink, strict=True)]
-
-
-def _all_axes(flags: list[Mask]) -> Mask:
+def _along_axes(grid: Grid, box: Box, test: Callable[[Floats, Floats, float, float], Mask]) -> Mask:
+    """The test of every cell's faces against the box's, axis by axis, all of which must hold: (cells,)."""
+    flags = []
+    for j, count in enumerate(grid.cells):
+        width = 2.0 * grid.h[j]
+        edges = grid.box.lo[j] + width * np.arange(count + 1)
+        low, high = edges[:-1] + SHRINK * width, edges[1:] - SHRINK * width
+        period = grid.box.hi[j] - grid.box.lo[j]
+        copies = (-period, 0.0, period) if j in grid.periodic else (0.0,)
+        flags.append(np.any([test(low, high, box.lo[j] + by, box.hi[j] + by) for by in copies], axis=0))
     return reduce(np.logical_and.outer, flags).reshape(-1)

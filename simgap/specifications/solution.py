@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,9 @@ class Solution:
     Attributes:
         grid: cells of the measured state.
         winning: (cells,) bool, where a run may start (cells of the true state); target cells included.
-        mask: (cells * memory, ceil(M / 8)) uint8, bit m % 8 of byte m // 8 is input m; empty on target cells.
-        value: worst-case steps to the target, (cells,) int32, -1 where losing; None for invariance.
-        target: (cells,) bool, where a run may end; None for invariance.
+        mask: (cells * memory, ceil(M / 8)) uint8, bit m % 8 of byte m // 8 is input m; empty where a run ends.
+        value: worst-case steps to the target, (cells,) int32, -1 where losing; None where nothing is to be reached.
+        target: (cells,) bool, measured cells that are the goal: where a run ends, or stays; None where there is none.
         free: (cells,) bool, cells that the specification allows at all; winning fractions are of these.
         memory: discrete states of the controller: 1, or M + 1 when it remembers the pending input (M: none yet).
         statistics: counts such as sweeps, steps and admissible pairs, and the backend that was used.
@@ -38,3 +38,21 @@ class Solution:
     def fraction(self) -> float:
         """Winning cells over free cells."""
         return float(self.winning.sum() / max(1, self.free.sum()))
+
+    @property
+    def served(self) -> NDArray[np.bool_]:
+        """Measured cells at which the controller has an input, (cells,)."""
+        flags: NDArray[np.bool_] = np.any(self.mask.reshape(self.grid.size, -1), axis=1)
+        return flags
+
+    @property
+    def useful(self) -> bool:
+        """Whether a run can start anywhere but where it ends at once."""
+        return bool((self.winning & self.served).any())
+
+    def followed_by(self, other: Solution) -> Solution:
+        """This solution with the inputs of another one, on the same grid, in the target: what a run does from there."""
+        if self.target is None:
+            return self
+        statistics = self.statistics | {f"held_{name}": count for name, count in other.statistics.items()}
+        return replace(self, mask=np.where(self.target[:, None], other.mask, self.mask), statistics=statistics)

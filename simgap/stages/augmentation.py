@@ -17,10 +17,11 @@ import numpy as np
 from simgap.config.case import Case
 from simgap.config.domain import InputSet
 from simgap.config.plant import AddedEffect
-from simgap.config.synthesis import InvarianceSpecification
-from simgap.effects import AppliedEffect
+from simgap.effects import AppliedEffect, effect
+from simgap.effects.base import MemoryInputEffect
 from simgap.geometry import Box, Grid
 from simgap.simulators.commands import CommandPath
+from simgap.specifications.base import specification_of
 from simgap.synthesis.bits import packed_width
 from simgap.synthesis.sensing import LARGEST_MASK
 
@@ -49,8 +50,7 @@ class Augmentation:
 
 def plan(case: Case, applied: Sequence[AppliedEffect]) -> Augmentation:
     """Decide for a case that checks, with all effects that its plant will have."""
-    lagged = sorted(a.on for a in applied if a.name == "input_lag")
-    delays = {a.on: float(a.values["delay"]) for a in applied if a.name == "input_delay"}
+    lagged, delays = _remembered(applied)
     if case.domain is None or not (lagged or delays):
         return Augmentation({}, False, ())
     ranges = {on: _felt(case.domain.U[on], applied, on) for on in lagged}
@@ -74,6 +74,18 @@ def plan(case: Case, applied: Sequence[AppliedEffect]) -> Augmentation:
             "these cells and inputs, or not for this specification. Gamma covers it."
         )
     return Augmentation(ranges if fits else {}, pending, tuple(words))
+
+
+def _remembered(applied: Sequence[AppliedEffect]) -> tuple[list[str], dict[str, float]]:
+    """The inputs that lag, and the delay (s) of those that act late."""
+    lagged, delays = set(), dict[str, float]()
+    for a in applied:
+        kind = effect(a.name)
+        if isinstance(kind, MemoryInputEffect):
+            delay, lag = kind.seconds(a.values)
+            lagged |= {a.on} if lag > 0.0 else set()
+            delays |= {a.on: delays.get(a.on, 0.0) + delay} if delay > 0.0 else {}
+    return sorted(lagged), delays
 
 
 def augment(content: dict[str, Any], case: Case, chosen: Augmentation) -> None:
@@ -117,10 +129,10 @@ def _one_sample(case: Case, delays: Mapping[str, float]) -> bool:
     """Whether every input's delay is nearest to one sample, and the controller can remember the pending input."""
     if case.domain is None or case.synthesis is None or set(delays) != set(case.plant.inputs):
         return False
-    if not isinstance(case.synthesis.specification, InvarianceSpecification):
+    if not specification_of(case).carries_pending:
         return False
     near = all(0.5 <= d / case.domain.tau < 1.5 for d in delays.values())
-    free = case.sensing is None or case.sensing.latency == 0 or case.sensing.latency_of == "input_delay"
+    free = case.sensing is None or case.sensing.latency == case.sensing.known_delay
     inputs = _inputs(case)
     bytes_needed = math.prod(case.synthesis.cells) * (inputs + 1) * packed_width(inputs)
     return near and free and bytes_needed <= LARGEST_MASK

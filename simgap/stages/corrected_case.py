@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,12 +12,10 @@ import yaml
 
 from simgap.config.load import case_content, parse_case
 from simgap.effects import AppliedEffect, effect
-from simgap.effects.sensor_offset import SensorOffset
-from simgap.plants.build import symbolic_model
+from simgap.plants.plant_model import PlantModel
 from simgap.stages.augmentation import augment, plan
 
 SUFFIX = "_corrected"
-OFFSET = "Subtract the sensor's offset from what it reads; the motion is as it was."
 
 
 def corrected_case(
@@ -40,7 +37,7 @@ def corrected_case(
         rig: 'simulator' if the recordings are of the case's own simulator: the nominal model alone gets the effects.
             Else the simulator's twin gets them too.
         sentence: the verdict in words, for the comment on top.
-        remainder: one-step bounds of what is left, by state; added to gamma where the case has one.
+        remainder: one-step bounds of what is left, by state, for gamma to take in; the case then has a `gap:` section.
 
     Raises:
         UserError: if the result does not check, which an original that checks makes impossible but for the name.
@@ -60,23 +57,18 @@ def corrected_case(
         content["plant"]["effects"] = [*content["plant"].get("effects", []), *added]
         if rig != "simulator":
             words = _on_hardware(content, added, target)
-    finite = {name: float(v) for name, v in (remainder or {}).items() if math.isfinite(v)}
-    if finite and isinstance(content.get("gap"), dict):
-        content["gap"]["remainder"] = finite
+    if remainder:
+        content["gap"]["remainder"] = {name: float(v) for name, v in remainder.items()}
     body = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
     checked = parse_case(yaml.safe_load(body), target)
-    symbolic_model(checked.plant, folder)
+    _ = PlantModel.of(checked, folder).corrected  # refuses what does not fit
     return _header(applied, rig, sentence, content, words) + body
 
 
 def _on_hardware(content: dict[str, Any], added: Sequence[dict[str, Any]], target: Path) -> tuple[str, ...]:
     """The simulator's twin gets what moves the plant; delay and lag become states while they stay small."""
-    moving = [e for e in added if not isinstance(effect(e["name"]), SensorOffset)]
-    words = (
-        ["Subtract the sensor's offset from what it reads; the motion is as it was."]
-        if len(moving) < len(added)
-        else []
-    )
+    moving = [e for e in added if not effect(e["name"]).reading_remedy]
+    words = dict.fromkeys(effect(e["name"]).reading_remedy for e in added if e not in moving)
     if moving and isinstance(content.get("simulator"), dict):
         content["simulator"]["effects"] = [*content["simulator"].get("effects", []), *moving]
     case = parse_case(content, target)

@@ -14,13 +14,13 @@ from simgap.diagnosis.reading.survey import Survey, survey
 from simgap.diagnosis.reading.traces import Reading
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.verdict.missing import missing_terms
-from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder, without_memory
+from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder
+from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
 from simgap.model.symbolic import SymbolicModel
-from simgap.plants.build import symbolic_model
 from simgap.provenance import provenance
 from simgap.report.diagnosis_document import document
 from simgap.report.diagnosis_page import draw, overlays, page
@@ -29,6 +29,7 @@ from simgap.stages.corrected_case import corrected_case
 from simgap.stages.measured_data import load_reading
 from simgap.stages.measured_share import FILE, write_transitions
 
+Corrected = tuple[SymbolicModel, dict[str, float]]  # of `PlantModel.corrected_by`
 JSON, PAGE, CASE, RECORDING = "diagnosis.json", "report.html", "corrected_case.yaml", "residual.rrd"
 
 
@@ -62,7 +63,7 @@ def run(
     section = context.case.measured or MeasuredSection()
     paths = _paths(context, section, data)
     with context.blame():
-        model = symbolic_model(context.case.plant, context.folder)
+        model = context.plant.corrected
         tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")
         reading = load_reading(model, section, paths, context.folder, str(case_path), strict=not data)
         record = reading.record
@@ -73,11 +74,28 @@ def run(
         tell("searching for what the model lacks")
         found = diagnose(model, record, _settings(section, reading, look))
     tell("bounding what is left, drawing, writing")
-    remainder = _remainder(context, section, model, found, reading)
-    made_of = provenance("diagnosis", context.case, context.folder)
-    content = document(found, reading, look, remainder, context.units, made_of)
-    _write(context, section, model, found, reading, content, paths, out_dir)
+    content = conclude(context, section, found, reading, look, paths, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
+    return content
+
+
+def conclude(
+    context: Context,
+    section: MeasuredSection,
+    found: Diagnosis,
+    reading: Reading,
+    look: Survey,
+    paths: Sequence[Path],
+    out_dir: Path,
+) -> dict[str, Any]:
+    """Bound what is left and write all files: the content of `diagnosis.json`."""
+    corrected = context.plant.corrected_by(found.applied)
+    remainder = _remainder(context, section, corrected, found, reading)
+    case = context.case
+    use = use_of(remainder, found.verdict, section.rig, case.gap is not None, case.hidden_state is not None)
+    made_of = provenance("diagnosis", case, context.folder)
+    content = document(found, reading, look, remainder, use, context.units, made_of)
+    _write(context, section, corrected, found, reading, content, use, paths, out_dir)
     return content
 
 
@@ -107,14 +125,13 @@ def _settings(section: MeasuredSection, reading: Reading, look: Survey) -> Diagn
 
 
 def _remainder(
-    context: Context, section: MeasuredSection, model: SymbolicModel, found: Diagnosis, reading: Reading
+    context: Context, section: MeasuredSection, corrected: Corrected, found: Diagnosis, reading: Reading
 ) -> Remainder | None:
-    corrected, shifts = without_memory(model, found.applied)
-    domain = context.case.domain
+    domain, (model, shifts) = context.case.domain, corrected
     return bound_remainder(
         found.windows,
         {name: found.sigma[name] for name in reading.record.measured},
-        (model, corrected),
+        (context.plant.corrected, model),
         shifts,
         domain.tau if domain is not None else 0.0,
         context.case.plant.integrator if domain is not None else "rk4",
@@ -125,23 +142,22 @@ def _remainder(
 def _write(
     context: Context,
     section: MeasuredSection,
-    model: SymbolicModel,
+    corrected: Corrected,
     found: Diagnosis,
     reading: Reading,
     content: Mapping[str, Any],
+    use: RemainderUse,
     paths: Sequence[Path],
     out_dir: Path,
 ) -> None:
     """All files; the document last, so that where it stands the others do."""
     record, title = reading.record, context.case.title or context.case.name
-    corrected, shifts = without_memory(model, found.applied)
+    model, shifts = corrected
     sigma = np.array([found.sigma[s] for s in record.measured])
-    lacking = missing_terms(record, model, corrected, shifts, sigma)
+    lacking = missing_terms(record, context.plant.corrected, model, shifts, sigma)
     stretches = overlays(found.windows, record.measured, record.inputs, found.sigma)
     target = out_dir / CASE
-    partial = content["verdict"] == "partial" and section.rig == "hardware" and content.get("remainder")
-    left = content["remainder"]["after"] if partial else None
-    text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], left)
+    text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], use.by)
     out_dir.mkdir(parents=True, exist_ok=True)
     figures = draw(content, stretches, lacking, out_dir)
     write_text(out_dir / PAGE, page(content, title, figures))

@@ -9,7 +9,6 @@ from rich.console import Console
 from rich.table import Table
 
 from simgap.effects import EFFECTS
-from simgap.plants.build import bare_model
 from simgap.stages.context import Context
 
 
@@ -21,7 +20,7 @@ def listing(case_path: Path | None) -> str:
     if case_path is not None:
         context = Context.load(case_path)
         with context.blame():
-            model = bare_model(context.case.plant, context.folder)
+            model = context.plant.declared
     table = Table("effect", "on", "formula", "parameters", box=None, pad_edge=False)
     for name, kind in EFFECTS.items():
         symbols = ", ".join(f"{p.symbol} ({p.description}, {p.unit})" for p in kind.parameters)

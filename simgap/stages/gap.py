@@ -23,7 +23,6 @@ from simgap.geometry import Floats, Grid
 from simgap.io.documents import write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
 from simgap.model.sampled import NominalModel
-from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
 from simgap.stages.rollouts import successors
@@ -60,7 +59,7 @@ def run(
     context = Context.load(case_path)
     section = context.need(context.case.gap, "gap")
     with context.blame():
-        model = nominal_model(context.case, context.folder)
+        model = context.plant.sampled
         samples = collect(context, model, eps, shards)
         log.info("fitting on %d states x %d inputs", samples.grid.size, len(samples.inputs))
         began = time.perf_counter()

@@ -18,14 +18,12 @@ from simgap.gap.symmetry import HeadingDeviation, check_symmetry, nominal_motion
 from simgap.geometry import Floats
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
-from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import BodySamples
 from simgap.stages.context import Context, log
 from simgap.stages.gap import THINNED, tolerate
 from simgap.stages.histories import EXTENTS
 
-GRAVITY = 9.81
 LONGER = "Raise hidden_state.chains or hidden_state.previous, or set hidden_state.tolerated_probability."
 
 
@@ -38,10 +36,11 @@ def run(case_path: Path, grid: Path, random: Path, memory: Path, fresh: Path, ou
     context = Context.load(case_path)
     hidden = context.need(context.case.hidden_state, "hidden_state")
     symmetry = context.need(context.case.symmetry, "symmetry")
+    section = context.need(context.case.simulator, "simulator")
     measured = read_json(memory)
     pose = pose_axes(context)
     with context.blame():
-        model = nominal_model(context.case, context.folder)
+        model = context.plant.sampled
         centre = 0.5 * (context.box.lo + context.box.hi)
         motion = nominal_motion(model.step, centre, context.input_set, pose, np.random.default_rng(0))
         deviation = HeadingDeviation(np.array(measured["largest_deviation"]), int(measured["compared"]))
@@ -56,7 +55,7 @@ def run(case_path: Path, grid: Path, random: Path, memory: Path, fresh: Path, ou
             read_samples(context, random),
             np.array(measured["memory"]),
             deviation,
-            between_poses(context),
+            section.between_poses(context.domain.tau, context.case.plant.gravity),
             hidden.growth,
             pose,
         )
@@ -65,13 +64,6 @@ def run(case_path: Path, grid: Path, random: Path, memory: Path, fresh: Path, ou
     tolerate(check, hidden.tolerated_probability, LONGER)
     write_parquet(thinned, thin(context, read_samples(context, grid), motion))
     write_json(out, content(context, fit, check, measured, len(read_parquet(grid, ["input"]))))
-
-
-def between_poses(context: Context) -> float:
-    """How far the way may stray from the line through the recorded poses: a t^2 / 8 for the tyres' largest force."""
-    section: Any = context.case.simulator
-    interval = context.domain.tau / section.poses
-    return float(section.floor_friction * GRAVITY * interval**2 / 8.0)
 
 
 def read_samples(context: Context, path: Path) -> BodySamples:
@@ -150,7 +142,7 @@ def content(
             "previous_inputs": measured["previous_inputs"],
             "random_sequences": hidden.chains,
             "steps_of_each": hidden.chain_length,
-            "substeps": getattr(context.case.simulator, "substeps", None),
+            "substeps": context.case.simulator.substeps if context.case.simulator else None,
         },
         "fresh": asdict(check),
         "provenance": provenance("hidden_gap", context.case, context.folder, seeds),

@@ -14,11 +14,11 @@ from simgap.gap.function import GapDomain
 from simgap.geometry import Box, Floats, Grid
 from simgap.io.documents import write_json
 from simgap.paper import Row, allowed, pendulum_rows, printed_gap, turtlebot_rows
-from simgap.plants.cases import nominal_model
 from simgap.simulators.process import run_in_processes
+from simgap.specifications.base import specification_of
+from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
 from simgap.stages.rollouts import product, roll_out
-from simgap.synthesis.specifications import make_specification
 from simgap.synthesis.synthesise import Problem
 
 POINTS = 81  # states per axis of the small grid on which PyBullet's gap is measured
@@ -74,13 +74,12 @@ def gap_domain(context: Context, free: tuple[int, ...]) -> GapDomain:
 def posed(context: Context, domain: GapDomain, gamma: dict[str, str]) -> Problem:
     """The synthesis problem with the printed bound."""
     section = context.need(context.case.synthesis, "synthesis")
-    specification = make_specification(section.specification.model_dump(), tuple(context.states), context.box)
     return Problem(
-        model=nominal_model(context.case, context.folder),
-        specification=specification,
+        model=context.plant.sampled,
+        specification=specification_of(context.case),
+        space=Space.of(context.case),
         cells=section.cells,
         inputs=context.input_set,
-        periodic=tuple(context.states.index(name) for name in context.domain.periodic),
         gap=printed_gap(domain, gamma).kernel(),
         gap_axes=[] if domain.free else None,
     )
@@ -105,6 +104,6 @@ def measured_gap(context: Context, pendulum: Path, engine_log: Path | None) -> d
     grid = Grid(Box(context.box.lo, context.box.hi), (POINTS, POINTS))
     x, u = product(grid.centres(), context.input_set)
     ((following, _),) = run_in_processes(roll_out, [(case, pendulum.parent, x, u)], log=engine_log)
-    d = (following - nominal_model(context.case, context.folder).step(x, u)).reshape(POINTS, POINTS, -1, 2)
+    d = (following - context.plant.sampled.step(x, u)).reshape(POINTS, POINTS, -1, 2)
     slopes = [np.abs(np.diff(d, axis=j)).max(axis=(0, 1, 2)) / (2.0 * grid.h[j]) for j in range(2)]
     return {"gap": np.abs(d).max(axis=(0, 1, 2)), "L1": np.hypot(*slopes)}

@@ -14,7 +14,6 @@ from simgap.io.documents import read_json, write_json
 from simgap.io.pages import REPORTS, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
-from simgap.plants.cases import nominal_model
 from simgap.provenance import provenance
 from simgap.report.content import content, summary
 from simgap.report.figures import draw
@@ -100,7 +99,7 @@ def _inside(context: Context, inputs: Inputs, gap: Mapping[str, Any]) -> dict[st
         return {}
     sides = {"before": (context, from_json(gap), False), "after": (later, from_json(read_json(bounds[-1])), True)}
     return {
-        side: share_inside(own, found / FILE, nominal_model(own.case, own.folder), bound, noise, late)
+        side: share_inside(own, found / FILE, own.plant.sampled, bound, noise, late)
         for side, (own, bound, late) in sides.items()
     }
 

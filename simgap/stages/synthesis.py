@@ -16,19 +16,18 @@ from simgap.io.controller_file import save_controller
 from simgap.io.documents import read_json, write_json
 from simgap.model.paths import nominal_paths
 from simgap.model.sampled import NominalModel
-from simgap.plants.cases import nominal_model
-from simgap.plants.memory import carried_model
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import BodySamples
+from simgap.specifications.base import specification_of
 from simgap.specifications.solution import Solution
+from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.intersample import excursion, rates
-from simgap.synthesis.specifications import ReachAvoidSpecification, Specification, make_specification
 from simgap.synthesis.sweep import planar_sweep
 from simgap.synthesis.synthesise import Problem, synthesise
 
-WAY_POINTS = 20  # poses on the nominal way between two samples
+PATH_POINTS = 20  # poses on the nominal path between two samples
 
 
 def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, threads: int = 2) -> None:
@@ -55,7 +54,7 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
         "winning_cells": int(solution.winning.sum()),
         "free_cells": int(solution.free.sum()),
         "winning_fraction": solution.fraction,
-        "winning_fraction_after_inflation": after_inflation(case_specification(context), solution, between),
+        "winning_fraction_after_inflation": after_inflation(problem, solution, between),
         "between_samples": dict(zip(context.states, between.tolist(), strict=True)),
         "looks_between_samples": gap_path is not None or section.nominal_between_samples,
         "statistics": solution.statistics,
@@ -64,68 +63,65 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
     write_json(summary, figures)
 
 
-def after_inflation(specification: Specification, solution: Solution, between: Floats) -> float | None:
-    """Share of winning cells among those that also keep clear of obstacles by what may happen between samples."""
-    if not isinstance(specification, ReachAvoidSpecification):
+def after_inflation(problem: Problem, solution: Solution, between: Floats) -> float | None:
+    """Share of winning cells among those that also keep clear of everything by what may happen between samples."""
+    if not problem.specification.between_samples:
         return None
-    free = specification.with_clearance(between).free(solution.grid)
+    free = problem.specification.free(problem.space, solution.grid, between)
     return float((solution.winning & free).sum() / max(1, free.sum()))
-
-
-def case_specification(context: Context) -> Specification:
-    """What the case asks for, with the clearance as written there."""
-    section = context.need(context.case.synthesis, "synthesis")
-    return make_specification(section.specification.model_dump(), tuple(context.states), context.box)
 
 
 def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     """The synthesis problem of a case, and how far a path may stray from its samples, (nx,).
 
-    The controller made with the gap minds the way between samples; that of the nominal model alone only if asked to.
+    The controller made with the gap minds the path between samples; that of the nominal model alone only if asked to.
     """
     section = context.need(context.case.synthesis, "synthesis")
-    model = nominal_model(context.case, context.folder)
+    model = context.plant.sampled
     bound = read_json(gap_path) if gap_path else None
     gap = from_json(bound) if bound else None
-    specification = case_specification(context)
-    reaching = isinstance(specification, ReachAvoidSpecification)
-    on_the_way = reaching and (bound is not None or section.nominal_between_samples)
-    sweep = _sweep(context, model, bound) if on_the_way else None
-    flow = rates(carried_model(context.case.plant, context.folder))
-    spread = np.array([s.size for s in gap.sup().values()]) if gap and sweep is None else np.zeros(model.nx)
-    between, _ = excursion(flow, specification.region, context.input_set, model.tau, spread / model.tau)
+    specification, space = specification_of(context.case), Space.of(context.case)
+    on_the_path = specification.between_samples and (bound is not None or section.nominal_between_samples)
     sensing = context.case.sensing
-    error = np.array([sensing.error.get(name, 0.0) for name in context.states]) if sensing else None
+    error = space.vector(sensing.error) if sensing else None
+    sweep = _sweep(context, model, bound, error) if on_the_path and specification.swept_boxes else None
+    flow = rates(context.plant.carried)
+    spread = np.array([s.size for s in gap.sup().values()]) if gap and sweep is None else np.zeros(model.nx)
+    between, _ = excursion(flow, specification.region(space), context.input_set, model.tau, spread / model.tau)
     problem = Problem(
         model=model,
-        specification=specification.with_clearance(between) if on_the_way and sweep is None else specification,
+        specification=specification,
+        space=space,
         cells=section.cells,
         inputs=context.input_set,
-        periodic=tuple(context.states.index(name) for name in context.domain.periodic),
         gap=gap.kernel() if gap else None,
         gap_axes=[j for j in range(model.nx) if j not in gap.domain.free] if gap else None,
         error=error,
         latency=sensing.latency if sensing else 0,
+        stray=between if on_the_path and sweep is None else None,
     )
     if sweep is not None:
         problem = replace(problem, sweep=planar_sweep(problem.grid, *sweep, pose_axes(context)))
     return problem, between
 
 
-def _sweep(context: Context, model: NominalModel, bound: Any) -> tuple[Floats, Floats] | None:
-    """The box of each input's way, seen from the robot: measured with the gap, or the nominal way without one.
+def _sweep(context: Context, model: NominalModel, bound: Any, error: Floats | None) -> tuple[Floats, Floats] | None:
+    """The swept box of each input, seen from the robot: measured with the gap, or of the nominal path without one.
 
-    None for a plant that is no wheeled robot: the clearance then covers what happens between samples.
+    None for a plant that is no wheeled robot, or whose heading is known with an error only, for which these boxes would
+    have to be turned: the clearance then covers what happens between samples.
     """
     symbolic = context.case.plant.symbolic
     if symbolic is None or symbolic.wheels is None:
         return None
+    if error is not None and error[pose_axes(context)[2]] > 0:
+        return None
     if bound is not None:
         return (np.array(bound["sweep"]["lower"]), np.array(bound["sweep"]["upper"])) if "sweep" in bound else None
     pose = pose_axes(context)
-    symbolic_plant = carried_model(context.case.plant, context.folder)
-    way, bulge = nominal_paths(
-        symbolic_plant, context.case.plant.integrator, model.tau, np.zeros(model.nx), context.input_set, WAY_POINTS
+    every, rest = context.input_set, np.zeros(model.nx)
+    path, bulge = nominal_paths(
+        context.plant.carried, context.case.plant.integrator, model.tau, rest, every, PATH_POINTS
     )
-    extent = BodySamples.of_paths(np.arange(len(way)), way[..., list(pose)]).extent
+    extent = BodySamples.of_paths(np.arange(len(path)), path[..., list(pose)]).extent
     return extent[:, [0, 2]] - bulge, extent[:, [1, 3]] + bulge

@@ -11,27 +11,27 @@ from numpy.typing import NDArray
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.specifications.solution import Solution
+from simgap.specifications.space import Space
 from simgap.synthesis.nominal import Model
 from simgap.synthesis.product import Kernel, no_gap
-from simgap.synthesis.specifications import InvarianceSpecification, Specification
 
 Floats = NDArray[np.float64]
 _SAMPLES = 4096
 
 
 def hopeless_dimension(
-    model: Model, grid: Grid, inputs: Floats, gap: Kernel | None, specification: Specification
+    model: Model, grid: Grid, inputs: Floats, gap: Kernel | None, space: Space, holding: bool
 ) -> UserError | None:
     """A dimension in which the gap exceeds the largest step that f can make, everywhere looked at.
 
-    Then no input in any cell can hold (or advance) that state against the gap. Looked at are up to some thousand cell
-    centres spread over the grid, with all inputs; the fixed point has found the domain empty before this is asked.
+    Then no input in any cell can hold (`holding`) or advance that state against the gap. Looked at are up to some
+    thousand cell centres spread over the grid, with all inputs; the fixed point has found the domain empty before this
+    is asked.
     """
     centres = grid.centres()[:: max(1, grid.size // _SAMPLES)]
     steps = np.zeros((len(centres), grid.box.size, 4))
     _extremes(model.kernel, no_gap if gap is None else gap, centres, inputs, steps)
-    holding = isinstance(specification, InvarianceSpecification)
-    for j, name in enumerate(specification.states):
+    for j, name in enumerate(space.states):
         authority = float(np.abs(steps[:, j, :2]).max())
         below, above = float(steps[:, j, 2].min()), float(steps[:, j, 3].min())
         worst = max(below, above) if holding else min(below, above)
@@ -46,7 +46,7 @@ def hopeless_dimension(
 
 
 def reason_for_empty(
-    specification: Specification,
+    space: Space,
     grid: Grid,
     error: Floats | None,
     latency: int,
@@ -57,9 +57,8 @@ def reason_for_empty(
 
     `undisturbed` is the solution for f alone on the same cells, at sampling instants.
     """
-    cells = ", ".join(f"{2 * h:.6g} along {name}" for name, h in zip(specification.states, grid.h, strict=True))
-    target = 0 if undisturbed.target is None else int(undisturbed.target.sum())
-    if int(undisturbed.winning.sum()) <= target:
+    cells = ", ".join(f"{2 * h:.6g} along {name}" for name, h in zip(space.states, grid.h, strict=True))
+    if not undisturbed.useful:
         return UserError(
             f"the winning domain is empty even for the nominal model alone, on cells of {cells}",
             key="synthesis.cells",

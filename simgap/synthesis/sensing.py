@@ -43,7 +43,13 @@ from simgap.synthesis.windows import (
 LARGEST_MASK = 1_500_000_000  # bytes
 
 
-def sensed_invariance(abstraction: Abstraction, error: NDArray[np.float64], latency: int, threads: int = 1) -> Solution:
+def sensed_invariance(
+    abstraction: Abstraction,
+    error: NDArray[np.float64],
+    latency: int,
+    threads: int = 1,
+    allowed: NDArray[np.bool_] | None = None,
+) -> Solution:
     """A controller for measurements within `error` (nx,) of the true state, `latency` 0 or 1 samples old.
 
     Args:
@@ -51,6 +57,7 @@ def sensed_invariance(abstraction: Abstraction, error: NDArray[np.float64], late
         error: bound of |measured - true| per state.
         latency: whole samples.
         threads: rows are shared among this many threads.
+        allowed: true cells to stay in, (cells,); all of them when None.
 
     Returns:
         Solution on a grid of measurements, larger than the abstraction's by the error. `winning` are cells of the true
@@ -69,10 +76,9 @@ def sensed_invariance(abstraction: Abstraction, error: NDArray[np.float64], late
             key="synthesis.cells",
             remedy="Use fewer cells or inputs",
         )
-    margin = margins(grid, error)
-    if latency == 0:
-        return _without_latency(abstraction, margin, threads)
-    return _with_latency(abstraction, margin, threads)
+    margin, safe = margins(grid, error), np.ones(grid.size, np.bool_) if allowed is None else allowed
+    solve = _with_latency if latency else _without_latency
+    return solve(abstraction, margin, threads, safe)
 
 
 def _shared(sets: Words, inside: NDArray[np.bool_], grid: Grid, margin: tuple[int, ...], inputs: int) -> Words:
@@ -97,10 +103,12 @@ def _near(inside: NDArray[np.bool_], grid: Grid, margin: tuple[int, ...]) -> NDA
     return window_and(far, larger, margin)[:, 0] == 0
 
 
-def _without_latency(abstraction: Abstraction, margin: tuple[int, ...], threads: int) -> Solution:
+def _without_latency(
+    abstraction: Abstraction, margin: tuple[int, ...], threads: int, free: NDArray[np.bool_]
+) -> Solution:
     grid, inputs = abstraction.grid, len(abstraction.inputs)
     larger = padded(grid, margin)
-    safe, rounds = np.ones(grid.size, np.bool_), 0
+    safe, rounds = free, 0
     while True:
         rounds += 1
         found = invariance(abstraction, safe, threads)
@@ -113,15 +121,15 @@ def _without_latency(abstraction: Abstraction, margin: tuple[int, ...], threads:
         grid=larger,
         winning=_flags(found.winning, grid, larger),
         mask=to_bytes(shared, inputs),
-        free=_flags(np.ones(grid.size, np.bool_), grid, larger),
+        free=_flags(free, grid, larger),
         statistics={"rounds": rounds, "pairs": found.pairs},
     )
 
 
-def _with_latency(abstraction: Abstraction, margin: tuple[int, ...], threads: int) -> Solution:
+def _with_latency(abstraction: Abstraction, margin: tuple[int, ...], threads: int, free: NDArray[np.bool_]) -> Solution:
     grid, inputs = abstraction.grid, len(abstraction.inputs)
     larger, full = padded(grid, margin), every_input(inputs)
-    allowed = to_words(invariance(abstraction, None, threads).mask, inputs)
+    allowed = to_words(invariance(abstraction, free, threads).mask, inputs)
     rounds = 0
     while True:
         rounds += 1
@@ -144,7 +152,7 @@ def _with_latency(abstraction: Abstraction, margin: tuple[int, ...], threads: in
         grid=larger,
         winning=_flags(start, grid, larger),
         mask=mask,
-        free=_flags(np.ones(grid.size, np.bool_), grid, larger),
+        free=_flags(free, grid, larger),
         memory=inputs + 1,
         statistics={"rounds": rounds},
     )

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.geometry import Grid
+from simgap.specifications.base import Game, Specification
 from simgap.specifications.solution import Solution
+from simgap.specifications.space import Space
 from simgap.synthesis.abstraction import Abstraction
+from simgap.synthesis.game import MeasuredGame, TrueGame
 from simgap.synthesis.nominal import Model, nominal_abstraction
 from simgap.synthesis.product import Kernel
 from simgap.synthesis.refusals import hopeless_dimension, reason_for_empty
-from simgap.synthesis.sensing import sensed_invariance
-from simgap.synthesis.specifications import InvarianceSpecification, Specification
 from simgap.synthesis.sweep import Sweep
 
 Floats = NDArray[np.float64]
@@ -29,27 +30,28 @@ class Problem:
     Attributes:
         model: nominal map f.
         specification: what is asked for; its region is tiled by the cells.
+        space: the states that it is about.
         cells: cells per state.
         inputs: U, (M, nu).
-        periodic: state axes that wrap.
         gap: kernel of the gap function, None for f alone.
         gap_axes: state axes on which the gap depends, None for all.
         error: bound of the measurement error per state, (nx,); None for a perfect measurement.
         latency: whole samples between a measurement and the input that uses it, 0 or 1.
-        sweep: cells that the way between samples may touch, for each input; None where the specification's clearance
-            covers it.
+        sweep: cells that the path between samples may touch, for each input; None where clearance covers it.
+        stray: what the clearance has to cover of it, (nx,); None for a controller that looks at the samples only.
     """
 
     model: Model
     specification: Specification
+    space: Space
     cells: tuple[int, ...]
     inputs: Floats
-    periodic: tuple[int, ...] = ()
     gap: Kernel | None = None
     gap_axes: Sequence[int] | None = None
     error: Floats | None = None
     latency: int = 0
     sweep: Sweep | None = None
+    stray: Floats | None = None
 
     @property
     def grid(self) -> Grid:
@@ -58,23 +60,46 @@ class Problem:
         Raises:
             UserError: when the number of axes is wrong.
         """
-        if len(self.cells) != self.specification.region.size:
-            raise UserError(
-                f"{len(self.cells)} cell counts for {self.specification.region.size} states", key="synthesis.cells"
-            )
-        return Grid(self.specification.region, self.cells, self.periodic)
+        region = self.specification.region(self.space)
+        if len(self.cells) != region.size:
+            raise UserError(f"{len(self.cells)} cell counts for {region.size} states", key="synthesis.cells")
+        return self.space.grid(region, self.cells)
 
     @property
-    def sensed(self) -> bool:
-        """Whether the invariance controller sees less than the present state itself."""
-        blurred = self.error is not None and bool(np.any(np.asarray(self.error) > 0))
-        return isinstance(self.specification, InvarianceSpecification) and (blurred or self.latency > 0)
+    def blurred(self) -> bool:
+        """Whether the controller sees less than the present state itself."""
+        return self.latency > 0 or (self.error is not None and bool(np.any(np.asarray(self.error) > 0)))
+
+    @property
+    def on_true_cells(self) -> bool:
+        """Whether cells are of the true state: where that costs no soundness, and the specification allows it."""
+        return self.specification.carries_pending and self.blurred
 
     def abstraction(self) -> Abstraction:
-        """The abstraction of the model with its gap; of measured cells for reach-avoid, of true ones otherwise."""
-        error = None if self.sensed else self.error
+        """The abstraction of the model with its gap."""
+        error = None if self.on_true_cells else self.error
         plain = nominal_abstraction(self.model, self.grid, self.inputs, self.gap, self.gap_axes, error)
         return replace(plain, sweep=self.sweep)
+
+    def game(self, threads: int = 1) -> Game:
+        """The game that the specification is solved on.
+
+        Raises:
+            UserError: latency with a specification that cannot carry a pending input.
+        """
+        nothing = np.zeros(self.space.size)
+        stray = nothing if self.stray is None else self.stray
+        if self.on_true_cells:
+            error = nothing if self.error is None else np.asarray(self.error)
+            return TrueGame(self.space, self.abstraction(), error, self.latency, stray, threads)
+        if self.latency != 0:
+            raise UserError(
+                f"a controller that reaches a target cannot take a latency yet; the case states {self.latency} sample",
+                key="sensing.latency",
+                remedy="Set it to 0 and raise sensing.error by what a state can move in that time, or ask for "
+                "invariance.",
+            )
+        return MeasuredGame(self.space, self.abstraction(), stray, threads)
 
 
 def synthesise(problem: Problem, threads: int = 1) -> Solution:
@@ -82,29 +107,17 @@ def synthesise(problem: Problem, threads: int = 1) -> Solution:
 
     Raises:
         UserError: empty winning domain, naming the dimension and the disturbance or spacing that caused it; a
-            specification that the grid cannot express; latency with anything but invariance.
+            specification that the grid cannot express; latency where the specification cannot carry a pending input.
     """
-    solution = _solve(problem, problem.abstraction(), threads)
-    target = 0 if solution.target is None else int(solution.target.sum())
-    if int(solution.winning.sum()) > target:
+    solution = problem.specification.solve(problem.game(threads))
+    if solution.useful:
         return solution
-    hopeless = hopeless_dimension(problem.model, problem.grid, problem.inputs, problem.gap, problem.specification)
+    about = problem.space, problem.specification.holds
+    hopeless = hopeless_dimension(problem.model, problem.grid, problem.inputs, problem.gap, *about)
     if hopeless is not None:
         raise hopeless
-    undisturbed = replace(problem, gap=None, error=None, latency=0, sweep=None)
-    alone = _solve(undisturbed, undisturbed.abstraction(), threads) if problem is not undisturbed else solution
-    causes = [name for name, holds in (("the gap", problem.gap), ("the way between samples", problem.sweep)) if holds]
-    raise reason_for_empty(problem.specification, problem.grid, problem.error, problem.latency, causes, alone)
-
-
-def _solve(problem: Problem, abstraction: Abstraction, threads: int) -> Solution:
-    if problem.sensed:
-        error = np.zeros(abstraction.grid.box.size) if problem.error is None else np.asarray(problem.error)
-        return sensed_invariance(abstraction, error, problem.latency, threads)
-    if problem.latency != 0:
-        raise UserError(
-            f"a controller that reaches a target cannot take a latency yet; the case states {problem.latency} sample",
-            key="sensing.latency",
-            remedy="Set it to 0 and raise sensing.error by what a state can move in that time, or ask for invariance.",
-        )
-    return problem.specification.solve(abstraction, threads)
+    undisturbed = replace(problem, gap=None, error=None, latency=0, sweep=None, stray=None)
+    alone = undisturbed.specification.solve(undisturbed.game(threads))
+    between = problem.sweep is not None or (problem.stray is not None and bool(np.any(problem.stray)))
+    causes = [name for name, holds in (("the gap", problem.gap), ("the path between samples", between)) if holds]
+    raise reason_for_empty(problem.space, problem.grid, problem.error, problem.latency, causes, alone)

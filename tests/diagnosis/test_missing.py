@@ -16,14 +16,14 @@ from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.effects import AppliedEffect, apply_effects
 from simgap.model.symbolic import PlanarWheels, SymbolicModel, Variable, symbol
-from simgap.plants.build import symbolic_model
+from simgap.plants.plant_model import PlantModel
 
 SIGMA = example.SIGMA
 
 
 @pytest.fixture(scope="module")
 def model():
-    return symbolic_model(parse_case(yaml.safe_load(example.CASE), Path("bench.yaml")).plant, Path())
+    return PlantModel.of(parse_case(yaml.safe_load(example.CASE), Path("bench.yaml")), Path()).corrected
 
 
 @pytest.mark.parametrize("measured", [("q", "v"), ("q",)])

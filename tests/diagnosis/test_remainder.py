@@ -10,30 +10,30 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
 import diagnosis_example as example
 
 from simgap.config.load import parse_case
-from simgap.diagnosis.verdict.remainder import bound_remainder, without_memory
+from simgap.diagnosis.verdict.remainder import bound_remainder
 from simgap.effects import AppliedEffect
-from simgap.plants.build import symbolic_model
+from simgap.plants.plant_model import PlantModel
 
 
 @pytest.fixture(scope="module")
-def model():
+def plant():
     import yaml
 
-    return symbolic_model(parse_case(yaml.safe_load(example.CASE), Path("bench.yaml")).plant, Path())
+    return PlantModel.of(parse_case(yaml.safe_load(example.CASE), Path("bench.yaml")), Path())
 
 
 SIGMA = dict(zip("qv", example.SIGMA.tolist(), strict=True))
 FOUND = (AppliedEffect("coulomb_friction", "hinge", {"F_c": 0.19}),)
 
 
-def remainder(model, seed=3, level=0.9, tau=0.05):
+def remainder(plant, seed=3, level=0.9, tau=0.05):
     data = example.record(seed=seed)
-    corrected, shifts = without_memory(model, FOUND)
-    return bound_remainder(example.windows(data), SIGMA, (model, corrected), shifts, tau, "rk4", level)
+    corrected, shifts = plant.corrected_by(FOUND)
+    return bound_remainder(example.windows(data), SIGMA, (plant.corrected, corrected), shifts, tau, "rk4", level)
 
 
-def test_the_corrected_model_needs_a_smaller_bound(model):
-    r = remainder(model)
+def test_the_corrected_model_needs_a_smaller_bound(plant):
+    r = remainder(plant)
     assert r.count == 3 * 19
     assert r.after["v"] < 0.7 * r.before["v"]
     assert r.after["v"] < 6 * 1e-2  # noise at both ends: sqrt(2) sigma, and its largest of many
@@ -56,8 +56,8 @@ def one_step(y, u, tau):
     return y + tau / 6 * (k1 + 2 * k2 + 2 * k3 + rate(y + tau * k3))
 
 
-def test_coverage_of_other_recordings(model):
-    bound = remainder(model, seed=3).after
+def test_coverage_of_other_recordings(plant):
+    bound = remainder(plant, seed=3).after
     limits = np.array([bound["q"], bound["v"]])
     shares = []
     for seed in range(10, 16):
@@ -70,18 +70,18 @@ def test_coverage_of_other_recordings(model):
     assert 0.82 <= np.mean(shares) <= 0.99
 
 
-def test_too_few_transitions_bound_nothing(model):
-    r = remainder(model, level=0.999)
+def test_too_few_transitions_bound_nothing(plant):
+    r = remainder(plant, level=0.999)
     assert np.isinf(r.after["q"])
     assert "too few" in r.statement
 
 
-def test_a_step_is_never_shorter_than_the_sampling(model):
-    assert remainder(model, tau=1e-4).tau == pytest.approx(0.01)
+def test_a_step_is_never_shorter_than_the_sampling(plant):
+    assert remainder(plant, tau=1e-4).tau == pytest.approx(0.01)
 
 
-def test_delay_and_lag_become_shifts(model):
+def test_delay_and_lag_become_shifts(plant):
     applied = [AppliedEffect("input_delay", "u", {"delay": 0.02}), AppliedEffect("input_lag", "u", {"T": 0.01})]
-    same, shifts = without_memory(model, applied)
+    same, shifts = plant.corrected_by(applied)
     assert shifts == pytest.approx({"u": 0.03})
-    assert same.state_names == model.state_names
+    assert same.state_names == plant.corrected.state_names

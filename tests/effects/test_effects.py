@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 import sympy as sp
 
@@ -42,16 +43,47 @@ def test_names_and_symbols_are_the_agreed_ones():
     assert {name: [p.symbol for p in e.parameters] for name, e in EFFECTS.items()} == SYMBOLS
 
 
+def rod(at):
+    """The rod of `tests.undeclared.plant.pendulum`, by hand: dq/dt, dv/dt."""
+    return [at["rate"], declared(**at)]
+
+
+def robot(at):
+    """The unicycle by hand."""
+    return [at["speed"] * math.cos(at["heading"]), at["speed"] * math.sin(at["heading"]), at["turn"]]
+
+
+@pytest.mark.parametrize(("plant", "by_hand"), [(pendulum, rod), (unicycle, robot)])
 @pytest.mark.parametrize("name", EFFECTS)
-def test_vanishes_at_its_null(name):
-    e = EFFECTS[name]
-    for model in (pendulum(), unicycle()):
-        for on in e.targets(model):
-            if name in ("input_lag", "input_saturation", "input_delay", "sensor_offset"):
-                continue  # their null is a limit, or not in xdot
-            null = e.apply(model, on, {p.symbol: p.null for p in e.parameters})
-            for a, b in zip(null.numeric(), model.numeric(), strict=True):
-                assert sp.simplify(sp.nsimplify(a - b, rational=True)) == 0
+def test_vanishes_at_its_null(name, plant, by_hand):
+    """Motion, readings and timing are those of the bare plant, at random states and inputs."""
+    e, model, rng = EFFECTS[name], plant(), np.random.default_rng(0)
+    nulls = {p.symbol: p.null for p in e.parameters}
+    for on in e.targets(model):
+        null = e.apply(model, on, nulls)
+        values, memory = null.values(), e.memory_state(on)
+        assert all(float(sp.sympify(seconds).subs(values)) == 0.0 for seconds in null.delays.values())
+        assert e.lateness(nulls) == 0.0
+        for _ in range(20):
+            at = {n: rng.uniform(-2.0, 2.0) for n in (*model.state_names, *model.input_names)}
+            here = {symbol(n): v for n, v in at.items()} | ({symbol(memory): at[on]} if memory else {})
+            moved = [float(row.subs(here)) for row in null.numeric()[: len(model.states)]]
+            assert moved == pytest.approx(by_hand(at), rel=1e-12, abs=1e-12)
+            read = {s: float(sp.sympify(y).subs(values).subs(here)) for s, y in null.outputs.items()}
+            assert read == pytest.approx({s: at[s] for s in read}, rel=1e-15)
+
+
+def test_every_effect_acts_on_a_plant_of_these_tests():
+    for e in EFFECTS.values():
+        assert e.targets(pendulum()) or e.targets(unicycle())
+
+
+def test_effects_enter_from_the_plant_outwards_and_commands_backwards():
+    path = ["input_lag", "input_saturation", "input_dead_zone", "input_bias", "input_gain", "input_delay"]
+    order = sorted(EFFECTS.values(), key=lambda e: e.rank)
+    assert [e.name for e in order][-len(path) :] == path
+    assert [e.kind for e in order[:3]] == ["parameter", "plant", "plant"]
+    assert order[-len(path) - 1].kind == "state"
 
 
 @pytest.mark.parametrize("name", EFFECTS)

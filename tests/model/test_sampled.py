@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from simgap.config.plant import PlantSection
 from simgap.errors import UserError
 from simgap.model.compile import compile_interval_kernel, compile_kernel
-from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import symbol
+from simgap.plants.plant_model import PlantModel
 from simgap.plants.urdf import JointState, load_urdf
 
 MODELS = Path(__file__).parents[2] / "configs" / "models"
@@ -31,6 +32,22 @@ DOUBLE = (
 @pytest.fixture(scope="module")
 def pendulum():
     return load_urdf(MODELS / "pendulum.urdf", *PENDULUM)
+
+
+def sampled(tau, integrator):
+    """The pendulum's map through the one door, from what a case file says."""
+    section = PlantSection.model_validate(
+        {
+            "urdf": "pendulum.urdf",
+            "states": {
+                "x1": {"unit": "rad", "joint": "hinge", "quantity": "position"},
+                "x2": {"unit": "rad/s", "joint": "hinge", "quantity": "velocity"},
+            },
+            "inputs": {"u": {"unit": "N*m", "joint": "hinge"}},
+            "integrator": integrator,
+        }
+    )
+    return PlantModel(section, MODELS, tau).sampled
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +82,8 @@ def test_compiled_dynamics_equal_drakes_own(name, pendulum, double):
         assert np.allclose(kernel(x, u), want, rtol=1e-12, atol=1e-12 * np.abs(want).max())
 
 
-def test_explicit_euler_is_the_papers_map(pendulum):
-    f = NominalModel.of(pendulum, 0.005, "explicit_euler")
+def test_explicit_euler_is_the_papers_map():
+    f = sampled(0.005, "explicit_euler")
     rng = np.random.default_rng(1)
     x, u = rng.uniform(-0.5, 0.5, (100, 2)), rng.uniform(-1.2, 1.2, (100, 1))
     want = np.stack(
@@ -76,10 +93,10 @@ def test_explicit_euler_is_the_papers_map(pendulum):
     assert f.offset_axes == (frozenset({1}), frozenset({0}))
 
 
-def test_rk4_converges_to_a_fine_reference(pendulum):
+def test_rk4_converges_to_a_fine_reference():
     from scipy.integrate import solve_ivp
 
-    f = NominalModel.of(pendulum, 0.01, "rk4")
+    f = sampled(0.01, "rk4")
     x0, u = np.array([[0.7, -0.4]]), np.array([[0.9]])
     want = solve_ivp(
         lambda t, x: [x[1], -1.5 * 9.81 * np.sin(x[0]) + 3 * 0.9], (0, 0.01), x0[0], rtol=1e-12, atol=1e-14
@@ -88,8 +105,8 @@ def test_rk4_converges_to_a_fine_reference(pendulum):
 
 
 @pytest.mark.parametrize("integrator", ["explicit_euler", "semi_implicit_euler", "rk4"])
-def test_jacobian_and_enclosure_hold_on_samples(pendulum, integrator):
-    f = NominalModel.of(pendulum, 0.02, integrator)
+def test_jacobian_and_enclosure_hold_on_samples(integrator):
+    f = sampled(0.02, integrator)
     rng = np.random.default_rng(2)
     centre, r = rng.uniform(-2, 2, (200, 2)), rng.uniform(0, 0.3, (200, 2))
     u = rng.uniform(-1, 1, (200, 1))
@@ -132,6 +149,6 @@ def test_interval_primitives_enclose():
                 assert a <= v <= b
 
 
-def test_exact_arc_needs_a_wheeled_robot(pendulum):
+def test_exact_arc_needs_a_wheeled_robot():
     with pytest.raises(UserError, match="exact_arc"):
-        NominalModel.of(pendulum, 0.1, "exact_arc")
+        sampled(0.1, "exact_arc")

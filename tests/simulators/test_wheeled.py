@@ -9,7 +9,8 @@ import pytest
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.wheeled import PyBulletWheeled, wheeled_plant
+from simgap.simulators.wheeled import PyBulletWheeled
+from simgap.simulators.wheeled_plant import wheeled_plant
 
 CASE = Path(__file__).parents[2] / "configs/cases/turtlebot.yaml"
 

@@ -12,7 +12,7 @@ import diagnosis_example as example
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
-from simgap.plants.build import symbolic_model
+from simgap.plants.plant_model import PlantModel
 from simgap.stages import diagnosis as stage
 from simgap.stages.measured_data import load_reading
 
@@ -74,7 +74,7 @@ def test_a_mistake_leaves_nothing_behind(tmp_path):
 def test_the_real_records_are_read_as_their_cases_say(name, traces, held_out):
     path = ROOT / "configs" / "cases" / f"{name}.yaml"
     case = load_case(path)
-    model = symbolic_model(case.plant, path.parent)
+    model = PlantModel.of(case, path.parent).corrected
     reading = load_reading(model, case.measured, [path.parent / f for f in case.measured.files], path.parent)
     assert {t.name: len(t.t) for t in reading.record.traces} == traces
     assert reading.held_out == held_out

@@ -16,9 +16,7 @@ from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.reading.survey import survey
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
-from simgap.plants.build import symbolic_model
-from simgap.provenance import provenance
-from simgap.report.diagnosis_document import document
+from simgap.plants.plant_model import PlantModel
 from simgap.stages import diagnosis as stage
 from simgap.stages.context import Context
 from simgap.stages.corrected_case import corrected_case
@@ -37,17 +35,17 @@ measured: {files: [a.csv]}
 """
 
 
-def write(folder, verdict="attributed"):
-    (folder / "case.yaml").write_text(example.CASE)
+def write(folder, verdict="attributed", more=""):
+    (folder / "case.yaml").write_text(example.CASE + more)
     context = Context.load(folder / "case.yaml")
-    model = symbolic_model(context.case.plant, folder)
+    model = PlantModel(context.case.plant, folder).corrected
     data = example.record()
-    found, reading, section = example.diagnosis(model, data, verdict), example.reading(data), MeasuredSection()
-    remainder = stage._remainder(context, section, model, found, reading)
-    made_of = provenance("diagnosis", context.case, folder)
-    content = document(found, reading, survey(data, model), remainder, context.units, made_of)
-    stage._write(context, section, model, found, reading, content, [folder / "bench.csv"], folder / "out")
-    return content
+    found, reading, section = (
+        example.diagnosis(model, data, verdict),
+        example.reading(data),
+        context.case.measured or MeasuredSection(),
+    )
+    return stage.conclude(context, section, found, reading, survey(data, model), [folder / "bench.csv"], folder / "out")
 
 
 @pytest.fixture(scope="module")
@@ -123,6 +121,33 @@ def test_every_verdict_has_a_page(tmp_path, verdict):
     assert case.name == ("bench_corrected" if verdict == "partial" else "bench")
 
 
+GAP = "domain: {tau: 0.05 s, X: {q: [-1, 1], v: [-3, 3]}, U: {u: {min: -2, max: 2, step: 1}}}\ngap: {basis: [1]}\n"
+ON_HARDWARE, IN_SIMULATOR = "measured: {rig: hardware}\n", "measured: {rig: simulator}\n"
+
+
+@pytest.mark.parametrize(
+    ("more", "bounded", "reason"),
+    [
+        (GAP + ON_HARDWARE, True, "its one-step part is bounded into gamma"),
+        (ON_HARDWARE, False, "it is not bounded into gamma: the case has no `gap:` section"),
+        (GAP + IN_SIMULATOR, False, "it is not bounded into gamma: the recordings are of the case's own"),
+        (
+            GAP + ON_HARDWARE + "hidden_state: {previous: {u: 3}}\n",
+            False,
+            "it is not bounded into gamma: the bound of a simulator with",
+        ),
+    ],
+)
+def test_a_partial_verdict_says_what_was_done_with_the_remainder(tmp_path, more, bounded, reason):
+    content = write(tmp_path, "partial", more)
+    case = load_case(tmp_path / "out" / "corrected_case.yaml")
+    given = dict(case.gap.remainder) if case.gap is not None else {}
+    assert given == (content["remainder"]["after"] if bounded else {})
+    assert content["remainder"]["bounded"] is bounded
+    assert reason in content["sentence"]
+    assert content["remainder"]["reason"] in (tmp_path / "out" / "report.html").read_text().replace("&#39;", "'")
+
+
 def test_the_recording_reads_back(written):
     from rerun.chunk import RrdReader
 
@@ -162,7 +187,7 @@ def test_the_corrected_case_runs_from_where_it_is(tmp_path):
         assert again.measured.files == ("../../a.csv",)
         assert [dict(e.parameters) for e in again.plant.effects] == [{"b": 0.05}]
         assert len(again.simulator.effects) == twins
-        assert symbolic_model(again.plant, target.parent).parameters[f"{joint}.viscous_friction.b"].value == 0.05
+        assert PlantModel.of(again, target.parent).corrected.parameters[f"{joint}.viscous_friction.b"].value == 0.05
     second = tmp_path / "results" / "second.yaml"
     text = corrected_case(target, second, [AppliedEffect("spring", joint, {"k": 0.1})], [], "hardware", "Again.")
     assert text.count("name: arm_corrected\n") == 1

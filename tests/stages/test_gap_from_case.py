@@ -9,7 +9,6 @@ from simgap.errors import BrokenPromise
 from simgap.gap.load import from_json
 from simgap.geometry import Grid
 from simgap.io.documents import read_json
-from simgap.plants.cases import nominal_model
 from simgap.stages import fresh, gap, rollouts
 from simgap.stages.context import Context
 from simgap.stages.fresh import draw
@@ -48,7 +47,7 @@ def stage(vary, tmp_path, inputs):
         removed = ("measured", "simulator")
         path = vary("pendulum", {"gap": QUICK | section, "domain.U": inputs}, removed)
         context = Context.load(path)
-        model = nominal_model(context.case, context.folder)
+        model = context.plant.sampled
         constants = {"eps": EPS, "seed": None, "engine": "made up"}
         pairs = product(Grid.covering(context.box, EPS).centres(), context.input_set)
         for name, (x, u) in (("shard", pairs), ("fresh", draw(context.box, context.input_set, 4000, 1))):

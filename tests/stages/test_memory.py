@@ -7,7 +7,7 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.effects import AppliedEffect
-from simgap.plants.cases import nominal_model
+from simgap.plants.plant_model import PlantModel
 from simgap.stages import fresh, gap, rollouts, synthesis, validation
 from simgap.stages.corrected_case import corrected_case
 
@@ -85,7 +85,7 @@ def test_a_lag_is_a_state_while_it_is_small(corrected, tmp_path):
     case = load_case(path)
     assert list(case.plant.states) == ["x1", "x2", "u_lagged"]
     assert case.domain.X["u_lagged"] == (-1.2, 1.2)
-    model = nominal_model(case, path.parent)
+    model = PlantModel.of(case, path.parent).sampled
     x, u = np.array([[0.1, 0.2, 0.5]]), np.array([[-0.4]])
     # z+ = z + tau (u - z) / T, and the plant feels z
     v = 0.2 + 0.02 * 3.0 * (0.5 - 0.5 * 9.81 * np.sin(0.1))

@@ -11,7 +11,6 @@ from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.documents import read_json, write_json
-from simgap.plants.cases import nominal_model
 from simgap.simulators.process import run_in_processes
 from simgap.stages import synthesis, validation
 from simgap.stages.context import Context
@@ -36,7 +35,7 @@ def bound(path, out):
     grid = Grid.covering(context.box, 0.03)
     x, u = product(grid.centres(), context.input_set)
     ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)])
-    d = following - nominal_model(context.case, context.folder).step(x, u)
+    d = following - context.plant.sampled.step(x, u)
     names = tuple(context.states), tuple(context.inputs)
     samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), *names)
     terms = {"terms": ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")}

@@ -9,12 +9,14 @@ from hypothesis import strategies as st
 from synthesis_plants import constant_gap, pendulum, random_plant, sloped_gap, small_slope, unicycle
 
 from simgap.geometry import Box, Grid
+from simgap.specifications.invariance import Invariance
+from simgap.specifications.space import Space
 from simgap.synthesis.bits import unpack
+from simgap.synthesis.game import MeasuredGame
 from simgap.synthesis.growth import growth_abstraction
 from simgap.synthesis.invariance import invariance
 from simgap.synthesis.nominal import nominal_abstraction
 from simgap.synthesis.reach import reach_avoid
-from simgap.synthesis.specifications import InvarianceSpecification
 
 RELAXED = settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 GAPS = {
@@ -139,7 +141,9 @@ def test_a_winning_cell_has_an_input_whose_box_stays_winning(cells):
     region = Box([0, -0.5], [0.2, 0.5])
     grid = Grid(region, [10 * c for c in cells])
     a = nominal_abstraction(model, grid, inputs, constant_gap(1e-4, 1e-4), ())
-    solution = InvarianceSpecification(("x1", "x2"), region).solve(a)
+    space = Space(("x1", "x2"), region)
+    game = MeasuredGame(space, a, np.zeros(2))
+    solution = Invariance(kind="invariance", safe={"x1": (0.0, 0.2)}).solve(game)
     assert 0.3 < solution.fraction < 1
     winning = solution.winning.reshape(grid.cells)
     rng = np.random.default_rng(0)

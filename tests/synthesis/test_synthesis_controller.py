@@ -11,25 +11,30 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.model.sampled import NominalModel
+from simgap.specifications.invariance import Invariance
+from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.regions import cells_meeting, cells_within
 from simgap.specifications.solution import Solution
+from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller, least_effort
 from simgap.synthesis.intersample import excursion
-from simgap.synthesis.specifications import make_specification
 from simgap.synthesis.synthesise import Problem, synthesise
 
 STATES = ("x1", "x2")
 DOMAIN = Box([-0.2, -0.5], [0.2, 0.5])
 
 
-def invariance(**changes):
-    return make_specification({"kind": "invariance", "safe": {"x1": (0.0, 0.2)}} | changes, STATES, DOMAIN)
+SPACE = Space(STATES, DOMAIN)
+
+
+def invariance():
+    return Invariance(kind="invariance", safe={"x1": (0.0, 0.2)})
 
 
 def pendulum_problem(cells=(200, 100), gap=None, **more):
     model, inputs = pendulum()
     axes = () if gap is not None else None
-    return Problem(model, invariance(), cells, inputs, gap=gap, gap_axes=axes, **more)
+    return Problem(model, invariance(), SPACE, cells, inputs, gap=gap, gap_axes=axes, **more)
 
 
 @pytest.fixture(scope="module")
@@ -105,33 +110,30 @@ def test_cells_meet_by_interiors_and_lie_within_closed_boxes():
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"kind": "invariance", "safe": {"x1": (0, 0.3)}}, "sticks out of X"),
-        ({"kind": "invariance", "safe": {"x3": (0, 0.3)}}, "no state 'x3'"),
-        ({"kind": "stay"}, "Known kinds: invariance, reach_avoid"),
+        ({"safe": {"x1": (0, 0.3)}}, "sticks out of X"),
+        ({"safe": {"x3": (0, 0.3)}}, "no state 'x3'"),
     ],
 )
 def test_a_wrong_specification_names_key_and_remedy(options, text):
     with pytest.raises(UserError, match=text) as caught:
-        make_specification(options, STATES, DOMAIN)
+        Invariance(kind="invariance", **options).region(SPACE)
     assert caught.value.key.startswith("synthesis.specification")
     assert caught.value.remedy
 
 
-ROBOT = Box([0, 0, -np.pi], [10, 10, np.pi])
-NAMES = ("x", "y", "t")
+ROBOT = Space(("x", "y", "t"), Box([0, 0, -np.pi], [10, 10, np.pi]), (2,))
 
 
 def robot(target=((8, 9), (8, 9)), obstacles=(), clearance=0.0, cells=(50, 50, 12), gap=None, **more):
     options = {
         "kind": "reach_avoid",
-        "arena": {},
         "obstacles": [dict(zip("xy", box, strict=True)) for box in obstacles],
         "target": dict(zip("xy", target, strict=True)),
         "clearance": {"x": clearance, "y": clearance},
     }
     inputs = np.array([(v, w) for v in (-0.3, 0.0, 0.3) for w in (-0.5, 0.0, 0.5)])
-    specification = make_specification(options, NAMES, ROBOT)
-    return Problem(unicycle(), specification, cells, inputs, (2,), gap, None if gap is None else (), **more)
+    specification = ReachAvoid.model_validate(options)
+    return Problem(unicycle(), specification, ROBOT, cells, inputs, gap, None if gap is None else (), **more)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +153,7 @@ def test_a_reach_specification_that_cannot_be_met_is_refused(changes, text):
 
 def test_clearance_keeps_free_cells_away_from_walls_and_obstacles():
     problem = robot(obstacles=[((4, 5), (0, 6))], clearance=0.3)
-    free = problem.specification.free(problem.grid).reshape(problem.grid.cells)
+    free = problem.specification.free(ROBOT, problem.grid, np.zeros(3)).reshape(problem.grid.cells)
     c = problem.grid.centres().reshape(*problem.grid.cells, 3)
     near_wall = (np.abs(c[..., :2] - 5) + 0.1 > 4.7 + 1e-6).any(-1)
     near_obstacle = (c[..., 0] + 0.1 > 3.7 + 1e-6) & (c[..., 0] - 0.1 < 5.3 - 1e-6) & (c[..., 1] - 0.1 < 6.3 - 1e-6)
@@ -202,6 +204,7 @@ def test_the_section_refuses_unknown_keys_and_upside_down_boxes():
     for bad in (
         good | {"cell": 3},
         good | {"cells": [0, 10]},
+        good | {"specification": {"kind": "stay"}},
         good | {"specification": {"kind": "invariance", "safe": {"x1": [1, 0]}}},
         good | {"specification": {"kind": "reach_avoid", "safe": {}}},
         good | {"specification": {"kind": "reach_avoid", "target": {"x": [0, 1]}, "clearance": {"x": -1}}},

@@ -8,10 +8,11 @@ import synthesis_oracle as oracle
 from synthesis_plants import constant_gap, pendulum
 
 from simgap.geometry import Box
+from simgap.specifications.invariance import Invariance
+from simgap.specifications.space import Space
 from simgap.synthesis.bits import unpack
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.sensing import sensed_invariance
-from simgap.synthesis.specifications import InvarianceSpecification
 from simgap.synthesis.synthesise import Problem, synthesise
 
 
@@ -48,9 +49,12 @@ def test_the_pendulum_stays_safe_under_error_and_latency(latency, error):
     model, inputs = pendulum()
     size, error = np.array([1.6e-4, 1.3e-4]), np.array(error)
     safe = Box([0.0, -0.5], [0.2, 0.5])
-    specification = InvarianceSpecification(("x1", "x2"), safe)
+    specification = Invariance(kind="invariance", safe={"x1": (0.0, 0.2)})
+    space = Space(("x1", "x2"), Box([-0.2, -0.5], [0.2, 0.5]))
     gap = constant_gap(*size)
-    problem = Problem(model, specification, (400, 200), inputs, gap=gap, gap_axes=(), error=error, latency=latency)
+    problem = Problem(
+        model, specification, space, (400, 200), inputs, gap=gap, gap_axes=(), error=error, latency=latency
+    )
     controller = Controller(inputs, ("x1", "x2"), ("u",), synthesise(problem), "least_effort", {})
     assert controller.solution.fraction > 0.8
     rng = np.random.default_rng(7)

@@ -18,7 +18,7 @@ from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.model.symbolic import SymbolicModel
-from simgap.plants.build import symbolic_model
+from simgap.plants.plant_model import PlantModel
 from simgap.stages import diagnosis as stage
 from simgap.stages.measured_data import load_reading
 from tests.undeclared.rig.robot_seal import produce
@@ -29,7 +29,7 @@ LIBRARY = ("input_gain", "input_bias", "wheel_mismatch", "lateral_slip", "input_
 
 @lru_cache(maxsize=1)
 def _declared() -> SymbolicModel:
-    return symbolic_model(load_case(CASE).plant, CASE.parent)
+    return PlantModel.of(load_case(CASE), CASE.parent).corrected
 
 
 def _diagnose(folder: Path, kind: str, seed: int, heading: bool = True) -> tuple[Diagnosis, dict]:

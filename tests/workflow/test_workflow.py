@@ -128,6 +128,30 @@ def test_an_edited_kernel_reruns_exactly_its_dependents(project):
     assert not {"rollouts", "fresh", "gap"} & set(jobs)
 
 
+def edited(project, file, edit):
+    """The jobs that a call would run with this file changed."""
+    path = project.folder / file
+    original = path.read_text()
+    path.write_text(edit(original))
+    jobs = project.planned()
+    path.write_text(original)
+    return jobs
+
+
+def test_an_edited_engine_reruns_exactly_the_cases_that_use_it(project):
+    jobs = edited(project, "simgap/simulators/pybullet_joints.py", lambda text: text + "\n# changed\n")
+    assert {"rollouts": 2, "fresh": 1}.items() <= jobs.items()
+    assert jobs["synthesis"] == 1  # the one with the gap; that of the nominal model knows no engine
+    assert edited(project, "simgap/simulators/mujoco_joints.py", lambda text: text + "\n# changed\n") == {}
+
+
+def test_another_engine_reruns_nothing(project):
+    line = '"mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",'
+    assert (
+        edited(project, "simgap/plugins.py", lambda text: text.replace(line, line + line.replace("mujoco", "b"))) == {}
+    )
+
+
 def test_a_model_file_is_part_of_what_was_read(project):
     urdf = project.folder / "configs/models/pendulum.urdf"
     original = urdf.read_text()

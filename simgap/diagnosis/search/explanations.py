@@ -85,7 +85,7 @@ class Search:
         """Places to begin at the fit of an effect that a candidate contains; far from the null no derivative leads."""
         c = starts[0].candidate
         for s in self.every[base.keys]:
-            if s.candidate.key != (c.effect.contains, c.on):
+            if c.effect.contains is None or s.candidate.key != (c.effect.contains.name, c.on):
                 continue
             inner = self.explain((*base.members, s.candidate), with_values(base.fit.theta, s.values), base.fit).fit
             own = _values(s.candidate, inner.theta)

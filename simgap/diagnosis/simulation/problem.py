@@ -125,8 +125,7 @@ class Problem:
     def _make_drive(self, theta: Floats) -> Drive:
         level = np.empty_like(self.u)
         self.model.static(self.u, theta, level)
-        delay = self.model.base_delay + np.array([theta[k] if k >= 0 else 0.0 for k in self.model.delay_slots])
-        lag = np.array([theta[k] if k >= 0 else 0.0 for k in self.model.lag_slots])
+        delay, lag = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1)
         excess = np.zeros_like(level)
         for c in np.flatnonzero(lag > 0.0):
             excess[:, c] = lagged_excess(self.t, np.ascontiguousarray(level[:, c]), self.firsts, float(lag[c]))

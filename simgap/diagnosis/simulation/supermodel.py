@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
 from simgap.effects import EFFECTS, Effect, StaticInputEffect
-from simgap.effects.base import CoordinateEffect, InputEffect
-from simgap.effects.input_delay import InputDelay
-from simgap.effects.input_lag import InputLag
+from simgap.effects.base import CoordinateEffect, InputEffect, MemoryInputEffect
 from simgap.errors import UserError
 from simgap.model.compile import Kernel, compile_kernel
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -57,8 +55,8 @@ class SuperModel:
         constants: numba (theta) -> tuple, all that the dynamics need of the parameters.
         static: numba (u rows (n, m), theta, out (n, m)): commands through gain, bias, dead zone and saturation.
         read: numba (x rows (n, nx), theta, out (n, k)): what the measured channels read.
-        delay_slots, lag_slots: (m,) places in theta of each input's delay and lag, -1 if not a candidate.
-        base_delay: (m,) delays that the model already declares, s.
+        memory: (theta) -> (2 m,), delays of the inputs, those that the model already declares among them, then their
+            lags, s.
     """
 
     model: SymbolicModel
@@ -72,9 +70,7 @@ class SuperModel:
     constants: Any
     static: Any
     read: Any
-    delay_slots: tuple[int, ...]
-    lag_slots: tuple[int, ...]
-    base_delay: Floats
+    memory: Callable[[Floats], Sequence[float]]
 
     @property
     def nx(self) -> int:
@@ -147,9 +143,7 @@ def build_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: C
         if commands
         else _no_columns,
         read=_rowwise(compile_kernel(_numeric(_readings(plant, measured), values), (_symbols(plant), theta))),
-        delay_slots=_slots(model, candidates, InputDelay),
-        lag_slots=_slots(model, candidates, InputLag),
-        base_delay=np.array([float(sp.sympify(model.delays.get(n, 0)).subs(values)) for n in model.input_names]),
+        memory=sp.lambdify([theta], _memory(model, candidates, theta), modules="math"),
     )
 
 
@@ -192,9 +186,16 @@ def _numeric(exprs: Any, values: dict[sp.Symbol, float]) -> list[sp.Expr]:
     return [sp.sympify(e).subs(values) for e in exprs]
 
 
-def _slots(model: SymbolicModel, candidates: list[Candidate], kind: type[Effect]) -> tuple[int, ...]:
-    places = {c.on: c.slots[0] for c in candidates if isinstance(c.effect, kind)}
-    return tuple(places.get(n, -1) for n in model.input_names)
+def _memory(model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
+    """Delay of each input, then lag of each input."""
+    delay = {n: sp.sympify(model.delays.get(n, 0)).subs(model.values()) for n in model.input_names}
+    lag = dict.fromkeys(model.input_names, sp.Integer(0))
+    for c in candidates:
+        if isinstance(c.effect, MemoryInputEffect):
+            values = {p.symbol: theta[k] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+            delay[c.on] += c.effect.delay(values)
+            lag[c.on] += c.effect.lag(values)
+    return [*delay.values(), *lag.values()]
 
 
 def _rowwise(kernel: Kernel) -> Any:

@@ -15,18 +15,16 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.effects import AppliedEffect
+from simgap.effects import AppliedEffect, effect
 from simgap.model.symbolic import SymbolicModel
 
+_ANY_EXCITATION = "an excitation that moves them apart: other frequencies, sizes and positions"
 _MOST_WINDOWS = 100  # of each kind, for plots
 
 
 def parameter_values(c: Candidate, at: Fit) -> dict[str, float]:
-    """Fitted values of an effect; angles within half a turn."""
-    values = {p.symbol: float(at.theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True)}
-    if "phase" in values:
-        values["phase"] = (values["phase"] + math.pi) % (2 * math.pi) - math.pi
-    return values
+    """Fitted values of an effect, as they are reported."""
+    return c.effect.canonical({p.symbol: float(at.theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True)})
 
 
 def applied(found: Explanation) -> tuple[AppliedEffect, ...]:
@@ -94,22 +92,12 @@ def candidate_scores(search: Search, empty: Explanation) -> tuple[CandidateScore
     return tuple(sorted(rows, key=lambda r: -max(r.bic_gain or -math.inf, 0.0) - 1e-3 * r.chi2_drop))
 
 
-_ADVICE = (
-    ({"spring", "cubic_spring", "parameter_error", "gravity_tilt"}, "swing wider: these differ with the angle"),
-    ({"coulomb_friction", "stribeck_friction", "viscous_friction", "quadratic_drag"}, "vary the speed, slow ones too"),
-    ({"input_delay", "input_lag"}, "add faster changes of the input"),
-    ({"input_gain", "input_dead_zone", "input_saturation", "input_bias"}, "vary the size of the input, both signs"),
-)
-
-
 def collinear_table(pairs: Sequence[tuple[Key, Key, float]], exact: float) -> tuple[Collinear, ...]:
     """Pairs with what would separate them."""
     rows = []
     for a, b, correlation in pairs:
-        advice = "an excitation that moves them apart: other frequencies, sizes and positions"
-        for names, words in _ADVICE:
-            if a[0] in names and b[0] in names:
-                advice = words
+        known, other = effect(a[0]).excitation, effect(b[0]).excitation
+        advice = known if known and known == other else _ANY_EXCITATION
         if correlation > exact:
             advice = "to first order no motion separates them: measure one of them directly"
         rows.append(Collinear(a, b, correlation, advice))

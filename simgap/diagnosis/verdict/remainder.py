@@ -17,7 +17,6 @@ import sympy as sp
 from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.missing import evaluate
-from simgap.effects import AppliedEffect, apply_effects
 from simgap.model.integrators import discretise
 from simgap.model.symbolic import SymbolicModel
 
@@ -49,15 +48,6 @@ class Remainder:
     unbounded: tuple[str, ...]
     statement: str
     one_step: Mapping[str, Mapping[str, float]]
-
-
-def without_memory(model: SymbolicModel, applied: Sequence[AppliedEffect]) -> tuple[SymbolicModel, dict[str, float]]:
-    """The corrected model over the declared states; delay and lag become seconds by which an input acts later."""
-    shifts: dict[str, float] = {}
-    for a in applied:
-        if a.name in ("input_delay", "input_lag"):
-            shifts[a.on] = shifts.get(a.on, 0.0) + float(next(iter(a.values.values())))
-    return apply_effects(model, [a for a in applied if a.name not in ("input_delay", "input_lag")]), shifts
 
 
 def bound_remainder(

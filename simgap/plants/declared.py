@@ -1,4 +1,4 @@
-"""From the `plant` section of a case to the symbolic model, effects included."""
+"""From the `plant` section of a case to the symbolic model as declared, before any effect."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 import sympy as sp
 
 from simgap.config.plant import PlantSection, SymbolicPlant
-from simgap.effects import AppliedEffect, apply_effects
 from simgap.errors import UserError
 from simgap.model.expressions import parse
 from simgap.model.symbolic import (
@@ -23,18 +22,12 @@ from simgap.plants.urdf import JointState, load_urdf
 from simgap.units import conversion
 
 
-def symbolic_model(section: PlantSection, folder: Path) -> SymbolicModel:
-    """The nominal plant of a case; paths in it are relative to `folder`.
+def declared_model(section: PlantSection, folder: Path) -> SymbolicModel:
+    """The plant as declared, before any effect; paths in the section are relative to `folder`.
 
     Raises:
-        UserError: whatever is wrong with the model file, the equations, the units or the effects.
+        UserError: whatever is wrong with the model file, the equations or the units.
     """
-    added = [AppliedEffect(e.name, e.on, e.parameters) for e in section.effects]
-    return apply_effects(bare_model(section, folder), added)
-
-
-def bare_model(section: PlantSection, folder: Path) -> SymbolicModel:
-    """The plant as declared, before any effect."""
     if section.urdf is not None:
         return _from_urdf(section, folder / section.urdf)
     if section.symbolic is None:  # the section's own check makes this impossible

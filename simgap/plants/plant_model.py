@@ -1,0 +1,105 @@
+"""The one door to the nominal model: built once from the `plant` section of a case, asked for in four shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from simgap.config.case import Case
+from simgap.config.plant import PlantSection
+from simgap.effects import AppliedEffect, apply_effects, effect
+from simgap.errors import UserError
+from simgap.model.integrators import discretise
+from simgap.model.sampled import NominalModel
+from simgap.model.symbolic import SymbolicModel
+from simgap.plants.declared import declared_model
+
+
+@dataclass(frozen=True, eq=False)
+class PlantModel:
+    """The nominal plant of a case; each shape is made when first asked for and kept.
+
+    An effect may remember past commands (a delay, a lag). The sampled map is a function of the case's states and the
+    present input, so it has such an effect only where the case carries its memory: a lag whose output is among the
+    states (`lag_of`). One sample of delay is carried where `sensing.latency_of` is `input_delay`: the controller then
+    knows the pending input. What is not carried is left out of the map, and gamma has to cover it: the gap is taken
+    over everything that admissible earlier commands can leave behind (`simulators.memory`).
+
+    Attributes:
+        section: the plant, with its effects.
+        folder: where the section's relative paths start.
+        tau: sampling time, s; None for a case without a domain, whose model cannot be sampled.
+    """
+
+    section: PlantSection
+    folder: Path
+    tau: float | None = None
+
+    @staticmethod
+    def of(case: Case, folder: Path) -> PlantModel:
+        """The plant of a case."""
+        return PlantModel(case.plant, folder, case.domain.tau if case.domain is not None else None)
+
+    @cached_property
+    def declared(self) -> SymbolicModel:
+        """Continuous, as declared, before any effect.
+
+        Raises:
+            UserError: whatever is wrong with the model file, the equations or the units.
+        """
+        return declared_model(self.section, self.folder)
+
+    @cached_property
+    def effects(self) -> tuple[AppliedEffect, ...]:
+        """The effects that the case adds, in the order in which it lists them."""
+        return tuple(AppliedEffect(e.name, e.on, e.parameters) for e in self.section.effects)
+
+    @cached_property
+    def corrected(self) -> SymbolicModel:
+        """Continuous, with all effects and all their memory: further states and delays.
+
+        Raises:
+            UserError: an effect that does not fit the plant.
+        """
+        return apply_effects(self.declared, self.effects)
+
+    @cached_property
+    def carried(self) -> SymbolicModel:
+        """Continuous, over the case's own states: with the effects whose memory these carry.
+
+        Raises:
+            UserError: states that are not those of the plant with its lags.
+        """
+        states = tuple(self.section.states)
+        kept = [e for e in self.effects if not effect(e.name).remembers or effect(e.name).memory_state(e.on) in states]
+        model = apply_effects(self.declared, kept)
+        if model.state_names != states:
+            raise UserError(
+                f"the states are {list(states)}, the plant with its lagged inputs has {list(model.state_names)}",
+                key="plant.states",
+                remedy="A state with lag_of is called <input>_lagged, stands last, and its input has an effect that "
+                "lags, such as input_lag.",
+            )
+        return model
+
+    @cached_property
+    def sampled(self) -> NominalModel:
+        """The compiled map f over tau, of `carried`.
+
+        Raises:
+            UserError: a case without `domain`, or an integrator that does not fit the plant.
+        """
+        if self.tau is None:
+            raise UserError("the nominal model needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
+        x, u = (tuple(v.symbol for v in group) for group in (self.carried.states, self.carried.inputs))
+        return NominalModel(x, u, discretise(self.carried, self.tau, self.section.integrator), self.tau)
+
+    def corrected_by(self, found: Sequence[AppliedEffect]) -> tuple[SymbolicModel, dict[str, float]]:
+        """`corrected` with further effects but no further memory: -> model, input -> seconds by which it acts later."""
+        late: dict[str, float] = {}
+        for e in found:
+            if effect(e.name).remembers:
+                late[e.on] = late.get(e.on, 0.0) + effect(e.name).lateness(e.values)
+        return apply_effects(self.corrected, [e for e in found if not effect(e.name).remembers]), late

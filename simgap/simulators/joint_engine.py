@@ -1,0 +1,41 @@
+"""What engines over a URDF of joints share: built for the joints of a case, and behind its late commands if need be."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from simgap.simulators.base import Engine, Simulator
+
+if TYPE_CHECKING:
+    from simgap.config.case import Case
+    from simgap.effects.base import Effect
+    from simgap.simulators.joints import JointPlant
+
+
+class JointEngine(Engine):
+    """An engine whose whole state is the positions and velocities of its joints."""
+
+    @abstractmethod
+    def __init__(self, plant: JointPlant, section: Any) -> None:
+        """Load the plant with the settings of the case."""
+
+    @classmethod
+    def acts_out(cls, effect: Effect) -> bool:
+        """Forces on coordinates, and every change of a command."""
+        from simgap.effects.base import CoordinateEffect, InputEffect
+
+        return isinstance(effect, CoordinateEffect | InputEffect)
+
+    @classmethod
+    def build(cls, case: Case, folder: Path) -> Simulator:
+        """The engine itself, or, where an input is delayed or lags, the engine a step at a time behind its commands.
+
+        Raises:
+            UserError: no model file, no domain, or a lagged state of the plant that does not lag in the simulator.
+        """
+        from simgap.simulators.behind_commands import behind_commands
+        from simgap.simulators.joints import joint_plant
+
+        return behind_commands(case, joint_plant(case, folder), cls)

@@ -1,0 +1,100 @@
+"""Stay in a box for ever."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from simgap.geometry import Box, Floats
+from simgap.specifications.base import Game, Specification, Words
+from simgap.specifications.monitor import EARLY, STUCK, Monitor, Outcome, Run, Verdict
+from simgap.specifications.picture import Look, projected, rectangle
+from simgap.specifications.regions import Interval, inner_box, unbounded, upright
+from simgap.specifications.solution import Solution
+from simgap.specifications.space import Space
+
+
+class Invariance(Specification):
+    """Stay in the safe set for ever, at the sampling instants."""
+
+    kind: Literal["invariance"] = Field(description="Stay in the safe set for ever.")
+    safe: dict[str, Interval] = Field(
+        min_length=1, description="For each state the interval to stay in; states not named keep all of X."
+    )
+
+    carries_pending: ClassVar[bool] = True
+    words: ClassVar[Words] = Words(
+        runs="Runs against the safe set",
+        caption="One run of each controller in the simulator (in colour) and from the same start on the nominal model "
+        "(grey, dashed). Both promise to stay between the green lines.",
+        kept="safe",
+        allowed="safe set",
+        promise="stays safe for ever",
+        violated="leaves the safe set",
+        limits="safe set",
+    )
+
+    @field_validator("safe")
+    @classmethod
+    def _check(cls, value: dict[str, Interval]) -> dict[str, Interval]:
+        upright(value, "safe")
+        return value
+
+    def region(self, space: Space) -> Box:
+        """The safe set."""
+        return inner_box(self.safe, space.states, space.box, "safe")
+
+    def solve(self, game: Game) -> Solution:
+        """The maximal controlled invariant set in the region."""
+        return game.invariant(np.ones(game.grid.size, np.bool_))
+
+    def monitor(self, space: Space, solution: Solution) -> Monitor:
+        """Whether each sample is in the safe set."""
+        region = self.region(space)
+        return Inside(unbounded(region, space.wrapping(region)))
+
+    def sentence(self, space: Space) -> str:
+        """'stay for ever in ...'."""
+        return "stay for ever in " + ", ".join(space.interval(name, ends) for name, ends in self.safe.items())
+
+    def draw(self, axes: Any, space: Space, shown: tuple[int, int], look: Look) -> None:
+        """The border of the safe set."""
+        box = projected(self.region(space), space.box, shown)
+        rectangle(axes, box, facecolor="none", edgecolor=look.border, lw=1.2)
+
+
+@dataclass(frozen=True, eq=False)
+class Inside(Monitor):
+    """Every sample must be in a box."""
+
+    box: Box
+
+    def over(self, x: Floats, seen: Floats) -> bool:
+        """A run ends outside."""
+        lo, hi = self._ends
+        return any(not a <= value <= b for a, value, b in zip(lo, x.tolist(), hi, strict=True))
+
+    def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
+        """The same for many runs."""
+        return ~self.box.contains(x)
+
+    def judge(self, run: Run, steps: int) -> Verdict:
+        """Whether a run stayed in the box for all its samples."""
+        safe = self.box.contains(run.x)
+        if not safe[-1]:
+            end, kept = "left the safe set", False
+        elif run.stuck:
+            end, kept = STUCK, False
+        else:
+            kept = len(run.inputs) >= steps
+            end = "stayed" if kept else EARLY
+        return Verdict(Outcome(end, kept, len(run.inputs)), run, safe)
+
+    @cached_property
+    def _ends(self) -> tuple[list[float], list[float]]:
+        return self.box.lo.tolist(), self.box.hi.tolist()

@@ -1,0 +1,96 @@
+"""What judges a run: when it is over, how it ended, and what is counted."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.geometry import Floats
+
+Ints = NDArray[np.int64]
+STUCK, EARLY = "no admissible input", "ended early"
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run of a controller on a plant.
+
+    Attributes:
+        x: (k + 1, nx) states, periodic ones not wrapped; seen: (k + 1, nx) what was measured of them.
+        inputs: (k,) numbers of the inputs applied.
+        stuck: whether the controller had no input at the last state.
+        clearance: (k + 1,) least distance to what must not be touched, at the start and then along each step; None
+            where no path between samples was recorded.
+    """
+
+    x: Floats
+    inputs: Ints
+    stuck: bool
+    seen: Floats
+    clearance: Floats | None = None
+
+    def until(self, steps: int) -> Run:
+        """Its first steps."""
+        near = None if self.clearance is None else self.clearance[: steps + 1]
+        cut = self.stuck and steps == len(self.inputs)
+        return Run(self.x[: steps + 1], self.inputs[:steps], cut, self.seen[: steps + 1], near)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """How a run ended.
+
+    Attributes:
+        end: in words, one of few; kept: whether the run did what the specification asks.
+        steps: that it took; figures: what else was measured, for the monitor's own summary.
+    """
+
+    end: str
+    kept: bool
+    steps: int
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """A judged run.
+
+    Attributes:
+        run: what counts of it, up to its end; safe: (k + 1,) samples at which nothing was violated yet.
+    """
+
+    outcome: Outcome
+    run: Run
+    safe: NDArray[np.bool_]
+
+
+class Monitor(ABC):
+    """Judges runs of one controller, one at a time."""
+
+    measures_clearance: bool = False
+    """Whether a path between samples matters; a run then ends where `clearance` is no longer positive."""
+
+    @abstractmethod
+    def over(self, x: Floats, seen: Floats) -> bool:
+        """Whether a run ends at a sample, from its state (nx,) and what is measured of it (nx,)."""
+
+    @abstractmethod
+    def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
+        """The same for samples of many runs: (n, nx), (n, nx) -> (n,)."""
+
+    @abstractmethod
+    def judge(self, run: Run, steps: int) -> Verdict:
+        """How a run ended that had `steps` samples to take."""
+
+    def clearance(self, path: Floats) -> float:
+        """Least distance along points (k, nx) to what must not be touched; not positive where it is touched."""
+        return np.inf
+
+    def summary(self, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+        """Figures over all runs beside those that every specification has; plain data."""
+        return {}

@@ -1,0 +1,78 @@
+"""Reach a box, and stay in it for ever.
+
+The part of the target that can be held is its largest controlled invariant subset W. From every cell that reaches W in
+bounded time the promise is kept by going there and then staying: below level 0 a controller applies inputs that go down
+a level, in W those that keep every successor in W. Whatever is in the target for ever after a bounded number of steps
+is in W by then, so no cell is lost that can promise this.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from simgap.geometry import Floats
+from simgap.specifications.base import Game, Words
+from simgap.specifications.monitor import EARLY, STUCK, Ints, Monitor, Run
+from simgap.specifications.reaching import Reaching
+from simgap.specifications.solution import Solution
+from simgap.specifications.space import Space
+from simgap.specifications.surroundings import Surroundings
+from simgap.specifications.toward import LATE, Toward
+
+STAYED, LEFT = "reached the target and stayed", "left the target again"
+
+
+class ReachAndStay(Reaching):
+    """Reach the target, avoid the obstacles, and stay in the target for ever after."""
+
+    kind: Literal["reach_and_stay"] = Field(description="Reach the target, avoid the obstacles, stay in the target.")
+
+    words: ClassVar[Words] = Words(
+        runs="Runs into the target",
+        caption="Runs of the controller made for the nominal model alone and of the gap-aware one in the simulator (in "
+        "colour), and from the same starts on the nominal model (grey, dashed).",
+        kept="in the target and still there at the end",
+        allowed="free cells",
+        promise="reaches the target and stays there for ever",
+        violated="touches something or leaves the target",
+        limits="arena",
+    )
+
+    def solve(self, game: Game) -> Solution:
+        """The largest part of the target that can be held, and the cells from which it is reached."""
+        target, free = self.sets(game)
+        held = game.invariant(target)
+        return game.reach(held.served, free).followed_by(held)
+
+    def monitor(self, space: Space, solution: Solution) -> Monitor:
+        """Whether each run gets to the held part of the target, stays in the target and touches nothing."""
+        region = self.region(space)
+        around = Surroundings.of(space, self.boxes(space), region, space.vector(self.clearance))
+        return Staying(space, self.goal_box(space), around, solution)
+
+
+class Staying(Toward):
+    """A run goes on in the target until its last sample."""
+
+    def over(self, x: Floats, seen: Floats) -> bool:
+        """A run goes on."""
+        return False
+
+    def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
+        """The same for many runs."""
+        return np.zeros(len(x), np.bool_)
+
+    def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
+        """Whether every sample from the first one in the held part of the target on is in the target."""
+        arrived = np.flatnonzero(levels == 0)
+        if len(arrived) == 0:
+            return (STUCK if run.stuck else LATE), False
+        if not self.in_target(run.x[arrived[0] :]).all():
+            return LEFT, False
+        if run.stuck:
+            return STUCK, False
+        return (STAYED, True) if len(run.inputs) >= steps else (EARLY, False)

@@ -1,0 +1,176 @@
+"""What the specifications that reach a target among obstacles share: their keys, their sets, their picture."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from simgap.errors import UserError
+from simgap.geometry import Box, Floats, Grid
+from simgap.specifications.base import Game, Specification
+from simgap.specifications.picture import Look, Plane, projected, rectangle
+from simgap.specifications.regions import (
+    KEY,
+    Interval,
+    Mask,
+    cells_meeting,
+    cells_within,
+    grown,
+    inner_box,
+    known,
+    partial_box,
+    unbounded,
+    upright,
+)
+from simgap.specifications.space import Space
+
+RADIUS = 0.15
+"""Radius of a footprint to draw where a case gives no clearance."""
+
+
+class Reaching(Specification):
+    """Reach a box without touching others."""
+
+    arena: dict[str, Interval] = Field(
+        default_factory=dict, description="For each state the interval never to leave; states not named keep all of X."
+    )
+    obstacles: tuple[dict[str, Interval], ...] = Field(
+        (), description="Boxes to avoid; an obstacle holds for all values of the states it does not name."
+    )
+    target: dict[str, Interval] = Field(min_length=1, description="The box to reach; states not named are free.")
+    clearance: dict[str, float] = Field(
+        default_factory=dict,
+        description="For a state, how far to keep from walls and obstacles (half the footprint), in its unit.",
+    )
+
+    between_samples: ClassVar[bool] = True
+
+    @model_validator(mode="after")
+    def _check(self) -> Reaching:
+        upright(self.arena, "arena")
+        upright(self.target, "target")
+        for number, obstacle in enumerate(self.obstacles):
+            upright(obstacle, f"obstacles[{number}]")
+        negative = [name for name, value in self.clearance.items() if value < 0]
+        if negative:
+            raise ValueError(f"the clearance of {negative} is negative")
+        return self
+
+    def region(self, space: Space) -> Box:
+        """The arena; obstacles and target must lie in it."""
+        arena = inner_box(self.arena, space.states, space.box, "arena")
+        for number, named in enumerate(self.obstacles):
+            known(named, space.states, f"obstacles[{number}]")
+        known(self.target, space.states, "target")
+        known(self.clearance, space.states, "clearance")
+        within = unbounded(arena, space.wrapping(arena))
+        for number, box in enumerate(self.boxes(space)):
+            if not np.all((box.lo < within.hi) & (box.hi > within.lo)):
+                raise UserError("the obstacle lies outside the arena", key=f"{KEY}.obstacles[{number}]")
+        goal = self.goal_box(space)
+        bounded = np.isfinite(goal.lo)
+        if np.any(bounded & ((goal.lo < within.lo) | (goal.hi > within.hi))):
+            raise UserError("the target lies outside the arena", key=f"{KEY}.target", remedy="Move it inside")
+        return arena
+
+    def boxes(self, space: Space) -> tuple[Box, ...]:
+        """The obstacles, infinite along the states that they do not name."""
+        return tuple(partial_box(named, space.states) for named in self.obstacles)
+
+    def goal_box(self, space: Space) -> Box:
+        """The target, infinite along the states that it does not name."""
+        return partial_box(self.target, space.states)
+
+    def free(self, space: Space, grid: Grid, margin: Floats) -> Mask:
+        """Cells that keep the clearance and a margin (nx,) from every obstacle and, along axes that end, the walls."""
+        keep = space.vector(self.clearance) + margin
+        lo, hi = grid.box.lo + keep, grid.box.hi - keep
+        lo[list(grid.periodic)], hi[list(grid.periodic)] = -np.inf, np.inf
+        if np.any(lo >= hi):
+            raise UserError("the clearance leaves nothing of the arena", key=f"{KEY}.clearance")
+        free = cells_within(grid, Box(lo, hi))
+        for box in self.boxes(space):
+            free &= ~cells_meeting(grid, grown(box, keep))
+        return free
+
+    def goal(self, game: Game) -> Mask:
+        """Cells whose every state is in the target, whatever the measurement error.
+
+        Raises:
+            UserError: when no cell fits into the target.
+        """
+        box, grid = self.goal_box(game.space), game.grid
+        lo, hi = box.lo + game.error, box.hi - game.error
+        for j, name in enumerate(game.space.states):
+            room = hi[j] - lo[j]
+            if np.isfinite(room) and (room <= 0 or not cells_within(grid, _slab(j, lo, hi)).any()):
+                raise UserError(
+                    f"no cell fits into the target along {name}: it leaves {room:.6g}, a cell is {2 * grid.h[j]:.6g} "
+                    "wide",
+                    key=f"{KEY}.target",
+                    remedy=f"Cells of {room / 2:.6g} or less would do (`synthesis.cells`), or a larger target"
+                    if room > 0
+                    else "The measurement error is as large as the target: make the target larger",
+                )
+        return cells_within(grid, Box(lo, hi))
+
+    def sets(self, game: Game) -> tuple[Mask, Mask]:
+        """Cells of the target that are free, and free cells.
+
+        Raises:
+            UserError: when there is none of the former.
+        """
+        free = self.free(game.space, game.grid, game.stray + game.error)
+        target = self.goal(game) & free
+        if not target.any():
+            raise UserError(
+                "every cell of the target is inside an obstacle or too near to one or to a wall",
+                key=f"{KEY}.target",
+                remedy="Move the target, or lower the clearance",
+            )
+        return target, free
+
+    def limits(self, space: Space) -> Box:
+        """The arena along the states that it names."""
+        return partial_box(self.arena, space.states)
+
+    def sentence(self, space: Space) -> str:
+        """'reach ... and avoid ...'."""
+        target = ", ".join(space.interval(name, ends) for name, ends in self.target.items())
+        count = len(self.obstacles)
+        text = f"reach {target} and avoid {count} obstacle{'' if count == 1 else 's'}"
+        if self.clearance:
+            distances = [f"{space.quantity(name, value)} in {name}" for name, value in self.clearance.items()]
+            text += ", clear of them and of the walls by " + ", ".join(distances)
+        return text
+
+    def plane(self, space: Space) -> Plane | None:
+        """Arena, obstacles and target on the floor of a body that drives."""
+        if space.pose is None:
+            return None
+        arena, shown = self.region(space), space.pose[:2]
+        return Plane(
+            axes=space.pose,
+            arena=projected(arena, arena, shown),
+            target=projected(self.goal_box(space), arena, shown),
+            obstacles=tuple(projected(box, arena, shown) for box in self.boxes(space)),
+            radius=max(self.clearance.values(), default=RADIUS),
+        )
+
+    def draw(self, axes: Any, space: Space, shown: tuple[int, int], look: Look) -> None:
+        """Target, obstacles and the border of the arena."""
+        arena, (face, edge) = self.region(space), look.target
+        rectangle(axes, projected(self.goal_box(space), arena, shown), facecolor=face, edgecolor=edge, lw=1.0)
+        for box in self.boxes(space):
+            if any(np.isfinite([box.lo[j], box.hi[j]]).any() for j in shown):
+                rectangle(axes, projected(box, arena, shown), facecolor=look.obstacle, lw=0)
+        rectangle(axes, projected(arena, arena, shown), facecolor="none", edgecolor=look.border, lw=2.0, zorder=3)
+
+
+def _slab(j: int, lo: Floats, hi: Floats) -> Box:
+    """The interval of one state, other states free."""
+    low, high = np.full(lo.size, -np.inf), np.full(lo.size, np.inf)
+    low[j], high[j] = lo[j], hi[j]
+    return Box(low, high)
