@@ -56,3 +56,6 @@ is above 1): a step of less than a quarter of a standard error."""
 SETTLED_STATES = 1.0
 """... and at most this for the initial state of a window; under dry friction, where a window may stand at a kink, what
 fitting it afresh from several starts gains counts instead of the promise."""
+
+LAGS_REMEMBERED = 5.0
+"""After this many time constants of a lag (e^-5 is less than a hundredth) what was commanded before has faded."""
