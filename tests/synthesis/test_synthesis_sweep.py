@@ -11,6 +11,7 @@ from synthesis_plants import constant_gap, unicycle
 from simgap.errors import UserError
 from simgap.gap.function import GapDomain
 from simgap.gap.symmetry import BodyFrameGap
+from simgap.gap.tiers import Tier
 from simgap.geometry import Box, Grid
 from simgap.io.documents import read_json, write_json
 from simgap.stages.context import Context
@@ -122,7 +123,7 @@ def saved(context, folder):
     rng, count = np.random.default_rng(2), len(context.input_set)
     lower = rng.uniform(-0.02, 0.0, (count, 3))
     domain = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set, (0, 1))
-    gap = BodyFrameGap(domain, (), lower, lower + rng.uniform(0.0, 0.03, (count, 3)))
+    gap = BodyFrameGap(domain, (Tier(1, "Made up."),), lower, lower + rng.uniform(0.0, 0.03, (count, 3)))
     box = rng.uniform(-0.3, 0.0, (count, 2)), rng.uniform(0.0, 0.3, (count, 2))
     write_json(folder / "gap.json", gap.to_json() | {"sweep": {"lower": box[0], "upper": box[1]}})
     return folder / "gap.json", gap, box
@@ -144,5 +145,5 @@ def test_bound_and_ways_come_back_from_the_file(vary, tmp_path):
     content = read_json(path)
     del content["gap"]["theta"]
     write_json(path, content)
-    with pytest.raises(UserError, match=r"not a saved gap bound.*Run the gap stage again"):
+    with pytest.raises(UserError, match=r"not a saved gap bound.*Run the gap stage of this case again"):
         pose(context, path)
