@@ -125,8 +125,8 @@ WHOLE_STEPS, WHOLE_WITHIN = 0.98, 0.02
 # where it comes to rest, still promised drops of chi^2 of .4 to 136; begun afresh they ended lower by 20 to 350.
 
 SETTLED_PROMISE = 0.05
-"""Largest drop of chi^2 that the linear problem may still promise of the parameters, in units of chi^2/dof where that is
-above 1: a step of less than a quarter of a standard error."""
+"""Largest drop of chi^2 that the linear problem may still promise of the parameters, in units of chi^2/dof where
+that is above 1: a step of less than a quarter of a standard error."""
 
 SETTLED_STATES = 1.0
 """... and of the initial state of each window. Under dry friction what fitting such windows afresh from several starts
