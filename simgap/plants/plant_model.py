@@ -6,15 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from simgap.config.case import Case
 from simgap.config.plant import PlantSection
 from simgap.effects import AppliedEffect, apply_effects, effect
 from simgap.errors import UserError
+from simgap.geometry import Box, Floats
+from simgap.model.drake_system import symbolic_plant
 from simgap.model.integrators import discretise
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.declared import declared_model
+from simgap.plants.drake_check import check_declared, check_map
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +99,27 @@ class PlantModel:
             raise UserError("the nominal model needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
         x, u = (tuple(v.symbol for v in group) for group in (self.carried.states, self.carried.inputs))
         return NominalModel(x, u, discretise(self.carried, self.tau, self.section.integrator), self.tau)
+
+    def drake_system(self) -> Any:
+        """`corrected` as a Drake system that can be wired into a diagram, whatever the case declares it by.
+
+        A `SymbolicVectorSystem` in continuous time: its input is the inputs of the case, its state their states (those
+        of lags last), its output what the sensors read.
+
+        Raises:
+            UserError: a delay, or a function that Drake does not have.
+        """
+        return symbolic_plant(self.corrected)
+
+    def check_with_drake(self, box: Box, inputs: Floats) -> None:
+        """Hold the compiled map, and the model file as declared, against Drake's own numbers on X and U, (M, nu).
+
+        Raises:
+            BrokenPromise: naming the state in which they differ beyond rounding.
+        """
+        check_map(self.sampled, box, inputs)
+        if self.section.urdf is not None:
+            check_declared(self.declared, self.section, self.folder / self.section.urdf, box, inputs)
 
     def corrected_by(self, found: Sequence[AppliedEffect]) -> tuple[SymbolicModel, dict[str, float]]:
         """`corrected` with further effects but no further memory: -> model, input -> seconds by which it acts later."""
