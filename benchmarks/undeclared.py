@@ -3,7 +3,8 @@
     python benchmarks/undeclared.py --records 100 --workers 2
 
 writes benchmarks/results/undeclared.json (every record) and benchmarks/results/undeclared.md (the table). A record is
-30 s at 200 Hz, in two traces; sizes, signs and excitation are drawn at random, seeds are consecutive.
+30 s at 200 Hz, in two traces; sizes, signs and excitation are drawn at random, seeds are consecutive. `--only` makes
+some studies anew and keeps what the others found.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ ROOT = Path(__file__).parents[1]
 RESULTS = Path(__file__).parent / "results"
 FIRST_SEED = 1000
 # study -> kind, sigma of the angle in rad, velocity measured, share of --records
-STUDIES = {
+STUDIES: dict[str, tuple[str, float, bool, float]] = {
     "one effect": ("one", 1e-3, False, 1.0),
     "two effects": ("two", 1e-3, False, 0.6),
     "three effects": ("three", 1e-3, False, 0.2),
@@ -36,7 +37,23 @@ STUDIES = {
     "outside: Dahl friction": ("dahl", 1e-3, False, 0.1),
     "outside: periodic force": ("sine", 1e-3, False, 0.1),
     "outside: backlash": ("backlash", 1e-3, False, 0.1),
-}
+    "saturation": ("input_saturation", 1e-3, False, 0.2),
+    "centre of mass": ("com", 1e-3, False, 0.2),
+    "inertia": ("inertia", 1e-3, False, 0.2),
+    "delay between samples": ("fractional_delay", 1e-3, False, 0.2),
+    "one effect, in MuJoCo": ("mujoco", 1e-3, False, 0.2),
+    "act as one: gain, mass": ("gain, mass", 1e-3, False, 0.1),
+    "act as one: tilt, offset": ("tilt, offset", 1e-3, False, 0.1),
+    "alike: small Stribeck peak": ("faint peak", 1e-3, False, 0.2),
+    **{
+        f"alike: {pair}": (pair, 1e-3, False, 0.1)
+        for pair in (
+            "delay, lag", "spring, tilt", "spring, centre of mass", "spring, cubic spring", "bias, tilt",
+            "gain, inertia", "gain, saturation", "dead zone, Coulomb", "viscous, drag",
+        )
+    },
+    "two effects, whole range": ("wide two", 1e-3, False, 0.3),
+}  # fmt: skip
 
 
 def one(job: tuple[str, str, int, float, bool]) -> dict[str, Any]:
@@ -58,6 +75,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Figures of one study."""
     errors = [e for r in rows for k, e in r["errors"].items() if not k.endswith(".delay")]
     delays = [e for r in rows for k, e in r["errors"].items() if k.endswith(".delay")]
+    beside = [e for r in rows for e in r["listed_errors"].values()]
     covered = [c for r in rows for c in r["covered"]]
     return {
         "records": len(rows),
@@ -69,6 +87,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "with effects": sum(bool(r["answer"]) for r in rows),
         "error median": float(np.median(errors)) if errors else None,
         "delay error median": float(np.median(delays)) if delays else None,
+        "error median where an equal is the answer": float(np.median(beside)) if beside else None,
         "intervals that cover": float(np.mean(covered)) if covered else None,
         "held-out over floor, median": float(np.median([r["held_out_ratio"] for r in rows])),
         "CPU s, median": float(np.median([r["cpu_s"] for r in rows])),
@@ -77,13 +96,13 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 def table(figures: dict[str, dict[str, Any]]) -> str:
     """Markdown, one study a row."""
-    columns = list(next(iter(figures.values())))
+    columns = list(max(figures.values(), key=len))
 
     def cell(value: float | int | None) -> str:
         return "" if value is None else str(value) if isinstance(value, int) else f"{value:.3g}"
 
     lines = ["| study | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
-    lines += [f"| {name} | " + " | ".join(cell(row[c]) for c in columns) + " |" for name, row in figures.items()]
+    lines += [f"| {name} | " + " | ".join(cell(row.get(c)) for c in columns) + " |" for name, row in figures.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -94,20 +113,27 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", nargs="*", default=list(STUDIES), choices=list(STUDIES), help="studies to run")
     arguments = parser.parse_args()
-    rows: list[dict[str, Any]] = []
-    figures: dict[str, dict[str, Any]] = {}
     RESULTS.mkdir(exist_ok=True)
     with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
         for study in arguments.only:
             kind, sigma, velocity, share = STUDIES[study]
             count = max(1, round(arguments.records * share))
+            rows = []
             for row in pool.map(one, [(study, kind, FIRST_SEED + k, sigma, velocity) for k in range(count)]):
                 rows.append(row)
                 print(f"{study} seed {row['seed']}: {row['verdict']} {row['answer']}", flush=True)
-            figures[study] = summary([r for r in rows if r["study"] == study])
-            text = json.dumps({"figures": figures, "records": rows}, indent=1)  # after each study: a long run may end
-            (RESULTS / "undeclared.json").write_text(text + "\n")
-            (RESULTS / "undeclared.md").write_text(table(figures))
+            keep(study, rows)  # after each study: a long run may end
+
+
+def keep(study: str, rows: list[dict[str, Any]]) -> None:
+    """Put one study among the results, in the place of what it found before."""
+    path = RESULTS / "undeclared.json"
+    known = json.loads(path.read_text()) if path.is_file() else {"figures": {}, "records": []}
+    made = known["figures"] | {study: summary(rows)}
+    figures = {name: made[name] for name in STUDIES if name in made}
+    records = [r for r in known["records"] if r["study"] != study] + rows
+    path.write_text(json.dumps({"figures": figures, "records": records}, indent=1) + "\n")
+    (RESULTS / "undeclared.md").write_text(table(figures))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-# Controllers for the model with and without its gap, and the closed loop that tells them apart.
+# Controllers for the model with and without its gap, the closed loop that tells them apart, and its recording.
 
 
 def gap_option(wildcards, input):
@@ -58,3 +58,29 @@ rule validation:
     shell:
         "simgap validation {params.case:q} --nominal {input.nominal:q} --robust {input.robust:q} --gap {input.gap:q}"
         " --out {output.summary:q} --traces {output.traces:q} --workers {threads} --log {log:q}"
+
+
+rule trace:
+    input:
+        nominal="results/{case}/synthesis/nominal/controller.npz",
+        robust="results/{case}/synthesis/gap/controller.npz",
+        traces="results/{case}/validation/traces.parquet",
+        case=correction,
+    output:
+        "results/{case}/trace/trace.rrd",
+    log:
+        "results/{case}/logs/trace.log",
+    benchmark:
+        "results/{case}/benchmarks/trace.tsv"
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("trace"),
+        code=code("trace"),
+    message:
+        "{wildcards.case}: recording of both controllers for Rerun"
+    shell:
+        "simgap trace {params.case:q} --nominal {input.nominal:q} --robust {input.robust:q} --traces {input.traces:q}"
+        " --out {output:q} --log {log:q}"

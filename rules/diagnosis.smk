@@ -63,6 +63,7 @@ rule diagnosis:
         corrected="results/{case}/diagnosis/corrected_case.yaml",
         report="results/{case}/diagnosis/report.html",
         recording="results/{case}/diagnosis/residual.rrd",
+        transitions="results/{case}/diagnosis/transitions.parquet",
     log:
         "results/{case}/logs/diagnosis.log",
     benchmark:

@@ -1,4 +1,4 @@
-# What a person looks at: the recording, the page of a case, and the page that links them.
+# What a person reads: the page of a case, and the page that links them.
 
 TEMPLATES = digest(
     {path.name: file_digest(path) for path in sorted(Path("reports").glob("*"))}
@@ -30,72 +30,63 @@ def gap_files(wildcards):
     return [f"results/{wildcards.case}/gap/eps~{eps}/gap.json" for eps in points]
 
 
-def diagnosis_file(wildcards):
-    """What measured data said: made if the case has recordings, shown if a person has made it."""
-    path = f"results/{wildcards.case}/diagnosis/diagnosis.json"
-    wanted = wildcards.case == base(wildcards.case) and diagnosed(wildcards.case)
-    return path if wanted or Path(path).exists() else []
+def measured_file(name):
+    """A file of the diagnosis: made if the case has recordings, shown if a person has made it."""
+
+    def path(wildcards):
+        file = f"results/{wildcards.case}/diagnosis/{name}"
+        wanted = wildcards.case == base(wildcards.case) and diagnosed(wildcards.case)
+        return file if wanted or Path(file).exists() else []
+
+    return path
 
 
-def corrected_files(wildcards):
-    """The corrected case's figures and controllers, to stand beside the first ones."""
-    if wildcards.case != base(wildcards.case) or not diagnosed(wildcards.case):
-        return []
-    folder = f"results/{wildcards.case}/corrected"
-    return [
-        f"{folder}/summary.json",
-        *(f"{folder}/synthesis/{kind}/controller.npz" for kind in ("nominal", "gap")),
-    ]
+def corrected_file(name):
+    """The corrected case and its results, to stand beside the first ones."""
+
+    def path(wildcards):
+        if wildcards.case != base(wildcards.case) or not diagnosed(wildcards.case):
+            return []
+        bound = Path(gap_folder(wildcards)).name
+        return f"results/{wildcards.case}/{name.format(bound=bound)}"
+
+    return path
 
 
 def report_options(wildcards, input):
-    folder = f"results/{wildcards.case}"
-    diagnosis = [f"{folder}/diagnosis"] if input.diagnosis else []
-    corrected = [f"{folder}/corrected"] if input.corrected else []
-    return flagged("--diagnosis", diagnosis) + flagged("--corrected", corrected)
-
-
-rule trace:
-    input:
-        nominal="results/{case}/synthesis/nominal/controller.npz",
-        robust="results/{case}/synthesis/gap/controller.npz",
-        traces="results/{case}/validation/traces.parquet",
-        case=correction,
-    output:
-        "results/{case}/trace/trace.rrd",
-    log:
-        "results/{case}/logs/trace.log",
-    benchmark:
-        "results/{case}/benchmarks/trace.tsv"
-    resources:
-        mem_mb=1000,
-        runtime=10,
-    params:
-        case=lambda w: case_path(w.case),
-        reads=reads("trace"),
-        code=code("trace"),
-    message:
-        "{wildcards.case}: recording of both controllers for Rerun"
-    shell:
-        "simgap trace {params.case:q} --nominal {input.nominal:q} --robust {input.robust:q} --traces {input.traces:q}"
-        " --out {output:q} --log {log:q}"
+    """The files that only some cases have, each with its flag."""
+    flags = {
+        "diagnosis": "--diagnosis",
+        "transitions": "--transitions",
+        "corrected": "--corrected",
+        "corrected_gap": "--corrected-gap",
+        "corrected_summary": "--corrected-summary",
+        "corrected_nominal": "--corrected-nominal",
+        "corrected_robust": "--corrected-robust",
+    }
+    return [
+        word for name, flag in flags.items() for word in flagged(flag, input.get(name))
+    ]
 
 
 rule report:
     input:
         gaps=gap_files,
         samples=lambda w: f"{gap_folder(w)}/samples.parquet",
-        nominal=multiext(
-            "results/{case}/synthesis/nominal/", "controller.npz", "synthesis.json"
-        ),
-        robust=multiext(
-            "results/{case}/synthesis/gap/", "controller.npz", "synthesis.json"
-        ),
-        validation=multiext(
-            "results/{case}/validation/", "validation.json", "traces.parquet"
-        ),
-        diagnosis=diagnosis_file,
-        corrected=corrected_files,
+        nominal="results/{case}/synthesis/nominal/controller.npz",
+        nominal_summary="results/{case}/synthesis/nominal/synthesis.json",
+        robust="results/{case}/synthesis/gap/controller.npz",
+        robust_summary="results/{case}/synthesis/gap/synthesis.json",
+        validation="results/{case}/validation/validation.json",
+        traces="results/{case}/validation/traces.parquet",
+        diagnosis=measured_file("diagnosis.json"),
+        transitions=measured_file("transitions.parquet"),
+        corrected=corrected_file("diagnosis/corrected_case.yaml"),
+        corrected_gap=corrected_file("corrected/gap/{bound}/gap.json"),
+        corrected_summary=corrected_file("corrected/summary.json"),
+        corrected_nominal=corrected_file("corrected/synthesis/nominal/controller.npz"),
+        corrected_robust=corrected_file("corrected/synthesis/gap/controller.npz"),
+        printed="configs/paper/printed.yaml",
         case=correction,
     output:
         page="results/{case}/report.html",
@@ -118,8 +109,9 @@ rule report:
         "{wildcards.case}: the page"
     shell:
         "simgap report {params.case:q} {params.gaps:q} --samples {input.samples:q}"
-        " --nominal results/{wildcards.case:q}/synthesis/nominal --robust results/{wildcards.case:q}/synthesis/gap"
-        " --validation results/{wildcards.case:q}/validation {params.more:q}"
+        " --nominal {input.nominal:q} --nominal-summary {input.nominal_summary:q}"
+        " --robust {input.robust:q} --robust-summary {input.robust_summary:q}"
+        " --validation {input.validation:q} --traces {input.traces:q} --printed {input.printed:q} {params.more:q}"
         " --out {output.page:q} --summary {output.summary:q} --log {log:q}"
 
 

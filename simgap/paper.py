@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -33,6 +34,14 @@ class Row:
     note: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """The gap of a simulator by state, (nx,): largest |d_i|, and largest slope between neighbouring samples."""
+
+    largest: Floats
+    lipschitz: Floats
+
+
 @dataclass(frozen=True)
 class Allowed:
     """What synthesis finds with the printed gamma: cells, target cells among them, and the refusal if there is one."""
@@ -54,6 +63,34 @@ def printed_gap(domain: GapDomain, gamma: Mapping[str, str]) -> LinearGap:
         coefficients = np.array([float(parts[s].get(m, 0.0)) for m in monomials])
         forms.append(make_form(basis, domain.box, domain.input_set, coefficients))
     return LinearGap.unsigned(domain, (Tier(2, "As printed in the paper; not checked."),), forms)
+
+
+def suprema_and_constants(printed: Mapping[str, Any], case: str) -> dict[str, Any]:
+    """What the page of a case puts beside its own numbers; empty for a case of which nothing is printed.
+
+    Args:
+        printed: content of configs/paper/printed.yaml.
+        case: its name.
+
+    Returns:
+        sup_gamma: eps as text -> state -> supremum; lipschitz: state -> constant.
+    """
+    own = printed.get(case, {})
+    if "suprema" not in own:
+        return {}
+    rows = {f"{row['eps']:g}": {s: v for s, v in row.items() if s != "eps"} for row in own["suprema"]}
+    return {"sup_gamma": rows, "lipschitz": dict(own["L1"])}
+
+
+def measured_gap(d: Floats, h: Floats) -> Measured:
+    """Largest gap and slope of a gap sampled on a grid.
+
+    Args:
+        d: (n1, n2, M, nx) gap on a grid of two states for M inputs.
+        h: (2,) half the distance of neighbouring grid points.
+    """
+    slopes = [np.abs(np.diff(d, axis=j)).max(axis=(0, 1, 2)) / (2.0 * h[j]) for j in range(2)]
+    return Measured(np.abs(d).max(axis=(0, 1, 2)), np.hypot(*slopes))
 
 
 def lowest(form: Form, domain: GapDomain) -> float:
@@ -86,42 +123,50 @@ def slope_bound(form: Form, domain: GapDomain, part: Box) -> float:
 
 
 def pendulum_rows(
-    domain: GapDomain, printed: Mapping[str, object], gravity: float, length: float, tau: float,
-    measured: Mapping[str, Floats],
+    domain: GapDomain, printed: Mapping[str, Any], constants: Mapping[str, float], safe: Box, tau: float,
+    measured: Measured,
 ) -> list[Row]:  # fmt: skip
     """The pendulum's table.
 
     Args:
         domain: X and U of the paper.
         printed: `pendulum` of configs/paper/printed.yaml.
-        measured: `gap`: largest |d_i| in PyBullet with default flags; `L1`: its Lipschitz constants.
+        constants: of the plant: g, l; safe: the safe set, (x1, x2); tau: sampling time, s.
+        measured: in PyBullet with default flags.
     """
-    gamma, q = (printed_gap(domain, printed[key]).upper for key in ("gamma", "q"))  # type: ignore[arg-type]
-    numbers: list[dict[str, float]] = [dict(printed[key]) for key in ("eta", "L1", "L2")]  # type: ignore[call-overload]
-    eta, one, two = numbers
+    gamma, q = (printed_gap(domain, printed[key]).upper for key in ("gamma", "q"))
+    eta, one, two = (printed[key] for key in ("eta", "L1", "L2"))
+    stated, fitting = float(printed["eps"]), float(printed["eps_of_the_constants"])
     rows = []
     for i, s in enumerate(domain.states):
         pad = float(one[s]) + float(two[s])
         constant = _constant(q[i])
         rows += [
-            Row(f"eta_{i + 1}", float(eta[s]), float(measured["gap"][i]), "largest |d| in PyBullet, default flags"),
-            Row(f"L1^({i + 1})", float(one[s]), float(measured["L1"][i]), "of the measured gap"),
+            Row(f"eta_{i + 1}", float(eta[s]), float(measured.largest[i]), "largest |d| in PyBullet, default flags"),
+            Row(f"L1^({i + 1})", float(one[s]), float(measured.lipschitz[i]), "of the measured gap"),
             Row(
                 f"L2^({i + 1})",
                 float(two[s]),
-                slope_bound(q[i], domain, Box([0.0, -0.5], [0.2, 0.5])),
+                slope_bound(q[i], domain, safe),
                 "analytic, of q.p on the safe set",
             ),
-            Row(f"constant of gamma_{i + 1}", _constant(gamma[i]), constant + pad * 0.0022, "eps = 0.0022 as stated"),
-            Row(f"constant of gamma_{i + 1}", _constant(gamma[i]), constant + pad * 0.0056, "eps = 0.0056"),
+            Row(
+                f"constant of gamma_{i + 1}",
+                _constant(gamma[i]),
+                constant + pad * stated,
+                f"eps = {stated:g} as stated",
+            ),
+            Row(f"constant of gamma_{i + 1}", _constant(gamma[i]), constant + pad * fitting, f"eps = {fitting:g}"),
             Row(f"least q_{i + 1}.p on X", None, lowest(q[i], domain), "must cover |d|, so must not be negative"),
             Row(f"least gamma_{i + 1} on X", None, lowest(gamma[i], domain), "must not be negative"),
         ]
-        for entry in printed["suprema"]:  # type: ignore[attr-defined]
+        for entry in printed["suprema"]:
             rows.append(
                 Row(f"sup gamma_{i + 1}, eps = {entry['eps']}", entry[s], highest(gamma[i], domain), "printed formula")
             )
-    rows.append(Row("L1^(1), theory", float(one["x1"]), 1.5 * tau**2 * gravity / length, "tau^2 3 g / (2 l)"))
+    rows.append(
+        Row("L1^(1), theory", float(one["x1"]), 1.5 * tau**2 * constants["g"] / constants["l"], "tau^2 3 g / (2 l)")
+    )
     rows.append(
         Row(
             "largest gamma_1 any invariant set allows", highest(gamma[0], domain), tau * float(domain.box.hi[1]),
@@ -131,9 +176,9 @@ def pendulum_rows(
     return rows
 
 
-def turtlebot_rows(domain: GapDomain, printed: Mapping[str, object], tau: float) -> list[Row]:
+def turtlebot_rows(domain: GapDomain, printed: Mapping[str, Any], tau: float) -> list[Row]:
     """The robot's table: the printed gap against the longest step."""
-    gamma = printed_gap(domain, printed["gamma"]).upper  # type: ignore[arg-type]
+    gamma = printed_gap(domain, printed["gamma"]).upper
     fastest = np.abs(domain.input_set).max(axis=0)
     steps = (fastest[0] * tau, fastest[0] * tau, fastest[1] * tau)
     return [
@@ -144,3 +189,22 @@ def turtlebot_rows(domain: GapDomain, printed: Mapping[str, object], tau: float)
 
 def _constant(form: Form) -> float:
     return float(sum(c for c, t in zip(form.coefficients, form.basis.terms, strict=True) if t == "1"))
+
+
+def table(content: Mapping[str, Any]) -> str:
+    """What the printed bounds allow and printed beside reproduced numbers, as lines of text."""
+    lines = []
+    for name, part in content.items():
+        found = part["allowed"]
+        lines.append(
+            f"{name}: with the printed gamma {found['winning']:,} of {found['free']:,} free cells win"
+            + (f", {found['target']:,} of them the target itself" if found["target"] else "")
+        )
+        lines += [_line(r) for r in part["rows"]]
+    return "\n".join(lines)
+
+
+def _line(row: Mapping[str, Any]) -> str:
+    printed, found = (f"{row[k]:.6g}" if row[k] is not None else "-" for k in ("printed", "reproduced"))
+    note = f"  ({row['note']})" if row["note"] else ""
+    return f"  {row['quantity']}: printed {printed}, reproduced {found}{note}"

@@ -22,7 +22,7 @@ READS: Mapping[str, tuple[str, ...]] = {
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
     "paper": _SIMULATED,
     "rig": _SIMULATED,
-    "trace": ("name", "plant", "domain", "synthesis.specification"),
+    "trace": ("name", "title", "plant", "domain", "synthesis.specification"),
     "diagnosis": _WHOLE,  # the corrected case is a copy of the whole
     "report": ("name", "title", "plant", "domain", "simulator", "grid.eps", "synthesis.specification", "sensing"),
 }

@@ -20,17 +20,19 @@ from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
+from simgap.io.parquet import table, write_parquet
 from simgap.model.symbolic import SymbolicModel
 from simgap.provenance import provenance
 from simgap.report.diagnosis_document import document
 from simgap.report.diagnosis_page import draw, overlays, page
+from simgap.report.measured_share import transition_columns
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
 from simgap.stages.measured_data import load_reading
-from simgap.stages.measured_share import FILE, write_transitions
 
 Corrected = tuple[SymbolicModel, dict[str, float]]  # of `PlantModel.corrected_by`
 JSON, PAGE, CASE, RECORDING = "diagnosis.json", "report.html", "corrected_case.yaml", "residual.rrd"
+TRANSITIONS = "transitions.parquet"
 
 
 def run(
@@ -39,7 +41,8 @@ def run(
     out_dir: Path,
     progress: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Diagnose recordings and write `diagnosis.json`, `report.html`, `corrected_case.yaml`, `residual.rrd`, pictures.
+    """Diagnose recordings and write `diagnosis.json`, `report.html`, `corrected_case.yaml`, `residual.rrd`, pictures,
+    `transitions.parquet`.
 
     Args:
         case_path: the case; it needs a nominal model alone.
@@ -164,8 +167,8 @@ def _write(
     write_recording(
         out_dir / RECORDING, found.windows, record.measured, record.inputs, context.units, context.case.name
     )
-    if context.case.domain is not None:
-        made_of = content["provenance"]
-        write_transitions(context, out_dir / FILE, found.windows, record.measured, shifts, made_of)
+    columns = transition_columns(context, found.windows, record.measured, shifts)
+    units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
+    write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
     write_text(target, text)
     write_json(out_dir / JSON, content)

@@ -20,8 +20,7 @@ def run(summaries: Sequence[Path], out: Path) -> None:
     rows = []
     for path in summaries:
         folder = Path(os.path.relpath(path.parent, out.parent))
-        diagnosis = path.parent / "diagnosis" / "report.html"
         row = {**read_json(path), "page": (folder / "report.html").as_posix(), "trace": path.parent / "trace/trace.rrd"}
-        row["diagnosed"] = (folder / "diagnosis" / "report.html").as_posix() if diagnosis.is_file() else None
+        row["diagnosed"] = (folder / "diagnosis" / "report.html").as_posix() if row["diagnosis"] is not None else None
         rows.append(row)
     write_text(out, render("index.html.j2", rows=rows))

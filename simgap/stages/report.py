@@ -7,39 +7,87 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from simgap.config.load import read_yaml
+from simgap.errors import UserError
 from simgap.gap.load import from_json
 from simgap.io.atomic import write_text
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
-from simgap.io.pages import REPORTS, render
+from simgap.io.pages import render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
+from simgap.paper import suprema_and_constants
 from simgap.provenance import provenance
 from simgap.report.content import content, summary
 from simgap.report.figures import draw
 from simgap.report.material import Corrected, Material
+from simgap.report.measured_share import share_inside
 from simgap.stages.context import Context, log
-from simgap.stages.measured_share import FILE, share_inside
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Files of a diagnosis: diagnosis.json, the transitions that it held out (if they are there)."""
+
+    document: Path
+    transitions: Path | None = None
+
+
+@dataclass(frozen=True)
+class CorrectedFiles:
+    """Files of the corrected case: itself, its bound, its summary, its controllers by kind."""
+
+    case: Path
+    gap: Path
+    summary: Path
+    controllers: Mapping[str, Path]
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """Files that the page is made from.
+    """Files that the page is made from, every one of them.
 
     Attributes:
         gaps: gap.json of each eps, the case's own among them; samples: thinned samples of the gap.
-        nominal, robust: folders with controller.npz and synthesis.json; validation: with validation.json and traces.
-        diagnosis: folder with diagnosis.json and report.html, if there is one.
-        corrected: folder of the corrected case's results, with summary.json and synthesis/, if there is one.
+        controllers, syntheses: controller.npz and synthesis.json by kind, "nominal" and "gap".
+        validation, traces: validation.json and traces.parquet.
+        diagnosis, corrected: what measured data said, and the case that it corrected, if there are any.
+        printed: the values that the paper prints, if they are to stand beside.
     """
 
     gaps: Sequence[Path]
     samples: Path
-    nominal: Path
-    robust: Path
+    controllers: Mapping[str, Path]
+    syntheses: Mapping[str, Path]
     validation: Path
-    diagnosis: Path | None = None
-    corrected: Path | None = None
+    traces: Path
+    diagnosis: Measured | None = None
+    corrected: CorrectedFiles | None = None
+    printed: Path | None = None
+
+
+def by_kind(nominal: Path, robust: Path) -> dict[str, Path]:
+    """Files of the two kinds of controller."""
+    return {NOMINAL: nominal, ROBUST: robust}
+
+
+def corrected_files(
+    case: Path | None, gap: Path | None, summary: Path | None, nominal: Path | None, robust: Path | None
+) -> CorrectedFiles | None:
+    """The files of a corrected case: all of them, or none.
+
+    Raises:
+        UserError: only some are given.
+    """
+    if case is None:
+        return None
+    if gap is None or summary is None or nominal is None or robust is None:
+        raise UserError(
+            "the corrected case needs its bound, its summary and both controllers",
+            file=case,
+            remedy="Give --corrected-gap, --corrected-summary, --corrected-nominal and --corrected-robust.",
+        )
+    return CorrectedFiles(case, gap, summary, by_kind(nominal, robust))
 
 
 def run(case_path: Path, inputs: Inputs, out: Path, figures_out: Path) -> None:
@@ -64,49 +112,39 @@ def read(case_path: Path, inputs: Inputs) -> Material:
     sweep = sorted((read_json(path) for path in inputs.gaps), key=lambda g: -float(g.get("eps", 0.0)))
     grid = context.case.grid
     gap = min(sweep, key=lambda g: abs(float(g["eps"]) - grid.eps)) if grid is not None else sweep[-1]
-    folders = {NOMINAL: inputs.nominal, ROBUST: inputs.robust}
-    table = read_parquet(inputs.validation / "traces.parquet")
+    given, found, later = inputs.printed, inputs.diagnosis, inputs.corrected
+    printed = suprema_and_constants(read_yaml(given), context.case.name) if given is not None else {}
     return Material(
         context=context,
         sweep=sweep,
         gap=gap,
         bound=from_json(gap),
         samples=read_parquet(inputs.samples),
-        syntheses={kind: read_json(folder / "synthesis.json") for kind, folder in folders.items()},
-        controllers={kind: load_controller(folder / "controller.npz") for kind, folder in folders.items()},
-        validation=read_json(inputs.validation / "validation.json"),
-        traces=split(table, context.states, context.inputs),
-        diagnosis=read_json(inputs.diagnosis / "diagnosis.json") if inputs.diagnosis else None,
-        corrected=_corrected(context, inputs, gap) if inputs.corrected else None,
-        printed=printed_values(context.case.name),
+        syntheses={kind: read_json(path) for kind, path in inputs.syntheses.items()},
+        controllers={kind: load_controller(path) for kind, path in inputs.controllers.items()},
+        validation=read_json(inputs.validation),
+        traces=split(read_parquet(inputs.traces), context.states, context.inputs),
+        diagnosis=read_json(found.document) if found is not None else None,
+        corrected=_corrected(context, later, found, gap) if later is not None else None,
+        printed=printed,
     )
 
 
-def _corrected(context: Context, inputs: Inputs, gap: Mapping[str, Any]) -> Corrected:
-    folder = inputs.corrected or Path()
-    controllers = {kind: load_controller(folder / "synthesis" / kind / "controller.npz") for kind in (NOMINAL, ROBUST)}
-    return Corrected(read_json(folder / "summary.json"), controllers, _inside(context, inputs, gap))
+def _corrected(context: Context, files: CorrectedFiles, found: Measured | None, gap: Mapping[str, Any]) -> Corrected:
+    controllers = {kind: load_controller(path) for kind, path in files.controllers.items()}
+    return Corrected(read_json(files.summary), controllers, _inside(context, files, found, gap))
 
 
-def _inside(context: Context, inputs: Inputs, gap: Mapping[str, Any]) -> dict[str, Mapping[str, float] | None]:
-    """Measured transitions against both bounds, where the diagnosis and the corrected bound are there."""
-    found, bounds = inputs.diagnosis, sorted((inputs.corrected or Path()).glob("gap/*/gap.json"))
-    if found is None or not (found / FILE).is_file() or not bounds:
+def _inside(
+    context: Context, files: CorrectedFiles, found: Measured | None, gap: Mapping[str, Any]
+) -> dict[str, Mapping[str, float] | None]:
+    """Measured transitions against both bounds, where the diagnosis kept them."""
+    later = Context.load(files.case)
+    if found is None or found.transitions is None or later.states != context.states:
         return {}
-    noise = read_json(found / "diagnosis.json")["noise"]
-    later = Context.load(found / "corrected_case.yaml")
-    if later.states != context.states:
-        return {}
-    sides = {"before": (context, from_json(gap), False), "after": (later, from_json(read_json(bounds[-1])), True)}
+    noise, rows = read_json(found.document)["noise"], read_parquet(found.transitions)
+    sides = {"before": (context, gap, False), "after": (later, read_json(files.gap), True)}
     return {
-        side: share_inside(own, found / FILE, own.plant.sampled, bound, noise, late)
+        side: share_inside(own, rows, own.plant.sampled, from_json(bound), noise, late)
         for side, (own, bound, late) in sides.items()
     }
-
-
-def printed_values(case: str) -> Mapping[str, Any]:
-    """What the paper prints for this case; nothing for most."""
-    import yaml
-
-    content: Mapping[str, Any] = yaml.safe_load((REPORTS / "paper.yaml").read_text())
-    return content.get(case, {})

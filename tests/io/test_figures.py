@@ -119,10 +119,20 @@ def test_a_body_that_only_feels_its_input_is_shown_over_inputs(tmp_path):
 def test_times_are_in_seconds():
     with style.figure_style():
         figure = figures_arena.times_figure({ROBUST: [10, 20, 30], NOMINAL: []}, 0.5)
-        assert figure.axes[0].get_xlim()[1] == pytest.approx(15.0)
-        counts = sum(p.get_height() for p in figure.axes[0].patches if hasattr(p, "get_height"))
-        assert "3 runs, median 10 s" in figure.legends[0].get_texts()[0].get_text()
-        assert counts >= 0
+        (axis,) = figure.axes
+        assert axis.get_xlim() == pytest.approx((0.0, 15.0))
+        (label,) = [text.get_text() for text in figure.legends[0].get_texts()]  # nothing is said of no runs
+        assert label.endswith("3 runs, median 10 s")
+        filled, line = axis.patches
+        width = 15.0 / 40
+        for corners in (filled.get_xy(), line.get_xy()):
+            inside = corners[corners[:, 1] > 0.0]
+            assert set(inside[:, 1]) == {1.0}  # one run a bar
+            left = np.unique(inside[:, 0])[::2]
+            np.testing.assert_allclose(np.unique(inside[:, 0])[1::2] - left, width)
+            times = np.array([5.0, 10.0, 15.0])
+            assert left.shape == times.shape
+            assert np.all((left <= times + 1e-9) & (times <= left + width + 1e-9))
         style.close(figure)
 
 

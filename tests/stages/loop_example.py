@@ -71,8 +71,15 @@ def robot(folder):
 
 def arguments(folder):
     """What the report stage reads of a folder of results."""
-    return {"gaps": [folder / "gap.json"], "samples": folder / "samples.parquet", "nominal": folder / "nominal",
-            "robust": folder / "gap", "validation": folder / "validation"}  # fmt: skip
+    kinds = ("nominal", "gap")
+    return {
+        "gaps": [folder / "gap.json"],
+        "samples": folder / "samples.parquet",
+        "controllers": {kind: folder / kind / "controller.npz" for kind in kinds},
+        "syntheses": {kind: folder / kind / "synthesis.json" for kind in kinds},
+        "validation": folder / "validation/validation.json",
+        "traces": folder / "validation/traces.parquet",
+    }
 
 
 def _case(folder, content):

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -14,11 +15,9 @@ from simgap.gap.fit import fit_gap
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
-from simgap.io.parquet import read_parquet, stack
+from simgap.io.parquet import stack
+from simgap.report.measured_share import share_inside, transition_columns
 from simgap.stages.context import Context
-from simgap.stages.measured_share import share_inside, write_transitions
-
-RECORD = {"stage": "by hand"}
 
 
 class Exact:
@@ -47,18 +46,16 @@ def constant_gap(context, half):
     ).function
 
 
-def test_the_share_is_that_of_a_count_by_hand(context, tmp_path):
+def test_the_share_is_that_of_a_count_by_hand(context):
     data = example.record(seed=4)
-    path = tmp_path / "transitions.parquet"
-    write_transitions(context, path, example.windows(data), ["q", "v"], {"u": 0.02}, RECORD)
-    rows = read_parquet(path)
+    rows = pa.table(transition_columns(context, example.windows(data), ["q", "v"], {"u": 0.02}))
     start, then = stack(rows, ["q", "v"]), stack(rows, ["next_q", "next_v"])
     assert len(start) == 3 * 19  # as many as the conformal bound rests on
     half = np.array([0.05, 0.3])
     gap = constant_gap(context, half)
     lo, hi = gap.bounds(start[:1], np.zeros((1, 1)))
     noise = {"q": 0.02, "v": 0.1}
-    got = share_inside(context, path, Exact(), gap, noise, late=False)
+    got = share_inside(context, rows, Exact(), gap, noise, late=False)
     assert got["transitions"] == len(start)
     assert got["share"] == np.mean(np.all((then - start >= lo) & (then - start <= hi), axis=1))
     # two independent normals of sqrt(2) sigma inside the symmetric bound
@@ -68,12 +65,11 @@ def test_the_share_is_that_of_a_count_by_hand(context, tmp_path):
     assert got["noise_alone"] == pytest.approx(want, abs=0.05)
 
 
-def test_transitions_outside_the_domain_are_not_counted(context, tmp_path):
+def test_transitions_outside_the_domain_are_not_counted(context):
     data = example.record(seed=4)
-    path = tmp_path / "transitions.parquet"
-    write_transitions(context, path, example.windows(data), ["q", "v"], {}, RECORD)
+    rows = pa.table(transition_columns(context, example.windows(data), ["q", "v"], {}))
     narrow = context.case.model_copy(
         update={"domain": context.domain.model_copy(update={"X": {"q": (50.0, 51.0), "v": (-90.0, 90.0)}})}
     )
     elsewhere = Context(narrow, context.path)
-    assert share_inside(elsewhere, path, Exact(), constant_gap(context, 1.0), {"q": 1.0, "v": 1.0}, False) is None
+    assert share_inside(elsewhere, rows, Exact(), constant_gap(context, 1.0), {"q": 1.0, "v": 1.0}, False) is None

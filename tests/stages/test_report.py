@@ -6,6 +6,9 @@ import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -119,12 +122,13 @@ def test_the_summary_holds_the_numbers(pendulum):
     assert summary["closed_loop"]["nominal"]["simulator"]["runs_that_violated_it"] == 2
 
 
-def test_printed_values_stand_beside_ours(pendulum, tmp_path):
+def test_printed_values_stand_beside_ours(pendulum, tmp_path, root):
     """A gap.json at an eps of the paper's table gets the paper's number in its row."""
     folder, case = pendulum
     content = example.read_json(folder / "gap.json") | {"eps": 0.0056}
     (tmp_path / "gap.json").write_text(json.dumps(content))
-    given = example.arguments(folder) | {"gaps": [folder / "gap.json", tmp_path / "gap.json"]}
+    printed = root / "configs/paper/printed.yaml"
+    given = example.arguments(folder) | {"gaps": [folder / "gap.json", tmp_path / "gap.json"], "printed": printed}
     report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
     text = page(tmp_path).text
     assert "printed in the paper" in text
@@ -136,15 +140,11 @@ def test_a_broken_promise_is_the_headline(pendulum, tmp_path):
     folder, case = pendulum
     content = example.read_json(folder / "validation/validation.json")
     content["controllers"]["gap"]["simulator"]["steps_outside_gamma"] = 3
-    (tmp_path / "validation").mkdir()
-    (tmp_path / "validation/validation.json").write_text(json.dumps(content))
-    traces = (folder / "validation/traces.parquet").read_bytes()
-    (tmp_path / "validation/traces.parquet").write_bytes(traces)
-    (tmp_path / "gap").mkdir()
+    (tmp_path / "validation.json").write_text(json.dumps(content))
     synthesis = example.read_json(folder / "gap/synthesis.json") | {"between_samples": {"x1": 0.0025, "x2": 0.0}}
-    (tmp_path / "gap/synthesis.json").write_text(json.dumps(synthesis))
-    (tmp_path / "gap/controller.npz").write_bytes((folder / "gap/controller.npz").read_bytes())
-    given = example.arguments(folder) | {"validation": tmp_path / "validation", "robust": tmp_path / "gap"}
+    (tmp_path / "synthesis.json").write_text(json.dumps(synthesis))
+    given = example.arguments(folder) | {"validation": tmp_path / "validation.json"}
+    given["syntheses"] |= {"gap": tmp_path / "synthesis.json"}
     report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
     text = page(tmp_path).text
     assert "promise broken" in text
@@ -154,18 +154,45 @@ def test_a_broken_promise_is_the_headline(pendulum, tmp_path):
 
 def test_the_corrected_case_stands_beside_the_first(pendulum, tmp_path):
     folder, case = pendulum
-    for kind in ("nominal", "gap"):
-        (tmp_path / "corrected/synthesis" / kind).mkdir(parents=True)
-        controller = (folder / kind / "controller.npz").read_bytes()
-        (tmp_path / "corrected/synthesis" / kind / "controller.npz").write_bytes(controller)
     after = example.read_json(folder / "summary.json")
     after["winning_fraction"]["gap"] = 0.8125
-    (tmp_path / "corrected/summary.json").write_text(json.dumps(after))
-    given = Inputs(**example.arguments(folder), corrected=tmp_path / "corrected")
-    report.run(case, given, tmp_path / "report.html", tmp_path / "summary.json")
+    (tmp_path / "summary.json").write_text(json.dumps(after))
+    arguments = example.arguments(folder)
+    later = report.CorrectedFiles(case, folder / "gap.json", tmp_path / "summary.json", arguments["controllers"])
+    given = Inputs(**arguments, corrected=later)
+    report.run(case, given, tmp_path / "report.html", tmp_path / "after.json")
     shown = page(tmp_path)
     assert re.search(r"winning fraction, gap-aware\s*[\d.]+\s*0.8125", shown.text)
     assert "corrected/report.html" in shown.addresses
+
+
+def test_measured_transitions_are_held_against_the_bound_that_was_given(pendulum, tmp_path):
+    """A bound beside it, in a folder that sorts later, is not what the page tells of."""
+    folder, case = pendulum
+    start = np.zeros((50, 2))
+    columns = {"x1": start[:, 0], "x2": start[:, 1], "u": np.zeros(50), "late_u": np.zeros(50)}
+    columns |= {"next_x1": np.full(50, 0.02), "next_x2": np.full(50, 0.02)}  # the model stays at rest
+    pq.write_table(pa.table(columns), tmp_path / "transitions.parquet")
+    document = {"noise": {"x1": 1e-4, "x2": 1e-4}}
+    (tmp_path / "diagnosis.json").write_text(json.dumps(document))
+    arguments = example.arguments(folder)
+    shares = {}
+    for name, by in (("eps~0.0022", 1.0), ("eps~0.0056", 0.0)):
+        content = example.read_json(folder / "gap.json")
+        for sides in content["gap"].values():
+            sides["upper"]["offset"] += by
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "gap.json").write_text(json.dumps(content))
+    for name in ("eps~0.0022", "eps~0.0056"):
+        later = report.CorrectedFiles(
+            case, tmp_path / name / "gap.json", folder / "summary.json", arguments["controllers"]
+        )
+        found = report.Measured(tmp_path / "diagnosis.json", tmp_path / "transitions.parquet")
+        shares[name] = report.read(case, Inputs(**arguments, diagnosis=found, corrected=later)).corrected.inside[
+            "after"
+        ]
+    assert shares["eps~0.0022"]["share"] == 1.0
+    assert shares["eps~0.0056"]["share"] == 0.0
 
 
 def test_the_index_links_every_case(pendulum, robot, tmp_path):
@@ -182,7 +209,7 @@ def test_the_index_links_every_case(pendulum, robot, tmp_path):
 
 def test_a_missing_result_is_named(pendulum, tmp_path):
     folder, case = pendulum
-    given = example.arguments(folder) | {"validation": tmp_path}
+    given = example.arguments(folder) | {"traces": tmp_path / "traces.parquet"}
     with pytest.raises(UserError, match=r"traces\.parquet.*does not exist"):
         report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
     assert not (tmp_path / "report.html").exists()

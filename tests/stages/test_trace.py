@@ -10,11 +10,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 import loop_example as example
 
 from simgap.cli import main
+from simgap.config.reads import READS
 from simgap.io.controller_file import load_controller
 from simgap.io.recording import events
 from simgap.io.recording_check import read_curves
 from simgap.io.recording_content import JointScene, PlanarScene
 from simgap.io.traces import split
+from simgap.provenance import sections_digest
 from simgap.report.recording import recording_content
 from simgap.report.scene import scene
 from simgap.stages.context import Context
@@ -54,6 +56,14 @@ def test_the_scene_follows_from_the_case(robot, tmp_path, root):
     jointed = scene(Context.load(example.pendulum(root, tmp_path)))
     assert isinstance(jointed, JointScene)
     assert jointed.joints == {"hinge": 0}
+
+
+def test_the_title_that_the_recording_prints_is_read_by_its_stage(robot):
+    _, path = robot
+    case = Context.load(path).case
+    renamed = case.model_copy(update={"title": "Another title"})
+    before, after = (sections_digest(c, READS["trace"], path.parent) for c in (case, renamed))
+    assert before != after
 
 
 def test_what_the_recording_says_happened(robot):

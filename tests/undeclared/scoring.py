@@ -20,8 +20,8 @@ class Mark:
 
     exact: the right set, or one that the sensitivities prove equivalent to it; listed: the right set is the answer or
     among its alternatives; hits: how many true effects the answer names (an equivalent counts); errors: relative
-    errors of the parameters where the answer is the true set, by "effect.symbol"; covered: whether each interval holds
-    the truth.
+    errors of the parameters where the answer is the true set, by "effect.symbol"; listed_errors: the same where the
+    true set is an alternative, which has values and no intervals; covered: whether each interval holds the truth.
     """
 
     verdict: str
@@ -32,6 +32,7 @@ class Mark:
     listed: bool
     hits: int
     errors: dict[str, float]
+    listed_errors: dict[str, float]
     covered: list[bool]
     held_out_ratio: float
 
@@ -51,6 +52,19 @@ def examine(folder: Path, model: SymbolicModel, velocity: bool) -> tuple[Diagnos
     return d, mark(d, sealed)
 
 
+def _sealed(sealed: dict, key: tuple[str, str]) -> dict[str, float]:
+    """What was hidden of one effect; a number and a phase of ripples are no sizes."""
+    return {s: v for s, v in sealed["parameters"][f"{key[0]} {key[1]}"].items() if s not in ("n", "phase")}
+
+
+def _errors(sealed: dict, values: dict[tuple[str, str], dict[str, float]]) -> dict[str, float]:
+    """Relative errors by "effect.symbol"."""
+    return {
+        f"{key[0]}.{symbol}": abs(found[symbol] - true) / abs(true)
+        for key, found in values.items() for symbol, true in _sealed(sealed, key).items()
+    }  # fmt: skip
+
+
 def mark(d: Diagnosis, sealed: dict) -> Mark:
     """Score an answer."""
     truth = frozenset((name, on) for name, on in sealed["effects"])
@@ -58,15 +72,12 @@ def mark(d: Diagnosis, sealed: dict) -> Mark:
     sets = {frozenset((a.name, a.on) for a in s.effects): s.exact for s in d.alternatives}
     exact = answer == truth or sets.get(truth, False)
     equivalents = [answer, *(s for s, proven in sets.items() if proven)]
-    errors, covered = {}, []
-    chosen = {(e.name, e.on): e.parameters for e in d.effects}
-    for key, parameters in chosen.items():
-        for symbol, true in sealed["parameters"].get(f"{key[0]} {key[1]}", {}).items() if answer == truth else ():
-            if symbol in ("n", "phase"):
-                continue
-            estimate = parameters[symbol]
-            errors[f"{key[0]}.{symbol}"] = abs(estimate.value - true) / abs(true)
-            covered.append(bool(estimate.ci95[0] <= true <= estimate.ci95[1]))
+    chosen = {(e.name, e.on): e.parameters for e in d.effects} if answer == truth else {}
+    beside = next((s.effects for s in d.alternatives if frozenset((a.name, a.on) for a in s.effects) == truth), ())
+    covered = [
+        bool(chosen[key][symbol].ci95[0] <= true <= chosen[key][symbol].ci95[1])
+        for key in chosen for symbol, true in _sealed(sealed, key).items()
+    ]  # fmt: skip
     return Mark(
         verdict=d.verdict,
         library=bool(sealed["library"]),
@@ -75,7 +86,8 @@ def mark(d: Diagnosis, sealed: dict) -> Mark:
         exact=exact,
         listed=exact or truth in sets,
         hits=max(len(truth & s) for s in equivalents),
-        errors=errors,
+        errors=_errors(sealed, {k: {s: e.value for s, e in p.items()} for k, p in chosen.items()}),
+        listed_errors=_errors(sealed, {(a.name, a.on): dict(a.values) for a in beside}),
         covered=covered,
         held_out_ratio=d.after.held_out_ratio,
     )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+
 import numpy as np
 
-from tests.undeclared.rig.pendulum import NOMINAL, RATE, Hidden
+from tests.undeclared.rig.pendulum import NOMINAL, RATE, STEP, Draft, Hidden
 
 SINGLES = (
     "viscous_friction", "coulomb_friction", "stribeck_friction", "quadratic_drag", "input_gain", "mass", "length",
@@ -18,88 +20,124 @@ GROUPS = (
     {"input_gain", "mass", "length"},
     {"gravity_tilt", "sensor_offset"},
 )
+# the whole range: what SINGLES lacks, and delays between samples in the place of whole ones
+ADDED = ("input_saturation", "com", "inertia", "fractional_delay")
+WIDE = (*(name for name in SINGLES if name != "input_delay"), *ADDED)
+# kinds of which two are one effect and no more
+SAME = ({"coulomb_friction", "stribeck_friction"}, {"input_gain", "mass"}, {"gravity_tilt", "sensor_offset"})
+
+Size = Callable[[np.random.Generator, Draft], None]
 
 
-def _signed(rng: np.random.Generator, lo: float, hi: float) -> float:
+def signed(rng: np.random.Generator, lo: float, hi: float) -> float:
+    """A size between `lo` and `hi` of either sign."""
     return float(rng.uniform(lo, hi) * rng.choice([-1.0, 1.0]))
 
 
-def draw_set(rng: np.random.Generator, count: int) -> list[str]:
+def _number(name: str, on: str, symbol: str, lo: float, hi: float, key: str = "", either: bool = False) -> Size:
+    """An effect of one number, which the integrator knows as `key`."""
+
+    def size(rng: np.random.Generator, draft: Draft) -> None:
+        value = signed(rng, lo, hi) if either else float(rng.uniform(lo, hi))
+        draft.rig[key or symbol] = value
+        draft.add(name, on, **{symbol: value})
+
+    return size
+
+
+def _error(on: str, lo: float, hi: float, powers: Mapping[str, int]) -> Size:
+    """A named parameter off by a ratio; `powers` of it scale the integrator's numbers."""
+
+    def size(rng: np.random.Generator, draft: Draft) -> None:
+        ratio = 1.0 + signed(rng, lo, hi)
+        for key, power in powers.items():
+            draft.rig[key] = draft.rig.get(key, NOMINAL[key]) * ratio**power
+        draft.add("parameter_error", on, ratio=ratio)
+
+    return size
+
+
+def _gain(rng: np.random.Generator, draft: Draft) -> None:
+    draft.rig["gain"] = 1.0 + signed(rng, 0.05, 0.2)
+    draft.add("input_gain", "torque", ratio=draft.rig["gain"])
+
+
+def _stribeck(rng: np.random.Generator, draft: Draft) -> None:
+    stribeck(rng, draft, (0.06, 0.12), (0.1, 0.5))
+
+
+def stribeck(rng: np.random.Generator, draft: Draft, peak: tuple[float, float], width: tuple[float, float]) -> None:
+    """Coulomb friction with a peak of a height and a width between the given limits."""
+    level = float(rng.uniform(0.03, 0.15))
+    numbers = {"F_c": level, "F_s": level + float(rng.uniform(*peak)), "v_s": float(rng.uniform(*width))}
+    draft.rig.update(numbers)
+    draft.add("stribeck_friction", "hinge", **numbers)
+
+
+def _whole_delay(rng: np.random.Generator, draft: Draft) -> None:
+    draft.delay = float(rng.integers(1, 4)) / RATE
+    draft.add("input_delay", "torque", delay=draft.delay)
+
+
+def _fractional_delay(rng: np.random.Generator, draft: Draft) -> None:
+    """Up to four samples, at least 15 % of a sample away from a whole number of them; whole steps of the rig."""
+    samples = float(rng.integers(0, 4)) + float(rng.uniform(0.15, 0.85))
+    draft.delay = round(samples / RATE / STEP) * STEP
+    draft.add("input_delay", "torque", delay=draft.delay)
+
+
+def _offset(rng: np.random.Generator, draft: Draft) -> None:
+    draft.offset = signed(rng, 0.02, 0.1)
+    draft.add("sensor_offset", "angle", offset=draft.offset)
+
+
+def _cogging(rng: np.random.Generator, draft: Draft) -> None:
+    numbers = {"A": float(rng.uniform(0.03, 0.1)), "n": float(rng.integers(4, 10))}
+    numbers["phase"] = float(rng.uniform(-np.pi, np.pi))
+    draft.rig.update(numbers)
+    draft.add("cogging", "hinge", **numbers)
+
+
+SIZES: Mapping[str, Size] = {
+    "viscous_friction": _number("viscous_friction", "hinge", "b", 0.03, 0.15),
+    "coulomb_friction": _number("coulomb_friction", "hinge", "F_c", 0.03, 0.15),
+    "stribeck_friction": _stribeck,
+    "quadratic_drag": _number("quadratic_drag", "hinge", "c", 0.03, 0.12),
+    "input_gain": _gain,
+    "mass": _error("rod.mass", 0.05, 0.2, {"mass": 1, "inertia": 1}),
+    "length": _error("rod.length", 0.03, 0.1, {"com": 1, "inertia": 2}),
+    "com": _error("rod.com", 0.03, 0.15, {"com": 1}),
+    "inertia": _error("rod.inertia", 0.05, 0.2, {"inertia": 1}),
+    "input_bias": _number("input_bias", "torque", "bias", 0.03, 0.15, either=True),
+    "input_delay": _whole_delay,
+    "fractional_delay": _fractional_delay,
+    "input_lag": _number("input_lag", "torque", "T", 0.01, 0.05, "lag"),
+    "input_dead_zone": _number("input_dead_zone", "torque", "width", 0.05, 0.3),
+    "input_saturation": _number("input_saturation", "torque", "limit", 1.0, 2.5),
+    "spring": _number("spring", "hinge", "k", 0.1, 0.5),
+    "cubic_spring": _number("cubic_spring", "hinge", "k3", 0.1, 0.4),
+    "gravity_tilt": _number("gravity_tilt", "plant", "tilt", 0.02, 0.1, either=True),
+    "sensor_offset": _offset,
+    "cogging": _cogging,
+}
+
+
+def draw_set(
+    rng: np.random.Generator, count: int, kinds: Sequence[str] = SINGLES, groups: Sequence[set[str]] = GROUPS
+) -> list[str]:
     """Names of `count` different effects, no two of one group."""
     while True:
-        names = [str(s) for s in rng.choice(SINGLES, size=count, replace=False)]
-        if all(len(group.intersection(names)) <= 1 for group in GROUPS):
+        names = [str(s) for s in rng.choice(kinds, size=count, replace=False)]
+        if all(len(group.intersection(names)) <= 1 for group in groups):
             return names
 
 
-def draw(rng: np.random.Generator, names: list[str]) -> Hidden:
+def draw(rng: np.random.Generator, names: Sequence[str]) -> Hidden:
     """Sizes for the named effects."""
-    effects: list[tuple[str, str]] = []
-    parameters: dict[str, dict[str, float]] = {}
-    rig: dict[str, float] = {}
-    delay = offset = 0.0
-
-    def add(name: str, on: str, **values: float) -> None:
-        effects.append((name, on))
-        parameters[f"{name} {on}"] = values
-
+    draft = Draft()
     for name in names:
-        if name == "viscous_friction":
-            rig["b"] = float(rng.uniform(0.03, 0.15))
-            add(name, "hinge", b=rig["b"])
-        elif name == "coulomb_friction":
-            rig["F_c"] = float(rng.uniform(0.03, 0.15))
-            add(name, "hinge", F_c=rig["F_c"])
-        elif name == "stribeck_friction":
-            rig["F_c"] = float(rng.uniform(0.03, 0.15))
-            rig["F_s"] = rig["F_c"] + float(rng.uniform(0.06, 0.12))
-            rig["v_s"] = float(rng.uniform(0.1, 0.5))
-            add(name, "hinge", F_c=rig["F_c"], F_s=rig["F_s"], v_s=rig["v_s"])
-        elif name == "quadratic_drag":
-            rig["c"] = float(rng.uniform(0.03, 0.12))
-            add(name, "hinge", c=rig["c"])
-        elif name == "input_gain":
-            rig["gain"] = 1.0 + _signed(rng, 0.05, 0.2)
-            add(name, "torque", ratio=rig["gain"])
-        elif name == "mass":
-            ratio = 1.0 + _signed(rng, 0.05, 0.2)
-            rig["mass"], rig["inertia"] = NOMINAL["mass"] * ratio, NOMINAL["inertia"] * ratio
-            add("parameter_error", "rod.mass", ratio=ratio)
-        elif name == "length":
-            ratio = 1.0 + _signed(rng, 0.03, 0.1)
-            rig["com"], rig["inertia"] = NOMINAL["com"] * ratio, NOMINAL["inertia"] * ratio**2
-            add("parameter_error", "rod.length", ratio=ratio)
-        elif name == "input_bias":
-            rig["bias"] = _signed(rng, 0.03, 0.15)
-            add(name, "torque", bias=rig["bias"])
-        elif name == "input_delay":
-            delay = float(rng.integers(1, 4)) / RATE
-            add(name, "torque", delay=delay)
-        elif name == "input_lag":
-            rig["lag"] = float(rng.uniform(0.01, 0.05))
-            add(name, "torque", T=rig["lag"])
-        elif name == "input_dead_zone":
-            rig["width"] = float(rng.uniform(0.05, 0.3))
-            add(name, "torque", width=rig["width"])
-        elif name == "spring":
-            rig["k"] = float(rng.uniform(0.1, 0.5))
-            add(name, "hinge", k=rig["k"])
-        elif name == "cubic_spring":
-            rig["k3"] = float(rng.uniform(0.1, 0.4))
-            add(name, "hinge", k3=rig["k3"])
-        elif name == "gravity_tilt":
-            rig["tilt"] = _signed(rng, 0.02, 0.1)
-            add(name, "plant", tilt=rig["tilt"])
-        elif name == "sensor_offset":
-            offset = _signed(rng, 0.02, 0.1)
-            add(name, "angle", offset=offset)
-        elif name == "cogging":
-            rig["A"], rig["n"] = float(rng.uniform(0.03, 0.1)), float(rng.integers(4, 10))
-            rig["phase"] = float(rng.uniform(-np.pi, np.pi))
-            add(name, "hinge", A=rig["A"], n=rig["n"], phase=rig["phase"])
-        else:
-            raise ValueError(name)
-    return Hidden(tuple(effects), parameters, rig, delay, offset)
+        SIZES[name](rng, draft)
+    return draft.hidden()
 
 
 def draw_outside(rng: np.random.Generator, name: str) -> Hidden:

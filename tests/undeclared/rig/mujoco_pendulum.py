@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 
-from tests.undeclared.rig.pendulum import RATE, multisine
+from tests.undeclared.rig.draw import SIZES
+from tests.undeclared.rig.pendulum import NOMINAL, RATE, Draft, Hidden, multisine
 
 STEP = 1e-4
 _XML = """
@@ -14,39 +17,42 @@ _XML = """
   <worldbody>
     <body>
       <joint name="hinge" type="hinge" axis="0 1 0" damping="{damping}" stiffness="{stiffness}"/>
-      <inertial pos="0 0 -0.5" mass="{mass}" diaginertia="{moment} {moment} 1e-6"/>
+      <inertial pos="0 0 -{com}" mass="{mass}" diaginertia="{moment} {moment} 1e-6"/>
     </body>
   </worldbody>
-  <actuator><motor joint="hinge" gear="{gear}"/></actuator>
+  <actuator><motor joint="hinge" gear="{gear}" forcelimited="true" forcerange="-{limit} {limit}"/></actuator>
 </mujoco>
 """
-SINGLES = ("viscous_friction", "spring", "input_gain", "mass", "gravity_tilt", "sensor_offset", "input_bias")
+SINGLES = (
+    "viscous_friction", "spring", "input_gain", "mass", "length", "com", "inertia", "gravity_tilt", "sensor_offset",
+    "input_bias", "input_saturation", "fractional_delay",
+)  # fmt: skip
+_NULL = {"b": 0.0, "k": 0.0, "gain": 1.0, "tilt": 0.0, "bias": 0.0, "limit": 1e6, **NOMINAL}
+
+
+def draw(rng: np.random.Generator, name: str = "") -> Hidden:
+    """One effect that MuJoCo can act out, any of SINGLES if none is named."""
+    draft = Draft()
+    SIZES[name or str(rng.choice(SINGLES))](rng, draft)
+    if draft.delay:  # of this engine's steps
+        draft.delay = round(draft.delay / STEP) * STEP
+        draft.parameters["input_delay torque"]["delay"] = draft.delay
+    return draft.hidden()
 
 
 def record(
-    name: str, rng: np.random.Generator, sigma: float, seconds: float = 15.0, traces: int = 2
-) -> tuple[list[tuple[np.ndarray, np.ndarray, np.ndarray]], tuple[str, str], float]:
-    """Traces (t, y, u) with one hidden effect, its (name, on), and its size."""
-    signed = rng.uniform(0.03, 0.1) * rng.choice([-1.0, 1.0])
-    numbers = {"damping": 0.0, "stiffness": 0.0, "gear": 1.0, "mass": 1.0, "tilt": 0.0, "offset": 0.0, "bias": 0.0}
-    keys = {
-        "viscous_friction": ("damping", float(rng.uniform(0.03, 0.15)), ("viscous_friction", "hinge")),
-        "spring": ("stiffness", float(rng.uniform(0.1, 0.5)), ("spring", "hinge")),
-        "input_gain": ("gear", 1.0 + 2 * signed, ("input_gain", "torque")),
-        "mass": ("mass", 1.0 + 2 * signed, ("parameter_error", "rod.mass")),
-        "gravity_tilt": ("tilt", signed, ("gravity_tilt", "plant")),
-        "sensor_offset": ("offset", signed, ("sensor_offset", "angle")),
-        "input_bias": ("bias", signed, ("input_bias", "torque")),
-    }
-    key, size, effect = keys[name]
-    numbers[key] = size
-    tilt, mass = numbers["tilt"], numbers["mass"]
+    hidden: Hidden, rng: np.random.Generator, sigma: float, seconds: float = 15.0, traces: int = 2
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Traces (t, y, u) of the angle with white noise."""
+    h = {**_NULL, **hidden.rig}
     xml = _XML.format(
-        step=STEP, gx=9.81 * np.sin(tilt), gz=-9.81 * np.cos(tilt), damping=numbers["damping"],
-        stiffness=numbers["stiffness"], mass=mass, moment=mass / 12.0, gear=numbers["gear"],
+        step=STEP, gx=9.81 * math.sin(h["tilt"]), gz=-9.81 * math.cos(h["tilt"]), damping=h["b"], stiffness=h["k"],
+        com=h["com"], mass=h["mass"], moment=h["inertia"] - h["mass"] * h["com"] ** 2, gear=h["gain"],
+        limit=h["limit"] / h["gain"],
     )  # fmt: skip
     model = mujoco.MjModel.from_xml_string(xml)
-    n, sample = int(seconds * RATE) + 1, round(1.0 / (RATE * STEP))
+    n, sample, late = int(seconds * RATE) + 1, round(1.0 / (RATE * STEP)), round(hidden.delay / STEP)
+    whole, part = divmod(late, sample)
     out = []
     for _ in range(traces):
         data = mujoco.MjData(model)
@@ -54,8 +60,11 @@ def record(
         u, q = multisine(rng, n, RATE), np.empty(n)
         for k in range(n):
             q[k] = data.qpos[0]
-            data.ctrl[0] = u[k] + numbers["bias"]
-            mujoco.mj_step(model, data, sample)
-        y = q[:, None] + numbers["offset"] + sigma * rng.standard_normal((n, 1))
+            if part:  # the command before still acts
+                data.ctrl[0] = u[max(k - whole - 1, 0)] + h["bias"]
+                mujoco.mj_step(model, data, part)
+            data.ctrl[0] = u[max(k - whole, 0)] + h["bias"]
+            mujoco.mj_step(model, data, sample - part)
+        y = q[:, None] + hidden.offset + sigma * rng.standard_normal((n, 1))
         out.append((np.arange(n) / RATE, y, u[:, None]))
-    return out, effect, size
+    return out

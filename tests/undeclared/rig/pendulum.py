@@ -35,6 +35,26 @@ class Hidden:
     library: bool = True  # whether the library can express it
 
 
+@dataclass
+class Draft:
+    """Hidden effects while they are drawn, one after the other."""
+
+    effects: list[tuple[str, str]] = field(default_factory=list)
+    parameters: dict[str, dict[str, float]] = field(default_factory=dict)
+    rig: dict[str, float] = field(default_factory=dict)
+    delay: float = 0.0
+    offset: float = 0.0
+
+    def add(self, name: str, on: str, **values: float) -> None:
+        """Note an effect and its parameters for the scoring."""
+        self.effects.append((name, on))
+        self.parameters[f"{name} {on}"] = values
+
+    def hidden(self) -> Hidden:
+        """What the rig is told."""
+        return Hidden(tuple(self.effects), self.parameters, self.rig, self.delay, self.offset)
+
+
 @njit(cache=True)
 def _torque(u: float, p: np.ndarray) -> float:
     """Static path of the command: gain, bias, dead zone, saturation."""
@@ -95,17 +115,22 @@ def multisine(rng: np.random.Generator, n: int, rate: float, top: float = 3.0) -
     return top * u / np.abs(u).max()
 
 
+def move(hidden: Hidden, u: np.ndarray, x0: np.ndarray) -> np.ndarray:
+    """States at the samples under commands u at RATE -> (n, 2)."""
+    numbers = {**dict.fromkeys(KEYS, 0.0), **NOMINAL, "gain": 1.0, "limit": math.inf, "v_s": 1.0, **hidden.rig}
+    p = np.array([numbers[k] for k in KEYS])
+    return integrate(p, u, round(1.0 / (RATE * STEP)), round(hidden.delay / STEP), x0, STEP)
+
+
 def record(
     hidden: Hidden, rng: np.random.Generator, sigma: float, velocity: bool, traces: int = 2, seconds: float = 15.0
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Traces (t, y, u) with white noise; the speed channel's noise is ten times the angle's."""
-    numbers = {**dict.fromkeys(KEYS, 0.0), **NOMINAL, "gain": 1.0, "limit": math.inf, "v_s": 1.0, **hidden.rig}
-    p = np.array([numbers[k] for k in KEYS])
-    sample, n = round(1.0 / (RATE * STEP)), int(seconds * RATE) + 1
+    n = int(seconds * RATE) + 1
     out = []
     for _ in range(traces):
         u = multisine(rng, n, RATE)
-        x = integrate(p, u, sample, round(hidden.delay / STEP), rng.uniform([-0.5, -0.5], [0.5, 0.5]), STEP)
+        x = move(hidden, u, rng.uniform([-0.5, -0.5], [0.5, 0.5]))
         y = x[:, :1] + hidden.offset + sigma * rng.standard_normal((n, 1))
         if velocity:
             y = np.hstack([y, x[:, 1:] + 10 * sigma * rng.standard_normal((n, 1))])

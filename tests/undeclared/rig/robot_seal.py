@@ -31,6 +31,8 @@ def produce(folder: Path, kind: str, seed: int, heading: bool = True, seconds: f
     if kind in DRAWS:
         key, (low, high), effect = DRAWS[kind]
         hidden[key] = float(rng.uniform(low, high))
+        if key.endswith("delay"):  # what is sealed is what acts: whole steps of the rig
+            hidden[key] = round(hidden[key] / robot.STEP) * robot.STEP
         if effect is not None:
             name, on, symbol = effect
             sealed = {"effects": [[name, on]], "parameters": {f"{name} {on}": {symbol: hidden[key]}}}

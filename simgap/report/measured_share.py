@@ -1,56 +1,56 @@
 """Held-out transitions of the recordings against `f +- gamma`, before and after the correction.
 
-The diagnosis writes the transitions, the report holds them against the two bounds. What is measured carries noise at
+The diagnosis keeps the transitions, the report holds them against the two bounds. What is measured carries noise at
 both ends of a step, so the share that noise alone would leave inside the same bound stands beside it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from simgap.config.context import Context
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.remainder import transitions
 from simgap.gap.function import GapFunction
-from simgap.io.parquet import read_parquet, stack, table, write_parquet
+from simgap.geometry import Floats
+from simgap.io.parquet import stack
 from simgap.model.sampled import NominalModel
-from simgap.stages.context import Context
 
-FILE = "transitions.parquet"
 DRAWS = 20  # noise vectors for each transition
 
 
-def write_transitions(
+def transition_columns(
     context: Context,
-    path: Path,
     windows: Sequence[WindowPrediction],
     measured: Sequence[str],
     late: Mapping[str, float],
-    record: Mapping[str, Any],
-) -> None:
-    """Held-out transitions over tau: states, inputs (and `late_` inputs as the corrected plant feels them), `next_`."""
-    tau = context.domain.tau
+) -> dict[str, Floats]:
+    """Held-out transitions over tau: states, inputs (and `late_` inputs as the corrected plant feels them), `next_`.
+
+    A case without a `domain` has no tau; the median interval of the data stands in for it.
+    """
     held = [w for w in windows if w.held_out]
+    steps = [np.diff(w.t) for w in held]
+    domain = context.case.domain
+    tau = domain.tau if domain is not None else float(np.median(np.concatenate(steps))) if steps else 1.0
     names, nx = [*context.states, *context.inputs], len(context.states)
     start, then = transitions(held, measured, names, {}, tau)
     later, _ = transitions(held, measured, names, late, tau)
     columns = {n: start[:, k] for k, n in enumerate(names)}
     columns |= {f"late_{n}": later[:, nx + k] for k, n in enumerate(context.inputs)}
-    columns |= {f"next_{n}": then[:, k] for k, n in enumerate(measured)}
-    units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
-    write_parquet(path, table(columns, units, {"case": context.case.name}, record))
+    return columns | {f"next_{n}": then[:, k] for k, n in enumerate(measured)}
 
 
 def share_inside(
-    context: Context, path: Path, model: NominalModel, gap: GapFunction, noise: Mapping[str, float], late: bool
+    context: Context, rows: Any, model: NominalModel, gap: GapFunction, noise: Mapping[str, float], late: bool
 ) -> dict[str, float] | None:
     """Share of the held-out transitions inside `f +- gamma` in all measured states at once.
 
     Args:
-        path: what `write_transitions` wrote.
+        rows: table with the columns of `transition_columns`.
         model, gap: f and its bound.
         noise: state -> standard deviation of a reading.
         late: whether the inputs act as the corrected plant feels them.
@@ -59,7 +59,6 @@ def share_inside(
         share, noise_alone (what a rig inside the bound's middle would show with this noise), transitions; None if no
         transition lies in X with an input between the ends of U.
     """
-    rows = read_parquet(path)
     measured = [n for n in context.states if f"next_{n}" in rows.column_names]
     x, u = stack(rows, context.states), stack(rows, [f"late_{n}" if late else n for n in context.inputs])
     then = stack(rows, [f"next_{n}" for n in measured])

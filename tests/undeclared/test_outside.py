@@ -1,0 +1,20 @@
+"""What the library cannot express is never `attributed`: the verdicts that the documentation tells."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.undeclared.plant import pendulum
+from tests.undeclared.rig.seal import produce
+from tests.undeclared.scoring import examine
+
+
+@pytest.mark.parametrize(("kind", "verdict"), [("dahl", "partial"), ("sine", "unexplained"), ("backlash", "partial")])
+def test_outside_the_library(tmp_path, kind, verdict):
+    produce(tmp_path, kind, 0)
+    diagnosis, mark = examine(tmp_path, pendulum(), False)
+    assert mark.verdict == verdict
+    assert bool(mark.answer) == (verdict == "partial")
+    assert mark.held_out_ratio > 1.08  # something is left, and the figures say so
+    if verdict == "partial":
+        assert mark.held_out_ratio < diagnosis.before.held_out_ratio
