@@ -65,13 +65,8 @@ def _multibody_rates(section: PlantSection, urdf: Path, x: Floats, u: Floats) ->
     names = list(section.states)
     place = {(s.joint, s.quantity): names.index(n) for n, s in section.states.items()}
     q, v = ([place[j, kind] for j in joints] for kind in ("position", "velocity"))
-    forces = np.stack(
-        [
-            sum((u[:, k] for k, i in enumerate(section.inputs.values()) if i.joint == j), np.zeros(len(u)))
-            for j in joints
-        ],
-        axis=1,
-    )
+    drives = np.array([[i.joint == j for j in joints] for i in section.inputs.values()], dtype=np.float64)
+    forces = u @ drives.reshape(-1, len(joints))
     context = plant.CreateDefaultContext()
     out = np.empty_like(x)
     for k in range(len(x)):

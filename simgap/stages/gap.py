@@ -60,6 +60,7 @@ def run(
     section = context.need(context.case.gap, "gap")
     with context.blame():
         model = context.plant.sampled
+        context.plant.check_with_drake(context.box, context.input_set)
         samples = collect(context, model, eps, shards)
         log.info("fitting on %d states x %d inputs", samples.grid.size, len(samples.inputs))
         began = time.perf_counter()

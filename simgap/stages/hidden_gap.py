@@ -41,6 +41,7 @@ def run(case_path: Path, grid: Path, random: Path, memory: Path, fresh: Path, ou
     pose = pose_axes(context)
     with context.blame():
         model = context.plant.sampled
+        context.plant.check_with_drake(context.box, context.input_set)
         centre = 0.5 * (context.box.lo + context.box.hi)
         motion = nominal_motion(model.step, centre, context.input_set, pose, np.random.default_rng(0))
         deviation = HeadingDeviation(np.array(measured["largest_deviation"]), int(measured["compared"]))
