@@ -19,6 +19,7 @@ from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.declared import declared_model
 from simgap.plants.drake_check import check_declared, check_map
+from simgap.units import require_unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +87,9 @@ class PlantModel:
                 remedy="A state with lag_of is called <input>_lagged, stands last, and its input has an effect that "
                 "lags, such as input_lag.",
             )
+        for name, state in self.section.states.items():
+            if state.lag_of is not None:
+                require_unit(state.unit, self.section.inputs[state.lag_of].unit, f"plant.states.{name}.unit")
         return model
 
     @cached_property
