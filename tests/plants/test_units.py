@@ -77,7 +77,7 @@ def test_equations_whose_joint_an_engine_drives_are_in_its_units(vary, root):
     ("key", "unit"),
     [
         ("plant.states.theta.unit", "deg"), ("plant.states.x.unit", "mm"),
-        ("plant.inputs.omega.unit", "rpm"), ("plant.inputs.v.unit", "mm/s"),
+        ("plant.inputs.w.unit", "rpm"), ("plant.inputs.v.unit", "mm/s"),
     ],
 )  # fmt: skip
 def test_the_roles_of_a_wheeled_robot_are_in_si(vary, key, unit):
