@@ -42,9 +42,12 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
 )
 """For each group, names and where the class stands ('module:Class')."""
 
-DOORS: Mapping[str, str] = MappingProxyType({"engines": "simgap.simulators.build"})
+DOORS: Mapping[str, str] = MappingProxyType(
+    {"engines": "simgap.simulators.build", "specifications": "simgap.specifications.base"}
+)
 """For each group the module through which its plug-ins are run: what imports it depends on those that a case uses."""
 
+_ONE = {"engines": "engine", "bases": "basis", "effects": "effect", "specifications": "specification"}
 log = logging.getLogger("simgap")
 
 
@@ -71,7 +74,7 @@ def find(group: str, name: str, folder: Path | None = None) -> type[Any]:
         return _beside(name, folder)
     if name in _offered(group):
         return _installed(group, name)
-    raise UserError(f"no {group} plug-in is called '{_short(name)}'", remedy=f"Known: {', '.join(names(group))}.")
+    raise UserError(f"no {_ONE[group]} is called '{_short(name)}'", remedy=f"Known: {', '.join(names(group))}.")
 
 
 def source(plugin: type[Any]) -> Path | None:

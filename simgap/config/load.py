@@ -79,12 +79,12 @@ def read_yaml(path: Path) -> Any:
         raise UserError(f"not valid YAML: {getattr(error, 'problem', error)}", file=path, key=line) from None
 
 
-def parse_case(content: Any, path: Path) -> Case:
-    """Check the content of a case file."""
+def parse_case(content: Any, path: Path, plugins_beside: Path | None = None) -> Case:
+    """Check the content of a case file; plug-in files stand beside `path`, or beside `plugins_beside`."""
     if not isinstance(content, dict):
         raise UserError("holds no keys", file=path, remedy="A case starts with `name:` and `plant:`.")
     try:
-        return Case.model_validate(content, context={"folder": path.parent})
+        return Case.model_validate(content, context={"folder": (plugins_beside or path).parent})
     except ValidationError as error:
         found = [mistake for e in error.errors(include_url=False) for mistake in _unfolded(e)]
         first = next((m for m in found if m.error["type"] == "extra_forbidden"), found[0])  # a typo leaves a gap

@@ -91,10 +91,11 @@ def section_of(plugin: type[Any], name: str) -> type[Section]:
 
 @dataclass(frozen=True)
 class Used:
-    """A plug-in that a case uses: where ('gap.basis'), of which group, under which name."""
+    """A plug-in that a case uses: where ('gap.basis'), of which group, which key names it ('kind') and how."""
 
     place: str
     group: str
+    tag: str
     name: str
 
 
@@ -105,7 +106,7 @@ def used(section: BaseModel, place: str = "") -> tuple[Used, ...]:
         value, here = getattr(section, key), f"{place}.{key}".lstrip(".")
         if isinstance(value, BaseModel):
             marks = [m for m in (*field.metadata, *_marks(field.annotation)) if isinstance(m, Plugged)]
-            found += [Used(here, m.group, getattr(value, m.tag)) for m in marks[:1]]
+            found += [Used(here, m.group, m.tag, getattr(value, m.tag)) for m in marks[:1]]
             found += used(value, here)
     return tuple(found)
 

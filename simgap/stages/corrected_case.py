@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from simgap.config.copied_plugins import copied_plugins, renamed
 from simgap.config.load import case_content, parse_case
 from simgap.effects import AppliedEffect, effect
 from simgap.plants.plant_model import PlantModel
@@ -31,7 +32,8 @@ def corrected_case(
 
     Args:
         case_path: the original case.
-        target: where the corrected one will stand; relative paths are rewritten to hold from there.
+        target: where the corrected one will stand; relative paths are rewritten to hold from there. Plug-in files are
+            named as `copied_plugins` has them, which the caller writes there.
         applied: effects to add, in the order in which they act.
         data: the recordings that were used.
         rig: 'simulator' if the recordings are of the case's own simulator: the nominal model alone gets the effects.
@@ -56,22 +58,28 @@ def corrected_case(
         added = [_plain(a) for a in applied]
         content["plant"]["effects"] = [*content["plant"].get("effects", []), *added]
         if rig != "simulator":
-            words = _on_hardware(content, added, target)
+            words = _on_hardware(content, added, target, case_path)
     if remainder:
         content["gap"]["remainder"] = {name: float(v) for name, v in remainder.items()}
-    body = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
-    checked = parse_case(yaml.safe_load(body), target)
+    checked = parse_case(yaml.safe_load(_dumped(content)), target, case_path)
     _ = PlantModel.of(checked, folder).corrected  # refuses what does not fit
-    return _header(applied, rig, sentence, content, words) + body
+    moved = renamed(content, copied_plugins(checked, source, folder))
+    return _header(applied, rig, sentence, content, words) + _dumped(moved)
 
 
-def _on_hardware(content: dict[str, Any], added: Sequence[dict[str, Any]], target: Path) -> tuple[str, ...]:
+def _dumped(content: Mapping[str, Any]) -> str:
+    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120, default_flow_style=None)
+
+
+def _on_hardware(
+    content: dict[str, Any], added: Sequence[dict[str, Any]], target: Path, case_path: Path
+) -> tuple[str, ...]:
     """The simulator's twin gets what moves the plant; delay and lag become states while they stay small."""
     moving = [e for e in added if not effect(e["name"]).reading_remedy]
     words = dict.fromkeys(effect(e["name"]).reading_remedy for e in added if e not in moving)
     if moving and isinstance(content.get("simulator"), dict):
         content["simulator"]["effects"] = [*content["simulator"].get("effects", []), *moving]
-    case = parse_case(content, target)
+    case = parse_case(content, target, case_path)
     chosen = plan(case, [AppliedEffect(e.name, e.on, e.parameters) for e in case.plant.effects])
     augment(content, case, chosen)
     return (*words, *chosen.words)

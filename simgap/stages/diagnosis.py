@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap.config.copied_plugins import copied_plugins
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.reading.survey import Survey, survey
@@ -17,7 +18,7 @@ from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder
 from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
 from simgap.errors import UserError
-from simgap.io.atomic import write_text
+from simgap.io.atomic import atomic, write_text
 from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
@@ -170,5 +171,8 @@ def _write(
     columns = transition_columns(context, found.windows, record.measured, shifts)
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
+    for plugin in copied_plugins(context.case, context.folder, out_dir):
+        with atomic(out_dir / plugin.file) as temporary:
+            temporary.write_bytes(plugin.content)
     write_text(target, text)
     write_json(out_dir / JSON, content)

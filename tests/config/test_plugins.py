@@ -1,6 +1,5 @@
 """Plug-ins: found by name, in a file beside a case or offered by a distribution; their keys checked like any others."""
 
-from importlib import metadata
 from typing import Annotated
 
 import pytest
@@ -8,8 +7,10 @@ from pydantic import BaseModel, ValidationError
 
 from simgap import plugins
 from simgap.config.base import Section
+from simgap.config.load import load_case
 from simgap.config.plugged import INNER, Plugged
 from simgap.errors import UserError
+from simgap.simulators.process import run_in_processes
 
 MINE = """
 from typing import Literal
@@ -72,12 +73,73 @@ def test_what_cannot_be_found_is_told(tmp_path, name, words):
     assert words in str(caught.value)
 
 
-def test_a_distribution_offers_plug_ins(monkeypatch):
-    point = metadata.EntryPoint("theirs", "collections:OrderedDict", "simgap.engines")
-    monkeypatch.setattr(metadata, "entry_points", lambda group: [point] if group == "simgap.engines" else [])
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """A distribution with an engine and one with a broken one, as an installer would leave them on the path."""
+    site = tmp_path / "site"
+    for name, module in (("theirs", MINE), ("halved", "import nothing_of_this_name\n")):
+        info = site / f"{name}_engines-2.5.dist-info"
+        info.mkdir(parents=True)
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}-engines\nVersion: 2.5\n")
+        (info / "entry_points.txt").write_text(f"[simgap.engines]\n{name} = {name}_module:Mine\n")
+        (site / f"{name}_module.py").write_text(module)
+    monkeypatch.syspath_prepend(str(site))
     plugins._offered.cache_clear()
-    try:
-        assert plugins.find("engines", "theirs").__name__ == "OrderedDict"
-        assert "theirs" in plugins.names("engines")
-    finally:
-        plugins._offered.cache_clear()
+    plugins._installed.cache_clear()
+    yield site
+    plugins._offered.cache_clear()
+    plugins._installed.cache_clear()
+
+
+def test_a_distribution_offers_plug_ins(installed, caplog):
+    held = Holder.model_validate({"simulator": {"engine": "theirs", "gain": 2.0}})
+    assert held.simulator.gain == 2.0
+    assert plugins.names("engines")[-2:] == ("halved", "theirs")
+    assert plugins.distribution("engines", "theirs") == ("theirs-engines", "2.5")
+    assert plugins.distribution("engines", "pybullet") is None
+    assert plugins.source(type(held.simulator)) == installed / "theirs_module.py"
+    assert "is code of theirs_module" in caplog.text
+
+
+def test_a_distribution_that_cannot_be_imported_is_told(installed):
+    with pytest.raises(UserError, match="'halved' cannot be imported: No module named 'nothing_of_this_name'"):
+        plugins.find("engines", "halved")
+
+
+def test_a_file_is_said_to_be_code_once(tmp_path, caplog):
+    (tmp_path / "mine.py").write_text(MINE)
+    for _ in range(3):
+        plugins.find("engines", "mine.py:Mine", tmp_path)
+    assert caplog.text.count("is code and runs with your rights") == 1
+    assert not list(tmp_path.rglob("__pycache__"))
+
+
+def test_what_a_file_made_can_be_read_in_another_process(tmp_path):
+    (tmp_path / "mine.py").write_text(MINE)
+    held = plugins.find("engines", "mine.py:Mine", tmp_path)(engine="mine.py:Mine", gain=4.0)
+    assert run_in_processes(gain, [(held,)]) == [4.0]
+
+
+def gain(section):
+    return section.gain
+
+
+@pytest.mark.parametrize(
+    ("simulator", "words"),
+    [
+        ({"engine": "bullet"}, "no engine is called 'bullet'. Known: pybullet, pybullet_wheeled, mujoco."),
+        ({"inertia": "file"}, "needs the key 'engine', one of pybullet"),
+        ({"engine": "mine.py:Mine"}, "mine.py: the plug-in file does not exist"),
+        ({"engine": "pybullet", "inertia": "file", "dampign": 1}, "simulator.dampign: unknown key"),
+        ({"engine": "odd.py:Odd"}, "must derive from simgap.config.simulator.EngineSection"),
+    ],
+)
+def test_a_case_with_an_engine_that_is_none_is_one_line(vary, simulator, words):
+    path = vary("pendulum", {"simulator": simulator})
+    (path.parent / "odd.py").write_text(MINE.replace("Mine", "Odd"))
+    with pytest.raises(UserError) as caught:
+        load_case(path)
+    text = str(caught.value)
+    assert words in text
+    assert "\n" not in text
+    assert text.startswith(f"{path}: simulator")

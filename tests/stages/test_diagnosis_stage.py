@@ -194,6 +194,27 @@ def test_the_corrected_case_runs_from_where_it_is(tmp_path):
     assert [line for line in text.splitlines() if line.startswith("#")]
 
 
+OWN_ENGINE = """
+from simgap.config.simulator import EngineSection
+
+class Mine(EngineSection):
+    pass
+"""
+
+
+def test_the_corrected_case_finds_the_engine_that_stands_beside_its_case(tmp_path):
+    (tmp_path / "mine.py").write_text(OWN_ENGINE)
+    write(tmp_path, more=GAP + "simulator: {engine: 'mine.py:Mine'}\n")
+    case = load_case(tmp_path / "out" / "corrected_case.yaml")
+    file, _, name = case.simulator.engine.partition(":")
+    assert name == "Mine"
+    assert (tmp_path / "out" / file).read_text() == OWN_ENGINE
+    (tmp_path / "mine.py").write_text(OWN_ENGINE + "# another one\n")
+    write(tmp_path, more=GAP + "simulator: {engine: 'mine.py:Mine'}\n")
+    again = load_case(tmp_path / "out" / "corrected_case.yaml").simulator.engine
+    assert again.partition(":")[0] not in ("mine.py", file)
+
+
 def test_a_case_without_data_says_what_to_do(tmp_path):
     (tmp_path / "case.yaml").write_text(example.CASE)
     with pytest.raises(UserError, match=r"measured\.files: no data are given"):

@@ -1,0 +1,53 @@
+"""Plug-in files of a case that is written again elsewhere: copied there, under names that hold their content."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from simgap.config.case import Case
+from simgap.config.plugged import used
+
+
+@dataclass(frozen=True)
+class CopiedPlugin:
+    """A plug-in file under its new name, and the key of the case that names it."""
+
+    section: tuple[str, ...]
+    key: str
+    named: str
+    file: str
+    content: bytes
+
+
+def copied_plugins(case: Case, source: Path, folder: Path) -> tuple[CopiedPlugin, ...]:
+    """What has to stand in `folder` so that a copy of the case in `source` finds its plug-ins there.
+
+    A plug-in file may only stand beside the case that names it, so its path cannot be rewritten. The new name holds a
+    hash of the content: it overwrites no other file, and an edited plug-in gets another name.
+    """
+    if source.resolve() == folder.resolve():
+        return ()
+    copies = []
+    for plugin in used(case):
+        file, _, attribute = plugin.name.rpartition(":")
+        if file.endswith(".py"):
+            content = (source / file).read_bytes()
+            new = f"{Path(file).stem}-{hashlib.sha256(content).hexdigest()[:12]}.py"
+            copies.append(CopiedPlugin(tuple(plugin.place.split(".")), plugin.tag, f"{new}:{attribute}", new, content))
+    return tuple(copies)
+
+
+def renamed(content: Mapping[str, Any], copies: tuple[CopiedPlugin, ...]) -> dict[str, Any]:
+    """The plain content of a case with the new names."""
+    new: dict[str, Any] = dict(content)
+    for copy in copies:
+        inner = new
+        for part in copy.section:
+            inner[part] = dict(inner[part])
+            inner = inner[part]
+        inner[copy.key] = copy.named
+    return new
