@@ -52,27 +52,30 @@ __all__ = [
     "effect",
 ]
 
-_ALL: tuple[Effect, ...] = (
-    ParameterError(),
-    GravityTilt(),
-    WheelMismatch(),
-    LateralSlip(),
-    ViscousFriction(),
-    CoulombFriction(),
-    StribeckFriction(),
-    QuadraticDrag(),
-    Spring(),
-    CubicSpring(),
-    Cogging(),
-    SensorOffset(),
-    InputLag(),
-    InputSaturation(),
-    InputDeadZone(),
-    InputBias(),
-    InputGain(),
-    InputDelay(),
-)
-EFFECTS: Mapping[str, Effect] = MappingProxyType({e.name: e for e in _ALL})
+_REGISTRY: dict[str, Effect] = {
+    e.name: e
+    for e in (
+        ParameterError(),
+        GravityTilt(),
+        WheelMismatch(),
+        LateralSlip(),
+        ViscousFriction(),
+        CoulombFriction(),
+        StribeckFriction(),
+        QuadraticDrag(),
+        Spring(),
+        CubicSpring(),
+        Cogging(),
+        SensorOffset(),
+        InputLag(),
+        InputSaturation(),
+        InputDeadZone(),
+        InputBias(),
+        InputGain(),
+        InputDelay(),
+    )
+}
+EFFECTS: Mapping[str, Effect] = MappingProxyType(_REGISTRY)
 
 
 def effect(name: str) -> Effect:

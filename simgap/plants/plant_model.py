@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from simgap.config.case import Case
+from simgap.config.load import load_case
 from simgap.config.plant import PlantSection
 from simgap.effects import AppliedEffect, apply_effects, effect
 from simgap.errors import UserError
@@ -132,3 +133,12 @@ class PlantModel:
             if effect(e.name).remembers:
                 late[e.on] = late.get(e.on, 0.0) + effect(e.name).lateness(e.values)
         return apply_effects(self.corrected, [e for e in found if not effect(e.name).remembers]), late
+
+
+def load_plant(path: str | Path) -> PlantModel:
+    """The nominal model of a case file.
+
+    Raises:
+        UserError: a case that does not check.
+    """
+    return PlantModel.of(load_case(Path(path)), Path(path).parent)

@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 from numba import njit
 
+import simgap
 from simgap.errors import BrokenPromise
 from simgap.model.drake_system import time_derivatives
 from simgap.plants import drake_check
@@ -36,6 +37,11 @@ def test_a_wrong_term_breaks_the_promise_by_name(vary):
     stray.__dict__["kernel"] = njit(lambda x, u: (x[0], x[1]))
     with pytest.raises(BrokenPromise, match=r"the compiled map differs from Drake's in x1"):
         drake_check.check_map(stray, box, inputs)
+
+
+def test_a_case_is_a_drake_system_in_a_line(root):
+    system = simgap.load_plant(root / "configs" / "cases" / "turtlebot.yaml").drake_system()
+    assert (system.num_continuous_states(), system.get_input_port().size()) == (3, 2)
 
 
 def test_effects_are_in_the_drake_system(vary):
