@@ -19,7 +19,7 @@ class State(Section):
     quantity: Literal["position", "velocity"] | None = Field(None, description="URDF plants: which quantity of it.")
     lag_of: str | None = Field(
         None,
-        description="The input whose lagged value this state is: an effect that lags, such as `input_lag`, is then part "
+        description="The input whose lagged value this state is: an effect that lags (`input_lag`) is then part "
         "of the nominal model. The state is called <input>_lagged, comes after the plant's own, and has its range in "
         "domain.X. Without it a lag is left to gamma.",
     )
