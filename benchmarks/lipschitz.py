@@ -22,7 +22,8 @@ from simgap.gap.lipschitz.evt import (
     profile_upper,
     top_spacing_upper,
 )
-from simgap.gap.lipschitz.grid import GATE, estimate
+from simgap.gap.lipschitz.grid import estimate
+from simgap.gap.thresholds import GATE
 from simgap.geometry import Box, Floats, Grid
 
 BOX = Box([-1.0, -1.0], [1.0, 1.0])

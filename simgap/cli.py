@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +18,6 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    help="Measure, bound and close the gap between a robot model, its simulator and its recordings.",
 )
 # Typer carries a click of its own; its usage errors are found through one of them.
 _USAGE: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
@@ -41,6 +41,21 @@ def start_log(path: Path | None) -> None:
     logger = logging.getLogger("simgap")
     logger.handlers, logger.propagate = [handler], False
     logger.setLevel(logging.INFO)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"simgap {metadata.version('simgap')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Measure, bound and close the gap between a robot model, its simulator and its recordings."""
 
 
 @app.command()

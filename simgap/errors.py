@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+MOST_ECHOED = 120
+"""Characters of a person's input that a message repeats."""
+_LONGEST = 600  # of one part of a message; a last resort against parts that were not cut before
+
 
 class SimgapError(Exception):
     """Base of every error that simgap raises on purpose; its text is always one line."""
@@ -23,11 +27,13 @@ class UserError(SimgapError):
         self, problem: str, *, file: str | Path | None = None, key: str | None = None, remedy: str | None = None
     ) -> None:
         self.problem, self.file, self.key, self.remedy = problem, file, key, remedy
-        where = ": ".join(str(part) for part in (file, key) if part is not None)
+        place = (None if file is None else str(file), None if key is None else excerpt(key))
+        where = ": ".join(part for part in place if part is not None)
+        problem = excerpt(problem, _LONGEST)
         text = f"{where}: {problem}" if where else problem
         if remedy:
-            text = f"{text.rstrip('.')}. {remedy}"
-        super().__init__(" ".join(text.split()))
+            text = f"{text.rstrip('.')}. {excerpt(remedy, _LONGEST)}"
+        super().__init__(_one_line(text))
 
 
 class BrokenPromise(SimgapError):
@@ -37,4 +43,17 @@ class BrokenPromise(SimgapError):
 
     def __init__(self, problem: str, remedy: str | None = None) -> None:
         text = f"{problem.rstrip('.')}. {remedy}" if remedy else problem
-        super().__init__(" ".join(text.split()))
+        super().__init__(_one_line(text))
+
+
+def excerpt(value: object, longest: int = MOST_ECHOED) -> str:
+    """The text of `value`, its middle left out if it is longer than a message should repeat."""
+    text = str(value)
+    half = (longest - 5) // 2
+    return text if len(text) <= longest else f"{text[:half]} ... {text[-half:]}"
+
+
+def _one_line(text: str) -> str:
+    """Spaces for line breaks, and no character that would move the cursor of a terminal."""
+    joined = " ".join(text.split())
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in joined)

@@ -30,7 +30,28 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             }
         ),
         "bases": MappingProxyType({}),
-        "effects": MappingProxyType({}),
+        "effects": MappingProxyType(
+            {
+                "parameter_error": "simgap.effects.parameter_error:ParameterError",
+                "gravity_tilt": "simgap.effects.gravity_tilt:GravityTilt",
+                "wheel_mismatch": "simgap.effects.wheel_mismatch:WheelMismatch",
+                "lateral_slip": "simgap.effects.lateral_slip:LateralSlip",
+                "viscous_friction": "simgap.effects.viscous_friction:ViscousFriction",
+                "coulomb_friction": "simgap.effects.coulomb_friction:CoulombFriction",
+                "stribeck_friction": "simgap.effects.stribeck_friction:StribeckFriction",
+                "quadratic_drag": "simgap.effects.quadratic_drag:QuadraticDrag",
+                "spring": "simgap.effects.spring:Spring",
+                "cubic_spring": "simgap.effects.cubic_spring:CubicSpring",
+                "cogging": "simgap.effects.cogging:Cogging",
+                "sensor_offset": "simgap.effects.sensor_offset:SensorOffset",
+                "input_lag": "simgap.effects.input_lag:InputLag",
+                "input_saturation": "simgap.effects.input_saturation:InputSaturation",
+                "input_dead_zone": "simgap.effects.input_dead_zone:InputDeadZone",
+                "input_bias": "simgap.effects.input_bias:InputBias",
+                "input_gain": "simgap.effects.input_gain:InputGain",
+                "input_delay": "simgap.effects.input_delay:InputDelay",
+            }
+        ),
         "specifications": MappingProxyType(
             {
                 "invariance": "simgap.specifications.invariance:Invariance",
@@ -43,7 +64,11 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
 """For each group, names and where the class stands ('module:Class')."""
 
 DOORS: Mapping[str, str] = MappingProxyType(
-    {"engines": "simgap.simulators.build", "specifications": "simgap.specifications.base"}
+    {
+        "engines": "simgap.simulators.build",
+        "effects": "simgap.effects",
+        "specifications": "simgap.specifications.base",
+    }
 )
 """For each group the module through which its plug-ins are run: what imports it depends on those that a case uses."""
 

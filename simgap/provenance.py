@@ -18,7 +18,7 @@ from typing import Any
 from simgap import plugins
 from simgap.config.case import Case
 from simgap.config.plugged import used
-from simgap.config.reads import READS
+from simgap.config.reads import EVERY_EFFECT, READS
 
 PACKAGE = Path(__file__).parent
 # What the typing of a case file does shows in the sections that are hashed, and what the registry of plug-ins does in
@@ -66,11 +66,22 @@ def code_digest(stage: str, case: Case | None = None, folder: Path = Path()) -> 
 def plugins_of(stage: str, case: Case | None, folder: Path) -> dict[str, type[Any]]:
     """The plug-ins that a stage runs for a case, by group and name: those of the groups whose door it imports."""
     reached = closure(f"simgap.stages.{stage}")
+    asked = [(u.group, u.name) for u in (used(case) if case is not None else ())]
+    asked += [("effects", name) for name in _effects(stage, case)]
     return {
-        f"{u.group}: {u.name}": plugins.find(u.group, u.name, folder)
-        for u in (used(case) if case is not None else ())
-        if plugins.DOORS.get(u.group) in reached
+        f"{group}: {name}": plugins.find(group, name, folder)
+        for group, name in asked
+        if plugins.DOORS.get(group) in reached
     }
+
+
+def _effects(stage: str, case: Case | None) -> list[str]:
+    """Names of the effects that a stage may apply or describe; an unknown one is told by the stage itself."""
+    known = plugins.names("effects")
+    if stage in EVERY_EFFECT or case is None:
+        return list(known)
+    added = (*case.plant.effects, *(case.simulator.effects if case.simulator is not None else ()))
+    return sorted({e.name for e in added} & set(known))
 
 
 def _sources(plugin: type[Any]) -> dict[str, str]:

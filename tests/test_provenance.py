@@ -91,6 +91,14 @@ def test_the_version_of_the_engine_is_recorded(root):
     assert "mujoco" not in versions("synthesis", load_case(cases / "pendulum_mujoco.yaml"), cases)
 
 
+def test_only_the_effects_of_the_case_count(vary):
+    friction = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.1}}]
+    assert "effects: coulomb_friction" not in used(vary("pendulum", {}), "rollouts")
+    assert "effects: coulomb_friction" in used(vary("pendulum", {"simulator.effects": friction}), "rollouts")
+    tried = used(vary("pendulum", {}), "diagnosis")
+    assert {f"effects: {name}" for name in plugins.BUILT_IN["effects"]} <= tried
+
+
 def test_another_engine_in_the_registry_changes_nothing(root, monkeypatch):
     path = root / "configs/cases/pendulum.yaml"
     before = code_digest("rollouts", load_case(path), path.parent)

@@ -25,7 +25,9 @@ SimulatorSection = Annotated[EngineSection, Plugged("engines", "engine")]
 class Case(Section):
     """A case; a stage needs only the sections that it reads."""
 
-    name: str = Field(pattern=r"^[a-z][a-z0-9_-]*$", description="Short name; results go to results/<name>.")
+    name: str = Field(
+        pattern=r"^[a-z][a-z0-9_-]*$", max_length=100, description="Short name; results go to results/<name>."
+    )
     title: str = Field("", description="What the report is headed with.")
     plant: PlantSection = Field(description="The nominal model.")
     domain: DomainSection | None = Field(None, description="Sampling time, states and inputs.")

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import difflib
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from simgap.config.case import Case
+from simgap.config.load_yaml import read_yaml
 from simgap.config.plugged import INNER
-from simgap.errors import UserError
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML with the booleans of version 1.2, true and false: `on` is a key of an effect, and `y` may be a state."""
-
-
-_BOOL = "tag:yaml.org,2002:bool"
-_Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if tag != _BOOL]
-    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-_Loader.add_implicit_resolver(_BOOL, re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
+from simgap.errors import UserError, excerpt
 
 
 def load_case(path: Path) -> Case:
@@ -52,7 +39,7 @@ def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
     name = content.pop("extends")
     if not isinstance(name, str) or Path(name).name != name:
         raise UserError(
-            f"{name!r} is no case file of this folder",
+            f"{excerpt(repr(name))} is no case file of this folder",
             file=path,
             key="extends",
             remedy="Give its file name, such as pendulum.yaml.",
@@ -63,20 +50,6 @@ def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
     inherited = case_content(base, above)
     parse_case(inherited, base)  # a mistake in it is told with its own file
     return {key: value for key, value in (inherited | content).items() if value is not None}
-
-
-def read_yaml(path: Path) -> Any:
-    """The plain content of a YAML file."""
-    try:
-        return yaml.load(path.read_text(), Loader=_Loader)
-    except FileNotFoundError:
-        raise UserError("the file does not exist", file=path, remedy="Give the path of a case file.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"cannot be read: {error}", file=path) from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f"line {mark.line + 1}" if mark else None
-        raise UserError(f"not valid YAML: {getattr(error, 'problem', error)}", file=path, key=line) from None
 
 
 def parse_case(content: Any, path: Path, plugins_beside: Path | None = None) -> Case:
@@ -118,7 +91,7 @@ def _user_error(mistake: _Mistake, count: int, path: Path) -> UserError:
     elif kind == "value_error":
         problem = problem.removeprefix("Value error, ")
     else:
-        problem = f"{problem}, got {first['input']!r}"
+        problem = f"{problem}, got {excerpt(repr(first['input']))}"
     if count > 1:
         remedy = f"{remedy or ''} ({count - 1} more after this one)".strip()
     return UserError(problem, file=path, key=key, remedy=remedy)

@@ -26,3 +26,6 @@ READS: Mapping[str, tuple[str, ...]] = {
     "diagnosis": _WHOLE,  # the corrected case is a copy of the whole
     "report": ("name", "title", "plant", "domain", "simulator", "grid.eps", "synthesis.specification", "sensing"),
 }
+
+EVERY_EFFECT = ("diagnosis", "report")
+"""Stages that try or describe effects which the case does not name."""

@@ -1,4 +1,4 @@
-"""The library of physical effects: one a file, all in `EFFECTS`.
+"""The library of physical effects: one a file, plug-ins of the group `effects`, all in `EFFECTS`.
 
 Several effects enter a model in the order of their ranks: plant, forces, sensors, and then the path of a command from
 the plant backwards, so that a command is delayed, amplified, shifted, loses its dead zone, is cut and then lags.
@@ -6,10 +6,11 @@ the plant backwards, so that a command is delayed, amplified, shifted, loses its
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
+from functools import lru_cache
 
+from simgap import plugins
 from simgap.effects.base import (
     CoordinateEffect,
     Effect,
@@ -18,24 +19,6 @@ from simgap.effects.base import (
     MemoryInputEffect,
     StaticInputEffect,
 )
-from simgap.effects.cogging import Cogging
-from simgap.effects.coulomb_friction import CoulombFriction
-from simgap.effects.cubic_spring import CubicSpring
-from simgap.effects.gravity_tilt import GravityTilt
-from simgap.effects.input_bias import InputBias
-from simgap.effects.input_dead_zone import InputDeadZone
-from simgap.effects.input_delay import InputDelay
-from simgap.effects.input_gain import InputGain
-from simgap.effects.input_lag import InputLag
-from simgap.effects.input_saturation import InputSaturation
-from simgap.effects.lateral_slip import LateralSlip
-from simgap.effects.parameter_error import ParameterError
-from simgap.effects.quadratic_drag import QuadraticDrag
-from simgap.effects.sensor_offset import SensorOffset
-from simgap.effects.spring import Spring
-from simgap.effects.stribeck_friction import StribeckFriction
-from simgap.effects.viscous_friction import ViscousFriction
-from simgap.effects.wheel_mismatch import WheelMismatch
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
 
@@ -52,30 +35,31 @@ __all__ = [
     "effect",
 ]
 
-_REGISTRY: dict[str, Effect] = {
-    e.name: e
-    for e in (
-        ParameterError(),
-        GravityTilt(),
-        WheelMismatch(),
-        LateralSlip(),
-        ViscousFriction(),
-        CoulombFriction(),
-        StribeckFriction(),
-        QuadraticDrag(),
-        Spring(),
-        CubicSpring(),
-        Cogging(),
-        SensorOffset(),
-        InputLag(),
-        InputSaturation(),
-        InputDeadZone(),
-        InputBias(),
-        InputGain(),
-        InputDelay(),
-    )
-}
-EFFECTS: Mapping[str, Effect] = MappingProxyType(_REGISTRY)
+
+class _Registry(Mapping[str, Effect]):
+    """The effects by name, each imported when it is asked for."""
+
+    def __getitem__(self, name: str) -> Effect:
+        if name not in plugins.names("effects"):
+            raise KeyError(name)
+        return _instance(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(plugins.names("effects"))
+
+    def __len__(self) -> int:
+        return len(plugins.names("effects"))
+
+
+@lru_cache(maxsize=256)
+def _instance(name: str) -> Effect:
+    made = plugins.find("effects", name)()
+    if not isinstance(made, Effect) or made.name != name:
+        raise UserError(f"the plug-in '{name}' is no effect of that name", remedy="Derive it from simgap's Effect.")
+    return made
+
+
+EFFECTS: Mapping[str, Effect] = _Registry()
 
 
 def effect(name: str) -> Effect:

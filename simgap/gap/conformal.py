@@ -1,9 +1,8 @@
 """Split conformal bound: covers a fresh random sample with a stated probability, and needs no Lipschitz constant.
 
-A centre m(x, u) is fitted by least squares; the score of a calibration sample is `max_i |d_i - m_i| / scale_i`. With n
-exchangeable calibration samples the k-th smallest score, k = ceil((n + 1)(1 - alpha)), covers a new sample from the
-same distribution with probability at least 1 - alpha (Vovk, Gammerman & Shafer 2005). It is a statement about a random
-state, not about every state: no controller that is proved with it alone is safe for certain, and the tier says so.
+A centre m(x, u) is fitted by least squares; the score of a calibration sample is `max_i |d_i - m_i| / scale_i`, and
+`split_conformal` says how far such scores reach. It is a statement about a random state, not about every state: no
+controller that is proved with it alone is safe for certain, and the tier says so.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
+from simgap.split_conformal import fewest, reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,19 +62,19 @@ def fit_conformal(
         forms.append(make_form(basis, samples.grid.box, samples.inputs, q))
     scale = np.where(np.array(scales) > 0.0, scales, 1.0)
     centre = np.stack([f.values(calibration.x, calibration.u) for f in forms], axis=1)
-    score = np.sort((np.abs(calibration.d - centre) / scale).max(axis=1))
-    rank = int(np.ceil((len(score) + 1) * (1.0 - settings.miscoverage)))
-    if rank > len(score):
+    score = (np.abs(calibration.d - centre) / scale).max(axis=1)
+    factor = reach(score, 1.0 - settings.miscoverage)
+    if not np.isfinite(factor):
         raise UserError(
             f"{len(score)} calibration samples are too few for a miscoverage of {settings.miscoverage:g}",
             key="gap.conformal.miscoverage",
-            remedy=f"Use at least {int(np.ceil(1.0 / settings.miscoverage))} samples.",
+            remedy=f"Use at least {fewest(1.0 - settings.miscoverage)} samples.",
         )
-    reach = score[rank - 1] * scale + samples.rounding / 16.0
+    half = factor * scale + samples.rounding / 16.0
     tier = _tier(settings, len(score))
     function = LinearGap(samples.domain, (tier,), tuple(forms), tuple(replace(f) for f in forms))
     numerical = np.array([f.rounding for f in forms])
-    return function.raised(reach + numerical, reach + numerical)
+    return function.raised(half + numerical, half + numerical)
 
 
 def _tier(settings: GapSettings, n: int) -> Tier:

@@ -16,10 +16,11 @@ from simgap.gap.forms import make_form, negated
 from simgap.gap.function import GapFunction, GapSuprema
 from simgap.gap.linear import LinearGap
 from simgap.gap.lipschitz.compare import LipschitzRow, compare_estimates
-from simgap.gap.lipschitz.grid import GATE, GridLipschitz, estimate
+from simgap.gap.lipschitz.grid import GridLipschitz, estimate
 from simgap.gap.padding import SideFit, SideProblem, fit_side
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
+from simgap.gap.thresholds import GATE
 from simgap.gap.tiers import Tier, deterministic_tier, estimate_tier
 from simgap.geometry import Floats
 

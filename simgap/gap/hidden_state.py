@@ -17,12 +17,12 @@ import numpy as np
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.function import GapDomain
 from simgap.gap.symmetry import BodyFrameGap, HeadingDeviation
+from simgap.gap.thresholds import BEYOND_CONFIDENCE
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
 from simgap.simulators.body_samples import BodySamples, Ints
 
 TOP = 20
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ def check_fading(memory: Floats, size: Floats, states: Sequence[str], growth: fl
             )
 
 
-def extrapolated_maximum(excess: Floats, top: int = TOP, confidence: float = CONFIDENCE) -> float:
+def extrapolated_maximum(excess: Floats, top: int = TOP, confidence: float = BEYOND_CONFIDENCE) -> float:
     """Upper estimate of the supremum behind a sample of excesses, >= its maximum (0 when nothing exceeds).
 
     `M1 + (M1 - Mk) r / (1 - r)`, `r = 1 - (1 - confidence)^(1/(k - 1))`, from the k largest (de Haan 1981).

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 from simgap.gap.cells import CellGap
+from simgap.gap.complete import check_complete
 from simgap.gap.function import GapDomain, GapFunction
 from simgap.gap.linear import LinearGap
 from simgap.gap.symmetry import BodyFrameGap
@@ -23,15 +24,19 @@ class Kind(Protocol):
 KINDS: Mapping[str, Kind] = {"linear": LinearGap, "cells": CellGap, "body_frame": BodyFrameGap}
 
 
-def from_json(data: Mapping[str, Any]) -> GapFunction:
-    """A gap function from what `to_json` gave.
+def from_json(data: Any) -> GapFunction:
+    """A gap function from what `to_json` gave, complete and right side up.
 
     Raises:
-        UserError: for an unknown kind or missing parts.
+        UserError: for an unknown kind, missing parts, numbers that are none, or a lower side above the upper one.
     """
     try:
         domain = GapDomain.from_json(data["domain"])
         tiers = tuple(Tier.from_json(t) for t in data["guarantee"])
-        return KINDS[data["kind"]].from_content(data, domain, tiers)
-    except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"not a saved gap bound ({error!r})", remedy="Run the gap stage again.") from error
+        gap = KINDS[data["kind"]].from_content(data, domain, tiers)
+        check_complete(gap)
+    except UserError as error:
+        raise UserError(f"not a saved gap bound: {error.problem}", remedy="Run the gap stage again.") from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise UserError(f"not a saved gap bound ({excerpt(repr(error))})", remedy="Run the gap stage again.") from None
+    return gap

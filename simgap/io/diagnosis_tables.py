@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 
 from simgap.diagnosis.reading.table import Floats, RawTable
 from simgap.errors import UserError
+from simgap.io import checksum
 from simgap.io.diagnosis_csv import CsvLayout, csv_layout, read_csv_columns
 
 _MAGIC = b"PAR1"
@@ -73,6 +74,10 @@ def _is_parquet(path: Path) -> bool:
 
 
 def _parquet_header(path: Path, file: str) -> tuple[str, ...]:
+    if checksum.holds(path.read_bytes()) is False:  # one that simgap wrote; those of others carry none
+        raise UserError(
+            "was changed after it was written: its checksum does not fit", file=file, remedy="Make it again."
+        )
     try:
         return tuple(pq.read_schema(path).names)
     except (pa.ArrowException, OSError):

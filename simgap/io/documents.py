@@ -1,20 +1,25 @@
-"""JSON results: readable, the same bytes for the same content, floats that read back exactly."""
+"""JSON results: readable, the same bytes for the same content, floats that read back exactly, a checksum at the end."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 from simgap.io.atomic import write_text
+
+CHECKSUM = "checksum"
+REMEDY = "Delete it and run again: it is remade."
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(v) for v in value]
@@ -27,20 +32,51 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def write_json(path: Path, content: Any) -> None:
-    """Write a result atomically."""
-    write_text(path, json.dumps(_plain(content), indent=1, ensure_ascii=False) + "\n")
+def checksum(content: Any) -> str:
+    """A hash of plain content, whatever the order of its keys and the spaces between them."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 
 
-def read_json(path: Path) -> Any:
-    """Read a result.
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a result atomically, its checksum (key `checksum`, which content cannot have) last."""
+    plain = _plain({key: value for key, value in content.items() if key != CHECKSUM})
+    whole = plain | {CHECKSUM: checksum(plain)}
+    write_text(path, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a result that `write_json` wrote, without its checksum.
 
     Raises:
-        UserError: missing or damaged file.
+        UserError: missing, damaged, edited or foreign file.
     """
     try:
-        return json.loads(path.read_text())
+        content = json.loads(path.read_bytes().decode(), object_pairs_hook=_distinct, parse_constant=_no_constant)
     except FileNotFoundError:
         raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"damaged: {error}", file=path, remedy="Delete it and run again.") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise UserError(f"damaged: {excerpt(error)}", file=path, remedy=REMEDY) from None
+    if not isinstance(content, dict) or CHECKSUM not in content:
+        raise UserError("damaged: no result of simgap, or one without its checksum", file=path, remedy=REMEDY)
+    stated = content.pop(CHECKSUM)
+    if stated != checksum(content):
+        raise UserError(
+            "damaged: the checksum does not fit the content, which was changed after it was written",
+            file=path,
+            remedy=REMEDY,
+        )
+    return content
+
+
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        seen: set[str] = set()
+        twice = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+        raise ValueError(f"the key {excerpt(repr(twice))} stands there twice")
+    return content
+
+
+def _no_constant(name: str) -> Any:
+    raise ValueError(f"{name} is no number of JSON")

@@ -11,8 +11,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
+from simgap.io import checksum
 from simgap.io.atomic import atomic
 
 
@@ -40,25 +41,38 @@ def _constant(value: Any, rows: int) -> pa.Array:
 
 
 def write_parquet(path: Path, content: pa.Table) -> None:
-    """Write a table; a reader never sees half of it."""
+    """Write a table with a checksum over all of its file; a reader never sees half of it."""
     with atomic(path) as temporary:
-        pq.write_table(content, temporary, compression="zstd")
+        with pq.ParquetWriter(temporary, content.schema, compression="zstd") as writer:
+            writer.write_table(content)
+            writer.add_key_value_metadata({checksum.KEY: checksum.ZEROS})
+        data = temporary.read_bytes()
+        found = checksum.stated(data)
+        if found is None:
+            raise RuntimeError("Parquet files are laid out in another way than this version of simgap knows")
+        with temporary.open("r+b") as stream:
+            stream.seek(found[0])
+            stream.write(checksum.computed(data, found[0]).encode())
 
 
 def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a table.
+    """Read a table that `write_parquet` wrote.
 
     Raises:
-        UserError: missing, truncated or foreign file.
+        UserError: missing, truncated, changed or foreign file.
     """
     try:
-        return pq.read_table(path, columns=list(columns) if columns else None)
+        data = path.read_bytes()
+        if not checksum.holds(data):
+            raise pa.ArrowInvalid("its checksum is missing or does not fit its content")
+        return pq.read_table(pa.BufferReader(data), columns=list(columns) if columns else None)
     except FileNotFoundError:
         raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None
-    except (pa.ArrowInvalid, OSError) as error:
-        reason = str(error).splitlines()[0]
+    except (pa.ArrowException, OSError) as error:
         raise UserError(
-            f"not a whole Parquet file ({reason})", file=path, remedy="Delete it and run again: it is remade."
+            f"not a whole Parquet file ({excerpt(str(error).splitlines()[0])})",
+            file=path,
+            remedy="Delete it and run again: it is remade.",
         ) from None
 
 

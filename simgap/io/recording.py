@@ -90,7 +90,8 @@ def events(content: Content, controller: str, trace: Trace) -> list[tuple[float,
         where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(content.states, x, strict=True))
         out.append((t, f"{title}: the simulator is unsafe at {where}", "ERROR"))
     elif content.controllers[controller].in_target(trace.x[-1:])[0]:
-        out.append((trace.duration, f"{title}: target reached after {trace.duration:g} s", "INFO"))
+        arrived = float(trace.t[content.controllers[controller].in_target(trace.x)][0])
+        out.append((arrived, f"{title}: target reached after {arrived:g} s", "INFO"))
     elif content.controllers[controller].solution.target is not None:
         out.append((trace.duration, f"{title}: ends without reaching the target", "WARN"))
     else:

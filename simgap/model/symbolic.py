@@ -9,6 +9,9 @@ import sympy as sp
 
 from simgap.errors import UserError
 
+NOT_NUMBERS = (sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I)
+"""What no rate of change may hold: infinities, what is undefined, and the imaginary unit."""
+
 
 def symbol(name: str) -> sp.Symbol:
     """The real symbol of a state, input or parameter; one name is one symbol everywhere."""
@@ -121,9 +124,21 @@ class SymbolicModel:
         return {symbol(name): p.value for name, p in self.parameters.items()}
 
     def numeric(self) -> tuple[sp.Expr, ...]:
-        """xdot with every parameter replaced by its declared number."""
+        """xdot with every parameter replaced by its declared number.
+
+        Raises:
+            UserError: where that is no finite real number, such as 1/m with m = 0.
+        """
         values = self.values()
-        return tuple(sp.sympify(e).subs(values) for e in self.xdot)
+        found = tuple(sp.sympify(e).subs(values) for e in self.xdot)
+        for state, rate in zip(self.states, found, strict=True):
+            if rate.has(*NOT_NUMBERS):
+                raise UserError(
+                    f"the rate of '{state.name}' is no finite real number with the declared parameters",
+                    key="plant",
+                    remedy="Correct the parameters or the equation.",
+                )
+        return found
 
     def with_parameter(self, name: str, parameter: Parameter) -> SymbolicModel:
         """The model with one more (or a changed) parameter."""

@@ -55,19 +55,22 @@ class Game(Protocol):
 class Words(Section):
     """What a report says about a kind of specification, in phrases that stand in its sentences."""
 
-    runs: str
+    runs: str = "Runs"
     """Heading of the part that shows the runs."""
-    caption: str
+    caption: str = (
+        "Runs of both controllers in the simulator (in colour) and from the same starts on the nominal model (grey, "
+        "dashed)."
+    )
     """What the picture of the runs shows, a sentence or two."""
-    kept: str
+    kept: str = "as specified"
     """'1,000 of 1,000 runs ...'."""
-    allowed: str
+    allowed: str = "free cells"
     """What winning fractions are of: '0.9 of the ...'."""
-    promise: str
+    promise: str = "keeps the specification"
     """'From every winning cell the controller ... if gamma holds.'"""
-    violated: str
+    violated: str = "breaks the specification"
     """Legend of a run's last state where it breaks the specification."""
-    limits: str
+    limits: str = "region"
     """What the ends that are drawn beside each state belong to: 'the safe set'."""
 
 
@@ -84,7 +87,7 @@ class Specification(Section, ABC):
     """Whether a run must be held in a bounded set for ever, and not only go somewhere."""
     carries_pending: ClassVar[bool] = False
     """Whether a controller may carry a pending input with it: then its only operator is `Game.invariant`."""
-    words: ClassVar[Words]
+    words: ClassVar[Words] = Words()
 
     @abstractmethod
     def region(self, space: Space) -> Box:

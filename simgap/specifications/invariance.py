@@ -12,7 +12,7 @@ from pydantic import Field, field_validator
 
 from simgap.geometry import Box, Floats
 from simgap.specifications.base import Game, Specification, Words
-from simgap.specifications.monitor import EARLY, STUCK, Monitor, Outcome, Run, Verdict
+from simgap.specifications.monitor import Always, Monitor
 from simgap.specifications.picture import Look, projected, rectangle
 from simgap.specifications.regions import Interval, inner_box, unbounded, upright
 from simgap.specifications.solution import Solution
@@ -69,31 +69,21 @@ class Invariance(Specification):
 
 
 @dataclass(frozen=True, eq=False)
-class Inside(Monitor):
+class Inside(Always):
     """Every sample must be in a box."""
 
     box: Box
 
+    violated = "left the safe set"
+
+    def satisfied(self, x: Floats) -> NDArray[np.bool_]:
+        """Whether states are in the box: (n, nx) -> (n,)."""
+        return self.box.contains(x)
+
     def over(self, x: Floats, seen: Floats) -> bool:
-        """A run ends outside."""
+        """A run ends outside; without arrays, because this is asked at every sample."""
         lo, hi = self._ends
         return any(not a <= value <= b for a, value, b in zip(lo, x.tolist(), hi, strict=True))
-
-    def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
-        """The same for many runs."""
-        return ~self.box.contains(x)
-
-    def judge(self, run: Run, steps: int) -> Verdict:
-        """Whether a run stayed in the box for all its samples."""
-        safe = self.box.contains(run.x)
-        if not safe[-1]:
-            end, kept = "left the safe set", False
-        elif run.stuck:
-            end, kept = STUCK, False
-        else:
-            kept = len(run.inputs) >= steps
-            end = "stayed" if kept else EARLY
-        return Verdict(Outcome(end, kept, len(run.inputs)), run, safe)
 
     @cached_property
     def _ends(self) -> tuple[list[float], list[float]]:

@@ -94,3 +94,34 @@ class Monitor(ABC):
     def summary(self, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         """Figures over all runs beside those that every specification has; plain data."""
         return {}
+
+
+class Always(Monitor):
+    """Judges runs every sample of which must satisfy the same condition."""
+
+    violated: str = "violation"
+    """How a run ends that does not."""
+
+    @abstractmethod
+    def satisfied(self, x: Floats) -> NDArray[np.bool_]:
+        """Whether states satisfy the condition: (n, nx) -> (n,)."""
+
+    def over(self, x: Floats, seen: Floats) -> bool:
+        """A run ends where the condition does not hold."""
+        return not self.satisfied(x[None])[0]
+
+    def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
+        """The same for many runs."""
+        return ~self.satisfied(x)
+
+    def judge(self, run: Run, steps: int) -> Verdict:
+        """Whether the condition held at all samples that a run had."""
+        safe = self.satisfied(run.x)
+        if not safe[-1]:
+            end, kept = self.violated, False
+        elif run.stuck:
+            end, kept = STUCK, False
+        else:
+            kept = len(run.inputs) >= steps
+            end = "stayed" if kept else EARLY
+        return Verdict(Outcome(end, kept, len(run.inputs)), run, safe)

@@ -31,6 +31,7 @@ class ReachAndStay(Reaching):
 
     kind: Literal["reach_and_stay"] = Field(description="Reach the target, avoid the obstacles, stay in the target.")
 
+    then: ClassVar[str] = ", stay there for ever"
     words: ClassVar[Words] = Words(
         runs="Runs into the target",
         caption="Runs of the controller made for the nominal model alone and of the gap-aware one in the simulator (in "

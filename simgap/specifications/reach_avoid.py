@@ -61,7 +61,7 @@ class Arriving(Toward):
         return self.levels(seen) == 0
 
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
-        """Arrived, without an input, or still under way."""
+        """Arrived, without an input, or still moving."""
         if levels[-1] == 0:
             arrived = bool(self.in_target(run.x[-1:])[0])
             return (REACHED, True) if arrived else (BESIDE, False)

@@ -46,6 +46,8 @@ class Reaching(Specification):
     )
 
     between_samples: ClassVar[bool] = True
+    then: ClassVar[str] = ""
+    """What its sentence says of the target after naming it."""
 
     @model_validator(mode="after")
     def _check(self) -> Reaching:
@@ -140,7 +142,7 @@ class Reaching(Specification):
         """'reach ... and avoid ...'."""
         target = ", ".join(space.interval(name, ends) for name, ends in self.target.items())
         count = len(self.obstacles)
-        text = f"reach {target} and avoid {count} obstacle{'' if count == 1 else 's'}"
+        text = f"reach {target}{self.then} and avoid {count} obstacle{'' if count == 1 else 's'}"
         if self.clearance:
             distances = [f"{space.quantity(name, value)} in {name}" for name, value in self.clearance.items()]
             text += ", clear of them and of the walls by " + ", ".join(distances)

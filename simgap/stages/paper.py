@@ -7,7 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from simgap.config.load import load_case, read_yaml
+from simgap.config.load import load_case
+from simgap.config.load_yaml import read_yaml
 from simgap.gap.function import GapDomain
 from simgap.geometry import Box, Grid
 from simgap.io.documents import write_json

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from simgap.config.load import read_yaml
+from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
-from simgap.gap.load import from_json
+from simgap.gap.function import GapFunction
 from simgap.io.atomic import write_text
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
-from simgap.io.pages import render
+from simgap.io.gap_file import load_gap
+from simgap.io.pages import need_template, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
 from simgap.paper import suprema_and_constants
@@ -23,6 +23,8 @@ from simgap.report.figures import draw
 from simgap.report.material import Corrected, Material
 from simgap.report.measured_share import share_inside
 from simgap.stages.context import Context, log
+
+TEMPLATE = "report.html.j2"
 
 
 @dataclass(frozen=True)
@@ -96,11 +98,12 @@ def run(case_path: Path, inputs: Inputs, out: Path, figures_out: Path) -> None:
     Raises:
         UserError: a result that is missing or damaged.
     """
+    need_template(TEMPLATE)
     material = read(case_path, inputs)
     record = provenance("report", material.context.case, material.context.folder)
     said = content(material)
     figures, notes = draw(material)
-    page = render("report.html.j2", figures=figures, notes=notes, provenance=record, **said)
+    page = render(TEMPLATE, figures=figures, notes=notes, provenance=record, **said)
     write_text(out, page)
     write_json(figures_out, summary(material, said) | {"provenance": record})
     log.info("page of %d kB", len(page) // 1024)
@@ -109,42 +112,42 @@ def run(case_path: Path, inputs: Inputs, out: Path, figures_out: Path) -> None:
 def read(case_path: Path, inputs: Inputs) -> Material:
     """Everything that the page needs, in memory."""
     context = Context.load(case_path)
-    sweep = sorted((read_json(path) for path in inputs.gaps), key=lambda g: -float(g.get("eps", 0.0)))
+    bounds = sorted((load_gap(path, context) for path in inputs.gaps), key=lambda g: -float(g.content.get("eps", 0.0)))
     grid = context.case.grid
-    gap = min(sweep, key=lambda g: abs(float(g["eps"]) - grid.eps)) if grid is not None else sweep[-1]
+    gap = min(bounds, key=lambda g: abs(float(g.content["eps"]) - grid.eps)) if grid is not None else bounds[-1]
     given, found, later = inputs.printed, inputs.diagnosis, inputs.corrected
     printed = suprema_and_constants(read_yaml(given), context.case.name) if given is not None else {}
     return Material(
         context=context,
-        sweep=sweep,
-        gap=gap,
-        bound=from_json(gap),
+        sweep=[g.content for g in bounds],
+        gap=gap.content,
+        bound=gap.function,
         samples=read_parquet(inputs.samples),
         syntheses={kind: read_json(path) for kind, path in inputs.syntheses.items()},
         controllers={kind: load_controller(path) for kind, path in inputs.controllers.items()},
         validation=read_json(inputs.validation),
         traces=split(read_parquet(inputs.traces), context.states, context.inputs),
         diagnosis=read_json(found.document) if found is not None else None,
-        corrected=_corrected(context, later, found, gap) if later is not None else None,
+        corrected=_corrected(context, later, found, gap.function) if later is not None else None,
         printed=printed,
     )
 
 
-def _corrected(context: Context, files: CorrectedFiles, found: Measured | None, gap: Mapping[str, Any]) -> Corrected:
+def _corrected(context: Context, files: CorrectedFiles, found: Measured | None, gap: GapFunction) -> Corrected:
     controllers = {kind: load_controller(path) for kind, path in files.controllers.items()}
     return Corrected(read_json(files.summary), controllers, _inside(context, files, found, gap))
 
 
 def _inside(
-    context: Context, files: CorrectedFiles, found: Measured | None, gap: Mapping[str, Any]
+    context: Context, files: CorrectedFiles, found: Measured | None, gap: GapFunction
 ) -> dict[str, Mapping[str, float] | None]:
     """Measured transitions against both bounds, where the diagnosis kept them."""
     later = Context.load(files.case)
     if found is None or found.transitions is None or later.states != context.states:
         return {}
     noise, rows = read_json(found.document)["noise"], read_parquet(found.transitions)
-    sides = {"before": (context, gap, False), "after": (later, read_json(files.gap), True)}
+    sides = {"before": (context, gap, False), "after": (later, load_gap(files.gap, later).function, True)}
     return {
-        side: share_inside(own, rows, own.plant.sampled, from_json(bound), noise, late)
+        side: share_inside(own, rows, own.plant.sampled, bound, noise, late)
         for side, (own, bound, late) in sides.items()
     }

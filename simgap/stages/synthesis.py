@@ -5,15 +5,14 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from simgap.config.pose import pose_axes
-from simgap.gap.load import from_json
 from simgap.geometry import Floats
 from simgap.io.controller_file import save_controller
-from simgap.io.documents import read_json, write_json
+from simgap.io.documents import write_json
+from simgap.io.gap_file import SavedGap, load_gap
 from simgap.model.paths import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.provenance import provenance
@@ -48,7 +47,7 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
     names = tuple(context.states), tuple(context.inputs)
     save_controller(Controller(problem.inputs, *names, solution, section.rule, record), out)
     figures = {
-        "model": "with gap" if gap_path else "nominal",
+        "model": "with gap" if gap_path is not None else "nominal",
         "cells": list(problem.cells),
         "inputs": len(problem.inputs),
         "winning_cells": int(solution.winning.sum()),
@@ -78,15 +77,15 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     """
     section = context.need(context.case.synthesis, "synthesis")
     model = context.plant.sampled
-    bound = read_json(gap_path) if gap_path else None
-    gap = from_json(bound) if bound else None
+    bound = load_gap(gap_path, context) if gap_path is not None else None
+    gap = bound.function if bound is not None else None
     specification, space = specification_of(context.case), Space.of(context.case)
     on_the_path = specification.between_samples and (bound is not None or section.nominal_between_samples)
     sensing = context.case.sensing
     error = space.vector(sensing.error) if sensing else None
     sweep = _sweep(context, model, bound, error) if on_the_path and specification.swept_boxes else None
     flow = rates(context.plant.carried)
-    spread = np.array([s.size for s in gap.sup().values()]) if gap and sweep is None else np.zeros(model.nx)
+    spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and sweep is None else np.zeros(model.nx)
     between, _ = excursion(flow, specification.region(space), context.input_set, model.tau, spread / model.tau)
     problem = Problem(
         model=model,
@@ -94,8 +93,8 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
         space=space,
         cells=section.cells,
         inputs=context.input_set,
-        gap=gap.kernel() if gap else None,
-        gap_axes=[j for j in range(model.nx) if j not in gap.domain.free] if gap else None,
+        gap=gap.kernel() if gap is not None else None,
+        gap_axes=[j for j in range(model.nx) if j not in gap.domain.free] if gap is not None else None,
         error=error,
         latency=sensing.latency if sensing else 0,
         stray=between if on_the_path and sweep is None else None,
@@ -105,7 +104,9 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     return problem, between
 
 
-def _sweep(context: Context, model: NominalModel, bound: Any, error: Floats | None) -> tuple[Floats, Floats] | None:
+def _sweep(
+    context: Context, model: NominalModel, bound: SavedGap | None, error: Floats | None
+) -> tuple[Floats, Floats] | None:
     """The swept box of each input, seen from the robot: measured with the gap, or of the nominal path without one.
 
     None for a plant that is no wheeled robot, or whose heading is known with an error only, for which these boxes would
@@ -117,7 +118,7 @@ def _sweep(context: Context, model: NominalModel, bound: Any, error: Floats | No
     if error is not None and error[pose_axes(context)[2]] > 0:
         return None
     if bound is not None:
-        return (np.array(bound["sweep"]["lower"]), np.array(bound["sweep"]["upper"])) if "sweep" in bound else None
+        return bound.sweep
     pose = pose_axes(context)
     every, rest = context.input_set, np.zeros(model.nx)
     path, bulge = nominal_paths(

@@ -13,10 +13,10 @@ from simgap.audit import Judge
 from simgap.closed_loop import Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
 from simgap.errors import BrokenPromise
-from simgap.gap.load import from_json
 from simgap.geometry import Floats
 from simgap.io.controller_file import load_controller
-from simgap.io.documents import read_json, write_json
+from simgap.io.documents import write_json
+from simgap.io.gap_file import load_gap
 from simgap.io.parquet import write_parquet
 from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, Trace, to_table
 from simgap.provenance import provenance
@@ -48,7 +48,7 @@ def run(
     context = Context.load(case_path)
     section = context.need(context.case.validation, "validation")
     with context.blame():
-        model, gap = context.plant.sampled, from_json(read_json(gap_path))
+        model, gap = context.plant.sampled, load_gap(gap_path, context).function
         specification, space = specification_of(context.case), Space.of(context.case)
     record = provenance("validation", context.case, context.folder, {"starts": section.seed})
     tallies: dict[str, dict[str, Any]] = {}

@@ -31,7 +31,7 @@ class Abstraction:
         axes: for each dimension i, the state axes on which the offset f_i(x, u) - x_i and its spread depend.
         error: bound of the measurement error that the boxes account for, (nx,).
         group: neighbouring cells over which `post` may bound the gap at once, 1 if that would save nothing.
-        sweep: cells that the way between samples may touch, for each input; None where it does not matter.
+        sweep: cells that the path between samples may touch, for each input; None where it does not matter.
     """
 
     grid: Grid

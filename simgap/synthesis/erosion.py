@@ -62,7 +62,7 @@ def _word(sets, s, row, w, by, words):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True)
 def predecessors(  # type: ignore[no-untyped-def]
-    lengths, periodic, layer, rel, shape_of, eroded, way, way_of, clear,
+    lengths, periodic, layer, rel, shape_of, eroded, swept, swept_of, clear,
     keep, number, changed, near, won, free, fresh, first, last,
 ):  # fmt: skip
     """Newly won bits of the rows first..last; returns how many rows gained some.
@@ -71,11 +71,11 @@ def predecessors(  # type: ignore[no-untyped-def]
         layer: (rows,) which entry of `rel` a row uses; keep, number: the inputs to try.
         rel: (layers, M, 4) int32 lower offsets of the three row axes and of the bit axis; shape_of: (layers, M) which
             erosion; eroded: (shapes, rows, words).
-        way, way_of, clear: the same for the box of the way between samples, eroded from the free cells; no shapes
-            where the way does not matter.
+        swept, swept_of, clear: the same for the swept box between samples, eroded from the free cells; no shapes
+            where it does not matter.
         changed: (shapes, rows): an erosion that did not grow wins nothing new.
     """
-    words, ways = won.shape[1], clear.shape[0] > 0
+    words, checked = won.shape[1], clear.shape[0] > 0
     n0, n1, n2 = lengths
     p0, p1, p2 = periodic
     gained = 0
@@ -95,14 +95,14 @@ def predecessors(  # type: ignore[no-untyped-def]
             if other < 0 or not changed[s, other]:
                 continue
             along = 0
-            if ways:
-                along = _row(n0, n1, n2, p0, p1, p2, a0 + way[t, m, 0], a1 + way[t, m, 1], a2 + way[t, m, 2])
+            if checked:
+                along = _row(n0, n1, n2, p0, p1, p2, a0 + swept[t, m, 0], a1 + swept[t, m, 1], a2 + swept[t, m, 2])
             if along < 0:
                 continue
             for w in range(words):
                 low = _word(eroded, s, other, w, rel[t, m, 3], words)
-                if ways:
-                    low &= _word(clear, way_of[t, m], along, w, way[t, m, 3], words)
+                if checked:
+                    low &= _word(clear, swept_of[t, m], along, w, swept[t, m, 3], words)
                 fresh[r, w] |= low
         any_new = np.uint64(0)
         for w in range(words):
@@ -125,7 +125,7 @@ def _successor_words(lengths, periodic, r, w, t, rel, shape_of, eroded, words, o
 
 @nb.njit(cache=True, nogil=True)
 def record(  # type: ignore[no-untyped-def]
-    lengths, periodic, layer, rel, shape_of, eroded, way, way_of, clear,
+    lengths, periodic, layer, rel, shape_of, eroded, swept, swept_of, clear,
     won, fresh, base, stride, level, value, mask, first, last,
 ):  # fmt: skip
     """Give the fresh cells of the rows first..last their level and the bits of their inputs, then count them as won."""
@@ -146,6 +146,6 @@ def record(  # type: ignore[no-untyped-def]
                     inputs[m] = new
                 _successor_words(lengths, periodic, r, w, layer[r], rel, shape_of, eroded, words, inputs)
                 if clear.shape[0] > 0:
-                    _successor_words(lengths, periodic, r, w, layer[r], way, way_of, clear, words, inputs)
+                    _successor_words(lengths, periodic, r, w, layer[r], swept, swept_of, clear, words, inputs)
                 scatter(inputs, new, start, stride, mask)
     return 0

@@ -73,7 +73,7 @@ def reach_avoid(
         )
     if rows is None and abstraction.sweep is not None:
         raise UserError(
-            "the way between samples is checked on bit rows only, and no axis allows them",
+            "the path between samples is checked on bit rows only, and no axis allows them",
             remedy="Use a gap that does not depend on the position, or fewer cells",
         )
     solve = (target & free).astype(np.uint8), free.astype(np.uint8)

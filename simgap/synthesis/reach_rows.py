@@ -35,8 +35,8 @@ class RowSystem:
         rel: (layers, M, 4) int32 lower offsets along the row axes and the bit axis.
         shape_of: (layers, M) int16 which of `shapes` (k, 4), the box's extent along the same axes.
         keep, number: (layers, M), (layers,) the inputs that can win a cell first (`erosion.smallest_boxes`).
-        way, way_of, ways: as rel, shape_of, shapes, for the box of the way between samples; no ways where it does not
-            matter.
+        swept, swept_of, swept_shapes: as rel, shape_of, shapes, for the swept box of each input; no shapes where it
+            does not matter.
         reach: (2, 3) least lower and largest upper offset along the row axes.
     """
 
@@ -52,9 +52,9 @@ class RowSystem:
     shapes: Ints
     keep: NDArray[np.int32]
     number: NDArray[np.int32]
-    way: NDArray[np.int32]
-    way_of: NDArray[np.int16]
-    ways: Ints
+    swept: NDArray[np.int32]
+    swept_of: NDArray[np.int16]
+    swept_shapes: Ints
     reach: Ints
 
     @staticmethod
@@ -68,14 +68,14 @@ class RowSystem:
         bit_axis = max(idle, key=lambda j: grid.cells[j])
         row_axes = tuple(j for j in range(grid.box.size) if j != bit_axis)
         rel, extent = _offsets(abstraction, tuple(used), [*row_axes, bit_axis])
-        way, length = _ways(abstraction.sweep, grid, tuple(used), [*row_axes, bit_axis], rel.shape[:2])
+        swept, length = _swept_offsets(abstraction.sweep, grid, tuple(used), [*row_axes, bit_axis], rel.shape[:2])
         shapes, shape_of = np.unique(extent.reshape(-1, 4), axis=0, return_inverse=True)
-        ways, way_of = np.unique(length.reshape(-1, 4), axis=0, return_inverse=True)
-        if (len(shapes) + len(ways)) * grid.size > MAX_SHAPE_CELLS:
+        swept_shapes, swept_of = np.unique(length.reshape(-1, 4), axis=0, return_inverse=True)
+        if (len(shapes) + len(swept_shapes)) * grid.size > MAX_SHAPE_CELLS:
             return None
         keep, number = np.zeros(rel.shape[:2], np.int32), np.zeros(len(rel), np.int32)
-        both = np.concatenate([rel, way], axis=2) if len(way) else rel
-        smallest_boxes(both, np.concatenate([extent, length], axis=2) if len(way) else extent, keep, number)
+        both = np.concatenate([rel, swept], axis=2) if len(swept) else rel
+        smallest_boxes(both, np.concatenate([extent, length], axis=2) if len(swept) else extent, keep, number)
         missing = 3 - len(row_axes)
         lengths = np.array([1] * missing + [grid.cells[j] for j in row_axes])
         strides = np.cumprod([1, *grid.cells[:0:-1]])[::-1]
@@ -96,9 +96,9 @@ class RowSystem:
             shapes=shapes.astype(np.int64),
             keep=keep,
             number=number,
-            way=way,
-            way_of=way_of.reshape(way.shape[:2]).astype(np.int16),
-            ways=ways.astype(np.int64),
+            swept=swept,
+            swept_of=swept_of.reshape(swept.shape[:2]).astype(np.int16),
+            swept_shapes=swept_shapes.astype(np.int64),
             reach=np.stack([rel[..., :3].min((0, 1)), (rel + extent - 1)[..., :3].max((0, 1))]).astype(np.int64),
         )
 
@@ -115,7 +115,7 @@ def _offsets(abstraction: Abstraction, used: tuple[int, ...], order: list[int]) 
         block = abstraction.boxes(flat[first : first + 256])
         k = cells[first : first + 256, None, :]
         low, high = block[:, :, 0] - k, block[:, :, 1] - k
-        low, high = np.maximum(low, -2 * size), np.minimum(high, 2 * size)  # beyond any cell of the grid either way
+        low, high = np.maximum(low, -2 * size), np.minimum(high, 2 * size)  # beyond any cell of the grid either swept
         whole = (high - low >= size) & np.isin(np.arange(grid.box.size), grid.periodic)
         low, high = np.where(whole, 0, low), np.where(whole, size - 1, high)
         lower[first : first + 256, :, -len(order) :] = low[..., order]
@@ -123,10 +123,10 @@ def _offsets(abstraction: Abstraction, used: tuple[int, ...], order: list[int]) 
     return lower, extent
 
 
-def _ways(
+def _swept_offsets(
     sweep: Sweep | None, grid: Grid, used: tuple[int, ...], order: list[int], shape: tuple[int, ...]
 ) -> tuple[NDArray[np.int32], ...]:
-    """Lower offsets and extents of the ways, laid out as `_offsets`; (0, M, 4) without a sweep."""
+    """Lower offsets and extents of the swept boxes, laid out as `_offsets`; (0, M, 4) without a sweep."""
     lower = np.zeros((shape[0] if sweep is not None else 0, shape[1], 4), np.int32)
     extent = np.ones_like(lower)
     if sweep is not None:
@@ -137,9 +137,11 @@ def _ways(
 
 
 def _clear(system: RowSystem, allowed: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """The free cells eroded by the box of each way, (ways, rows, words)."""
-    clear = np.zeros((len(system.ways), *allowed.shape), np.uint64)
-    BoxErosion(system.lengths, system.periodic, system.ways)(allowed, clear, np.zeros(clear.shape[:2], np.uint8))
+    """The free cells eroded by each swept box, (shapes, rows, words)."""
+    clear = np.zeros((len(system.swept_shapes), *allowed.shape), np.uint64)
+    BoxErosion(system.lengths, system.periodic, system.swept_shapes)(
+        allowed, clear, np.zeros(clear.shape[:2], np.uint8)
+    )
     return clear
 
 
@@ -165,7 +167,7 @@ def reach_by_rows(
     news = np.asarray(won.any(axis=1), np.uint8)
     axes = (system.lengths, system.periodic)
     erode = BoxErosion(*axes, system.shapes)
-    boxes = (system.layer, system.rel, system.shape_of, eroded, system.way, system.way_of, _clear(system, allowed))
+    boxes = (system.layer, system.rel, system.shape_of, eroded, system.swept, system.swept_of, _clear(system, allowed))
     level = 0
     while news.any():
         level += 1

@@ -1,4 +1,4 @@
-"""The way between two samples as a box of cells: an input may be used only where all of them are free.
+"""The path between two samples as a swept box of cells: an input may be used only where all of them are free.
 
 This is tighter than keeping a uniform clearance, because each input and heading has its own box: a slow input may be
 used near a wall where a fast one may not.
@@ -16,7 +16,7 @@ from simgap.geometry import Grid
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-SHRINK = 1e-9  # of a cell, as in `regions`: a way that only touches a face does not enter the cell behind it
+SHRINK = 1e-9  # of a cell, as in `regions`: a path that only touches a face does not enter the cell behind it
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ def planar_sweep(grid: Grid, lower: Floats, upper: Floats, pose: tuple[int, int,
 
     Args:
         grid: cells; pose: which axes are x, y and heading.
-        lower, upper: (M, 2) box that holds the way of each input, the start at the origin included, m.
+        lower, upper: (M, 2) box that holds the path of each input, the start at the origin included, m.
     """
     i, j, k = pose
     width = 2.0 * grid.h

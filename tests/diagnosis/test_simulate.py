@@ -75,13 +75,43 @@ def test_a_driven_pendulum_over_jittering_stamps_agrees_with_scipy():
     np.testing.assert_allclose(x[-1], state, atol=1e-7)
 
 
-@pytest.mark.parametrize(("name", "values"), [("coulomb_friction", {"F_c": 0.2}), ("viscous_friction", {"b": 0.2})])
-def test_halving_the_step_changes_nothing_visible(name, values):
+def _with_dry_friction(t, u, x0, friction):
+    """SciPy's pendulum that slides one way, the other way, or sticks; each rest is an event -> (n, 2)."""
+
+    def pull(q, torque):
+        return torque - 0.5 * 9.81 * np.sin(q)
+
+    def slide(_, s, torque, way):
+        return [s[1], 3.0 * (pull(s[0], torque) - friction * way)]
+
+    def rest(_, s, torque, way):
+        return s[1] * way
+
+    rest.terminal, rest.direction = True, -1.0
+    rows, state = [np.asarray(x0)], np.asarray(x0)
+    for begin, end, torque in zip(t[:-1], t[1:], u[:-1], strict=True):
+        now = begin
+        while now < end:
+            push = pull(state[0], torque)
+            if state[1] == 0.0 and abs(push) <= friction:
+                break  # held, and the arm stays where it is until the command changes
+            way = np.sign(state[1]) if state[1] else np.sign(push)
+            go = solve_ivp(slide, (now, end), state, "DOP853", args=(torque, way), events=rest, rtol=1e-11, atol=1e-13)
+            now, state = go.t[-1], go.y[:, -1]
+            if go.status == 1:
+                state = np.array([state[0], 0.0])
+        rows.append(state)
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("friction", [0.2, 1.2])  # slides all the while; sticks for part of the time
+def test_a_driven_pendulum_with_dry_friction_agrees_with_the_events_of_scipy(friction):
     t = np.arange(0.0, 2.0, 0.005)
     u = 2.0 * np.sin(5.0 * t)
-    model = point_pendulum(1.0, 0.5, 1.0 / 3.0)
-    ends = []
-    for h in (0.005, 0.0025):
-        problem, compiled = one_window(model, t, u, h)
-        ends.append(problem.states(with_effect(compiled, name, "hinge", **values), np.array([[0.5, 0.0]])))
-    np.testing.assert_allclose(ends[0], ends[1], atol=2e-7)
+    expected = _with_dry_friction(t, u, [0.5, 0.0], friction)
+    assert np.any(np.diff(np.sign(expected[:, 1])) != 0)
+    assert np.any(np.all(expected[1:] == expected[:-1], axis=1)) == (friction > 1.0)
+    problem, compiled = one_window(point_pendulum(1.0, 0.5, 1.0 / 3.0), t, u, 0.005)
+    theta = with_effect(compiled, "coulomb_friction", "hinge", F_c=friction)
+    x = problem.states(theta, np.array([[0.5, 0.0]]))
+    np.testing.assert_allclose(x, expected, atol=2e-6)

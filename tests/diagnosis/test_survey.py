@@ -1,5 +1,7 @@
 """The look at the data sees what was put into it, and says what to do."""
 
+import re
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -59,7 +61,10 @@ def test_the_lag_of_a_velocity_channel(lag):
 
 def test_a_velocity_in_the_wrong_unit_or_of_something_else():
     t, q, v, u = motion()
-    assert any("57.3 times" in w or "57.2" in w for w in look(t, q, np.degrees(v), u).warnings)
+    (warned,) = look(t, q, np.degrees(v), u).warnings
+    found = re.match(r"v is ([\d.]+) times the derivative of q: check the units", warned)
+    assert found, warned
+    assert float(found[1]) == pytest.approx(180 / np.pi, rel=2e-3)
     assert any("not the derivative" in w for w in look(t, q, np.random.default_rng(3).permutation(v), u).warnings)
 
 

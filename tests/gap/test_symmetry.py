@@ -25,7 +25,7 @@ def domain():
 def example(seed=0):
     rng = np.random.default_rng(seed)
     lower = rng.uniform(-0.3, 0.1, (3, 3))
-    return BodyFrameGap(domain(), (), lower, lower + rng.uniform(0.0, 0.3, (3, 3)))
+    return BodyFrameGap(domain(), (Tier(1, "Made up."),), lower, lower + rng.uniform(0.0, 0.3, (3, 3)))
 
 
 def turn(theta, d):

@@ -1,11 +1,15 @@
 """Files appear whole or not at all, the same content is the same bytes, damage is named."""
 
+import json
+
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from simgap.errors import UserError
 from simgap.io.atomic import atomic
+from simgap.io.diagnosis_tables import read_recording
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import provenance_of, read_parquet, stack, table, write_parquet
 
@@ -55,3 +59,83 @@ def test_documents_read_back_and_repeat(tmp_path):
     (tmp_path / "a.json").write_text('{"a": ')
     with pytest.raises(UserError, match="damaged"):
         read_json(tmp_path / "a.json")
+
+
+def test_a_key_that_stands_twice_an_edit_and_a_foreign_document_are_refused(tmp_path):
+    path = tmp_path / "a.json"
+    write_json(path, {"eps": 0.1, "gap": {"x": [1, 2.5]}})
+    text = path.read_text()
+    assert list(json.loads(text)) == ["eps", "gap", "checksum"]
+    for wrong, match in (
+        (text.replace("0.1", "0.2"), "checksum does not fit"),
+        (text.replace('"eps": 0.1', '"eps": 0.2, "eps": 0.1'), "'eps' stands there twice"),
+        (text.replace("2.5", "2.5, NaN"), "NaN is no number"),
+        (text.replace("0.1", "1" * 5001), "damaged"),
+        ("[" * 100_000, "damaged"),
+        ("{}", "without its checksum"),
+        ("[]", "no result"),
+        ("null", "no result"),
+        (json.dumps({"eps": 0.1}), "without its checksum"),
+    ):
+        path.write_text(wrong)
+        with pytest.raises(UserError, match=match) as caught:
+            read_json(path)
+        assert len(str(caught.value)) < 500
+    with pytest.raises(UserError, match="damaged"):
+        read_json(tmp_path)
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(UserError, match="damaged"):
+        read_json(path)
+
+
+def shard():
+    rng = np.random.default_rng(3)
+    columns = {name: rng.normal(size=400) for name in ("x", "v", "u", "next_x", "next_v")}
+    return table(columns, {"x": "rad"}, {"case": "c", "shard": 0}, {"stage": "rollouts", "seeds": {}})
+
+
+def traces():
+    names = ("controller", "plant")
+    parts = [
+        table({"run": np.full(50, k), "x": np.linspace(0, k, 50)}, {}, dict(zip(names, pair, strict=True)), {})
+        for k, pair in enumerate([("gap", "simulator"), ("nominal", "simulator"), ("gap", "nominal model")])
+    ]
+    return pa.concat_tables(parts).unify_dictionaries()
+
+
+@pytest.mark.parametrize("made", [shard, traces])
+def test_every_flipped_bit_of_a_table_is_refused_in_one_line(tmp_path, made):
+    path, rng = tmp_path / "a.parquet", np.random.default_rng(14)
+    write_parquet(path, made())
+    whole = path.read_bytes()
+    footer = 8 * (len(whole) - 8 - int.from_bytes(whole[-8:-4], "little"))
+    bits = [*rng.choice(8 * len(whole), 300, replace=False), *rng.integers(footer, 8 * len(whole), 300)]
+    for bit in bits:
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        path.write_bytes(damaged)
+        with pytest.raises(UserError, match="not a whole Parquet file") as caught:
+            read_parquet(path)
+        assert "\n" not in str(caught.value)
+    path.write_bytes(whole)
+    assert read_parquet(path).equals(made())
+
+
+def test_a_table_of_others_is_no_result_and_is_still_a_recording(tmp_path):
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"t": np.arange(3.0), "x": np.zeros(3)}), path)
+    with pytest.raises(UserError, match="checksum is missing"):
+        read_parquet(path)
+    assert read_recording(path, ["x"], "t", "trace").columns["x"].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_recording_of_our_own_is_held_to_its_checksum(tmp_path):
+    path = tmp_path / "a.parquet"
+    write_parquet(path, table({"t": np.arange(3.0), "x": np.ones(3)}, {"x": "rad"}, {}, {}))
+    assert read_recording(path, ["x"], "t", "trace").units == {"x": "rad"}
+    whole = path.read_bytes()
+    damaged = bytearray(whole)
+    damaged[len(whole) // 4] ^= 1
+    path.write_bytes(damaged)
+    with pytest.raises(UserError, match="its checksum does not fit"):
+        read_recording(path, ["x"], "t", "trace")

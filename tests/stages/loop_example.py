@@ -53,7 +53,7 @@ def pendulum(root, folder):
     content["plant"]["urdf"] = str(root / "configs/models/pendulum.urdf")
     content["grid"]["eps"] = 0.05
     content.pop("measured", None)
-    box, inputs = Box([-0.2, -0.5], [0.2, 0.5]), np.linspace(-1.2, 1.2, 25)[:, None]
+    box, inputs = Box([-0.2, -0.5], [0.2, 0.5]), np.round(np.linspace(-1.2, 1.2, 25), 12)[:, None]
     safe = Box([0.0, -0.5], [0.2, 0.5])
     _results(folder, "pendulum", box, inputs, safe, Grid(safe, (20, 10), ()), _pendulum_gap, 0.005, 40)
     return _case(folder, content)
@@ -63,7 +63,7 @@ def robot(folder):
     """Write case and results of the robot: -> the case's path."""
     content = yaml.safe_load(ROBOT)
     box = Box([0.0, 0.0, -np.pi], [4.0, 4.0, np.pi])
-    values = np.linspace(-0.2, 0.2, 5)
+    values = np.round(np.linspace(-0.2, 0.2, 5), 12)
     inputs = np.stack(np.meshgrid(values, values, indexing="ij"), axis=-1).reshape(-1, 2)
     _results(folder, "robot", box, inputs, box, Grid(box, (20, 20, 8), (2,)), _robot_gap, 1.0, 30)
     return _case(folder, content)

@@ -1,6 +1,5 @@
 """The page of a case says what the results say, opens offline, and is the same bytes every time."""
 
-import json
 import re
 import sys
 from html.parser import HTMLParser
@@ -8,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 import loop_example as example
 
 from simgap.errors import UserError
+from simgap.io.documents import write_json
+from simgap.io.parquet import write_parquet
 from simgap.stages import index, report
 from simgap.stages.report import Inputs
 
@@ -126,7 +126,7 @@ def test_printed_values_stand_beside_ours(pendulum, tmp_path, root):
     """A gap.json at an eps of the paper's table gets the paper's number in its row."""
     folder, case = pendulum
     content = example.read_json(folder / "gap.json") | {"eps": 0.0056}
-    (tmp_path / "gap.json").write_text(json.dumps(content))
+    write_json(tmp_path / "gap.json", content)
     printed = root / "configs/paper/printed.yaml"
     given = example.arguments(folder) | {"gaps": [folder / "gap.json", tmp_path / "gap.json"], "printed": printed}
     report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
@@ -140,9 +140,9 @@ def test_a_broken_promise_is_the_headline(pendulum, tmp_path):
     folder, case = pendulum
     content = example.read_json(folder / "validation/validation.json")
     content["controllers"]["gap"]["simulator"]["steps_outside_gamma"] = 3
-    (tmp_path / "validation.json").write_text(json.dumps(content))
+    write_json(tmp_path / "validation.json", content)
     synthesis = example.read_json(folder / "gap/synthesis.json") | {"between_samples": {"x1": 0.0025, "x2": 0.0}}
-    (tmp_path / "synthesis.json").write_text(json.dumps(synthesis))
+    write_json(tmp_path / "synthesis.json", synthesis)
     given = example.arguments(folder) | {"validation": tmp_path / "validation.json"}
     given["syntheses"] |= {"gap": tmp_path / "synthesis.json"}
     report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
@@ -156,7 +156,7 @@ def test_the_corrected_case_stands_beside_the_first(pendulum, tmp_path):
     folder, case = pendulum
     after = example.read_json(folder / "summary.json")
     after["winning_fraction"]["gap"] = 0.8125
-    (tmp_path / "summary.json").write_text(json.dumps(after))
+    write_json(tmp_path / "summary.json", after)
     arguments = example.arguments(folder)
     later = report.CorrectedFiles(case, folder / "gap.json", tmp_path / "summary.json", arguments["controllers"])
     given = Inputs(**arguments, corrected=later)
@@ -172,9 +172,9 @@ def test_measured_transitions_are_held_against_the_bound_that_was_given(pendulum
     start = np.zeros((50, 2))
     columns = {"x1": start[:, 0], "x2": start[:, 1], "u": np.zeros(50), "late_u": np.zeros(50)}
     columns |= {"next_x1": np.full(50, 0.02), "next_x2": np.full(50, 0.02)}  # the model stays at rest
-    pq.write_table(pa.table(columns), tmp_path / "transitions.parquet")
+    write_parquet(tmp_path / "transitions.parquet", pa.table(columns))
     document = {"noise": {"x1": 1e-4, "x2": 1e-4}}
-    (tmp_path / "diagnosis.json").write_text(json.dumps(document))
+    write_json(tmp_path / "diagnosis.json", document)
     arguments = example.arguments(folder)
     shares = {}
     for name, by in (("eps~0.0022", 1.0), ("eps~0.0056", 0.0)):
@@ -182,7 +182,7 @@ def test_measured_transitions_are_held_against_the_bound_that_was_given(pendulum
         for sides in content["gap"].values():
             sides["upper"]["offset"] += by
         (tmp_path / name).mkdir()
-        (tmp_path / name / "gap.json").write_text(json.dumps(content))
+        write_json(tmp_path / name / "gap.json", content)
     for name in ("eps~0.0022", "eps~0.0056"):
         later = report.CorrectedFiles(
             case, tmp_path / name / "gap.json", folder / "summary.json", arguments["controllers"]

@@ -1,4 +1,4 @@
-"""The way between samples: boxes of cells against points on it, reach-avoid against brute force, its file."""
+"""The path between samples: boxes of cells against points on it, reach-avoid against brute force, its file."""
 
 import itertools
 from dataclasses import replace
@@ -11,6 +11,7 @@ from synthesis_plants import constant_gap, unicycle
 from simgap.errors import UserError
 from simgap.gap.function import GapDomain
 from simgap.gap.symmetry import BodyFrameGap
+from simgap.gap.tiers import Tier
 from simgap.geometry import Box, Grid
 from simgap.io.documents import read_json, write_json
 from simgap.stages.context import Context
@@ -24,7 +25,7 @@ SPEEDS = {"v": {"min": -0.2, "max": 0.2, "step": 0.2}, "w": {"min": -0.5, "max":
 
 
 @pytest.mark.parametrize("axes", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
-def test_every_point_of_a_way_is_in_its_cells(axes):
+def test_every_point_of_a_path_is_in_its_cells(axes):
     i, j, k = axes
     lo, hi, counts = np.zeros(3), np.zeros(3), [0, 0, 0]
     lo[[i, j, k]], hi[[i, j, k]] = [0.0, -1.0, -np.pi], [4.0, 2.0, np.pi]
@@ -59,7 +60,7 @@ def random_sweep(rng, grid, inputs, axis, reach):
     [((7, 66, 5), (2,), ((2,), (2,), ())), ((70, 6), (), ((1,), (1,))), ((9, 8, 6), (2,), ((2,), (2,), (2,)))],
 )
 @pytest.mark.parametrize("seed", range(4))
-def test_an_input_counts_only_where_its_whole_way_is_free(cells, periodic, axes, seed):
+def test_an_input_counts_only_where_its_whole_path_is_free(cells, periodic, axes, seed):
     rng = np.random.default_rng([seed, 8, *cells])
     a = oracle.random_abstraction(rng, cells, periodic, inputs=9, axes=axes, spread=1, drift=2)
     sweep = random_sweep(rng, a.grid, 9, axes[0][0], 1)
@@ -69,8 +70,8 @@ def test_an_input_counts_only_where_its_whole_way_is_free(cells, periodic, axes,
     for k, row in moves.items():
         for m in range(9):
             ends = ([c + o for c, o in zip(k, side[k[sweep.axis]][m], strict=True)] for side in (low, high))
-            way = oracle.post_cells(*ends, cells, periodic)
-            row[m] = row[m] if way is not None and way <= named[1] else None
+            path = oracle.post_cells(*ends, cells, periodic)
+            row[m] = row[m] if path is not None and path <= named[1] else None
     level, good = oracle.reach(moves, *named)
     found = reach_avoid(replace(a, sweep=sweep), target, free, threads=2)
     assert found.value.tolist() == [level.get(k, -1) for k in np.ndindex(*cells)]
@@ -79,11 +80,11 @@ def test_an_input_counts_only_where_its_whole_way_is_free(cells, periodic, axes,
     assert bits.sum() < unpack(reach_avoid(a, target, free).mask, 9).sum()
 
 
-def test_ways_need_an_axis_that_nothing_depends_on():
+def test_paths_need_an_axis_that_nothing_depends_on():
     rng = np.random.default_rng(0)
     busy = oracle.random_abstraction(rng, (6, 5))
     everything = np.ones(30, bool)
-    with pytest.raises(UserError, match="way between samples"):
+    with pytest.raises(UserError, match="path between samples"):
         reach_avoid(replace(busy, sweep=random_sweep(rng, busy.grid, 5, 0, 1)), everything, everything)
 
 
@@ -94,10 +95,10 @@ def test_a_run_between_samples_touches_no_obstacle():
     grid = Grid(Box([0, 0, -np.pi], [3, 2, np.pi]), (60, 40, 24), (2,))
     t = np.linspace(0, 1, 101)[1:]
     turn = inputs[:, 1, None] * t
-    way = inputs[:, 0, None, None] * np.stack(
+    path = inputs[:, 0, None, None] * np.stack(
         [np.sinc(turn / np.pi) * t, t * np.sinc(turn / 2 / np.pi) ** 2 * turn / 2], 2
     )
-    lower, upper = np.minimum(way.min(1), 0) - 1e-3, np.maximum(way.max(1), 0) + 1e-3
+    lower, upper = np.minimum(path.min(1), 0) - 1e-3, np.maximum(path.max(1), 0) + 1e-3
     abstraction = nominal_abstraction(model, grid, inputs, constant_gap(0.01, 0.01, 0.02), ())
     a = replace(abstraction, sweep=planar_sweep(grid, lower, upper))
     centres = grid.centres()
@@ -111,24 +112,24 @@ def test_a_run_between_samples_touches_no_obstacle():
     bits = unpack(found.mask, len(inputs))[cells]
     m = np.array([rng.choice(np.flatnonzero(b)) for b in bits])
     c, s = np.cos(start[:, 2, None]), np.sin(start[:, 2, None])
-    x = start[:, 0, None] + c * way[m, :, 0] - s * way[m, :, 1]
-    y = start[:, 1, None] + s * way[m, :, 0] + c * way[m, :, 1]
+    x = start[:, 0, None] + c * path[m, :, 0] - s * path[m, :, 1]
+    y = start[:, 1, None] + s * path[m, :, 0] + c * path[m, :, 1]
     assert np.all((x >= 0) & (x <= 3) & (y >= 0) & (y <= 2))
     assert not np.any((np.abs(x - 1.5) < 0.1) & (y < 1.2))
 
 
 def saved(context, folder):
-    """A gap.json made by hand: -> its path, the bound, the box of each input's way."""
+    """A gap.json made by hand: -> its path, the bound, the box of each input's path."""
     rng, count = np.random.default_rng(2), len(context.input_set)
     lower = rng.uniform(-0.02, 0.0, (count, 3))
     domain = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set, (0, 1))
-    gap = BodyFrameGap(domain, (), lower, lower + rng.uniform(0.0, 0.03, (count, 3)))
+    gap = BodyFrameGap(domain, (Tier(1, "Made up."),), lower, lower + rng.uniform(0.0, 0.03, (count, 3)))
     box = rng.uniform(-0.3, 0.0, (count, 2)), rng.uniform(0.0, 0.3, (count, 2))
     write_json(folder / "gap.json", gap.to_json() | {"sweep": {"lower": box[0], "upper": box[1]}})
     return folder / "gap.json", gap, box
 
 
-def test_bound_and_ways_come_back_from_the_file(vary, tmp_path):
+def test_bound_and_paths_come_back_from_the_file(vary, tmp_path):
     context = Context.load(vary("turtlebot", {"domain.U": SPEEDS, "synthesis.cells": [20, 20, 12]}))
     path, gap, box = saved(context, tmp_path)
     problem, _ = pose(context, path)
@@ -144,5 +145,5 @@ def test_bound_and_ways_come_back_from_the_file(vary, tmp_path):
     content = read_json(path)
     del content["gap"]["theta"]
     write_json(path, content)
-    with pytest.raises(UserError, match=r"not a saved gap bound.*Run the gap stage again"):
+    with pytest.raises(UserError, match=r"not a saved gap bound.*Run the gap stage of this case again"):
         pose(context, path)

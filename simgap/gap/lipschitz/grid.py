@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from simgap.errors import UserError
+from simgap.gap.thresholds import GATE, SPLIT_GATE, STEEP_SHARE
 from simgap.geometry import Floats, Grid
 
-GATE = 1.3
-SPLIT_GATE = 1.5  # over two cells: a jump on a sample has 2, a smooth bend over the four cells that it takes 1.4
 Mask = NDArray[np.bool_]
 
 
@@ -130,7 +129,7 @@ def _steep(e: Floats, j: int, grid: Grid, cells: int, floor: float, gate: float,
         broad = wide[~_contain(out, j, grid, cells)].max(initial=0.0)
         if fine <= max(gate * broad, floor):
             return out
-        out |= step > max(gate * broad, 0.5 * fine, floor)
+        out |= step > max(gate * broad, STEEP_SHARE * fine, floor)
 
 
 def as_grid(d: Floats, grid: Grid) -> Floats:

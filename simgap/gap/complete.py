@@ -1,0 +1,100 @@
+"""Whether a gap function that was read back is one: finite tables of the right shapes, lower sides below upper ones.
+
+A file can be whole and still be nonsense. A bound that is believed decides which controller is safe, so nothing is
+taken for granted here that the code which makes bounds would guarantee.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.errors import UserError
+from simgap.gap.cells import CellGap
+from simgap.gap.function import GapFunction
+from simgap.gap.linear import LinearGap
+from simgap.gap.symmetry import BodyFrameGap
+from simgap.geometry import Floats, Grid
+
+_POINTS = 1000  # of X, at which the sides of a formula are compared
+_INPUTS = 50
+
+
+def check_complete(gap: GapFunction) -> None:
+    """Refuse what is no bound on all of its X and U.
+
+    Raises:
+        UserError: naming the part that is wrong.
+    """
+    domain = gap.domain
+    nx, m = len(domain.states), len(domain.input_set)
+    _require(nx > 0 and domain.box.size == nx, "its X has not one interval for each state")
+    _finite("its X", np.stack([domain.box.lo, domain.box.hi]), (2, nx))
+    _require(m > 0, "its U is empty")
+    _finite("its U", domain.input_set, (m, len(domain.inputs)))
+    _require(len(gap.tiers) > 0, "it does not say what it rests on")
+    _require(all(tier.level in (1, 2, 3) for tier in gap.tiers), "it rests on a tier that does not exist")
+    if isinstance(gap, LinearGap):
+        _check_linear(gap)
+    elif isinstance(gap, CellGap):
+        _check_cells(gap)
+    elif isinstance(gap, BodyFrameGap):
+        _check_body_frame(gap)
+
+
+def _require(holds: Any, problem: str) -> None:
+    if not holds:
+        raise UserError(problem)
+
+
+def _finite(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+    numbers = np.issubdtype(array.dtype, np.number) and array.shape == shape and np.isfinite(array).all()
+    _require(numbers, f"{name} is not a table of finite numbers of shape {shape}")
+
+
+def _ordered(lower: Floats, upper: Floats) -> None:
+    _require((lower <= upper).all(), "its lower side is above its upper side")
+
+
+def _check_linear(gap: LinearGap) -> None:
+    for side in (*gap.lower, *gap.upper):
+        _finite("a row of coefficients", side.coefficients, (gap.basis.size,))
+        _require(np.isfinite(side.offset), "an offset is not a finite number")
+    box, inputs = gap.domain.box, gap.domain.input_set
+    axis = max(2, int(_POINTS ** (1.0 / box.size)))
+    grid = Grid(box, [axis] * box.size)
+    corners = np.stack([c.ravel() for c in np.meshgrid(*zip(box.lo, box.hi, strict=True), indexing="ij")], axis=-1)
+    x = np.concatenate([grid.centres(), corners])
+    chosen = inputs[np.unique(np.linspace(0, len(inputs) - 1, _INPUTS).astype(int))]
+    rows, each = np.repeat(x, len(chosen), axis=0), np.tile(chosen, (len(x), 1))
+    lower, upper = gap.bounds(rows, each)
+    _finite("its value on X", lower, rows.shape)
+    _finite("its value on X", upper, rows.shape)
+    _ordered(lower, upper)
+
+
+def _check_cells(gap: CellGap) -> None:
+    box, nx, m = gap.domain.box, len(gap.domain.states), len(gap.domain.input_set)
+    for j, (edges, nodes) in enumerate(zip(gap.edges, gap.nodes, strict=True)):
+        _finite("a row of nodes", nodes, (max(1, nodes.size),))
+        _finite("a row of edges", edges, (len(nodes) + 1,))
+        _require((np.diff(edges) > 0).all(), "its cells do not follow each other")
+        _require(edges[0] == box.lo[j] and edges[-1] == box.hi[j], "its cells do not cover X")
+        _require(((edges[:-1] <= nodes) & (nodes <= edges[1:])).all(), "a node lies outside its cell")
+    cells = int(np.prod([len(nodes) for nodes in gap.nodes]))
+    kinds = m if gap.upper.ndim == 3 and gap.upper.shape[1] != 1 else 1
+    _finite("its lower side", gap.lower, (cells, kinds, nx))
+    _finite("its upper side", gap.upper, (cells, kinds, nx))
+    _finite("its slopes", gap.slopes, (nx, nx))
+    _require((gap.slopes >= 0).all(), "a slope is negative")
+    _ordered(gap.lower, gap.upper)
+
+
+def _check_body_frame(gap: BodyFrameGap) -> None:
+    _require(sorted(gap.pose) == [0, 1, 2] and len(gap.domain.states) == 3, "its pose is not x, y and heading")
+    shape = (len(gap.domain.input_set), 3)
+    _finite("its lower side", gap.lower, shape)
+    _finite("its upper side", gap.upper, shape)
+    _ordered(gap.lower, gap.upper)

@@ -1,0 +1,88 @@
+"""A gap bound from its file: whole, complete, and of the case that asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from simgap.errors import UserError
+from simgap.gap.function import GapDomain, GapFunction
+from simgap.gap.load import from_json
+from simgap.geometry import Box, Floats
+from simgap.io.documents import read_json
+
+REMEDY = "Run the gap stage of this case again."
+
+
+@dataclass(frozen=True, eq=False)
+class SavedGap:
+    """What a `gap.json` holds.
+
+    Attributes:
+        function: the bound.
+        sweep: lower and upper corners of the box that each input's way stays in, seen from the robot, each (M, 2);
+            None for what is no wheeled robot.
+        content: all of the file.
+    """
+
+    function: GapFunction
+    sweep: tuple[Floats, Floats] | None
+    content: dict[str, Any]
+
+
+class CaseDomain(Protocol):
+    """What a bound must hold for: a stage's context has it."""
+
+    @property
+    def states(self) -> Sequence[str]: ...  # noqa: D102
+    @property
+    def inputs(self) -> Sequence[str]: ...  # noqa: D102
+    @property
+    def box(self) -> Box: ...  # noqa: D102
+    @property
+    def input_set(self) -> Floats: ...  # noqa: D102
+
+
+def load_gap(path: Path, case: CaseDomain) -> SavedGap:
+    """Read the bound of a case.
+
+    Raises:
+        UserError: a file that is missing, damaged or incomplete, or that belongs to another case.
+    """
+    content = read_json(path)
+    try:
+        function = from_json(content)
+        _same(function.domain, case)
+        return SavedGap(function, _sweep(content, len(case.input_set)), content)
+    except UserError as error:
+        raise UserError(error.problem, file=path, key=error.key, remedy=REMEDY) from None
+
+
+def _same(found: GapDomain, wanted: CaseDomain) -> None:
+    for what, one, other in (
+        ("states", list(found.states), list(wanted.states)),
+        ("inputs", list(found.inputs), list(wanted.inputs)),
+        ("lower ends of X", found.box.lo.tolist(), wanted.box.lo.tolist()),
+        ("upper ends of X", found.box.hi.tolist(), wanted.box.hi.tolist()),
+    ):
+        if one != other:
+            raise UserError(f"the gap bound is of another case: its {what} are {one}, those of this case {other}")
+    if not np.array_equal(found.input_set, wanted.input_set):
+        raise UserError("the gap bound is of another case: its inputs U are not those of this case")
+
+
+def _sweep(content: dict[str, Any], inputs: int) -> tuple[Floats, Floats] | None:
+    if "sweep" not in content:
+        return None
+    try:
+        lower, upper = (np.array(content["sweep"][side], dtype=np.float64) for side in ("lower", "upper"))
+    except (KeyError, TypeError, ValueError):
+        lower = upper = np.empty(0)
+    boxes = lower.shape == upper.shape == (inputs, 2) and np.isfinite([lower, upper]).all()
+    if not boxes or not (lower <= upper).all():
+        raise UserError("its swept boxes are not one finite box for each input", key="sweep")
+    return lower, upper
