@@ -15,7 +15,7 @@ from typing import Any
 
 import sympy as sp
 
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
 from simgap.plants.urdf_checks import check_urdf, root_link
 
@@ -100,8 +100,8 @@ def multibody_plant(path: Path, gravity: tuple[float, float, float]) -> tuple[An
     plant.mutable_gravity_field().set_gravity_vector(list(gravity))
     try:
         (model,) = Parser(plant).AddModels(path)
-    except RuntimeError as error:
-        raise UserError(f"Drake cannot read it: {str(error).splitlines()[0]}", file=path) from None
+    except (RuntimeError, ValueError) as error:
+        raise UserError(f"Drake cannot read it: {excerpt(str(error).splitlines()[0], 300)}", file=path) from None
     root = root_link(path)
     if root != "world":
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, model))

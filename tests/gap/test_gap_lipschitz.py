@@ -115,7 +115,7 @@ def test_too_few_cells_are_refused_but_not_along_free_axes():
 def test_local_padding_covers_the_cell(function, eps):
     """d anywhere in a cell exceeds its sample by at most the padding: a dense scan is the oracle."""
     samples = on_grid(function, eps)
-    target = samples.side(1, upper=True)
+    target = samples.dimension(1).side(upper=True)
     pad, _ = LocalPadding(target, samples.grid, (), 1e-14).of_target()
     rng = np.random.default_rng(2)
     for _ in range(20):

@@ -1,6 +1,9 @@
 """Files appear whole or not at all, the same content is the same bytes, damage is named."""
 
 import json
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +26,28 @@ def test_nothing_half_written_is_left(tmp_path):
     with pytest.raises(RuntimeError, match="stop"):
         fail()
     assert list((tmp_path / "sub").iterdir()) == []
+
+
+def test_what_a_killed_writer_left_goes_with_the_next_write(tmp_path):
+    code = """
+import os, signal, sys
+from pathlib import Path
+from simgap.io.atomic import atomic
+with atomic(Path(sys.argv[1])) as temporary:
+    temporary.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    path = tmp_path / "a.json"
+    assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == -signal.SIGKILL
+    (left,) = tmp_path.iterdir()
+    of_others = [tmp_path / f".a.{'0' * 8}-{2**22 - 1}-x.json", tmp_path / ".a.notes.json", tmp_path / ".ab.json"]
+    for other in of_others:
+        other.write_text("mine")
+    with atomic(path) as one, atomic(path) as another:  # a writer that lives keeps its own
+        one.write_text("1")
+        another.write_text("2")
+        assert not left.exists()
+    assert {*tmp_path.iterdir()} == {path, *of_others}
 
 
 def test_a_table_keeps_units_types_and_provenance_and_its_bytes_repeat(tmp_path):
