@@ -14,7 +14,7 @@ from simgap.errors import UserError
 from simgap.io.atomic import atomic
 from simgap.io.diagnosis_tables import read_recording
 from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import provenance_of, read_parquet, stack, table, write_parquet
+from simgap.io.parquet import read_parquet, stack, table, write_parquet
 
 
 def test_nothing_half_written_is_left(tmp_path):
@@ -61,7 +61,7 @@ def test_a_table_keeps_units_types_and_provenance_and_its_bytes_repeat(tmp_path)
     assert str(back.schema.field("seed").type) == "int64"
     assert str(back.schema.field("eps").type) == "double"
     assert back.column("case").to_pylist()[:2] == ["c", "c"]
-    assert provenance_of(back) == {"made": "here"}
+    assert json.loads(back.schema.metadata[b"provenance"]) == {"made": "here"}
     assert np.array_equal(stack(back, ["x"])[:, 0], x)
     assert pq.ParquetFile(tmp_path / "a.parquet").metadata.row_group(0).column(0).compression == "ZSTD"
 
