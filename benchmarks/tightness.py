@@ -23,13 +23,13 @@ from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
 from simgap.gap.fit import GapResult, fit_gap
 from simgap.gap.fresh_check import check_fresh
+from simgap.gap.pairs import draw, product
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Floats, Grid
 from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import roll_out
 from simgap.stages.context import Context
-from simgap.stages.fresh import draw
-from simgap.stages.rollouts import product, roll_out
 from simgap.stages.synthesis import pose
 from simgap.synthesis.synthesise import synthesise
 

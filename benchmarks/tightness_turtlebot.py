@@ -28,16 +28,19 @@ from simgap.gap.fresh_check import check_fresh
 from simgap.gap.hidden_state import hull, previous_inputs
 from simgap.gap.load import from_json
 from simgap.gap.scenario import solve_scenario
+from simgap.gap.steps.samples import steps_of
+from simgap.gap.steps.tables import AFTER_PREVIOUS, body_samples
 from simgap.gap.symmetry import BodyFrameGap, nominal_motion
 from simgap.geometry import Floats
 from simgap.io.documents import read_json
-from simgap.stages import hidden_gap
+from simgap.io.samples import read_columns
 from simgap.stages.context import Context
 from simgap.stages.synthesis import pose
 from simgap.synthesis.synthesise import Problem, synthesise
 
 ROOT = Path(__file__).parents[1]
 CASE = ROOT / "configs" / "cases" / "turtlebot.yaml"
+SHARDS = 2
 DEFAULT = "signed, value per input, margin"
 Sides = tuple[Floats, Floats]
 
@@ -45,7 +48,8 @@ Sides = tuple[Floats, Floats]
 def results() -> dict[str, Path]:
     """What the stages of a plain run wrote."""
     folder = ROOT / "results" / "turtlebot"
-    names = {"grid": "histories/previous.parquet", "fresh": "fresh/samples.parquet", "gap": "gap/hidden-state/gap.json"}
+    names = {"fresh": "fresh/samples.parquet", "gap": "gap/hidden-state/gap.json"}
+    names |= {f"shard {k}": f"rollouts/hidden-state/shard-{k}.parquet" for k in range(SHARDS)}
     found = {key: folder / name for key, name in names.items()}
     missing = [str(path) for path in found.values() if not path.is_file()]
     if missing:
@@ -129,13 +133,13 @@ def main() -> None:
     model, axes, inputs = context.plant.sampled, pose_axes(context), context.input_set
     centre = 0.5 * (context.box.lo + context.box.hi)
     motion = nominal_motion(model.step, centre, inputs, axes, np.random.default_rng(0))
-    grid = hidden_gap.read_samples(context, path["grid"])
+    grid = steps_of(context, [read_columns(path[f"shard {k}"]) for k in range(SHARDS)], AFTER_PREVIOUS)
     d = grid.final - motion[grid.m]
     bare = hull(grid.m, d, len(inputs))
     values = [context.domain.U[n].list() for n in context.inputs]
     previous = previous_inputs(values, [context.case.hidden_state.previous[n] for n in context.inputs])
     still = d.reshape(len(previous), len(inputs), d.shape[1])[np.abs(previous).sum(axis=1).argmin()]
-    fresh_steps = hidden_gap.read_samples(context, path["fresh"])
+    fresh_steps = body_samples(context.case, read_columns(path["fresh"]))
     drawn = inputs[fresh_steps.m], fresh_steps.final - motion[fresh_steps.m]
     largest = np.abs(d).max(axis=0)
     rows: dict[str, Any] = {}

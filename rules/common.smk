@@ -8,6 +8,13 @@ from snakemake.exceptions import WorkflowError
 from simgap.config.load import load_case
 from simgap.config.reads import READS
 from simgap.errors import SimgapError
+from simgap.gap.points import (
+    EVERY_HISTORY,
+    own_point,
+    points_of,
+    remembers,
+    shard_count,
+)
 from simgap.provenance import (
     code_digest,
     digest,
@@ -22,7 +29,8 @@ CASES = config["cases"]
 
 wildcard_constraints:
     case="[a-z][a-z0-9_-]*(/corrected)?",
-    eps=r"[0-9]+(\.[0-9]+)?(e-?[0-9]+)?",
+    point=r"eps~[0-9]+(\.[0-9]+)?(e-?[0-9]+)?|hidden-state|full-table",
+    state="[^/]+",
     shard="[0-9]+",
     kind="nominal|gap",
 
@@ -88,19 +96,9 @@ def code(stage, case=None):
     return made_by
 
 
-def eps_of(wildcards):
-    return f"{case_of(wildcards).grid.eps:g}"
-
-
-def has_memory(wildcards):
-    """Whether the simulator remembers earlier inputs: its gap is then taken over histories and not over a grid."""
-    return case_of(wildcards).hidden_state is not None
-
-
 def gap_folder(wildcards):
     """Where the bound stands that the controller is made for."""
-    kind = "hidden-state" if has_memory(wildcards) else f"eps~{eps_of(wildcards)}"
-    return f"results/{wildcards.case}/gap/{kind}"
+    return f"results/{wildcards.case}/gap/{own_point(case_of(wildcards))}"
 
 
 def flagged(flag, paths):
@@ -112,12 +110,8 @@ def flagged(flag, paths):
     ]
 
 
-def eps_table(case):
-    """The case's own eps and those of the sweep."""
-    own = LOADED[case].grid.eps
-    return [
-        f"{eps:g}"
-        for eps in sorted(
-            {own, *config.get("sweeps", {}).get(case, {}).get("eps", [])}, reverse=True
-        )
-    ]
+def sweep_points(case):
+    """The case's own point and those of the sweep over eps."""
+    return points_of(
+        LOADED[case], config.get("sweeps", {}).get(case, {}).get("eps", [])
+    )

@@ -22,12 +22,11 @@ def final_results(case):
 
 
 def gap_files(wildcards):
-    """The bounds in the table of eps; a corrected case has its own eps alone."""
-    if has_memory(wildcards):
-        return [f"{gap_folder(wildcards)}/gap.json"]
+    """The bounds in the table of eps; a corrected case has its own point alone."""
     corrected = wildcards.case != base(wildcards.case)
-    points = [eps_of(wildcards)] if corrected else eps_table(wildcards.case)
-    return [f"results/{wildcards.case}/gap/eps~{eps}/gap.json" for eps in points]
+    own = [own_point(case_of(wildcards))]
+    points = own if corrected else sweep_points(wildcards.case)
+    return [f"results/{wildcards.case}/gap/{point}/gap.json" for point in points]
 
 
 def measured_file(name):

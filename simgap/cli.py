@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,12 +18,14 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    help="Measure, bound and close the gap between a robot model, its simulator and its recordings.",
 )
 # Typer carries a click of its own; its usage errors are found through one of them.
 _USAGE: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 CasePath = Annotated[Path, typer.Argument(help="Case file (YAML).", show_default=False)]
 Out = Annotated[Path, typer.Option(help="File to write.", show_default=False)]
+Grid = Annotated[Path, typer.Option("--grid", help="Folder of a grid.", show_default=False)]
+Shards = Annotated[list[Path], typer.Option("--rollouts", help="Roll-out shards of the grid, in order.")]
+State = Annotated[str, typer.Option(help="Which state.", show_default=False)]
 Log = Annotated[Path | None, typer.Option(help="File for the log of this stage; stderr if not given.")]
 
 
@@ -43,11 +46,43 @@ def start_log(path: Path | None) -> None:
     logger.setLevel(logging.INFO)
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"simgap {metadata.version('simgap')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Measure, bound and close the gap between a robot model, its simulator and its recordings."""
+
+
+@app.command()
+def grid(
+    case: CasePath,
+    out: Annotated[Path, typer.Option(help="Folder to write states and inputs to (Parquet).", show_default=False)],
+    point: Annotated[
+        str | None,
+        typer.Option(help="eps~ and the radius of the balls that cover X; hidden-state or full-table for a robot."),
+    ] = None,
+    log: Log = None,
+) -> None:
+    """Cover X by samples, or list the earlier inputs that stand for a hidden state, and write them with the inputs."""
+    from simgap.stages import grid as stage
+
+    start_log(log)
+    stage.run(case, point, out)
+
+
 @app.command()
 def rollouts(
     case: CasePath,
     out: Out,
-    eps: Annotated[float, typer.Option(help="Radius of the balls that cover X.", show_default=False)],
+    samples: Grid,
     shard: Annotated[int, typer.Option(help="Which part of the grid.")] = 0,
     log: Log = None,
 ) -> None:
@@ -55,7 +90,7 @@ def rollouts(
     from simgap.stages import rollouts as stage
 
     start_log(log)
-    stage.run(case, eps, shard, out, log)
+    stage.run(case, samples, shard, out, log)
 
 
 @app.command()
@@ -87,56 +122,41 @@ def calibration(
 
 
 @app.command()
+def scp(case: CasePath, state: State, samples: Grid, shards: Shards, out: Out, log: Log = None) -> None:
+    """Solve the scenario program of one dimension of the gap."""
+    from simgap.stages import scp as stage
+
+    start_log(log)
+    stage.run(case, state, samples, shards, out)
+
+
+@app.command()
+def lipschitz(case: CasePath, state: State, samples: Grid, shards: Shards, out: Out, log: Log = None) -> None:
+    """Estimate the Lipschitz constant of one dimension of the gap."""
+    from simgap.stages import lipschitz as stage
+
+    start_log(log)
+    stage.run(case, state, samples, shards, out)
+
+
+@app.command()
 def gap(
     case: CasePath,
-    shards: Annotated[list[Path], typer.Option("--rollouts", help="Roll-out shards of one eps.")],
-    eps: Annotated[float, typer.Option(help="Radius of the balls that cover X.", show_default=False)],
+    grid: Grid,
+    shards: Shards,
+    programs: Annotated[list[Path], typer.Option("--scp", help="Scenario program of each state.")],
+    slopes: Annotated[list[Path], typer.Option("--lipschitz", help="Lipschitz estimate of each state.")],
     checked: Annotated[Path, typer.Option("--fresh", help="Fresh samples to check the bound on.")],
     out: Out,
     samples: Annotated[Path, typer.Option(help="File for thinned samples, for pictures (Parquet).")],
     drawn: Annotated[Path | None, typer.Option("--calibration", help="Samples for a conformal bound.")] = None,
     log: Log = None,
 ) -> None:
-    """Bound the gap by a function of state and input, and check the bound on fresh samples."""
+    """Put the dimensions together to a bound of the gap by a function of state and input, and check it."""
     from simgap.stages import gap as stage
 
     start_log(log)
-    stage.run(case, eps, shards, checked, out, samples, drawn)
-
-
-@app.command()
-def histories(
-    case: CasePath,
-    out: Annotated[Path, typer.Option(help="File for the roll-outs after a grid of previous inputs (Parquet).")],
-    random: Annotated[Path, typer.Option(help="File for the steps of random sequences (Parquet).")],
-    memory: Annotated[Path, typer.Option(help="File for how older inputs fade and headings differ (JSON).")],
-    every: Annotated[bool, typer.Option("--every", help="All inputs as previous inputs, not a grid of them.")] = False,
-    workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
-    log: Log = None,
-) -> None:
-    """Sample what earlier inputs leave behind in a simulator with memory."""
-    from simgap.stages import histories as stage
-
-    start_log(log)
-    stage.run(case, out, random, memory, workers, log, every)
-
-
-@app.command("hidden-gap")
-def hidden_gap(
-    case: CasePath,
-    rolled: Annotated[Path, typer.Option("--grid", help="Roll-outs after a grid of previous inputs.")],
-    random: Annotated[Path, typer.Option(help="Steps of random sequences.")],
-    memory: Annotated[Path, typer.Option(help="How older inputs fade and headings differ.")],
-    checked: Annotated[Path, typer.Option("--fresh", help="Fresh sequences to check the bound on.")],
-    out: Out,
-    samples: Annotated[Path, typer.Option(help="File for thinned samples, for pictures (Parquet).")],
-    log: Log = None,
-) -> None:
-    """Bound the gap of a robot with memory, seen from the robot, and check it on fresh sequences."""
-    from simgap.stages import hidden_gap as stage
-
-    start_log(log)
-    stage.run(case, rolled, random, memory, checked, out, samples)
+    stage.run(case, stage.Inputs(grid, shards, programs, slopes, checked, drawn), out, samples)
 
 
 @app.command()

@@ -35,14 +35,18 @@ def digest(content: Any) -> str:
 
 
 def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
-    """A hash of what a stage reads: sections by dotted name ('plant.states'), model files by their bytes."""
+    """A hash of what a stage reads: sections by dotted name ('plant.states'), model files by their bytes.
+
+    Of 'gap.padding=inflate' no more is read than whether the key has the value.
+    """
     content: dict[str, Any] = {}
     whole = case.model_dump(mode="json")
-    for section in sections:
+    for name in sections:
+        section, _, asked = name.partition("=")
         value: Any = whole
         for part in section.split("."):
             value = value.get(part) if isinstance(value, dict) else None
-        content[section] = value
+        content[name] = value == asked if asked else value
         urdf = value.get("urdf") if isinstance(value, dict) else value if section.endswith("urdf") else None
         if urdf and (folder / urdf).is_file():
             content[f"{section}: bytes"] = file_digest(folder / urdf)

@@ -31,7 +31,12 @@ def used(case, stage):
 def test_code_that_a_stage_reaches():
     assert "synthesis/invariance" in reached("synthesis")
     assert "simulators/build" in reached("rollouts")  # imported late, inside a function
-    assert not any(name.startswith(("synthesis/", "gap/", "diagnosis/")) for name in reached("rollouts"))
+    assert not any(name.startswith(("synthesis/", "diagnosis/", "lipschitz/")) for name in reached("rollouts"))
+    where_it_is_asked = {"gap/points", "gap/pairs", "gap/hidden_state", "gap/steps", "gap/thresholds"}
+    assert {name for name in reached("rollouts") if name.startswith("gap/")} <= where_it_is_asked
+    assert {"gap/scenario", "gap/padding"} <= reached("scp")
+    assert not {"gap/scenario", "gap/padding"} & reached("lipschitz")
+    assert "lipschitz/evt" in reached("lipschitz") - reached("scp")
     assert not any(name.startswith("synthesis/inv") for name in reached("gap"))
 
 

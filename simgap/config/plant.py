@@ -19,8 +19,8 @@ class State(Section):
     quantity: Literal["position", "velocity"] | None = Field(None, description="URDF plants: which quantity of it.")
     lag_of: str | None = Field(
         None,
-        description="The input whose lagged value this state is: the effect `input_lag` on that input is then part of "
-        "the nominal model. The state is called <input>_lagged, comes after the plant's own, and has its range in "
+        description="The input whose lagged value this state is: an effect that lags (`input_lag`) is then part "
+        "of the nominal model. The state is called <input>_lagged, comes after the plant's own, and has its range in "
         "domain.X. Without it a lag is left to gamma.",
     )
 
@@ -79,7 +79,9 @@ class AddedEffect(Section):
 
     name: str = Field(description="Name of the effect.")
     on: str = Field(description="What it acts on: a coordinate, an input, a state, a parameter or the plant.")
-    parameters: dict[str, float] = Field(description="Its numbers by symbol, in SI units.")
+    parameters: dict[str, float] = Field(
+        description="Its numbers by symbol, in the units that `simgap effects CASE` lists."
+    )
 
 
 class PlantSection(Section):

@@ -1,4 +1,7 @@
-"""What each stage reads of a case: a change elsewhere in the file reruns nothing of it."""
+"""What each stage reads of a case: a change elsewhere in the file reruns nothing of it.
+
+`section.key=value` says that the stage reads no more than whether the key has that value.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,29 @@ from collections.abc import Mapping
 _PLANT = ("plant.urdf", "plant.states", "plant.inputs", "plant.gravity")
 _SIMULATED = ("name", *_PLANT, "domain", "simulator", "sensing.latency", "sensing.latency_of")
 
+_MODEL = ("name", "plant", "domain")
+_HISTORIES = (
+    "hidden_state.length", "hidden_state.chains", "hidden_state.chain_length", "hidden_state.seed",
+    "symmetry.headings", "symmetry.histories", "symmetry.seed",
+)  # fmt: skip
+# A padding enters the scenario program where it is `inflate`; which of the others it is does not matter there.
+_FIT = (
+    "gap.basis", "gap.bound", "gap.objective", "gap.slack", "gap.sides", "gap.padding=inflate", "gap.envelope_nodes",
+)  # fmt: skip
+_EXTREME_VALUE = tuple(f"gap.lipschitz.extreme_value{part}" for part in ("", "_blocks", "_pairs"))
+
 _RUN = ("domain", "simulator", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation")
 _JUDGED = ("synthesis.specification", "gap.tolerated_probability")
 _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
-    "rollouts": (*_SIMULATED, "grid.shards"),
+    "grid": ("name", "plant.states", "plant.inputs", "domain.X", "domain.U", "hidden_state.previous"),
+    "rollouts": (*_SIMULATED, "grid.shards", *_HISTORIES),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
-    "histories": (*_SIMULATED, "hidden_state", "symmetry"),
-    "hidden_gap": ("name", "plant", "domain", "simulator", "hidden_state", "symmetry.tolerance"),
-    "gap": ("name", "plant", "domain", "gap"),
+    "scp": (*_MODEL, *_FIT),
+    "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, "hidden_state.length", "symmetry.headings"),
+    "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
     "paper": _SIMULATED,

@@ -48,3 +48,75 @@ SAME_PROMISE = 1e-5
 
 FINALISTS = 5
 """How many of the most promising candidates are refitted in full at each round."""
+
+SAME_BIC = 0.1
+"""Sets whose BIC differ by less predict the same: each is pruned, as one may hold an effect that is worth nothing."""
+
+# How widely the search looks: a larger number costs refits and may find more. Judgement; no experiment on record varied
+# them one by one. That there is more than one first effect has a reason: two effects together can look like a third.
+
+FIRST_EFFECTS = 3
+"""Single effects from which a selection sets out."""
+
+EQUALS_PRUNED = 8
+"""Sets that predict the same, of which each effect is dropped in turn."""
+
+SWAP_ROUNDS, SWAP_RIVALS = 4, 3
+"""How often an effect is replaced by a rival, and by how many of them it is tried."""
+
+RIVALS_EXTENDED = 4
+"""For each chosen effect, how many of its rivals are refitted as alternatives."""
+
+RIVAL_SHARE = 0.3
+"""A rival that promises less than this share of what the chosen effect is worth is not refitted."""
+
+SETS_REFITTED = 12
+"""Whole sets with the same span of sensitivities that are refitted as alternatives."""
+
+BEAM, SETS_JUDGED = 4, 8
+"""Off the noise floor: sets of each size that are widened, and sets of each size that are judged on held-out data."""
+
+BETTER_CHI2 = 0.1
+"""A fit from another start replaces an earlier one if its chi^2 is lower by more than this."""
+
+LOOK_BACK_S, LOOK_BACK_SAMPLES = 0.2, 10
+"""What the causal start of an h-ahead prediction is estimated from: at least this long and this many samples."""
+
+COVERED_ERRORS = 2.0
+"""Coefficients of two folds agree within this many standard errors of their difference."""
+
+# What a look at the data warns of. Judgement; tests/diagnosis/test_survey.py and test_reading.py hold them against
+# recordings with such faults and without.
+
+MIN_SAMPLES = 8
+"""Fewer samples make no piece of a trace and no window: the noise estimate alone takes seven."""
+
+SMALL_SWING_RAD = 1.0
+"""Below it the sine of gravity and a spring correlate beyond 0.999."""
+
+LIMIT_SHARE = 0.02
+"""An input at its extreme for a larger share of the samples may be a command that a drive limits."""
+
+REVERSED_SHARE = 0.02
+"""A position that moves back for a smaller share of its way moves in one direction only."""
+
+REST_SHARE = 0.2
+"""A recording at rest for a larger share of its time says little."""
+
+LAG_WORTH_SAYING_S = 0.002
+"""A velocity that trails the derivative of its position by more (and by half an interval) was filtered."""
+
+DERIVATIVE_MISMATCH = 0.5
+"""A velocity of which a larger share differs from the derivative of its position is not that derivative."""
+
+DERIVATIVE_SCALE = (0.8, 1.25)
+"""Outside it the scale between a velocity and the derivative of its position is a unit, not noise."""
+
+STILL_NOISE, STILL_STEPS = 8.0, 2.0
+"""A block whose range is within so many sigma of noise, or steps of resolution, is at rest."""
+
+FROZEN_WHILE_MOVED = 0.3
+"""A channel hangs if it repeats a number while another moves by more than this share of its range."""
+
+WHOLE_STEPS, WHOLE_WITHIN = 0.98, 0.02
+"""A channel is quantised if this share of its steps are whole multiples of the smallest, to within this much of one."""

@@ -1,22 +1,54 @@
-"""Bounds on cells from samples: piecewise constant on blocks, and the Lipschitz envelope (set membership)."""
+"""Piecewise constant bounds: on each block of cells the largest sampled gap, padded."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.gap.cells import CellGap
-from simgap.gap.lipschitz.grid import GridLipschitz
-from simgap.gap.lipschitz.local import LocalPadding
-from simgap.gap.samples import GapSamples
+from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import Tier, deterministic_tier, estimate_tier
+from simgap.gap.tiers import deterministic_tier, estimate_tier
 from simgap.geometry import Floats, Grid
 
 
-def fit_blocks(samples: GapSamples, settings: GapSettings, lipschitz: Sequence[GridLipschitz]) -> CellGap:
+@dataclass(frozen=True, eq=False)
+class BlockFit:
+    """Largest values that the sides of one dimension have to cover on each block: the program solves itself.
+
+    Attributes:
+        upper, lower: (blocks, M or 1), of d and of -d; padding `inflate` is in them, the others are not.
+        rough_share: cells with a jump, as far as the local padding looked for them.
+    """
+
+    upper: Floats
+    lower: Floats
+    rough_share: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "kind": "blocks",
+            "program": "solved in closed form: on indicator functions of blocks, one maximum a block",
+            "upper": self.upper.tolist(),
+            "lower": self.lower.tolist(),
+            "rough_share": self.rough_share,
+        }
+
+    @staticmethod
+    def from_json(data: Mapping[str, Any]) -> BlockFit:
+        """The inverse of `to_json`."""
+        upper, lower = (np.array(data[side], dtype=float) for side in ("upper", "lower"))
+        return BlockFit(upper, lower, float(data["rough_share"]))
+
+
+def fit_blocks(samples: DimensionSamples, settings: GapSettings) -> BlockFit:
     """The scenario program on the basis of indicator functions of blocks, which solves itself: one maximum a block.
 
     Block borders lie on cell borders, so a cell belongs to one block and the padding of its sample covers it.
@@ -24,45 +56,83 @@ def fit_blocks(samples: GapSamples, settings: GapSettings, lipschitz: Sequence[G
     Raises:
         UserError: for block counts that do not fit the grid.
     """
-    counts, per_input = _counts(samples, settings)
-    member, edges = _blocks(samples.grid, counts)
-    n, nx = int(np.prod(counts)), len(samples.states)
-    columns = len(samples.inputs) if per_input else 1
-    tables = {True: np.empty((n, columns, nx)), False: np.empty((n, columns, nx))}
-    rough = []
-    for i, found in enumerate(lipschitz):
-        for up in (True, False):
-            tables[up][:, :, i], share = _block_maxima(samples, settings, i, up, member, n, per_input, found)
-        rough.append(share)
-    lower, upper = -tables[False], tables[True]
+    counts, per_input = _counts(samples.where, settings)
+    member, _ = _blocks(samples.where.grid, counts)
+    tables, rough = {}, 0.0
+    for up in (True, False):
+        padded, share = _locally_padded(samples, settings, up)
+        if not per_input:
+            padded = padded.max(axis=1, keepdims=True)
+        tables[up] = np.full((int(np.prod(counts)), padded.shape[1]), -np.inf)
+        np.maximum.at(tables[up], member, padded)
+        rough = max(rough, share)
+    return BlockFit(tables[True], tables[False], rough)
+
+
+def blocks_gap(
+    where: SampleGrid, settings: GapSettings, fits: Sequence[BlockFit], lipschitz: Sequence[DimensionLipschitz]
+) -> CellGap:
+    """The tables of all dimensions side by side, with the padding that is not in them yet."""
+    _, edges = _blocks(where.grid, _counts(where, settings)[0])
+    nx, inflated = len(where.states), settings.padding == "inflate"
+    sides = []
+    for name in ("upper", "lower"):
+        padded = [
+            getattr(fit, name) + (0.0 if inflated else _reach(where, settings, known)) + floor / 16.0
+            for fit, known, floor in zip(fits, lipschitz, where.rounding, strict=True)
+        ]
+        sides.append(np.stack(padded, axis=-1))
+    upper, lower = sides[0], -sides[1]
     if not settings.signed:
         upper = np.maximum(upper, -lower)
         lower = -upper
     upper = np.maximum(upper, lower)
     nodes = tuple(0.5 * (e[:-1] + e[1:]) for e in edges)
-    kind = "cells" if settings.padding != "inflate" else "inflate"
-    tiers = (deterministic_tier(kind), estimate_tier(samples.states, [f.constants for f in lipschitz], rough))
-    return CellGap(samples.domain, tiers, edges, nodes, lower, upper, np.zeros((nx, nx)))
+    rough = [
+        fit.rough_share if inflated else known.grid.rough_share for fit, known in zip(fits, lipschitz, strict=True)
+    ]
+    used = [known.grid.constants for known in lipschitz]
+    tiers = deterministic_tier("inflate" if inflated else "cells"), estimate_tier(where.states, used, rough)
+    return CellGap(where.domain, tiers, edges, nodes, lower, upper, np.zeros((nx, nx)))
 
 
-def _counts(samples: GapSamples, settings: GapSettings) -> tuple[tuple[int, ...], bool]:
+def _reach(where: SampleGrid, settings: GapSettings, known: DimensionLipschitz) -> float:
+    """How far the gap may move within a cell, by its Lipschitz constants."""
+    h = where.moving_half_widths
+    if settings.padding == "per_axis":
+        return float(known.grid.constants @ h)
+    return float(known.grid.euclidean * np.linalg.norm(h))
+
+
+def _locally_padded(samples: DimensionSamples, settings: GapSettings, up: bool) -> tuple[Floats, float]:
+    """(N, M) target of one side, with its local padding if that is the case's, and the share of rough cells."""
+    from simgap.gap.lipschitz.local import LocalPadding
+
+    target = samples.side(up)
+    if settings.padding != "inflate":
+        return target, 0.0
+    pad, share = LocalPadding(target, samples.where.grid, samples.where.free, samples.floor).of_target()
+    return target + pad, share
+
+
+def _counts(where: SampleGrid, settings: GapSettings) -> tuple[tuple[int, ...], bool]:
     options = dict(settings.basis_options)
-    given = options.get("blocks", tuple(min(8, c) for c in samples.grid.cells))
+    given = options.get("blocks", tuple(min(8, c) for c in where.grid.cells))
     counts = tuple(int(c) for c in given) if isinstance(given, Sequence) else ()
-    fits = len(counts) == len(samples.grid.cells) and all(
-        1 <= c <= cells for c, cells in zip(counts, samples.grid.cells, strict=True)
+    fits = len(counts) == len(where.grid.cells) and all(
+        1 <= c <= cells for c, cells in zip(counts, where.grid.cells, strict=True)
     )
     if not fits:
         raise UserError(
-            f"blocks {list(counts)} do not fit a sampling grid of {list(samples.grid.cells)} cells",
+            f"blocks {list(counts)} do not fit a sampling grid of {list(where.grid.cells)} cells",
             key="gap.basis.blocks",
             remedy="Give one count for each state, between 1 and the cells of the grid.",
         )
-    counts = tuple(1 if j in samples.free else c for j, c in enumerate(counts))
+    counts = tuple(1 if j in where.free else c for j, c in enumerate(counts))
     return counts, bool(options.get("per_input", True))
 
 
-def _blocks(grid: Grid, counts: Sequence[int]) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], tuple[Floats, ...]]:
+def _blocks(grid: Grid, counts: Sequence[int]) -> tuple[NDArray[np.int64], tuple[Floats, ...]]:
     """Block of each cell (N,) and the block borders per axis."""
     index, edges = [], []
     for j, (cells, count) in enumerate(zip(grid.cells, counts, strict=True)):
@@ -73,53 +143,3 @@ def _blocks(grid: Grid, counts: Sequence[int]) -> tuple[np.ndarray[tuple[int], n
         edges.append(np.concatenate([[lo], lo + 2.0 * grid.h[j] * first, [hi]]))
     mesh = np.meshgrid(*index, indexing="ij")
     return np.ravel_multi_index(tuple(m.ravel() for m in mesh), tuple(counts)), tuple(edges)
-
-
-def _block_maxima(
-    samples: GapSamples, settings: GapSettings, i: int, up: bool,
-    member: np.ndarray[tuple[int], np.dtype[np.int64]], n: int, per_input: bool, found: GridLipschitz,
-) -> tuple[Floats, float]:  # fmt: skip
-    target, floor = samples.side(i, up), float(samples.rounding[i])
-    if settings.padding == "inflate":
-        pad, share = LocalPadding(target, samples.grid, samples.free, floor).of_target()
-    else:
-        h = np.where(np.isin(np.arange(len(found.constants)), samples.free), 0.0, samples.grid.h)
-        reach = found.constants @ h if settings.padding == "per_axis" else found.euclidean * np.linalg.norm(h)
-        pad, share = np.full_like(target, reach), found.rough_share
-    padded = target + pad + floor / 16.0
-    if not per_input:
-        padded = padded.max(axis=1, keepdims=True)
-    table = np.full((n, padded.shape[1]), -np.inf)
-    np.maximum.at(table, member, padded)
-    return table, share
-
-
-def fit_envelope(samples: GapSamples, settings: GapSettings, lipschitz: Sequence[GridLipschitz]) -> CellGap:
-    """Set membership: d lies within `sum_j L_ij |x_j - node_j|` of its value at a node (Milanese & Novara 2004).
-
-    Each cell uses its own node. When the table would exceed `envelope_nodes` numbers, every k-th sample along each
-    axis is a node.
-    """
-    grid, m, nx = samples.grid, len(samples.inputs), len(samples.states)
-    stride = 1
-    while np.prod([-(-c // stride) for c in grid.cells]) * m * nx > settings.envelope_nodes and stride < max(
-        grid.cells
-    ):
-        stride += 1
-    kept = [np.arange(min(stride // 2, c - 1), c, stride) for c in grid.cells]
-    nodes = tuple(grid.axis(j)[k] for j, k in enumerate(kept))
-    middle = [0.5 * (n[:-1] + n[1:]) for n in nodes]
-    edges = tuple(np.concatenate([[grid.box.lo[j]], e, [grid.box.hi[j]]]) for j, e in enumerate(middle))
-    flat = np.ravel_multi_index(tuple(k.ravel() for k in np.meshgrid(*kept, indexing="ij")), grid.cells)
-    numerical = samples.rounding / 16.0
-    lower = samples.d[flat] - numerical
-    upper = (samples.d if samples.d_upper is None else samples.d_upper)[flat] + numerical
-    if not settings.signed:
-        upper = np.maximum(upper, -lower)
-        lower = -upper
-    slopes = np.stack([found.constants for found in lipschitz])
-    tiers: tuple[Tier, ...] = (
-        deterministic_tier("cells"),
-        estimate_tier(samples.states, list(slopes), [f.rough_share for f in lipschitz]),
-    )
-    return CellGap(samples.domain, tiers, edges, nodes, lower, upper, slopes)

@@ -1,26 +1,28 @@
 """Split conformal bound: covers a fresh random sample with a stated probability, and needs no Lipschitz constant.
 
-A centre m(x, u) is fitted by least squares; the score of a calibration sample is `max_i |d_i - m_i| / scale_i`. With n
-exchangeable calibration samples the k-th smallest score, k = ceil((n + 1)(1 - alpha)), covers a new sample from the
-same distribution with probability at least 1 - alpha (Vovk, Gammerman & Shafer 2005). It is a statement about a random
-state, not about every state: no controller that is proved with it alone is safe for certain, and the tier says so.
+A centre m(x, u) is fitted by least squares; the score of a calibration sample is `max_i |d_i - m_i| / scale_i`, and
+`split_conformal` says how far such scores reach. It is a statement about a random state, not about every state: no
+controller that is proved with it alone is safe for certain, and the tier says so.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from simgap.errors import UserError
 from simgap.gap.bases import Basis
 from simgap.gap.design import Design
-from simgap.gap.forms import make_form
 from simgap.gap.linear import LinearGap
-from simgap.gap.samples import GapSamples
+from simgap.gap.linear_fit import basis_of, blank_form
+from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
+from simgap.split_conformal import fewest, reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +34,58 @@ class Calibration:
     d: Floats
 
 
-def fit_conformal(
-    samples: GapSamples, settings: GapSettings, basis: Basis, calibration: Calibration | None
+@dataclass(frozen=True, eq=False)
+class CentreFit:
+    """Centre of one dimension, q.p by least squares, and its scale: root mean square of what it leaves (1 for 0)."""
+
+    terms: tuple[str, ...]
+    coefficients: Floats
+    scale: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "kind": "centre",
+            "program": "none: a conformal bound is a least-squares centre with a width from random samples",
+            "terms": list(self.terms),
+            "coefficients": self.coefficients.tolist(),
+            "scale": self.scale,
+        }
+
+    @staticmethod
+    def from_json(data: Mapping[str, Any]) -> CentreFit:
+        """The inverse of `to_json`."""
+        return CentreFit(tuple(data["terms"]), np.array(data["coefficients"], dtype=float), float(data["scale"]))
+
+
+def fit_centre(samples: DimensionSamples, settings: GapSettings) -> CentreFit:
+    """The centre of one dimension from the grid samples (0 if unsigned).
+
+    Raises:
+        UserError: where hidden states spread the gap.
+    """
+    if samples.d_upper is not None:
+        raise UserError(
+            "a conformal bound does not cover a gap that hidden states of the simulator spread",
+            key="gap.bound",
+            remedy="Use scenario or envelope.",
+        )
+    basis = basis_of(samples.where, settings)
+    design = Design(basis, samples.where.grid.centres(), samples.where.inputs)
+    d = samples.side(upper=True)
+    q = design.least_squares(d) if settings.signed else np.zeros(basis.size)
+    scale = float(np.sqrt(np.mean((d - design.product(q)) ** 2)))
+    return CentreFit(basis.terms, q, scale if scale > 0.0 else 1.0)
+
+
+def conformal_gap(
+    where: SampleGrid, settings: GapSettings, fits: Sequence[CentreFit], calibration: Calibration | None
 ) -> LinearGap:
-    """Centre from the grid samples (0 if unsigned), width from the calibration samples.
+    """The width of all dimensions from the calibration samples.
 
     Raises:
         UserError: without calibration samples (those of a grid are not exchangeable with a random state, so none of
-            them can stand in), with too few for the miscoverage, or where hidden states spread the gap.
+            them can stand in), or with too few for the miscoverage.
     """
     if calibration is None:
         raise UserError(
@@ -47,34 +93,23 @@ def fit_conformal(
             key="gap.conformal",
             remedy="Make them with `simgap calibration` and give them to the gap stage as --calibration.",
         )
-    if samples.d_upper is not None:
-        raise UserError(
-            "a conformal bound does not cover a gap that hidden states of the simulator spread",
-            key="gap.bound",
-            remedy="Use scenario or envelope.",
-        )
-    design = Design(basis, samples.grid.centres(), samples.inputs)
-    forms, scales = [], []
-    for i in range(len(samples.states)):
-        d = samples.side(i, upper=True)
-        q = design.least_squares(d) if settings.signed else np.zeros(basis.size)
-        scales.append(float(np.sqrt(np.mean((d - design.product(q)) ** 2))))
-        forms.append(make_form(basis, samples.grid.box, samples.inputs, q))
-    scale = np.where(np.array(scales) > 0.0, scales, 1.0)
+    blank = blank_form(Basis(fits[0].terms, where.states, where.input_names), where)
+    forms = tuple(replace(blank, coefficients=fit.coefficients) for fit in fits)
+    scale = np.array([fit.scale for fit in fits])
     centre = np.stack([f.values(calibration.x, calibration.u) for f in forms], axis=1)
-    score = np.sort((np.abs(calibration.d - centre) / scale).max(axis=1))
-    rank = int(np.ceil((len(score) + 1) * (1.0 - settings.miscoverage)))
-    if rank > len(score):
+    score = (np.abs(calibration.d - centre) / scale).max(axis=1)
+    factor = reach(score, 1.0 - settings.miscoverage)
+    if not np.isfinite(factor):
         raise UserError(
             f"{len(score)} calibration samples are too few for a miscoverage of {settings.miscoverage:g}",
             key="gap.conformal.miscoverage",
-            remedy=f"Use at least {int(np.ceil(1.0 / settings.miscoverage))} samples.",
+            remedy=f"Use at least {fewest(1.0 - settings.miscoverage)} samples.",
         )
-    reach = score[rank - 1] * scale + samples.rounding / 16.0
+    half = factor * scale + where.rounding / 16.0
     tier = _tier(settings, len(score))
-    function = LinearGap(samples.domain, (tier,), tuple(forms), tuple(replace(f) for f in forms))
+    function = LinearGap(where.domain, (tier,), forms, tuple(replace(f) for f in forms))
     numerical = np.array([f.rounding for f in forms])
-    return function.raised(reach + numerical, reach + numerical)
+    return function.raised(half + numerical, half + numerical)
 
 
 def _tier(settings: GapSettings, n: int) -> Tier:

@@ -2,53 +2,23 @@
 
 A roll-out from rest is not the map that a controller meets: wheels and body still move as the previous input told them.
 The bound for an input is therefore the hull over previous inputs (a grid of them, extremes included), widened by what
-random input sequences of any length, at any heading, show beyond that hull. That it is wide enough is an estimate; how
-fast the influence of older inputs fades is measured and must be small before the bound is taken.
+random input sequences of any length, at any heading, show beyond that hull (`hidden_fit`). That it is wide enough is an
+estimate; how fast the influence of older inputs fades is measured and must be small before the bound is taken.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.function import GapDomain
-from simgap.gap.symmetry import BodyFrameGap, HeadingDeviation
-from simgap.gap.tiers import Tier
+from simgap.gap.thresholds import BEYOND_CONFIDENCE
 from simgap.geometry import Floats
-from simgap.simulators.body_samples import BodySamples, Ints
+from simgap.simulators.body_samples import Ints
 
 TOP = 20
-CONFIDENCE = 0.95
-
-
-@dataclass(frozen=True, eq=False)
-class BodySweep:
-    """Box in the robot's frame that holds the whole way of one step, the start included: lower, upper (M, 2)."""
-
-    lower: Floats
-    upper: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class HiddenStateFit:
-    """The bound with what it rests on.
-
-    Attributes:
-        gap, sweep: see there; d: (P, M, 3) body-frame gap over the grid of previous inputs.
-        excess: (3,) largest excess of a random sequence over that hull; margin: (3,) what was added, by extrapolation.
-        memory: (L, 3) largest influence on the pose of all inputs more than 1, 2, ..., L samples back.
-    """
-
-    gap: BodyFrameGap
-    sweep: BodySweep
-    d: Floats
-    excess: Floats
-    margin: Floats
-    memory: Floats
 
 
 def previous_inputs(values: Sequence[Floats], counts: Sequence[int]) -> Floats:
@@ -106,7 +76,7 @@ def check_fading(memory: Floats, size: Floats, states: Sequence[str], growth: fl
             )
 
 
-def extrapolated_maximum(excess: Floats, top: int = TOP, confidence: float = CONFIDENCE) -> float:
+def extrapolated_maximum(excess: Floats, top: int = TOP, confidence: float = BEYOND_CONFIDENCE) -> float:
     """Upper estimate of the supremum behind a sample of excesses, >= its maximum (0 when nothing exceeds).
 
     `M1 + (M1 - Mk) r / (1 - r)`, `r = 1 - (1 - confidence)^(1/(k - 1))`, from the k largest (de Haan 1981).
@@ -125,77 +95,6 @@ def hull(m: Ints, values: Floats, inputs: int) -> tuple[Floats, Floats]:
     np.minimum.at(lo, m, values)
     np.maximum.at(hi, m, values)
     return lo, hi
-
-
-def fit_hidden_state(
-    domain: GapDomain,
-    motion: Floats,
-    grid: BodySamples,
-    chains: BodySamples,
-    memory: Floats,
-    deviation: HeadingDeviation,
-    between_poses: float,
-    growth: float,
-    pose: tuple[int, int, int] = (0, 1, 2),
-) -> HiddenStateFit:
-    """Bound the body-frame gap and the swept box of every input.
-
-    Args:
-        domain: X (free along the position) and U.
-        motion: nominal step seen from the robot, (M, 3).
-        grid: roll-outs after the grid of previous inputs, all inputs after each, (P M) rows in that order.
-        chains: steps of random sequences.
-        memory: what `fading` gave; growth: see `check_fading`.
-        deviation: between headings.
-        between_poses: bound of the distance between the way and the line through the recorded poses, m.
-
-    Raises:
-        BrokenPromise: when the bound still grows with the length of the history.
-    """
-    count = len(motion)
-    lower, upper = hull(grid.m, grid.final - motion[grid.m], count)
-    check_fading(memory, np.maximum(np.abs(lower), np.abs(upper)).max(axis=0), domain.states, growth)
-    d = chains.final - motion[chains.m]
-    beyond = np.maximum(np.maximum(lower[chains.m] - d, d - upper[chains.m]), 0.0)
-    margin = np.array([extrapolated_maximum(e) for e in beyond.T])
-    raised = margin + deviation.largest
-    tiers = _tiers(domain.states, grid, chains, memory, beyond.max(axis=0), margin, deviation)
-    gap = BodyFrameGap(domain, tiers, lower - raised, upper + raised, pose)
-    sweep = _swept(grid, chains, count, float(np.max(deviation.largest[list(pose[:2])])) + between_poses)
-    shape = (len(grid.m) // count, count, 3)
-    return HiddenStateFit(gap, sweep, (grid.final - motion[grid.m]).reshape(shape), beyond.max(axis=0), margin, memory)
-
-
-def _swept(grid: BodySamples, chains: BodySamples, count: int, added: float) -> BodySweep:
-    lo, _ = hull(grid.m, grid.extent[:, [0, 2]], count)
-    _, hi = hull(grid.m, grid.extent[:, [1, 3]], count)
-    below = np.maximum(lo[chains.m] - chains.extent[:, [0, 2]], 0.0)
-    above = np.maximum(chains.extent[:, [1, 3]] - hi[chains.m], 0.0)
-    margin = np.array([extrapolated_maximum(e) for e in np.maximum(below, above).T]) + added
-    return BodySweep(lo - margin, hi + margin)
-
-
-def _tiers(
-    states: Sequence[str],
-    grid: BodySamples,
-    chains: BodySamples,
-    memory: Floats,
-    excess: Floats,
-    margin: Floats,
-    deviation: HeadingDeviation,
-) -> tuple[Tier, ...]:
-    def named(values: Floats) -> str:
-        return ", ".join(f"{v:.2g} for {s}" for s, v in zip(states, values, strict=True))
-
-    hidden = Tier(
-        2,
-        f"The simulator remembers earlier inputs. The bound of each input is the hull over {len(grid.m):,} roll-outs "
-        f"after a grid of previous inputs, widened by {named(margin)}: {len(chains.m):,} steps of random input "
-        f"sequences exceeded that hull by at most {named(excess)}, extrapolated from their {TOP} largest excesses. "
-        f"Inputs more than one sample back move the pose by at most {named(memory[0])}, more than "
-        f"{max(len(memory) - 1, 1)} back by {named(memory[max(len(memory) - 2, 0)])}. All of this is an estimate.",
-    )
-    return hidden, deviation.tier(states)
 
 
 def tolerance_of(states: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:

@@ -8,7 +8,8 @@ Three ways, tightest first (t is what the side has to cover, e = t - q.p its res
 - per_axis: q.p covers the samples; `sum_j (L1_j + L2_j) h_j` is added.
 - paper: q.p covers the samples; `(L1 + L2) eps` is added, eps the half-diagonal of a cell (paper, eq. actual_gamma).
 
-L1 is of the signed gap (L(|d|) <= L(d)) and an estimate; L2 of q.p is an analytic bound.
+The first is why a scenario program is not done before its padding is known: the slopes that it takes are those of the
+residual, from the samples themselves. The other two never enter the program and are added after it (`side.padded`).
 """
 
 from __future__ import annotations
@@ -20,32 +21,13 @@ import numpy as np
 
 from simgap.gap.design import Design
 from simgap.gap.forms import Form
-from simgap.gap.lipschitz.grid import GridLipschitz
 from simgap.gap.lipschitz.local import LocalPadding
-from simgap.gap.scenario import ScenarioResult, solve_scenario
+from simgap.gap.scenario import solve_scenario
 from simgap.gap.settings import GapSettings
+from simgap.gap.side import SideFit, numerical, with_coefficients
 from simgap.geometry import Floats, Grid
 
 _PASSES = 5
-
-
-@dataclass(frozen=True, eq=False)
-class SideFit:
-    """One padded side: `form` covers its targets on all of X x U, given the Lipschitz constants.
-
-    Attributes:
-        scenario: the last scenario program. padding: largest local padding (inflate) or the constant (others).
-        padding_mean: its mean over the cells. raised: constant added after the program: padding that is not in its
-            constraint, worst violation and rounding. passes: programs solved. rough_share: cells with a jump.
-    """
-
-    form: Form
-    scenario: ScenarioResult
-    padding: float
-    padding_mean: float
-    raised: float
-    passes: int
-    rough_share: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,50 +42,34 @@ class SideProblem:
     blank: Form  # zero coefficients; carries the ranges of the basis
 
 
-def fit_side(problem: SideProblem, lipschitz: GridLipschitz, settings: GapSettings) -> SideFit:
-    """Fit and pad one side by the case's padding mode."""
+def fit_side(problem: SideProblem, settings: GapSettings) -> SideFit:
+    """Fit one side; with padding `inflate` the local paddings are part of the program."""
     if settings.padding == "inflate":
         return _inflate(problem, settings)
     target = np.maximum.reduce(list(problem.targets))
     result = solve_scenario(problem.design, target, settings.objective, settings.slack)
-    form = _with(problem.blank, result.coefficients)
-    h = np.where(np.isin(np.arange(len(problem.grid.cells)), problem.free), 0.0, problem.grid.h)
-    if settings.padding == "per_axis":
-        padding = float((lipschitz.constants + form.gradient_bound) @ h)
-    else:
-        padding = float((lipschitz.euclidean + np.linalg.norm(form.gradient_bound)) * np.linalg.norm(h))
-    raised = padding + result.worst_violation + _numerical(problem, form)
-    return SideFit(form.with_offset(raised), result, padding, padding, raised, 1, lipschitz.rough_share)
+    return SideFit(result, 0.0, 0.0, result.worst_violation, 1, 0.0)
 
 
 def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
     plain = np.maximum.reduce(list(problem.targets))
     local = [LocalPadding(t, problem.grid, problem.free, problem.floor) for t in problem.targets]
     result = solve_scenario(problem.design, plain, settings.objective, settings.slack)
-    fits: list[SideFit] = []
+    goal = "sup" if settings.objective == "eta" else "mean"
+    fits: list[tuple[float, SideFit]] = []
     for count in range(1, _PASSES + 1):
         q = result.coefficients
-        values, form = problem.design.product(q), _with(problem.blank, q)
+        values, form = problem.design.product(q), with_coefficients(problem.blank, q)
         slopes = {j: problem.design.slope(q, j) for j in local[0].axes}
         pads = [padding.of_residual(values, slopes.__getitem__, form.hessian_bound) for padding in local]
         padded = np.maximum.reduce([t + pad for t, (pad, _) in zip(problem.targets, pads, strict=True)])
         missing = float((padded - values).max())
-        raised = missing + _numerical(problem, form)
         top = max(float(pad.max()) for pad, _ in pads)
         mean = float(np.mean([pad.mean() for pad, _ in pads]))
         rough = max(share for _, share in pads)
-        fits.append(SideFit(form.with_offset(raised), result, top, mean, raised, count, rough))
+        reached = float(getattr(result, goal)) + (missing + numerical(form, problem.floor))
+        fits.append((reached, SideFit(result, top, mean, missing, count, rough)))
         if abs(missing) <= 1e-2 * top or count == _PASSES:
             break
         result = solve_scenario(problem.design, padded, settings.objective, settings.slack, warm=result.rows)
-    goal = "sup" if settings.objective == "eta" else "mean"
-    return min(fits, key=lambda fit: float(getattr(fit.scenario, goal)) + fit.raised)
-
-
-def _with(blank: Form, coefficients: Floats) -> Form:
-    return Form(blank.basis, blank.ranges, blank.domain, coefficients)
-
-
-def _numerical(problem: SideProblem, form: Form) -> float:
-    """Rounding of q.p at the samples and of the sampled gap itself."""
-    return form.rounding + problem.floor / 16.0
+    return min(fits, key=lambda pair: pair[0])[1]

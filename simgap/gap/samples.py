@@ -1,4 +1,4 @@
-"""Samples of the gap on a grid of states times a finite set of inputs."""
+"""Samples of the gap on a grid of states times a finite set of inputs, all dimensions or one."""
 
 from __future__ import annotations
 
@@ -13,14 +13,81 @@ from simgap.geometry import Floats, Grid
 
 
 @dataclass(frozen=True, eq=False)
+class SampleGrid:
+    """Where the gap is sampled: the cell centres of `grid`, for every input.
+
+    Attributes:
+        grid: N cells that tile X; inputs: (M, nu); states, input_names: names in order.
+        free: state axes on which the gap does not depend by a declared symmetry.
+    """
+
+    grid: Grid
+    inputs: Floats
+    states: tuple[str, ...]
+    input_names: tuple[str, ...]
+    free: tuple[int, ...] = ()
+
+    @property
+    def domain(self) -> GapDomain:
+        """X and U with their names."""
+        return GapDomain(self.states, self.input_names, self.grid.box, self.inputs, self.free)
+
+    @property
+    def size(self) -> int:
+        """Number of samples, N M."""
+        return self.grid.size * len(self.inputs)
+
+    @cached_property
+    def rounding(self) -> Floats:
+        """(nx,) size of differences that may be rounding alone: the gap is a difference of numbers of the size of X."""
+        return 64.0 * 2.0**-52 * (np.maximum(np.abs(self.grid.box.lo), np.abs(self.grid.box.hi)))
+
+    @cached_property
+    def moving_half_widths(self) -> Floats:
+        """(nx,) half-widths of a cell, 0 along the free axes."""
+        return np.where(np.isin(np.arange(len(self.grid.cells)), self.free), 0.0, self.grid.h)
+
+
+@dataclass(frozen=True, eq=False)
+class DimensionSamples:
+    """The signed gap of one dimension: d (N, M), and d_upper where hidden states of the simulator spread it.
+
+    Raises:
+        UserError: for shapes that do not fit or values that are not finite.
+    """
+
+    where: SampleGrid
+    i: int
+    d: Floats
+    d_upper: Floats | None = None
+
+    def __post_init__(self) -> None:
+        _check((self.where.grid.size, len(self.where.inputs)), {"d": self.d, "d_upper": self.d_upper})
+
+    @property
+    def floor(self) -> float:
+        """Size of differences that may be rounding alone."""
+        return float(self.where.rounding[self.i])
+
+    def side(self, upper: bool) -> Floats:
+        """(N, M) what one side has to cover: d for `hi`, -d for `-lo`."""
+        values = self.d if self.d_upper is None or not upper else self.d_upper
+        return np.ascontiguousarray(values if upper else -values)
+
+    @cached_property
+    def largest(self) -> float:
+        """Largest sampled |d|."""
+        return max(float(np.abs(self.side(up)).max()) for up in (False, True))
+
+
+@dataclass(frozen=True, eq=False)
 class GapSamples:
     """The signed gap d = simulator - nominal at the cell centres of `grid` for every input.
 
     Attributes:
-        grid: N cells that tile X; inputs: (M, nu); states, input_names: names in order.
+        grid, inputs, states, input_names, free: see `SampleGrid`.
         d: (N, M, nx). d_upper: the same shape where hidden states of the simulator spread the gap
             (then [d, d_upper] is its range), else None.
-        free: state axes on which the gap does not depend by a declared symmetry.
 
     Raises:
         UserError: for shapes that do not fit or values that are not finite.
@@ -36,26 +103,25 @@ class GapSamples:
 
     def __post_init__(self) -> None:
         shape = (self.grid.size, len(self.inputs), self.grid.box.size)
-        for name, values in (("d", self.d), ("d_upper", self.d_upper)):
-            if values is not None and values.shape != shape:
-                raise UserError(f"the gap samples {name} have shape {values.shape}, not {shape}")
-            if values is not None and not np.isfinite(values).all():
-                raise UserError(
-                    f"{int((~np.isfinite(values)).sum())} gap samples are not finite",
-                    remedy="A roll-out diverged: lower tau or add sub-steps.",
-                )
-
-    @property
-    def domain(self) -> GapDomain:
-        """X and U with their names."""
-        return GapDomain(self.states, self.input_names, self.grid.box, self.inputs, self.free)
+        _check(shape, {"d": self.d, "d_upper": self.d_upper})
 
     @cached_property
-    def rounding(self) -> Floats:
-        """(nx,) size of differences that may be rounding alone: the gap is a difference of numbers of the size of X."""
-        return 64.0 * 2.0**-52 * (np.maximum(np.abs(self.grid.box.lo), np.abs(self.grid.box.hi)))
+    def where(self) -> SampleGrid:
+        """The samples without their values."""
+        return SampleGrid(self.grid, self.inputs, self.states, self.input_names, self.free)
 
-    def side(self, i: int, upper: bool) -> Floats:
-        """(N, M) what one side has to cover in dimension i: d for `hi`, -d for `-lo`."""
-        values = self.d if self.d_upper is None or not upper else self.d_upper
-        return np.ascontiguousarray(values[:, :, i] if upper else -values[:, :, i])
+    def dimension(self, i: int) -> DimensionSamples:
+        """The samples of one dimension."""
+        upper = None if self.d_upper is None else self.d_upper[:, :, i]
+        return DimensionSamples(self.where, i, self.d[:, :, i], upper)
+
+
+def _check(shape: tuple[int, ...], given: dict[str, Floats | None]) -> None:
+    for name, values in given.items():
+        if values is not None and values.shape != shape:
+            raise UserError(f"the gap samples {name} have shape {values.shape}, not {shape}")
+        if values is not None and not np.isfinite(values).all():
+            raise UserError(
+                f"{int((~np.isfinite(values)).sum())} gap samples are not finite",
+                remedy="A roll-out diverged: lower tau or add sub-steps.",
+            )

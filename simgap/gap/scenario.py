@@ -14,6 +14,7 @@ so optimum <= true optimum <= optimum + worst violation.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +28,7 @@ from simgap.geometry import Floats
 Rows = NDArray[np.int64]
 _ADD = 96  # rows that join in a round, from each kind
 _ROUNDS = 60
+_REPORTED = ("optimum", "mean", "sup", "worst_violation", "rounds", "working_set", "samples", "objective", "status")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +57,12 @@ class ScenarioResult:
 
     def to_json(self) -> dict[str, Any]:
         """Numbers and status for the report."""
-        names = ("optimum", "mean", "sup", "worst_violation", "rounds", "working_set", "samples", "objective", "status")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in _REPORTED}
+
+    @staticmethod
+    def from_json(data: Mapping[str, Any], coefficients: Floats) -> ScenarioResult:
+        """The inverse of `to_json`; the rows of the working set are not kept."""
+        return ScenarioResult(coefficients, **{name: data[name] for name in _REPORTED}, rows=np.empty(0, np.int64))
 
 
 @dataclass(frozen=True, eq=False)

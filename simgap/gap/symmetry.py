@@ -18,10 +18,9 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.function import GapDomain, GapFunction, GapSuprema, Kernel
 from simgap.gap.input_index import input_index
 from simgap.gap.rotation import rotated_box, to_body
+from simgap.gap.thresholds import NOMINAL_TOLERANCE
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
-
-NOMINAL_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,7 @@
-"""HTML pages from templates in `reports/`: one self-contained file each, with the style inside."""
+"""HTML pages from templates: one self-contained file each, with the style inside.
+
+The templates stand in `reports/` of a checkout; a wheel carries them as `simgap/templates`.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +9,43 @@ from pathlib import Path
 from typing import Any
 
 from simgap.diagnosis.verdict.words import phrase
+from simgap.errors import UserError
 from simgap.notation import number, pretty_unit
 
-REPORTS = Path(__file__).resolve().parents[2] / "reports"
+STYLE = "style.css"
+_PACKAGED, _CHECKOUT = (Path(__file__).resolve().parents[k] / n for k, n in ((1, "templates"), (2, "reports")))
+
+
+def folder() -> Path:
+    """Where the templates are."""
+    return _PACKAGED if _PACKAGED.is_dir() else _CHECKOUT
+
+
+def need_template(template: str) -> None:
+    """Make sure of a template and the style before anything long is begun.
+
+    Raises:
+        UserError: one of them is not there.
+    """
+    for name in (template, STYLE):
+        if not (folder() / name).is_file():
+            raise UserError(
+                "the template of the page is missing", file=folder() / name, remedy="Install simgap again, whole."
+            )
 
 
 def render(template: str, **content: Any) -> str:
-    """A page from `reports/<template>`; figures given as SVG text are put in as they are, all else is escaped."""
+    """A page from a template; figures given as SVG text are put in as they are, all else is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
     environment = Environment(
-        loader=FileSystemLoader(REPORTS),
+        loader=FileSystemLoader(folder()),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "unit": pretty_unit, "phrase": phrase}
-    style = Markup((REPORTS / "style.css").read_text())  # quotes of font names must stay quotes
+    style = Markup((folder() / STYLE).read_text())  # quotes of font names must stay quotes
     return environment.get_template(template).render(style=style, **content)

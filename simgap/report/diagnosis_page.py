@@ -16,6 +16,7 @@ from simgap.io.diagnosis_figures import Overlay, error_figure, missing_figure, o
 from simgap.io.pages import render
 from simgap.notation import joined
 
+TEMPLATE = "diagnosis.html.j2"
 MOST_OVERLAYS, WINDOWS_SHOWN = 2, 6
 MEANING = {
     "none": "Before any correction the windows are predicted down to the noise, and no candidate gains enough.",
@@ -105,7 +106,7 @@ def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) ->
 
     marked = {k: [Markup(f) for f in v] if isinstance(v, list) else Markup(v) for k, v in figures.items()}
     return render(
-        "diagnosis.html.j2",
+        TEMPLATE,
         d=document,
         title=title,
         figures=marked,

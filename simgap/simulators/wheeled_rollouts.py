@@ -56,32 +56,20 @@ def along_sequences(
         return joined(parts), robot.engine
 
 
-def with_longer_histories(case: Case, folder: Path, sequences: Ints, inputs: Floats) -> Floats:
-    """Final poses after the last 1, ..., L - 1 inputs of sequences (n, L), the last of which is the present input.
+def repeated_histories(
+    case: Case, folder: Path, sequences: Ints, inputs: Floats, headings: Floats
+) -> tuple[BodySamples, str]:
+    """Sequences (n, L + 1), the last number of which is the present input, with shorter histories and other headings.
 
-    -> (L - 1, n, 3) in the body frame, for `hidden_state.fading`.
+    Each gives L + H rows: the present input after the last 1, ..., L inputs before it at heading 0, then after all L at
+    the headings (n, H).
     """
-    n, length = sequences.shape
-    out = np.empty((length - 1, n, 3))
+    length, parts = sequences.shape[1] - 1, []
     with _robot(case, folder) as robot:
-        for i, numbers in enumerate(sequences):
-            for back in range(1, length):
-                history = inputs[numbers[length - 1 - back : length - 1]]
-                out[back - 1, i] = robot.responses(history, inputs[numbers[-1:]])[0, -1]
-    return out
-
-
-def at_headings(
-    case: Case, folder: Path, sequences: Ints, inputs: Floats, headings: int, seed: int
-) -> tuple[Floats, Floats]:
-    """Final body-frame poses of sequences (n, L) at heading 0 and at random headings: -> (n, 3), (headings, n, 3)."""
-    rng = np.random.default_rng(seed)
-    angles = rng.uniform(-np.pi, np.pi, (headings, len(sequences)))
-    reference, turned = np.empty((len(sequences), 3)), np.empty((headings, len(sequences), 3))
-    with _robot(case, folder) as robot:
-        for i, numbers in enumerate(sequences):
+        for numbers, turned in zip(sequences, headings, strict=True):
             history, present = inputs[numbers[:-1]], inputs[numbers[-1:]]
-            reference[i] = robot.responses(history, present)[0, -1]
-            for h in range(headings):
-                turned[h, i] = robot.responses(history, present, float(angles[h, i]))[0, -1]
-    return reference, turned
+            paths = [robot.responses(history[length - back :], present) for back in range(1, length + 1)]
+            paths += [robot.responses(history, present, float(heading)) for heading in turned]
+            m = np.full(len(paths), numbers[-1])
+            parts.append(BodySamples.of_paths(m, np.concatenate(paths), robot.pose))
+        return joined(parts), robot.engine

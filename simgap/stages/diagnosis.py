@@ -21,11 +21,12 @@ from simgap.errors import UserError
 from simgap.io.atomic import atomic, write_text
 from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
+from simgap.io.pages import need_template
 from simgap.io.parquet import table, write_parquet
 from simgap.model.symbolic import SymbolicModel
 from simgap.provenance import provenance
 from simgap.report.diagnosis_document import document
-from simgap.report.diagnosis_page import draw, overlays, page
+from simgap.report.diagnosis_page import TEMPLATE, draw, overlays, page
 from simgap.report.measured_share import transition_columns
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
@@ -63,6 +64,7 @@ def run(
         if progress is not None:
             progress(words)
 
+    need_template(TEMPLATE)
     context = Context.load(case_path)
     section = context.case.measured or MeasuredSection()
     paths = _paths(context, section, data)

@@ -8,10 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from simgap.config.wheeled import HiddenStateSection
-from simgap.geometry import Box, Floats
+from simgap.gap.pairs import draw
+from simgap.gap.steps.histories import fresh_sequences
+from simgap.gap.steps.tables import step_columns, successor_columns, units
+from simgap.io.samples import write_columns
+from simgap.provenance import provenance
+from simgap.simulators.body_samples import joined
 from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import roll_out
+from simgap.simulators.wheeled_rollouts import along_sequences
 from simgap.stages.context import Context, log
-from simgap.stages.rollouts import roll_out, write
 
 
 def run(case_path: Path, out: Path, engine_log: Path | None = None, workers: int = 2) -> None:
@@ -40,23 +46,23 @@ def random_samples(context: Context, asked: Draw, out: Path, engine_log: Path | 
         parts = zip(np.array_split(x, workers), np.array_split(u, workers), strict=True)
         jobs = [(context.case, context.folder, a, b) for a, b in parts]
         results = run_in_processes(roll_out, jobs, workers, engine_log)
-    following = np.concatenate([successors for successors, _ in results])
-    constants = {"eps": None, "seed": asked.seed, "engine": results[0][1]}
-    write(context, out, x, u, following, constants, asked.stage)
+    following, engine = np.concatenate([successors for successors, _ in results]), results[0][1]
+    columns = successor_columns(context.case, x, u, following)
+    record = provenance(asked.stage, context.case, context.folder, {"samples": asked.seed}, engine=engine)
+    constants = {"case": context.case.name, "seed": asked.seed, "engine": engine}
+    write_columns(out, columns, units(context.case), constants, record)
     log.info("wrote %d random samples to %s", len(x), out)
 
 
 def _sequences(context: Context, hidden: HiddenStateSection, out: Path, engine_log: Path | None, workers: int) -> None:
     """A simulator with memory is checked along random input sequences."""
-    from simgap.stages.histories import fresh, write_samples
-
+    inputs = context.input_set
     with context.blame():
-        samples, engine = fresh(context, hidden, workers, engine_log)
-    write_samples(context, out, samples, hidden.fresh_seed, engine, "fresh")
+        parts = fresh_sequences(inputs, hidden)
+        jobs = [(context.case, context.folder, numbers, inputs, seed) for numbers, seed in parts]
+        results = run_in_processes(along_sequences, jobs, workers, engine_log)
+    samples, engine = joined([own for own, _ in results]), results[0][1]
+    record = provenance("fresh", context.case, context.folder, {"samples": hidden.fresh_seed}, engine=engine)
+    constants = {"case": context.case.name, "seed": hidden.fresh_seed, "engine": engine}
+    write_columns(out, step_columns(context.case, inputs, samples), units(context.case), constants, record)
     log.info("wrote %d fresh steps to %s", len(samples.m), out)
-
-
-def draw(box: Box, inputs: Floats, count: int, seed: int) -> tuple[Floats, Floats]:
-    """`count` pairs, uniform on the box and on the input set."""
-    rng = np.random.default_rng(seed)
-    return box.sample(rng, count), inputs[rng.integers(0, len(inputs), count)]

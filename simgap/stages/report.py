@@ -13,7 +13,7 @@ from simgap.io.atomic import write_text
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import load_gap
-from simgap.io.pages import render
+from simgap.io.pages import need_template, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
 from simgap.paper import suprema_and_constants
@@ -23,6 +23,8 @@ from simgap.report.figures import draw
 from simgap.report.material import Corrected, Material
 from simgap.report.measured_share import share_inside
 from simgap.stages.context import Context, log
+
+TEMPLATE = "report.html.j2"
 
 
 @dataclass(frozen=True)
@@ -96,11 +98,12 @@ def run(case_path: Path, inputs: Inputs, out: Path, figures_out: Path) -> None:
     Raises:
         UserError: a result that is missing or damaged.
     """
+    need_template(TEMPLATE)
     material = read(case_path, inputs)
     record = provenance("report", material.context.case, material.context.folder)
     said = content(material)
     figures, notes = draw(material)
-    page = render("report.html.j2", figures=figures, notes=notes, provenance=record, **said)
+    page = render(TEMPLATE, figures=figures, notes=notes, provenance=record, **said)
     write_text(out, page)
     write_json(figures_out, summary(material, said) | {"provenance": record})
     log.info("page of %d kB", len(page) // 1024)

@@ -41,8 +41,8 @@ def test_known_lipschitz_constant(sampled):
     settings = GapSettings("expressions", {"terms": PAPER})
     found = fit_gap(samples, settings).dimensions[0]
     if matched:
-        assert found.lipschitz.constants[0] == pytest.approx(0.005**2 * 1.5 * 9.81, rel=2e-3)
-        assert found.lipschitz.constants[0] >= 0.005**2 * 1.5 * 9.81 * 0.9999
+        assert found.lipschitz.grid.constants[0] == pytest.approx(0.005**2 * 1.5 * 9.81, rel=2e-3)
+        assert found.lipschitz.grid.constants[0] >= 0.005**2 * 1.5 * 9.81 * 0.9999
     assert {row.method for row in found.estimates} >= {"grid", "reverse Weibull location", "top-20 spacing, 95 %"}
 
 

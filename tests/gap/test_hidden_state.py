@@ -1,21 +1,22 @@
 """Hidden states on a plant whose memory is known: a first-order lag of the commanded speed."""
 
+import json
+
 import numpy as np
 import pytest
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.function import GapDomain
+from simgap.gap.hidden_fit import HistoryInfluence, HullFit, assemble_hulls, fit_hull
 from simgap.gap.hidden_state import (
     check_fading,
     extrapolated_maximum,
     fading,
-    fit_hidden_state,
     hull,
     previous_inputs,
     random_sequences,
     tolerance_of,
 )
-from simgap.gap.symmetry import HeadingDeviation
 from simgap.geometry import Box
 from simgap.simulators.body_samples import BodySamples
 
@@ -58,8 +59,9 @@ def fitted():
     chains = sampled(random_sequences(U, 12, 40, rng))
     memory = fading(np.stack([lag_paths(s)[:, -1, -1] for s in _suffixes(random_sequences(U, 20, 5, rng))]))
     motion = np.stack([U[:, 0], np.zeros(len(U)), U[:, 1]], axis=1)
-    none = HeadingDeviation(np.array([0.001, 0.002, 0.003]), 10)
-    return few, motion, fit_hidden_state(domain(), motion, grid, chains, memory, none, 0.001, 0.2), grid
+    hulls = [HullFit.from_json(json.loads(json.dumps(fit_hull(i, motion, grid, chains).to_json()))) for i in range(3)]
+    influences = [HistoryInfluence(memory[:, i], deviation, 10) for i, deviation in enumerate([0.001, 0.002, 0.003])]
+    return few, motion, assemble_hulls(domain(), hulls, influences, 0.001, 0.2), grid
 
 
 def _suffixes(sequences):

@@ -7,8 +7,8 @@ from scratch import block
 from simgap import effects, plugins
 from simgap.config.load import load_case
 from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import roll_out
 from simgap.stages.effects import listing
-from simgap.stages.rollouts import roll_out
 
 PAGE, HEADING = "docs/plugins.md", "An effect in a distribution"
 TAU, C = 0.005, 0.4

@@ -9,6 +9,7 @@ import yaml
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.gap.fit import fit_gap
+from simgap.gap.pairs import product
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
@@ -16,11 +17,11 @@ from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
 from simgap.report.scene import limits
 from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import roll_out
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages import synthesis, validation
 from simgap.stages.context import Context
-from simgap.stages.rollouts import product, roll_out
 
 
 @pytest.fixture

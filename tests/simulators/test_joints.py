@@ -8,7 +8,7 @@ from simgap.config.plant import AddedEffect
 from simgap.errors import UserError
 from simgap.simulators.joints import JointPlant, joint_forces
 from simgap.simulators.process import run_in_processes
-from simgap.stages.rollouts import roll_out
+from simgap.simulators.rollouts import roll_out
 
 TAU, G = 0.005, 9.81
 MATCHED = {"linear": 0.0, "angular": 0.0, "joint": 0.0}

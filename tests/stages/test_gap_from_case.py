@@ -4,15 +4,15 @@ import itertools
 
 import numpy as np
 import pytest
+import road
 
 from simgap.errors import BrokenPromise
 from simgap.gap.load import from_json
+from simgap.gap.pairs import draw, product
 from simgap.geometry import Grid
 from simgap.io.documents import read_json
-from simgap.stages import fresh, gap, rollouts
+from simgap.stages import fresh, grid
 from simgap.stages.context import Context
-from simgap.stages.fresh import draw
-from simgap.stages.rollouts import product, write
 
 PAPER = ["x1^2", "x2^2", "x1*x2", "x1", "x2", "u", 1]
 BASES = {
@@ -48,13 +48,11 @@ def stage(vary, tmp_path, inputs):
         path = vary("pendulum", {"gap": QUICK | section, "domain.U": inputs}, removed)
         context = Context.load(path)
         model = context.plant.sampled
-        constants = {"eps": EPS, "seed": None, "engine": "made up"}
         pairs = product(Grid.covering(context.box, EPS).centres(), context.input_set)
         for name, (x, u) in (("shard", pairs), ("fresh", draw(context.box, context.input_set, 4000, 1))):
-            write(context, tmp_path / f"{name}.parquet", x, u, model.step(x, u) + known(x, u), constants, "rollouts")
-        files = (tmp_path / f"{name}.parquet" for name in ("fresh", "thinned"))
-        checked, thinned = files
-        gap.run(path, EPS, [tmp_path / "shard.parquet"], checked, tmp_path / "gap.json", thinned)
+            road.made_up(context, tmp_path / f"{name}.parquet", x, u, model.step(x, u) + known(x, u))
+        grid.run(path, f"eps~{EPS}", tmp_path / "grid")
+        road.bound(path, tmp_path, [tmp_path / "shard.parquet"], tmp_path / "fresh.parquet", tmp_path / "gap.json")
         return context, read_json(tmp_path / "gap.json")
 
     return run
@@ -107,10 +105,10 @@ def test_dry_friction_in_the_engine_is_covered_by_its_jump(vary, tmp_path):
     changes = {"simulator.inertia": "file", "simulator.effects": friction, "domain.U": {"u": {"values": [-1.0, 0.5]}},
                "grid": {"eps": 0.011, "shards": 1}, "gap.fresh_samples": 3000}  # fmt: skip
     path = vary("pendulum", changes, ("measured",))
-    shard, drawn, out, thinned = (tmp_path / n for n in ("shard.parquet", "fresh.parquet", "gap.json", "t.parquet"))
-    rollouts.run(path, 0.011, 0, shard)
+    drawn, out = (tmp_path / n for n in ("fresh.parquet", "gap.json"))
+    shards = road.roll_out(path, tmp_path)
     fresh.run(path, drawn, workers=1)
-    gap.run(path, 0.011, [shard], drawn, out, thinned)
+    road.bound(path, tmp_path, shards, drawn, out)
     content = read_json(out)
     jump = 2 * 0.05 * 3 * 0.005  # both signs of a torque on the inertia 1/3 for tau
     assert content["fresh"]["violations"] == 0
@@ -121,5 +119,5 @@ def test_dry_friction_in_the_engine_is_covered_by_its_jump(vary, tmp_path):
     for padding in ("per_axis", "paper"):
         path = vary("pendulum", changes | {"gap.padding": padding}, ("measured",))
         with pytest.raises(BrokenPromise, match="not Lipschitz at this grid"):
-            gap.run(path, 0.011, [shard], drawn, tmp_path / "other.json", thinned)
+            road.bound(path, tmp_path, shards, drawn, tmp_path / "other.json")
     assert not (tmp_path / "other.json").exists()

@@ -4,14 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import road
 
 from simgap.errors import BrokenPromise
 from simgap.gap.load import from_json
-from simgap.io.documents import read_json, write_json
+from simgap.gap.points import Points
+from simgap.gap.steps.tables import step_columns
+from simgap.io.documents import read_json
+from simgap.io.samples import write_columns, write_points
 from simgap.simulators.body_samples import BodySamples
-from simgap.stages import hidden_gap
 from simgap.stages.context import Context
-from simgap.stages.histories import write_samples
 
 ROOT = Path(__file__).parents[2]
 SMALL = {
@@ -30,6 +32,25 @@ def made_up(inputs, n, spread, rng, heading_bias=0.1):
     return BodySamples(m, final, np.concatenate([x, y], axis=1))
 
 
+NAMES = (["previous_v", "previous_w"], ["v", "w"])
+
+
+def again(deviation, n=5, length=4, headings=8):
+    """Histories whose response moves by 1e-4 with older inputs and by `deviation` with the heading."""
+    final = np.zeros((n, length + headings, 3))
+    final[:, : length - 1] = 1e-4
+    final[:, length:] = np.array(deviation)
+    flat = final.reshape(-1, 3)
+    return BodySamples(np.zeros(len(flat), dtype=np.int64), flat, np.zeros((len(flat), 4)))
+
+
+def write(context, path, parts):
+    """A table of steps that no simulator made."""
+    tables = [step_columns(context.case, context.input_set, own) | {"part": np.full(len(own.m), name)}
+              for name, own in parts.items()]  # fmt: skip
+    write_columns(path, {n: np.concatenate([t[n] for t in tables]) for n in tables[0]}, {}, {}, {})
+
+
 @pytest.fixture
 def stage(vary, tmp_path):
     path = vary("turtlebot", SMALL)
@@ -43,14 +64,15 @@ def stage(vary, tmp_path):
     grid = BodySamples(grid.m[rows], grid.final[rows], grid.extent[rows])
 
     def run(fresh_spread=0.008, deviation=(0.001, 0.001, 0.001), heading_bias=0.1):
-        write_samples(context, tmp_path / "grid.parquet", grid, None, "made up")
-        write_samples(context, tmp_path / "random.parquet", made_up(inputs, 2000, 0.0101, rng), 2, "made up")
-        fresh = made_up(inputs, 2000, fresh_spread, rng, heading_bias)
-        write_samples(context, tmp_path / "fresh.parquet", fresh, 3, "made up", "fresh")
-        memory = {"memory": np.full((3, 3), 1e-4), "largest_deviation": list(deviation), "compared": 10}
-        write_json(tmp_path / "memory.json", memory | {"previous_inputs": 20})
-        names = ("grid.parquet", "random.parquet", "memory.json", "fresh.parquet", "gap.json", "samples.parquet")
-        hidden_gap.run(path, *(tmp_path / name for name in names))
+        sequences = made_up(inputs, 2000, 0.0101, rng)
+        write(
+            context,
+            tmp_path / "shard.parquet",
+            {"after_previous": grid, "sequence": sequences, "history": again(deviation)},
+        )
+        write(context, tmp_path / "fresh.parquet", {"sequence": made_up(inputs, 2000, fresh_spread, rng, heading_bias)})
+        write_points(tmp_path / "grid", Points("hidden-state", inputs, inputs), NAMES, {}, {})
+        road.bound(path, tmp_path, [tmp_path / "shard.parquet"], tmp_path / "fresh.parquet", tmp_path / "gap.json")
         return context, read_json(tmp_path / "gap.json")
 
     return run

@@ -4,11 +4,12 @@ import json
 
 import numpy as np
 import pytest
+import road
 
 from simgap.config.load import load_case
 from simgap.effects import AppliedEffect
 from simgap.plants.plant_model import PlantModel
-from simgap.stages import fresh, gap, rollouts, synthesis, validation
+from simgap.stages import fresh, synthesis, validation
 from simgap.stages.corrected_case import corrected_case
 
 DELAY, LAG = "input_delay", "input_lag"
@@ -40,11 +41,9 @@ def corrected(vary, tmp_path):
 
 def run(path, folder):
     """All stages: -> gap.json, winning fraction, the gap-aware controller's tally in the twin."""
-    case = load_case(path)
-    rollouts.run(path, case.grid.eps, 0, folder / "shard.parquet")
+    shards = road.roll_out(path, folder)
     fresh.run(path, folder / "fresh.parquet", None, 1)
-    gap.run(path, case.grid.eps, [folder / "shard.parquet"], folder / "fresh.parquet", folder / "gap.json",
-            folder / "thin.parquet")  # fmt: skip
+    road.bound(path, folder, shards, folder / "fresh.parquet", folder / "gap.json")
     synthesis.run(path, folder / "gap.json", folder / "gap.npz", folder / "synthesis.json", 1)
     fraction = json.loads((folder / "synthesis.json").read_text())["winning_fraction"]
     validation.run(path, folder / "gap.npz", folder / "gap.npz", folder / "gap.json", folder / "v.json",

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import road
 import yaml
 
 from simgap.cli import main
@@ -9,7 +10,7 @@ from simgap.errors import UserError
 from simgap.gap.load import from_json
 from simgap.io.documents import read_json
 from simgap.io.parquet import read_parquet
-from simgap.stages import calibration, fresh, gap, rollouts, synthesis, validation
+from simgap.stages import calibration, fresh, synthesis, validation
 
 SMALL = {
     "domain": {"tau": 0.005, "X": {"x1": [-0.2, 0.2], "x2": [-0.5, 0.5]},
@@ -37,17 +38,17 @@ def results(folder, root):
     case["plant"]["urdf"] = str(root / "configs/models/pendulum.urdf")
     case |= SMALL
     del case["measured"]
-    shard, checked, drawn = (folder / f"{n}.parquet" for n in ("shard", "fresh", "calibration"))
+    checked, drawn = (folder / f"{n}.parquet" for n in ("fresh", "calibration"))
     found = {}
     for name, section in BOUNDS.items():
         path = folder / f"{name}.yaml"
         path.write_text(yaml.safe_dump(case | {"gap": case["gap"] | {"fresh_samples": 3000} | section}))
         if not found:
-            rollouts.run(path, 0.02, 0, shard)
+            shards = road.roll_out(path, folder)
             fresh.run(path, checked, workers=1)
             calibration.run(path, drawn, workers=1)
         bound, made, judged = (folder / f"{name}.{end}" for end in ("gap", "npz", "validation"))
-        gap.run(path, 0.02, [shard], checked, bound, folder / "thinned", drawn if name == "conformal" else None)
+        road.bound(path, folder, shards, checked, bound, drawn if name == "conformal" else None)
         synthesis.run(path, bound, made, folder / "synthesis.json", 1)
         validation.run(path, made, made, bound, judged, folder / "traces", 1)
         found[name] = read_json(bound), read_json(judged)

@@ -4,12 +4,13 @@ import shutil
 
 import numpy as np
 import pytest
+import road
 
 from simgap.cli import main
 from simgap.errors import UserError
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
-from simgap.stages import fresh, hidden_gap, histories, synthesis, validation
+from simgap.stages import fresh, synthesis, validation
 
 START = {"x": 0.6, "y": 0.6, "theta": 0.5}
 U = {"v": {"min": -0.2, "max": 0.2, "step": 0.1}, "w": {"min": -0.4, "max": 0.4, "step": 0.4}}
@@ -50,16 +51,18 @@ def bound(small, shared):
     """Roll-outs after every previous input and the bound, made once: -> (case, folder)."""
     case = small()
     if not (shared / "gap.json").exists():
-        names = [shared / n for n in ("grid.parquet", "random.parquet", "memory.json")]
-        histories.run(case, *names, 1, None, every=True)
+        shards = road.roll_out(case, shared, "full-table")
         fresh.run(case, shared / "fresh.parquet", workers=1)
-        hidden_gap.run(case, *names, shared / "fresh.parquet", shared / "gap.json", shared / "samples.parquet")
+        road.bound(case, shared, shards, shared / "fresh.parquet", shared / "gap.json")
     return case, shared
 
 
 def test_the_full_table_holds_every_pair_of_inputs(bound):
     _, folder = bound
-    assert read_parquet(folder / "grid.parquet").num_rows == 15 * 15
+    parts = [p for k in (0, 1) for p in read_parquet(folder / f"shard-{k}.parquet").column("part").to_pylist()]
+    assert parts.count("after_previous") == 15 * 15
+    assert parts.count("sequence") == 20 * 100
+    assert parts.count("history") == 5 * (4 + 2)  # five histories with 1 to 4 earlier inputs, and at two headings
     assert read_json(folder / "gap.json")["budget"]["previous_inputs"] == 15
 
 
@@ -147,12 +150,10 @@ def test_a_symmetry_that_the_model_does_not_have(small, bound, tmp_path, capsys)
     case = small(**{"plant.symbolic.dynamics": {"x": "v*cos(theta) + 0.01*x", "y": "v*sin(theta)", "theta": "w"}})
     folder = tmp_path / "copy"
     shutil.copytree(bound[1], folder)
-    files = [f"--{k}={folder / v}" for k, v in (
-        ("grid", "grid.parquet"), ("random", "random.parquet"), ("memory", "memory.json"), ("fresh", "fresh.parquet"),
-        ("samples", "thin.parquet"),
-    )]  # fmt: skip
+    shards = [f"--rollouts={folder / f'shard-{k}.parquet'}" for k in (0, 1)]
     out = tmp_path / "new.json"
-    line = refused(capsys, ["hidden-gap", case, *files, "--out", out, "--log", tmp_path / "log"])
+    given = ["--state", "x", "--grid", folder / "grid", *shards, "--out", out, "--log", tmp_path / "log"]
+    line = refused(capsys, ["scp", case, *given])
     assert "symmetry.group" in line
     assert "declared but false" in line
     assert not out.exists()

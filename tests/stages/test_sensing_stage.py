@@ -7,14 +7,15 @@ import yaml
 from simgap.cli import main
 from simgap.config.load import case_content
 from simgap.gap.fit import fit_gap
+from simgap.gap.pairs import product
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.documents import read_json, write_json
 from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import roll_out
 from simgap.stages import synthesis, validation
 from simgap.stages.context import Context
-from simgap.stages.rollouts import product, roll_out
 
 
 @pytest.fixture

@@ -1,7 +1,9 @@
 """Snakemake as a person runs it, on a copy of the project with a small case."""
 
+import itertools
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -11,7 +13,10 @@ import numpy as np
 import pytest
 import yaml
 
+from simgap.cli import app
+
 ROOT = Path(__file__).parents[2]
+ROAD = {"grid", "rollouts", "fresh", "scp", "lipschitz", "gap"}
 SMALL = {
     "domain": {
         "tau": 0.005,
@@ -42,7 +47,7 @@ class Project:
         content = yaml.safe_load((ROOT / "configs/cases/pendulum.yaml").read_text())
         content.pop("measured", None)
         content |= SMALL | {"name": "small"}
-        content["gap"]["fresh_samples"] = 2000
+        content["gap"] |= {"fresh_samples": 2000, "padding": "per_axis"}
         self.write(content)
         (folder / "configs/default.yaml").write_text(
             yaml.safe_dump(
@@ -115,7 +120,63 @@ def test_a_synthesis_key_reruns_no_rollout(project):
     project.case.write_text(original)
     assert jobs.get("synthesis") == 2
     assert jobs.get("validation") == 1
-    assert not {"rollouts", "fresh", "gap"} & set(jobs)
+    assert not ROAD & set(jobs)
+
+
+@pytest.mark.parametrize(
+    ("change", "again"),
+    [
+        ({"basis": ["x1", "x2", "u", 1]}, {"scp", "gap"}),
+        ({"slack": 0.02}, {"scp", "gap"}),
+        ({"padding": "paper"}, {"gap"}),  # added after the program
+        ({"padding": "inflate"}, {"scp", "gap"}),  # part of the program
+        ({"lipschitz": {"extreme_value_pairs": 90}}, {"lipschitz", "gap"}),
+        ({"lipschitz": {"rough_limit": 0.2}}, {"gap"}),
+        ({"confidence": 0.99}, {"gap"}),
+        ({"fresh_samples": 2100}, {"fresh", "gap"}),
+    ],
+)
+def test_each_stage_of_the_bound_is_kept_for_itself(project, change, again):
+    original = project.case.read_text()
+    project.change(lambda c: c["gap"].update(change))
+    jobs = project.planned()
+    project.case.write_text(original)
+    assert ROAD & set(jobs) == again
+    assert all(jobs[stage] == (2 if stage in ("scp", "lipschitz") else 1) for stage in again)
+
+
+@pytest.mark.parametrize(
+    ("file", "again"),
+    [("scenario.py", {"scp", "gap"}), ("lipschitz/evt.py", {"lipschitz"}), ("fresh_check.py", {"gap"})],
+)
+def test_an_edited_core_reruns_the_stages_that_use_it(project, file, again):
+    core = project.folder / "simgap/gap" / file
+    original = core.read_text()
+    core.write_text(original + "\n# changed\n")
+    jobs = project.planned()
+    core.write_text(original)
+    assert {"grid", "rollouts", "fresh", "scp", "lipschitz"} & set(jobs) == again - {"gap"}
+    assert "gap" in jobs
+
+
+def test_the_rule_graph_shows_the_road(project):
+    done = project.snakemake("--rulegraph")
+    names = dict(re.findall(r'(\d+)\[label = "(\w+)"', done.stdout))
+    edges = {(names[a], names[b]) for a, b in re.findall(r"(\d+) -> (\d+)", done.stdout)}
+    road = ("grid", "rollouts", "scp", "gap", "synthesis", "validation", "report")
+    assert set(itertools.pairwise(road)) <= edges
+    assert {("rollouts", "lipschitz"), ("lipschitz", "gap"), ("fresh", "gap")} <= edges
+    assert not {("scp", "lipschitz"), ("lipschitz", "scp")} & edges
+    commands = {command.name or command.callback.__name__ for command in app.registered_commands}
+    for stage in road:
+        assert stage in commands
+        assert (project.folder / f"simgap/stages/{stage}.py").is_file()
+
+
+@pytest.mark.parametrize("point", ["hidden-state", "full-table"])
+def test_a_robot_takes_the_same_road(project, point):
+    jobs = project.planned("--", f"results/turtlebot/gap/{point}/gap.json")
+    assert jobs == {"grid": 1, "rollouts": 2, "fresh": 1, "scp": 3, "lipschitz": 3, "gap": 1}
 
 
 def test_an_edited_kernel_reruns_exactly_its_dependents(project):
@@ -125,7 +186,7 @@ def test_an_edited_kernel_reruns_exactly_its_dependents(project):
     jobs = project.planned()
     kernel.write_text(original)
     assert jobs.get("synthesis") == 2
-    assert not {"rollouts", "fresh", "gap"} & set(jobs)
+    assert not ROAD & set(jobs)
 
 
 def edited(project, file, edit):
@@ -165,8 +226,9 @@ def test_an_overlay_of_the_sweep_adds_only_new_points(project):
     overlay = project.folder / "more.yaml"
     overlay.write_text(yaml.safe_dump({"sweeps": {"small": {"eps": [0.02, 0.05]}}}))
     jobs = project.planned("--configfile", str(overlay))
-    assert jobs.get("rollouts") == 2
-    assert jobs.get("gap") == 1
+    assert {stage: jobs.get(stage) for stage in ROAD - {"fresh"}} == {
+        "grid": 1, "rollouts": 2, "scp": 2, "lipschitz": 2, "gap": 1
+    }  # fmt: skip
     assert not {"fresh", "synthesis", "validation"} & set(jobs)
 
 
@@ -174,23 +236,16 @@ def test_a_truncated_shard_is_one_line_with_the_file_and_the_remedy(project, tmp
     shard = project.folder / "results/small/rollouts/eps~0.02/shard-0.parquet"
     cut = tmp_path / "cut.parquet"
     cut.write_bytes(shard.read_bytes()[:-200])
-    command = [sys.executable, "-m", "simgap.cli", "gap", str(project.case), "--eps", "0.02", "--rollouts", str(cut)]
+    command = [sys.executable, "-m", "simgap.cli", "scp", str(project.case), "--state", "x1", "--rollouts", str(cut)]
     command += ["--rollouts", str(shard.with_name("shard-1.parquet"))]
-    command += ["--fresh", str(project.folder / "results/small/fresh/samples.parquet")]
-    command += [
-        "--out",
-        str(tmp_path / "gap.json"),
-        "--samples",
-        str(tmp_path / "s.parquet"),
-        "--log",
-        str(tmp_path / "l"),
-    ]
+    command += ["--grid", str(project.folder / "results/small/grid/eps~0.02")]
+    command += ["--out", str(tmp_path / "x1.json"), "--log", str(tmp_path / "l")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert str(cut) in done.stderr
     assert "Delete it" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
-    assert not (tmp_path / "gap.json").exists()
+    assert not (tmp_path / "x1.json").exists()
 
 
 def test_a_mistake_in_a_case_is_told_by_the_workflow(project):

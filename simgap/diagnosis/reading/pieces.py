@@ -10,8 +10,7 @@ import numpy as np
 from simgap.diagnosis.reading.channels import unwrap
 from simgap.diagnosis.reading.stamps import TimeRange, gap_limit, kept, merge_repeats, pieces
 from simgap.diagnosis.reading.table import Floats
-
-MIN_SAMPLES = 8
+from simgap.diagnosis.thresholds import MIN_SAMPLES
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.table import Floats
+from simgap.diagnosis.thresholds import FROZEN_WHILE_MOVED, STILL_NOISE, STILL_STEPS, WHOLE_STEPS, WHOLE_WITHIN
 
 BLOCK_S, STILL_S = 0.25, 0.75
 
@@ -38,14 +39,14 @@ def resolution(record: Record) -> Floats:
         if steps.size > 20:
             smallest = float(np.min(steps))
             ratio = steps / smallest
-            whole = float(np.mean(np.abs(ratio - np.round(ratio)) < 0.02 * np.maximum(1.0, ratio * 1e-3)))
-            out[k] = smallest if whole > 0.98 else 0.0
+            whole = float(np.mean(np.abs(ratio - np.round(ratio)) < WHOLE_WITHIN * np.maximum(1.0, ratio * 1e-3)))
+            out[k] = smallest if whole > WHOLE_STEPS else 0.0
     return out
 
 
 def still_stretches(record: Record, sigma: Floats, quantum: Floats) -> tuple[Stretch, ...]:
     """Stretches of at least 0.75 s in which every channel stays within its noise or two steps of resolution."""
-    limit = np.maximum(8.0 * sigma, 2.0 * quantum)
+    limit = np.maximum(STILL_NOISE * sigma, STILL_STEPS * quantum)
     found: list[Stretch] = []
     for trace in record.traces:
         edges = _block_edges(trace)
@@ -69,7 +70,7 @@ def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> tuple[Stretc
                 s = Stretch(trace.name, float(trace.t[a]), float(trace.t[b]), name)
                 if s.seconds < BLOCK_S or any(o.start <= s.stop and s.start <= o.stop for o in rests):
                     continue
-                moved = np.delete(np.ptp(trace.y[a : b + 1], axis=0) > 0.3 * span, k)
+                moved = np.delete(np.ptp(trace.y[a : b + 1], axis=0) > FROZEN_WHILE_MOVED * span, k)
                 if moved.any():
                     found.append(s)
     return tuple(found)

@@ -13,12 +13,17 @@ from simgap.diagnosis.reading.noise import noise_floor
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.stillness import Stretch, at_limit, frozen_stretches, resolution, still_stretches
 from simgap.diagnosis.reading.table import Floats
+from simgap.diagnosis.thresholds import (
+    DERIVATIVE_MISMATCH,
+    DERIVATIVE_SCALE,
+    LAG_WORTH_SAYING_S,
+    LIMIT_SHARE,
+    REST_SHARE,
+    REVERSED_SHARE,
+    SMALL_SWING_RAD,
+)
 from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
 from simgap.units import full_turn
-
-SMALL_SWING_RAD = 1.0  # below it the sine of gravity and a spring correlate beyond 0.999
-LIMIT_SHARE = 0.02
-LAG_WORTH_SAYING_S = 0.002
 
 
 @dataclass(frozen=True)
@@ -149,7 +154,7 @@ def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str
     total = float(np.sum(np.abs(forward)))
     if total > 0.0:
         share = min(float(np.sum(forward[forward > 0])), -float(np.sum(forward[forward < 0]))) / total
-        if share < 0.02:
+        if share < REVERSED_SHARE:
             yield (
                 f"{c.position} moves in one direction only: friction cannot be told from a bias; "
                 f"let it reverse several times"
@@ -178,12 +183,12 @@ def _limits(channels: tuple[ChannelLook, ...]) -> Iterator[str]:
 def _lag_words(lags: tuple[VelocityLag, ...], traces: tuple[TraceLook, ...]) -> Iterator[str]:
     dt = float(np.median([1.0 / t.rate_hz for t in traces]))
     for lag in lags:
-        if lag.mismatch > 0.5:
+        if lag.mismatch > DERIVATIVE_MISMATCH:
             yield (
                 f"{lag.velocity} is not the derivative of {lag.position} ({100 * lag.mismatch:.0f} % of it differs): "
                 f"check the columns"
             )
-        elif not 0.8 < lag.scale < 1.25:
+        elif not DERIVATIVE_SCALE[0] < lag.scale < DERIVATIVE_SCALE[1]:
             yield (
                 f"{lag.velocity} is {lag.scale:.4g} times the derivative of {lag.position}: "
                 f"check the units and scale of both columns"
@@ -198,7 +203,7 @@ def _lag_words(lags: tuple[VelocityLag, ...], traces: tuple[TraceLook, ...]) -> 
 
 def _still_words(still: tuple[Stretch, ...], frozen: tuple[Stretch, ...], total: float) -> Iterator[str]:
     rest = sum(s.seconds for s in still)
-    if rest > 0.2 * total:
+    if rest > REST_SHARE * total:
         yield (
             f"nothing moves for {rest:.3g} s of {total:.3g} s (longest: {_longest(still)}): "
             f"that time says little; drop it with measured.masks"

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.thresholds import MIN_SAMPLES
 from simgap.errors import UserError
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-MIN_SAMPLES = 8
 
 
 @dataclass(frozen=True, eq=False)

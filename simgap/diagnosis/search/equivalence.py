@@ -12,10 +12,18 @@ from simgap.diagnosis.search.explanations import Explanation, Key, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import AMBIGUOUS, BIC_GAIN, COLLINEAR, EQUIVALENT_CHI2, EXACTLY_COLLINEAR
+from simgap.diagnosis.thresholds import (
+    AMBIGUOUS,
+    BIC_GAIN,
+    COLLINEAR,
+    EQUIVALENT_CHI2,
+    EXACTLY_COLLINEAR,
+    RIVAL_SHARE,
+    RIVALS_EXTENDED,
+    SETS_REFITTED,
+)
 
 Floats = NDArray[np.float64]
-_MOST_REFITS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +48,9 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
         ranked = [
             s for s in search.ranked(base) if s.candidate.key != member.key and s.candidate.key not in chosen.keys
         ]
-        for s in [s for s in ranked if s.drop / search.scale > BIC_GAIN and s.drop > 0.3 * floor][:4]:
+        for s in [s for s in ranked if s.drop / search.scale > BIC_GAIN and s.drop > RIVAL_SHARE * floor][
+            :RIVALS_EXTENDED
+        ]:
             search.extend(base, s)
     spanned = _spanned(search, chosen)
     for members in _other_sets(chosen, spanned):
@@ -104,7 +114,7 @@ def _other_sets(chosen: Explanation, spanned: list[Candidate]) -> list[tuple[Can
     ]
     if size > 1:  # replacements of one effect by something in the span are cheap to confirm as well
         sets += [s for s in itertools.combinations(pool, size) if len({c.key for c in s} - chosen.keys) == 1]
-    return sets[:_MOST_REFITS]
+    return sets[:SETS_REFITTED]
 
 
 def _reset(search: Search, chosen: Explanation, members: tuple[Candidate, ...]) -> Floats:

@@ -14,7 +14,7 @@ from simgap.diagnosis.search.scoring import Score, Starts, best_of_each, score
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BIC_GAIN, FINALISTS, SAME_PROMISE
+from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, SAME_PROMISE
 
 Floats = NDArray[np.float64]
 Key = tuple[str, str]
@@ -115,7 +115,7 @@ class Search:
             count = sum(len(c.slots) for c in members)
             physical = all(_sound(c, found) for c in members)
             new = Explanation(members, found, self.bic(found.chi2, count), physical)
-            if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - 0.1:
+            if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - BETTER_CHI2:
                 self.tried[key] = new
         return self.tried[key]
 

@@ -7,11 +7,15 @@ from collections.abc import Iterable
 
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.thresholds import BIC_GAIN, NEAR_TIE
-
-_FIRSTS = 3  # single effects from which a selection sets out
-_EQUALS = 8  # sets that predict the same, of which each effect is dropped in turn
-_SAME_BIC = 0.1
+from simgap.diagnosis.thresholds import (
+    BIC_GAIN,
+    EQUALS_PRUNED,
+    FIRST_EFFECTS,
+    NEAR_TIE,
+    SAME_BIC,
+    SWAP_RIVALS,
+    SWAP_ROUNDS,
+)
 
 
 def choose(options: Iterable[Explanation]) -> Explanation | None:
@@ -32,7 +36,7 @@ def select(search: Search, base: Fit, most: int) -> Explanation:
     found = grow(search, search.empty(base), most)
     if len(found.members) < 2:
         return found
-    for first in sorted(search.joined(search.empty(base)), key=lambda e: e.bic)[:_FIRSTS]:
+    for first in sorted(search.joined(search.empty(base)), key=lambda e: e.bic)[:FIRST_EFFECTS]:
         if not first.keys & found.keys:
             grow(search, first, most)
     return preferred(search, found, most)
@@ -41,8 +45,8 @@ def select(search: Search, base: Fit, most: int) -> Explanation:
 def preferred(search: Search, found: Explanation, most: int) -> Explanation:
     """The best of all that was tried, the simpler of near-ties, without effects that are worth too little."""
     if len(found.members) > 2:  # one of its equals may hold an effect that is worth nothing
-        equals = [e for e in search.tried.values() if e.physical and abs(e.bic - found.bic) < _SAME_BIC]
-        for e in equals[:_EQUALS]:
+        equals = [e for e in search.tried.values() if e.physical and abs(e.bic - found.bic) < SAME_BIC]
+        for e in equals[:EQUALS_PRUNED]:
             _prune(search, e)
     best = choose(e for e in search.tried.values() if e.physical and 0 < len(e.members) <= most)
     return found if best is None or not found.members else _prune(search, best)
@@ -71,12 +75,12 @@ def _prune(search: Search, current: Explanation) -> Explanation:
 
 def _swap(search: Search, current: Explanation) -> Explanation:
     """Replace one effect by a rival while that lowers BIC."""
-    for _ in range(4):
+    for _ in range(SWAP_ROUNDS):
         rivals = []
         for c in current.members:
             if len(current.members) == 1:
                 continue
-            rivals += search.joined(search.without(current, c), exclude=(c.key,), most=3)
+            rivals += search.joined(search.without(current, c), exclude=(c.key,), most=SWAP_RIVALS)
         option = choose([current, *rivals])
         if option is None or option.keys == current.keys:
             return current

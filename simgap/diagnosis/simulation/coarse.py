@@ -14,9 +14,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.reading.windows import MIN_SAMPLES, Windows
+from simgap.diagnosis.reading.windows import Windows
 from simgap.diagnosis.simulation.problem import Memo, Problem, interval
 from simgap.diagnosis.simulation.step_length import settled
+from simgap.diagnosis.thresholds import MIN_SAMPLES
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

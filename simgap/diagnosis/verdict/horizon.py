@@ -12,11 +12,10 @@ from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_steps
+from simgap.diagnosis.thresholds import LOOK_BACK_S, LOOK_BACK_SAMPLES
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-LOOK_BACK_S = 0.2
-LOOK_BACK_SAMPLES = 10
 
 
 @dataclass(frozen=True, eq=False)

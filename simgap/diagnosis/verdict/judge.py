@@ -13,7 +13,7 @@ from simgap.diagnosis.search.explanations import Explanation
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import EXCESS_KEPT, FIT_QUALITY, FOLD_AGREEMENT, HELD_OUT_QUALITY
+from simgap.diagnosis.thresholds import COVERED_ERRORS, EXCESS_KEPT, FIT_QUALITY, FOLD_AGREEMENT, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error
 
 Floats = NDArray[np.float64]
@@ -78,7 +78,7 @@ def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], s
     a, b = (e.theta[slots] - np.where(np.isfinite(null[slots]), null[slots], 0.0) for _, e in ends)
     variances = [np.maximum(np.diag(e.covariance), 0.0) * max(chi2_dof(part, e), 1.0) for part, e in ends]
     spread = np.sqrt(sum(variances) * samples)
-    near = np.abs(a - b) <= np.maximum(FOLD_AGREEMENT * np.maximum(np.abs(a), np.abs(b)), 2.0 * spread)
+    near = np.abs(a - b) <= np.maximum(FOLD_AGREEMENT * np.maximum(np.abs(a), np.abs(b)), COVERED_ERRORS * spread)
     return bool(np.all(near))
 
 

@@ -1,8 +1,7 @@
 """What is left after the correction, bounded from held-out transitions: a split-conformal one-step bound.
 
-Score of a transition: `max_i |y_i(t + tau) - f_i(x(t), u)| / s_i`, with s_i the RMS on the fitted transitions. Of n
-held-out scores the k-th smallest, k = ceil((n + 1) level), covers a further exchangeable transition with probability at
-least `level`. Source: Vovk, Gammerman, Shafer (2005), Algorithmic Learning in a Random World; Lei et al. (2018).
+Score of a transition: `max_i |y_i(t + tau) - f_i(x(t), u)| / s_i`, with s_i the RMS on the fitted transitions;
+`split_conformal` says how far the held-out ones reach.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.missing import evaluate
 from simgap.model.integrators import discretise
 from simgap.model.symbolic import SymbolicModel
+from simgap.split_conformal import fewest, reach
 
 
 @dataclass(frozen=True)
@@ -89,21 +89,16 @@ def bound_remainder(
         errors.append(dict(zip(measured, np.sqrt(np.mean(fresh**2, axis=0)).tolist(), strict=True)))
         scores.append(np.max(np.abs(fresh) / scale[-1], axis=1))
     count = len(scores[0])
-    reach = [_quantile(s, level) for s in scores]
-    bounds = [{n: float(r * s[k]) for k, n in enumerate(measured)} for r, s in zip(reach, scale, strict=True)]
+    factors = [reach(s, level) for s in scores]
+    bounds = [{n: float(r * s[k]) for k, n in enumerate(measured)} for r, s in zip(factors, scale, strict=True)]
     noise = _noise_only(np.array(list(sigma.values())), scale[1], level)
-    inside = float(np.mean(scores[1] <= reach[1]))
+    inside = float(np.mean(scores[1] <= factors[1]))
     missing = tuple(n for n in models[0].state_names if n not in measured)
-    statement = _statement(level, count, step, integrator, missing, math.isfinite(reach[1]))
+    statement = _statement(level, count, step, integrator, missing, math.isfinite(factors[1]))
     alone = dict(zip(measured, noise.tolist(), strict=True))
     floor = {name: math.sqrt(2.0) * value for name, value in sigma.items()}
     one_step = {"before": errors[0], "after": errors[1], "noise_floor": floor}
     return Remainder(step, integrator, level, count, bounds[0], bounds[1], alone, inside, missing, statement, one_step)
-
-
-def _quantile(scores: Floats, level: float) -> float:
-    rank = math.ceil((len(scores) + 1) * level)
-    return float(np.sort(scores)[rank - 1]) if rank <= len(scores) else math.inf
 
 
 def _noise_only(sigma: Floats, scale: Floats, level: float) -> Floats:
@@ -161,8 +156,7 @@ def _mean_input(w: WindowPrediction, j: int, starts: Floats, step: float) -> Flo
 
 def _statement(level: float, count: int, step: float, integrator: str, missing: Sequence[str], enough: bool) -> str:
     if not enough:
-        need = math.ceil(level / (1.0 - level))
-        return f"{count} held-out transitions are too few for {100 * level:g} %: hold out at least {need}."
+        return f"{count} held-out transitions are too few for {100 * level:g} %: hold out at least {fewest(level)}."
     rest = f" {', '.join(missing)} was not measured and is not bounded." if missing else ""
     return (
         f"Split conformal: a further transition over {step:.4g} s, exchangeable with the {count:,} held-out ones, lies "

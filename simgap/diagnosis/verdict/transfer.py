@@ -18,12 +18,10 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.selection import grow
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import EXCESS_KEPT, PLAUSIBLE_RATIO, SIMPLER_SHARE
+from simgap.diagnosis.thresholds import BEAM, EXCESS_KEPT, PLAUSIBLE_RATIO, SETS_JUDGED, SIMPLER_SHARE
 from simgap.diagnosis.verdict.judge import HeldOut, chi2_dof, excess, folds_agree, judge
 
 Floats = NDArray[np.float64]
-_BEAM = 4
-_JUDGED = 8  # sets of each size
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +85,11 @@ def transferable(
     wider = rescaled(search, best)
     grow(wider, wider.empty(base), most)
     for size in range(1, most):  # a wider look than the greedy path: the right set need not fit best
-        for e in _best(wider, size, _BEAM):
-            wider.joined(e, most=_BEAM)
-    pool = [e for size in range(1, most + 1) for e in _best(wider, size, _JUDGED) if e.fit.converged and _plausible(e)]
+        for e in _best(wider, size, BEAM):
+            wider.joined(e, most=BEAM)
+    pool = [
+        e for size in range(1, most + 1) for e in _best(wider, size, SETS_JUDGED) if e.fit.converged and _plausible(e)
+    ]
     before = judge(held, base.theta, horizon_s)
     ranked: list[tuple[float, Explanation, HeldOut]] = []
     for e in pool:

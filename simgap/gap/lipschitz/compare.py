@@ -2,44 +2,39 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
 from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
-from simgap.gap.lipschitz.grid import GridLipschitz
-from simgap.gap.samples import GapSamples
+from simgap.gap.lipschitz.grid import estimate
+from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz, LipschitzRow
+from simgap.gap.samples import DimensionSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Floats
 
 _REACH = 3  # cells: pairs lie within this many cells of each other along every axis
 
 
-@dataclass(frozen=True)
-class LipschitzRow:
-    """One estimate of the Euclidean constant: method, value, p-value of its goodness of fit (None: no fit), note."""
+def dimension_lipschitz(samples: DimensionSamples, settings: GapSettings) -> DimensionLipschitz:
+    """What is known about the Lipschitz constant of one dimension; no basis and no padding enters.
 
-    method: str
-    value: float
-    ks_p: float | None
-    note: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return {"method": self.method, "value": self.value, "ks_p": self.ks_p, "note": self.note}
+    Raises:
+        UserError: with fewer than four cells along an axis that is not free.
+    """
+    where = samples.where
+    found = estimate(samples.d, where.grid, where.free, samples.floor)
+    return DimensionLipschitz(found, compare_estimates(samples, found, settings), samples.largest)
 
 
 def compare_estimates(
-    samples: GapSamples, i: int, found: GridLipschitz, settings: GapSettings, rng: np.random.Generator
+    samples: DimensionSamples, found: GridLipschitz, settings: GapSettings
 ) -> tuple[LipschitzRow, ...]:
-    """Estimates for dimension i; extreme-value ones from random pairs of grid samples, if the settings ask for them."""
+    """The grid estimate and, if the settings ask for them, extreme-value ones from random pairs of grid samples."""
     worst = f"L(h/2)/L(h) = {found.ratio.max():.3f}" + ("" if found.resolved else ", not resolved")
     rows = [LipschitzRow("grid", found.euclidean, None, worst)]
-    moving = [j for j in range(len(samples.states)) if j not in samples.free]
+    moving = [j for j in range(len(samples.where.states)) if j not in samples.where.free]
     if not settings.extreme_value or not moving:
         return tuple(rows)
-    slopes = _grid_pair_slopes(samples, i, moving, settings, rng)
+    slopes = _grid_pair_slopes(samples, moving, settings)
     maxima = slopes.max(axis=1)
     if not np.ptp(maxima) > 1e-12 * maxima.max():
         return (*rows, LipschitzRow("largest slope of pairs", float(maxima.max()), None, "all blocks agree"))
@@ -54,22 +49,25 @@ def compare_estimates(
     )
 
 
-def _grid_pair_slopes(
-    samples: GapSamples, i: int, moving: list[int], settings: GapSettings, rng: np.random.Generator
-) -> Floats:
-    """Slopes of random pairs of samples with the same input: (blocks, pairs)."""
+def _grid_pair_slopes(samples: DimensionSamples, moving: list[int], settings: GapSettings) -> Floats:
+    """Slopes of random pairs of samples with the same input: (blocks, pairs).
+
+    One stream of random numbers serves the dimensions in order, so those of the dimensions before are drawn and left.
+    """
+    where, rng = samples.where, np.random.default_rng(settings.seed)
     shape = (settings.extreme_value_blocks, settings.extreme_value_pairs)
-    cells = np.array(samples.grid.cells)
-    first = rng.integers(0, cells, size=(*shape, len(cells)))
-    step = np.zeros_like(first)
-    step[..., moving] = rng.integers(-_REACH, _REACH + 1, size=(*shape, len(moving)))
+    cells = np.array(where.grid.cells)
+    for _ in range(samples.i + 1):
+        first = rng.integers(0, cells, size=(*shape, len(cells)))
+        step = np.zeros_like(first)
+        step[..., moving] = rng.integers(-_REACH, _REACH + 1, size=(*shape, len(moving)))
+        m = rng.integers(0, len(where.inputs), size=shape)
     still = ~step.any(axis=-1)
     step[still, moving[0]] = 1
     second = first + step
     second = np.where((second < 0) | (second >= cells), first - step, second)
     second = np.clip(second, 0, cells - 1)
-    m = rng.integers(0, len(samples.inputs), size=shape)
     flat = [np.ravel_multi_index(tuple(np.moveaxis(k, -1, 0)), tuple(cells)) for k in (first, second)]
-    change = samples.d[flat[0], m, i] - samples.d[flat[1], m, i]
-    distance = np.linalg.norm((second - first) * 2.0 * samples.grid.h, axis=-1)
+    change = samples.d[flat[0], m] - samples.d[flat[1], m]
+    distance = np.linalg.norm((second - first) * 2.0 * where.grid.h, axis=-1)
     return np.abs(change) / np.where(distance > 0.0, distance, np.inf)

@@ -10,60 +10,18 @@ with Coulomb friction at rest.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from simgap.errors import UserError
+from simgap.gap.lipschitz.result import GridLipschitz
+from simgap.gap.thresholds import GATE, SPLIT_GATE, STEEP_SHARE
 from simgap.geometry import Floats, Grid
 
-GATE = 1.3
-SPLIT_GATE = 1.5  # over two cells: a jump on a sample has 2, a smooth bend over the four cells that it takes 1.4
 Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class GridLipschitz:
-    """Per-axis estimate for one dimension of the gap.
-
-    Attributes:
-        constants: (nx,) largest slope plus change of slope along each axis; 0 along free axes.
-        slopes: (nx,) largest slope alone. ratio: (nx,) resolution ratio, also taken at twice the spacing.
-        euclidean: estimate of the constant in the Euclidean norm, sqrt(sum_j L_j^2).
-        smooth: as `constants`, without the rough cells. rough_share: share of the cells that are rough.
-        rough_box: (2, nx) box that holds the rough cells, or None. jump: largest spread of neighbours there.
-    """
-
-    constants: Floats
-    slopes: Floats
-    ratio: Floats
-    smooth: Floats
-    rough_share: float
-    rough_box: Floats | None
-    jump: float
-
-    @property
-    def euclidean(self) -> float:
-        """sqrt(sum_j L_j^2)."""
-        return float(np.linalg.norm(self.constants))
-
-    @property
-    def resolved(self) -> bool:
-        """Whether the grid resolves the slope along every axis."""
-        return bool(np.all(self.ratio <= GATE))
-
-    def to_json(self) -> dict[str, Any]:
-        """Everything as plain data."""
-        box = None if self.rough_box is None else self.rough_box.tolist()
-        return {
-            "constants": self.constants.tolist(), "euclidean": self.euclidean, "slopes": self.slopes.tolist(),
-            "ratio": self.ratio.tolist(), "resolved": self.resolved, "without_rough_cells": self.smooth.tolist(),
-            "rough_share": self.rough_share, "rough_box": box, "largest_jump": self.jump,
-        }  # fmt: skip
 
 
 def estimate(d: Floats, grid: Grid, free: tuple[int, ...] = (), floor: float = 0.0) -> GridLipschitz:
@@ -130,7 +88,7 @@ def _steep(e: Floats, j: int, grid: Grid, cells: int, floor: float, gate: float,
         broad = wide[~_contain(out, j, grid, cells)].max(initial=0.0)
         if fine <= max(gate * broad, floor):
             return out
-        out |= step > max(gate * broad, 0.5 * fine, floor)
+        out |= step > max(gate * broad, STEEP_SHARE * fine, floor)
 
 
 def as_grid(d: Floats, grid: Grid) -> Floats:

@@ -1,0 +1,121 @@
+# Samples of the simulator: grid -> rollouts for the bound; random ones that check it, and that set the width of a conformal one.
+#
+# Every case takes this road. {point} is what the grid is made for: a radius of the balls that cover X (eps~0.0022), or, where
+# the simulator remembers earlier inputs, a grid of these (hidden-state, full-table).
+
+
+def grid_folder(wildcards):
+    return f"results/{simulated(wildcards.case)}/grid/{wildcards.point}"
+
+
+def grid_files(wildcards):
+    return multiext(f"{grid_folder(wildcards)}/", "states.parquet", "inputs.parquet")
+
+
+def shards(wildcards):
+    folder = f"results/{simulated(wildcards.case)}/rollouts/{wildcards.point}"
+    count = shard_count(case_of(wildcards))
+    return [f"{folder}/shard-{shard}.parquet" for shard in range(count)]
+
+
+rule grid:
+    input:
+        case=correction,
+    output:
+        multiext("results/{case}/grid/{point}/", "states.parquet", "inputs.parquet"),
+    log:
+        "results/{case}/logs/grid-{point}.log",
+    benchmark:
+        "results/{case}/benchmarks/grid-{point}.tsv"
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        case=lambda w: case_path(w.case),
+        out=lambda w, output: Path(output[0]).parent,
+        reads=reads("grid"),
+        code=code("grid"),
+    message:
+        "{wildcards.case}: states that cover X and inputs, {wildcards.point}"
+    shell:
+        "simgap grid {params.case:q} --point {wildcards.point:q} --out {params.out:q} --log {log:q}"
+
+
+rule rollouts:
+    input:
+        case=correction,
+        grid=multiext(
+            "results/{case}/grid/{point}/", "states.parquet", "inputs.parquet"
+        ),
+    output:
+        "results/{case}/rollouts/{point}/shard-{shard}.parquet",
+    log:
+        "results/{case}/logs/rollouts-{point}-{shard}.log",
+    benchmark:
+        "results/{case}/benchmarks/rollouts-{point}-{shard}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=120,
+    params:
+        case=lambda w: case_path(w.case),
+        grid=lambda w, input: Path(input.grid[0]).parent,
+        reads=reads("rollouts"),
+        code=code("rollouts"),
+    message:
+        "{wildcards.case}: simulator on grid x inputs, {wildcards.point}, shard {wildcards.shard}"
+    shell:
+        "simgap rollouts {params.case:q} --grid {params.grid:q} --shard {wildcards.shard:q} --out {output:q} --log {log:q}"
+
+
+rule fresh:
+    input:
+        case=correction,
+    output:
+        "results/{case}/fresh/samples.parquet",
+    log:
+        "results/{case}/logs/fresh.log",
+    benchmark:
+        "results/{case}/benchmarks/fresh.tsv"
+    threads: 2
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("fresh"),
+        code=code("fresh"),
+    message:
+        "{wildcards.case}: fresh random samples of the simulator"
+    shell:
+        "simgap fresh {params.case:q} --out {output:q} --workers {threads} --log {log:q}"
+
+
+rule calibration:
+    input:
+        case=correction,
+    output:
+        "results/{case}/calibration/samples.parquet",
+    log:
+        "results/{case}/logs/calibration.log",
+    benchmark:
+        "results/{case}/benchmarks/calibration.tsv"
+    threads: 2
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("calibration"),
+        code=code("calibration"),
+    message:
+        "{wildcards.case}: random samples that set the width of a conformal bound"
+    shell:
+        "simgap calibration {params.case:q} --out {output:q} --workers {threads} --log {log:q}"
+
+
+def calibration(wildcards):
+    """A conformal bound needs samples of its own; the other bounds need none."""
+    section = case_of(wildcards).gap
+    if section is None or section.bound != "conformal":
+        return []
+    return f"results/{simulated(wildcards.case)}/calibration/samples.parquet"

@@ -1,0 +1,48 @@
+"""Whether a bound is taken: fresh samples that exceed it, and what measured data leave unexplained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from simgap.errors import BrokenPromise, UserError
+from simgap.gap.fresh_check import FreshCheck
+from simgap.gap.function import GapFunction
+from simgap.gap.tiers import Tier
+
+
+def tolerate(check: FreshCheck, probability: float, remedy: str) -> None:
+    """One violation breaks the promise, unless the case tolerates a probability that the check confirms.
+
+    Raises:
+        BrokenPromise: with the count and the largest excess.
+    """
+    if check.violations == 0 or check.upper <= probability:
+        return
+    allowed = "none is tolerated" if probability == 0 else f"tolerated probability {probability:g} < {check.upper:.2g}"
+    raise BrokenPromise(
+        f"gamma does not cover: {check.violations} of {check.samples} fresh samples exceed it ({allowed}), "
+        f"by up to {check.worst}",
+        remedy,
+    )
+
+
+def covering_remainder(function: GapFunction, remainder: Mapping[str, float]) -> GapFunction:
+    """The bound moved outward by what measured data leave unexplained in one step.
+
+    Raises:
+        UserError: a remainder of something that is no state.
+    """
+    states = function.domain.states
+    unknown = [name for name in remainder if name not in states]
+    if unknown:
+        raise UserError(f"{unknown} are not states", key="gap.remainder")
+    if not remainder:
+        return function
+    by = np.array([remainder.get(name, 0.0) for name in states])
+    words = ", ".join(f"{value:.3g} for {name}" for name, value in remainder.items())
+    left_out = [name for name in states if name not in remainder]
+    note = f" Nothing measured bounds {', '.join(left_out)}." if left_out else ""
+    tier = Tier(3, f"Raised on both sides by {words}: the split-conformal bound of what measured data leave.{note}")
+    return function.raised(by, by).with_tiers([*function.tiers, tier])

@@ -1,0 +1,53 @@
+"""What the samples of one dimension give before the dimensions are put together, for every kind of bound."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from simgap.errors import UserError
+from simgap.gap.cell_fit import BlockFit, fit_blocks
+from simgap.gap.conformal import CentreFit, fit_centre
+from simgap.gap.envelope import NodeFit, fit_envelope
+from simgap.gap.linear_fit import LinearFit, fit_linear
+from simgap.gap.samples import DimensionSamples
+from simgap.gap.settings import GapSettings
+
+DimensionFit = LinearFit | BlockFit | NodeFit | CentreFit
+
+
+class Kind(Protocol):
+    """What a kind of fit offers to be read back."""
+
+    def from_json(self, data: Mapping[str, Any]) -> DimensionFit:
+        """The inverse of its `to_json`."""
+
+
+FITS: Mapping[str, Kind] = {"linear": LinearFit, "blocks": BlockFit, "envelope": NodeFit, "centre": CentreFit}
+
+
+def fit_dimension(samples: DimensionSamples, settings: GapSettings) -> DimensionFit:
+    """Fit one dimension; local slopes of the samples enter where they pad inside the program, no Lipschitz constant.
+
+    Raises:
+        UserError: for settings that do not fit the samples.
+    """
+    if settings.bound == "conformal":
+        return fit_centre(samples, settings)
+    if settings.bound == "envelope":
+        return fit_envelope(samples, settings)
+    if settings.bound == "scenario" and settings.basis == "blocks":
+        return fit_blocks(samples, settings)
+    return fit_linear(samples, settings)
+
+
+def fit_from_json(data: Mapping[str, Any]) -> DimensionFit:
+    """A fit from what its `to_json` gave.
+
+    Raises:
+        UserError: for an unknown kind or missing parts.
+    """
+    try:
+        return FITS[data["kind"]].from_json(data)
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"not a saved fit of one dimension ({error!r})", remedy="Run the scp stage again.") from error

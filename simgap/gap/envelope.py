@@ -1,0 +1,78 @@
+"""The Lipschitz envelope around samples (set membership): no program is solved.
+
+d lies within `sum_j L_ij |x_j - node_j|` of its value at a node (Milanese & Novara 2004). Each cell uses its own node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.gap.cells import CellGap
+from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.samples import DimensionSamples, SampleGrid
+from simgap.gap.settings import GapSettings
+from simgap.gap.tiers import Tier, deterministic_tier, estimate_tier
+from simgap.geometry import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class NodeFit:
+    """Samples of one dimension at the nodes of an envelope: lower, upper (nodes, M), rounding included."""
+
+    lower: Floats
+    upper: Floats
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "kind": "envelope",
+            "program": "none: an envelope is made of samples and Lipschitz constants",
+            "lower": self.lower.tolist(),
+            "upper": self.upper.tolist(),
+        }
+
+    @staticmethod
+    def from_json(data: Mapping[str, Any]) -> NodeFit:
+        """The inverse of `to_json`."""
+        return NodeFit(np.array(data["lower"], dtype=float), np.array(data["upper"], dtype=float))
+
+
+def fit_envelope(samples: DimensionSamples, settings: GapSettings) -> NodeFit:
+    """The samples at the nodes."""
+    kept = _kept(samples.where, settings)
+    flat = np.ravel_multi_index(tuple(k.ravel() for k in np.meshgrid(*kept, indexing="ij")), samples.where.grid.cells)
+    numerical = samples.floor / 16.0
+    lower = samples.d[flat] - numerical
+    upper = (samples.d if samples.d_upper is None else samples.d_upper)[flat] + numerical
+    if not settings.signed:
+        upper = np.maximum(upper, -lower)
+        lower = -upper
+    return NodeFit(lower, upper)
+
+
+def envelope_gap(
+    where: SampleGrid, settings: GapSettings, fits: Sequence[NodeFit], lipschitz: Sequence[DimensionLipschitz]
+) -> CellGap:
+    """The tables of all dimensions side by side, with their slopes."""
+    nodes = tuple(where.grid.axis(j)[k] for j, k in enumerate(_kept(where, settings)))
+    middle = [0.5 * (n[:-1] + n[1:]) for n in nodes]
+    ends = zip(where.grid.box.lo, middle, where.grid.box.hi, strict=True)
+    edges = tuple(np.concatenate([[lo], e, [hi]]) for lo, e, hi in ends)
+    slopes = np.stack([known.grid.constants for known in lipschitz])
+    rough = [known.grid.rough_share for known in lipschitz]
+    tiers: tuple[Tier, ...] = (deterministic_tier("cells"), estimate_tier(where.states, list(slopes), rough))
+    lower, upper = (np.stack([getattr(fit, side) for fit in fits], axis=-1) for side in ("lower", "upper"))
+    return CellGap(where.domain, tiers, edges, nodes, lower, upper, slopes)
+
+
+def _kept(where: SampleGrid, settings: GapSettings) -> list[NDArray[np.int64]]:
+    """Which samples along each axis are nodes: every k-th one where the table would exceed `envelope_nodes` numbers."""
+    cells, size, stride = where.grid.cells, len(where.inputs) * len(where.states), 1
+    while np.prod([-(-c // stride) for c in cells]) * size > settings.envelope_nodes and stride < max(cells):
+        stride += 1
+    return [np.arange(min(stride // 2, c - 1), c, stride) for c in cells]

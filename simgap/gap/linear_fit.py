@@ -1,0 +1,135 @@
+"""Bounds that are linear in a basis: the scenario programs of one dimension, and the gap function made of all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simgap.errors import BrokenPromise, UserError
+from simgap.gap.bases import Basis, make_basis
+from simgap.gap.design import Design
+from simgap.gap.forms import Form, make_form, negated
+from simgap.gap.linear import LinearGap
+from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.samples import DimensionSamples, SampleGrid
+from simgap.gap.settings import GapSettings
+from simgap.gap.side import PaddedSide, SideFit, padded
+from simgap.gap.tiers import Tier, deterministic_tier, estimate_tier
+
+Sides = dict[str, PaddedSide]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """Scenario programs of one dimension over the terms of a basis; `sides`: upper and lower, or both."""
+
+    terms: tuple[str, ...]
+    sides: Mapping[str, SideFit]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        sides = {name: side.to_json() for name, side in self.sides.items()}
+        return {"kind": "linear", "terms": list(self.terms), "sides": sides}
+
+    @staticmethod
+    def from_json(data: Mapping[str, Any]) -> LinearFit:
+        """The inverse of `to_json`."""
+        return LinearFit(tuple(data["terms"]), {name: SideFit.from_json(s) for name, s in data["sides"].items()})
+
+
+def basis_of(where: SampleGrid, settings: GapSettings) -> Basis:
+    """The basis that the settings ask for.
+
+    Raises:
+        UserError: for an unknown one, or a term that depends on an axis along which a symmetry is declared.
+    """
+    kind, options = settings.basis, dict(settings.basis_options)
+    if settings.bound == "constant" or (settings.bound == "conformal" and kind == "blocks"):
+        kind, options = "expressions", {"terms": ("1",)}
+    basis = make_basis(kind, where.states, where.input_names, where.grid.box, **options)
+    for j in where.free:
+        for term, row in zip(basis.terms, basis.gradients, strict=True):
+            if row[j] != 0:
+                raise UserError(
+                    f"the term '{term}' depends on {where.states[j]}, along which a symmetry is declared",
+                    key="gap.basis",
+                    remedy="Leave it out, or withdraw the symmetry.",
+                )
+    return basis
+
+
+def blank_form(basis: Basis, where: SampleGrid) -> Form:
+    """A form with zero coefficients; it carries the ranges of the basis."""
+    return make_form(basis, where.grid.box, where.inputs, np.zeros(basis.size))
+
+
+def fit_linear(samples: DimensionSamples, settings: GapSettings) -> LinearFit:
+    """Solve the scenario programs of one dimension: two sides, or one for both."""
+    from simgap.gap.padding import SideProblem, fit_side
+
+    where = samples.where
+    basis = basis_of(where, settings)
+    design, blank = Design(basis, where.grid.centres(), where.inputs), blank_form(basis, where)
+    upper, lower = samples.side(upper=True), samples.side(upper=False)
+    asked = {"upper": [upper], "lower": [lower]} if settings.signed else {"both": [upper, lower]}
+    fits = {
+        name: fit_side(SideProblem(design, targets, where.grid, where.free, samples.floor, blank), settings)
+        for name, targets in asked.items()
+    }
+    return LinearFit(basis.terms, fits)
+
+
+def linear_gap(
+    where: SampleGrid, settings: GapSettings, fits: Sequence[LinearFit], lipschitz: Sequence[DimensionLipschitz]
+) -> tuple[LinearGap, list[Sides]]:
+    """Pad every side and put the dimensions together.
+
+    Raises:
+        BrokenPromise: when the grid does not resolve a residual, or the bound stays upside down.
+    """
+    blank = blank_form(Basis(fits[0].terms, where.states, where.input_names), where)
+    sides: list[Sides] = []
+    for i, (fit, known) in enumerate(zip(fits, lipschitz, strict=True)):
+        floor = float(where.rounding[i])
+        sides.append(
+            {name: padded(s, blank, where, floor, known.grid, settings.padding) for name, s in fit.sides.items()}
+        )
+        rough = max(side.rough_share for side in sides[-1].values())
+        if settings.padding == "inflate" and rough > settings.rough_limit:
+            raise BrokenPromise(
+                f"the residual of {where.states[i]} is not Lipschitz at this grid: {100 * rough:.2g} % of the cells "
+                "are rough",
+                "Use a smaller eps, or a basis that follows the gap.",
+            )
+    tiers = _tiers(where, settings, lipschitz, sides)
+    if settings.signed:
+        lows = tuple(negated(s["lower"].form) for s in sides)
+        return _lifted(LinearGap(where.domain, tiers, lows, tuple(s["upper"].form for s in sides))), sides
+    return _lifted(LinearGap.unsigned(where.domain, tiers, [s["both"].form for s in sides])), sides
+
+
+def _lifted(function: LinearGap) -> LinearGap:
+    """The bound moved outward until lo <= hi on all of X x U, verified by branch and bound, not at samples alone."""
+    for _ in range(3):
+        missing = 0.5 * np.maximum(-function.narrowest(), 0.0)
+        if not missing.any():
+            return function
+        function = function.raised(missing * 1.000001, missing * 1.000001)
+    raise BrokenPromise("the gap bound cannot be made wide enough to be never upside down")
+
+
+def _tiers(
+    where: SampleGrid, settings: GapSettings, lipschitz: Sequence[DimensionLipschitz], sides: Sequence[Sides]
+) -> tuple[Tier, ...]:
+    rough = [max(s.rough_share for s in own.values()) for own in sides]
+    used = [known.grid.constants for known in lipschitz]
+    extra = ""
+    if settings.padding == "inflate":
+        pads = "; ".join(
+            f"{n}: {max(s.padding for s in own.values()):.3g}" for n, own in zip(where.states, sides, strict=True)
+        )
+        extra = f"The padding uses the local slopes in each cell, less those of the fit; at most {pads}."
+    return deterministic_tier(settings.padding), estimate_tier(where.states, used, rough, extra)

@@ -1,0 +1,108 @@
+"""What is known about the Lipschitz constant of one dimension of the gap."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simgap.gap.thresholds import GATE
+from simgap.geometry import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class GridLipschitz:
+    """Per-axis estimate for one dimension of the gap.
+
+    Attributes:
+        constants: (nx,) largest slope plus change of slope along each axis; 0 along free axes.
+        slopes: (nx,) largest slope alone. ratio: (nx,) resolution ratio, also taken at twice the spacing.
+        euclidean: estimate of the constant in the Euclidean norm, sqrt(sum_j L_j^2).
+        smooth: as `constants`, without the rough cells. rough_share: share of the cells that are rough.
+        rough_box: (2, nx) box that holds the rough cells, or None. jump: largest spread of neighbours there.
+    """
+
+    constants: Floats
+    slopes: Floats
+    ratio: Floats
+    smooth: Floats
+    rough_share: float
+    rough_box: Floats | None
+    jump: float
+
+    @property
+    def euclidean(self) -> float:
+        """sqrt(sum_j L_j^2)."""
+        return float(np.linalg.norm(self.constants))
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the grid resolves the slope along every axis."""
+        return bool(np.all(self.ratio <= GATE))
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything as plain data."""
+        box = None if self.rough_box is None else self.rough_box.tolist()
+        return {
+            "constants": self.constants.tolist(), "euclidean": self.euclidean, "slopes": self.slopes.tolist(),
+            "ratio": self.ratio.tolist(), "resolved": self.resolved, "without_rough_cells": self.smooth.tolist(),
+            "rough_share": self.rough_share, "rough_box": box, "largest_jump": self.jump,
+        }  # fmt: skip
+
+    @staticmethod
+    def from_json(data: Mapping[str, Any]) -> GridLipschitz:
+        """The inverse of `to_json`."""
+        constants, slopes, ratio, smooth = (
+            np.array([float(v) for v in data[key]]) for key in ("constants", "slopes", "ratio", "without_rough_cells")
+        )
+        box = None if data["rough_box"] is None else np.array(data["rough_box"], dtype=float)
+        return GridLipschitz(
+            constants, slopes, ratio, smooth, float(data["rough_share"]), box, float(data["largest_jump"])
+        )
+
+
+@dataclass(frozen=True)
+class LipschitzRow:
+    """One estimate of the Euclidean constant: method, value, p-value of its goodness of fit (None: no fit), note."""
+
+    method: str
+    value: float
+    ks_p: float | None
+    note: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return {"method": self.method, "value": self.value, "ks_p": self.ks_p, "note": self.note}
+
+    @staticmethod
+    def from_json(data: Mapping[str, Any]) -> LipschitzRow:
+        """The inverse of `to_json`."""
+        ks_p = None if data["ks_p"] is None else float(data["ks_p"])
+        return LipschitzRow(str(data["method"]), float(data["value"]), ks_p, str(data["note"]))
+
+
+@dataclass(frozen=True, eq=False)
+class DimensionLipschitz:
+    """Grid estimate of one dimension, the estimates side by side, and the largest sampled |d| (the scale of both)."""
+
+    grid: GridLipschitz
+    estimates: tuple[LipschitzRow, ...]
+    largest: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        rows = [row.to_json() for row in self.estimates]
+        return {
+            "kind": "slopes",
+            "lipschitz": self.grid.to_json(),
+            "lipschitz_estimates": rows,
+            "largest_sampled_gap": self.largest,
+        }
+
+    @staticmethod
+    def from_json(data: Mapping[str, Any]) -> DimensionLipschitz:
+        """The inverse of `to_json`."""
+        rows = tuple(LipschitzRow.from_json(row) for row in data["lipschitz_estimates"])
+        return DimensionLipschitz(GridLipschitz.from_json(data["lipschitz"]), rows, float(data["largest_sampled_gap"]))

@@ -1,0 +1,146 @@
+"""Step `gap`: the dimensions put together, padded, and checked on fresh samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from simgap.gap.acceptance import covering_remainder, tolerate
+from simgap.gap.conformal import Calibration
+from simgap.gap.dimension_fit import fit_from_json
+from simgap.gap.fit import assemble
+from simgap.gap.fresh_check import FreshCheck, check_fresh
+from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.points import Columns, Points, radius, remembers
+from simgap.gap.settings import GapSettings
+from simgap.gap.steps.hidden_gap import hidden_bound
+from simgap.gap.steps.samples import motion_of, sample_grid, stacked, steps_of, successors
+from simgap.gap.steps.tables import AFTER_PREVIOUS
+from simgap.gap.tiers import Tier
+from simgap.geometry import Floats
+from simgap.plants.context import Context
+
+Step = Callable[[Floats, Floats], Floats]
+THINNED = 20_000  # samples kept for pictures
+REMEMBERED = Tier(
+    2,
+    "Delay or lag of the inputs is not in the nominal model: the bound is the hull over what the least and the largest "
+    "admissible earlier commands leave behind in the simulator. That nothing in between does more is an estimate, "
+    "checked on fresh samples with random earlier commands.",
+)
+FINER = "Use a smaller eps, or set gap.tolerated_probability."
+WIDER = (
+    "A conformal bound leaves out up to gap.conformal.miscoverage of the random samples: lower that, or set "
+    "gap.tolerated_probability further above it."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What the steps before this one made.
+
+    Attributes:
+        points: the grid. scp, lipschitz: saved results by state. shards: roll-outs, for pictures.
+        fresh: samples that no fit has seen. calibration: samples of a conformal bound.
+    """
+
+    points: Points
+    scp: Mapping[str, Mapping[str, Any]]
+    lipschitz: Mapping[str, Mapping[str, Any]]
+    shards: Sequence[Columns]
+    fresh: Columns
+    calibration: Columns | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """Content of gap.json, how it fared on the fresh samples, and evenly spaced samples with their gap for pictures."""
+
+    content: dict[str, Any]
+    check: FreshCheck
+    thinned: dict[str, Floats]
+
+
+def gap(context: Context, made: Made) -> Bound:
+    """The bound of all dimensions, held against the fresh samples.
+
+    Raises:
+        UserError: results of another case.
+        BrokenPromise: a Lipschitz constant that cannot be trusted, a symmetry or a fading that does not hold, or more
+            violations than the case tolerates.
+    """
+    if remembers(context.case):
+        motion = motion_of(context)
+        content, check = hidden_bound(context, motion, made.points, made.scp, made.lipschitz, made.fresh)
+        return Bound(content, check, _thinned_steps(context, motion, made.shards))
+    section = context.need(context.case.gap, "gap")
+    where, names = sample_grid(context, made.points), context.states
+    fits = [fit_from_json(made.scp[n]) for n in names]
+    known = [DimensionLipschitz.from_json(made.lipschitz[n]) for n in names]
+    step = context.plant.sampled.step
+    drawn = Calibration(*_gaps(context, step, made.calibration)) if made.calibration else None
+    result = assemble(where, GapSettings.of(section), fits, known, drawn)
+    x, u, d = _gaps(context, step, made.fresh)
+    check = check_fresh(result.function, x, u, d, section.confidence)
+    tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
+    memory = (REMEMBERED,) if made.shards and f"least_{names[0]}" in made.shards[0] else ()
+    tiers = [*result.function.tiers, *memory, check.tier]
+    function = covering_remainder(result.function.with_tiers(tiers), section.remainder)
+    content = result.to_json() | function.to_json()
+    content |= {"eps": radius(made.points.name), "fresh": asdict(check)}
+    return Bound(content, check, _thinned(context, step, where.size, made.shards))
+
+
+def seeds(context: Context) -> dict[str, int]:
+    """Seeds of everything random in a bound."""
+    hidden, section = context.case.hidden_state, context.case.gap
+    if hidden is not None:
+        return {"histories": hidden.seed, "fresh": hidden.fresh_seed}
+    section = context.need(section, "gap")
+    drawn = {"calibration": section.conformal.seed} if section.bound == "conformal" else {}
+    return {"fresh": section.seed, "fit": section.seed} | drawn
+
+
+def _thinned(context: Context, step: Step, count: int, shards: Sequence[Columns]) -> dict[str, Floats]:
+    """Evenly spaced ones of `count` samples with their gap."""
+    rows, parts, first = _evenly(count), [], 0
+    for shard in shards:
+        end = first + len(shard[context.inputs[0]])
+        own = rows[(rows >= first) & (rows < end)] - first
+        parts.append({name: values[own] for name, values in shard.items()})
+        first = end
+    kept = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    x, u = stacked(kept, context.states), stacked(kept, context.inputs)
+    predicted = step(x, u)
+    columns = {n: x[:, j] for j, n in enumerate(context.states)} | {n: u[:, j] for j, n in enumerate(context.inputs)}
+    for j, name in enumerate(context.states):
+        least, largest = successors(kept, name)
+        d = least - predicted[:, j]
+        if largest is not least:
+            d[1::2] = (largest - predicted[:, j])[1::2]  # both ends of the range are seen
+        columns[f"gap_{name}"] = d
+    return columns
+
+
+def _evenly(count: int) -> Any:
+    return np.unique(np.linspace(0, count - 1, min(count, THINNED)).astype(int))
+
+
+def _thinned_steps(context: Context, motion: Floats, shards: Sequence[Columns]) -> dict[str, Floats]:
+    """The same for a robot, whose gap is seen from the robot."""
+    samples = steps_of(context, shards, AFTER_PREVIOUS)
+    rows = _evenly(len(samples.m))
+    m = samples.m[rows]
+    columns = {n: np.zeros(len(rows)) for n in context.states}
+    columns |= {n: context.input_set[m, j] for j, n in enumerate(context.inputs)}
+    d = samples.final[rows] - motion[m]
+    return columns | {f"gap_{n}": d[:, j] for j, n in enumerate(context.states)}
+
+
+def _gaps(context: Context, step: Step, rolled: Columns) -> tuple[Floats, Floats, Floats]:
+    """States, inputs and signed gap `f_hat - f` of a table of roll-outs."""
+    x, u = stacked(rolled, context.states), stacked(rolled, context.inputs)
+    return x, u, stacked(rolled, [f"next_{n}" for n in context.states]) - step(x, u)

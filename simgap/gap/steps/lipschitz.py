@@ -1,0 +1,46 @@
+"""Step `lipschitz`: how fast one dimension of the gap changes between samples, or what stands in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from simgap.gap.hidden_fit import HistoryInfluence
+from simgap.gap.hidden_state import fading
+from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.points import Columns, Points, remembers
+from simgap.gap.settings import GapSettings
+from simgap.gap.steps.samples import dimension_samples
+from simgap.gap.steps.tables import HISTORY
+from simgap.gap.symmetry import heading_deviation
+from simgap.plants.context import Context
+
+
+def lipschitz(
+    context: Context, points: Points, shards: Sequence[Columns], i: int
+) -> DimensionLipschitz | HistoryInfluence:
+    """Slopes of dimension i on the grid with extreme-value estimates beside them; no basis and no padding enters.
+
+    For a simulator that remembers earlier inputs: how their influence fades, and the deviation between headings.
+
+    Raises:
+        UserError: shards of another grid, or one that is too coarse for a slope.
+    """
+    if remembers(context.case):
+        return _influence(context, shards, i)
+    from simgap.gap.lipschitz.compare import dimension_lipschitz
+
+    section = context.need(context.case.gap, "gap")
+    return dimension_lipschitz(dimension_samples(context, points, shards, i), GapSettings.of(section))
+
+
+def _influence(context: Context, shards: Sequence[Columns], i: int) -> HistoryInfluence:
+    hidden = context.need(context.case.hidden_state, "hidden_state")
+    symmetry = context.need(context.case.symmetry, "symmetry")
+    kept = [rolled["part"] == HISTORY for rolled in shards]
+    moved = np.concatenate([s[f"moved_{context.states[i]}"][rows] for s, rows in zip(shards, kept, strict=True)])
+    responses = moved.reshape(-1, hidden.length + symmetry.headings).T[..., None]  # (L + H, n, 1)
+    straight, turned = responses[: hidden.length], responses[hidden.length :]
+    deviation = heading_deviation(straight[-1], turned)
+    return HistoryInfluence(fading(straight)[:, 0], float(deviation.largest[0]), deviation.samples)

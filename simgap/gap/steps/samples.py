@@ -1,0 +1,102 @@
+"""From roll-outs to what the steps after them work on: the signed gap of a dimension, the motion of a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from simgap.config.pose import pose_axes
+from simgap.errors import UserError
+from simgap.gap.pairs import product
+from simgap.gap.points import Columns, Points, radius
+from simgap.gap.samples import DimensionSamples, SampleGrid
+from simgap.gap.steps.tables import body_samples
+from simgap.gap.symmetry import nominal_motion
+from simgap.geometry import Floats, Grid
+from simgap.plants.context import Context
+from simgap.simulators.body_samples import BodySamples, joined
+
+
+def stacked(columns: Columns, names: Sequence[str]) -> Floats:
+    """Columns side by side: -> (rows, len(names))."""
+    return np.stack([columns[name] for name in names], axis=-1)
+
+
+def sample_grid(context: Context, points: Points) -> SampleGrid:
+    """The covering grid of a point, checked against its file.
+
+    Raises:
+        UserError: states or inputs of another case.
+    """
+    grid = Grid.covering(context.box, radius(points.name))
+    same = points.states.shape == (grid.size, grid.box.size) and np.array_equal(points.inputs, context.input_set)
+    if not same or not np.array_equal(points.states, grid.centres()):
+        raise UserError("the grid was made for another case", remedy="Run the grid stage again, and those after it.")
+    return SampleGrid(grid, points.inputs, tuple(context.states), tuple(context.inputs))
+
+
+def dimension_samples(context: Context, points: Points, shards: Sequence[Columns], i: int) -> DimensionSamples:
+    """The signed gap of dimension i on the grid, from shards in order.
+
+    Raises:
+        UserError: shards that are not those of this grid.
+    """
+    where, name = sample_grid(context, points), context.states[i]
+    model = context.plant.sampled
+    d = np.empty((2, where.size))
+    done, spread = 0, False
+    for rolled in shards:
+        x, u = stacked(rolled, context.states), stacked(rolled, context.inputs)
+        check_rows(points, done, x, u)
+        predicted = model.step(x, u)[:, i]
+        least, largest = successors(rolled, name)
+        d[0, done : done + len(x)], d[1, done : done + len(x)] = least - predicted, largest - predicted
+        spread, done = spread or least is not largest, done + len(x)
+    if done != where.size:
+        raise UserError(
+            f"the shards hold {done} roll-outs, the grid {points.name} needs {where.size}",
+            remedy="Delete the shards of this grid and run again.",
+        )
+    lower, upper = d.reshape(2, where.grid.size, len(where.inputs))
+    return DimensionSamples(where, i, lower, upper if spread else None)
+
+
+def check_rows(points: Points, first: int, x: Floats, u: Floats) -> None:
+    """Whether rows are those of the grid from row `first` on.
+
+    Raises:
+        UserError: if they are not.
+    """
+    count = len(points.inputs)
+    start, stop = first // count, -(-(first + len(x)) // count)
+    states, inputs = product(points.states[start:stop], points.inputs)
+    own = slice(first - start * count, first - start * count + len(x))
+    if not (np.array_equal(states[own], x) and np.array_equal(inputs[own], u)):
+        raise UserError(
+            f"a shard is not one of the grid {points.name}, or the shards are out of order",
+            remedy="Delete the shards of this grid and run again.",
+        )
+
+
+def successors(rolled: Columns, name: str) -> tuple[Floats, Floats]:
+    """Least and largest successor of one state: one and the same array without memory of the inputs."""
+    if f"least_{name}" not in rolled:
+        return rolled[f"next_{name}"], rolled[f"next_{name}"]
+    return rolled[f"least_{name}"], rolled[f"largest_{name}"]
+
+
+def steps_of(context: Context, shards: Sequence[Columns], part: str) -> BodySamples:
+    """The steps of one part of a robot's shards, in order."""
+    return joined([body_samples(context.case, rolled, part) for rolled in shards])
+
+
+def motion_of(context: Context) -> Floats:
+    """The nominal step seen from the robot, (M, 3).
+
+    Raises:
+        UserError: a nominal model without the declared symmetry.
+    """
+    centre = 0.5 * (context.box.lo + context.box.hi)
+    rng = np.random.default_rng(0)
+    return nominal_motion(context.plant.sampled.step, centre, context.input_set, pose_axes(context), rng)

@@ -1,0 +1,27 @@
+"""Step `scp`: the scenario program of one dimension, or what stands in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from simgap.config.pose import pose_axes
+from simgap.gap.dimension_fit import DimensionFit, fit_dimension
+from simgap.gap.hidden_fit import HullFit, fit_hull
+from simgap.gap.points import Columns, Points, remembers
+from simgap.gap.settings import GapSettings
+from simgap.gap.steps.samples import dimension_samples, motion_of, steps_of
+from simgap.gap.steps.tables import AFTER_PREVIOUS, SEQUENCE
+from simgap.plants.context import Context
+
+
+def scp(context: Context, points: Points, shards: Sequence[Columns], i: int) -> DimensionFit | HullFit:
+    """Fit dimension i to the roll-outs.
+
+    Raises:
+        UserError: settings that do not fit the samples, shards of another grid, or a symmetry that the model lacks.
+    """
+    if remembers(context.case):
+        grid, sequences = steps_of(context, shards, AFTER_PREVIOUS), steps_of(context, shards, SEQUENCE)
+        return fit_hull(i, motion_of(context), grid, sequences, pose_axes(context))
+    section = context.need(context.case.gap, "gap")
+    return fit_dimension(dimension_samples(context, points, shards, i), GapSettings.of(section))

@@ -1,0 +1,19 @@
+"""The gates of the Lipschitz estimates: what a grid must resolve before its slopes are believed."""
+
+from __future__ import annotations
+
+GATE = 1.3
+"""Largest L(s) / L(2 s) of a grid that resolves the gap. It is 1 for a smooth gap on a fine grid and 2 at a jump; the
+value between is judgement. How often it lets an estimate pass that is too small: `benchmarks/lipschitz.py`."""
+
+SPLIT_GATE = 1.5
+"""The same over two cells, where a jump on a sample has 2 and a smooth bend over the four cells that it takes 1.4."""
+
+STEEP_SHARE = 0.5
+"""Cells are taken out as rough in rounds, each down to this share of the steepest left: fewer rounds, the same gate."""
+
+NOMINAL_TOLERANCE = 1e-9
+"""Largest deviation of a nominal step from the symmetry that a case names; well above rounding, below any real one."""
+
+BEYOND_CONFIDENCE = 0.95
+"""Of the limit beyond the largest excess of random sequences, in the bound over hidden state; the usual level."""

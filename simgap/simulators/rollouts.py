@@ -1,0 +1,33 @@
+"""Roll-outs of one sampling time; each function runs in the engine's own process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from simgap.config.case import Case
+from simgap.geometry import Floats
+
+Range = tuple[Floats, Floats]
+
+
+def roll_out(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, str]:
+    """Successors of states (n, nx) under inputs (n, nu), and the engine's name."""
+    from simgap.simulators.build import make_simulator
+
+    simulator = make_simulator(case, folder)
+    try:
+        return simulator.rollouts(x, u), simulator.engine
+    finally:
+        simulator.close()
+
+
+def roll_out_range(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, Range | None, str]:
+    """`roll_out`, and the range of the successors where delayed or lagged inputs spread them."""
+    from simgap.simulators.build import make_simulator
+
+    simulator = make_simulator(case, folder)
+    try:
+        spread = simulator.spread(x, u) if simulator.remembers else None
+        return simulator.rollouts(x, u), spread, simulator.engine
+    finally:
+        simulator.close()

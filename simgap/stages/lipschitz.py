@@ -1,0 +1,31 @@
+"""Stage `lipschitz`: how fast one dimension of the gap changes between samples."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from simgap.gap.steps.lipschitz import lipschitz
+from simgap.io.documents import write_json
+from simgap.provenance import provenance
+from simgap.stages.context import Context, log
+from simgap.stages.made import Shards, blame_shards, dimension, points_of_case
+
+
+def run(case_path: Path, state: str, grid: Path, shards: Sequence[Path], out: Path) -> None:
+    """Estimate the Lipschitz constant of one state from the roll-outs of a grid.
+
+    Raises:
+        UserError: a state that the case does not have, damaged shards, settings that do not fit.
+    """
+    context = Context.load(case_path)
+    i = dimension(context, state)
+    with context.blame(), blame_shards(shards):
+        points = points_of_case(context, grid)
+        log.info("%s of %d samples x %d inputs", state, len(points.states), len(points.inputs))
+        began = time.perf_counter()
+        found = lipschitz(context, points, Shards(shards), i)
+    log.info("estimated in %.2f s, roll-outs read and compared with the nominal model", time.perf_counter() - began)
+    record = provenance("lipschitz", context.case, context.folder, point=points.name)
+    write_json(out, {"state": state, **found.to_json(), "provenance": record})

@@ -1,0 +1,87 @@
+"""The wheel, built and installed far from the checkout, diagnoses a recording in an empty folder."""
+
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
+import diagnosis_example as example
+
+ROOT = Path(__file__).parents[2]
+MEASURED = "measured: {effects: [coulomb_friction], max_effects: 1}\n"
+
+
+def call(*arguments, cwd):
+    env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    done = subprocess.run(arguments, cwd=cwd, env=env, capture_output=True, text=True, timeout=1800, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """Folder of the executables of an environment with the wheel; its dependencies are those of this one."""
+    folder = tmp_path_factory.mktemp("wheel")
+    status, _, error = call(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder), cwd=ROOT)
+    assert status == 0, error
+    (wheel,) = folder.glob("simgap-*.whl")
+    venv.create(folder / "venv", with_pip=True)
+    python = folder / "venv/bin/python"
+    status, _, error = call(
+        str(python), "-m", "pip", "install", "--no-deps", "--no-index", "--quiet", str(wheel), cwd=folder
+    )
+    assert status == 0, error
+    (site,) = (folder / "venv/lib").glob("python*/site-packages")
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")  # searched after its own packages
+    status, where, error = call(str(python), "-c", "import simgap; print(simgap.__file__)", cwd=folder)
+    assert where.strip().startswith(str(site)), error
+    return folder / "venv/bin"
+
+
+@pytest.fixture
+def bench(tmp_path):
+    (tmp_path / "bench.yaml").write_text(example.CASE + MEASURED)
+    (trace,) = example.record().traces
+    rows = np.column_stack([trace.t, trace.y, trace.u])
+    np.savetxt(tmp_path / "bench.csv", rows, delimiter=",", header="t,q,v,u", comments="", fmt="%.9g")
+    return tmp_path
+
+
+def test_the_version(installed, tmp_path):
+    status, text, _ = call(str(installed / "simgap"), "--version", cwd=tmp_path)
+    assert (status, text.split()[0]) == (0, "simgap")
+    assert text.split()[1][0].isdigit()
+
+
+def test_a_diagnosis_in_an_empty_folder(installed, bench):
+    status, text, error = call(
+        str(installed / "simgap"), "diagnose", "bench.yaml", "bench.csv", "--out", "d", cwd=bench
+    )
+    assert status == 0, error
+    assert text.startswith("attributed: Coulomb friction")
+    assert json.loads((bench / "d/diagnosis.json").read_text())["verdict"] == "attributed"
+    page = (bench / "d/report.html").read_text()
+    assert "Coulomb friction" in page
+    assert "--ink:" in page  # the style sheet is inside
+
+
+def test_types_are_shipped(installed):
+    (marker,) = installed.parent.glob("lib/python*/site-packages/simgap/py.typed")
+    assert marker.is_file()
+
+
+def test_a_missing_template_is_told_before_the_fit(installed, bench):
+    (template,) = installed.parent.glob("lib/python*/site-packages/simgap/templates/diagnosis.html.j2")
+    hidden = template.rename(template.with_suffix(".away"))
+    status, _, error = call(str(installed / "simgap"), "diagnose", "bench.yaml", "bench.csv", "--out", "e", cwd=bench)
+    hidden.rename(template)
+    assert status == 2
+    assert "diagnosis.html.j2" in error
+    assert len(error.strip().splitlines()) == 1
+    assert not (bench / "e").exists()
