@@ -12,6 +12,7 @@ from simgap.diagnosis.thresholds import (
     BIC_GAIN,
     EQUALS_PRUNED,
     FIRST_EFFECTS,
+    FIT_QUALITY,
     NEAR_TIE,
     SAME_BIC,
     SWAP_RIVALS,
@@ -104,6 +105,19 @@ def _swap(search: Search, current: Explanation) -> Explanation:
             return current
         current = option
     return current
+
+
+def carried_over(search: Search, base: Fit, found: Explanation, most: int) -> Explanation:
+    """What was found on other windows, fitted on these; sought again if it does not reach the noise floor here.
+
+    Args:
+        search: a new search on these windows; base: the model as declared, fitted here.
+        found: what another search chose; most: largest number of effects.
+    """
+    start = fit(search.problem, found.fit.theta, base.x0, [], {})
+    here = _prune(search, search.explain(found.members, found.fit.theta, start))
+    free = search.problem.size - search.problem.model.nx * len(search.problem.windows) - len(here.fit.slots)
+    return here if here.fit.chi2 <= FIT_QUALITY * max(free, 1) else select(search, base, most)
 
 
 def on_all(full: Search, search: Search, found: Explanation, base: Fit) -> Explanation:
