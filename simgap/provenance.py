@@ -1,8 +1,8 @@
 """What made a result: the sections that its stage read, the code that computed it, the engines, the seeds.
 
 The code of a stage is its import closure, which `grimp` finds (imports inside functions too, nothing is imported to
-find them), and the plug-ins that the case uses, which no import shows because they are found by name. All hashes of three
-cases take 0.4 s of CPU in a fresh process; a walk of our own over the syntax trees took 2.3 s for one.
+find them), and the plug-ins that the case uses, which no import shows because they are found by name. All hashes of
+three cases take 0.4 s of CPU in a fresh process; a walk of our own over the syntax trees took 2.3 s for one.
 """
 
 from __future__ import annotations
