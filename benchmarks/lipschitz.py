@@ -14,14 +14,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import kstest, weibull_max
 
-from simgap.gap.lipschitz.evt import (
-    fit_reverse_weibull,
-    fit_scipy_default,
-    pair_slopes,
-    profile_upper,
-    top_spacing_upper,
-)
+from simgap.gap.lipschitz.evt import ReverseWeibull, fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.thresholds import GATE
 from simgap.geometry import Box, Floats, Grid
@@ -35,6 +30,29 @@ FUNCTIONS: dict[str, tuple[Callable[[Floats], Floats], float | None]] = {
     "tanh, width .005": (lambda x: 0.005 * np.tanh(x[:, 0] / 0.005), 1.0),
     "jump": (lambda x: np.sign(x[:, 0]), None),
 }
+
+
+def fit_scipy_default(maxima: Floats) -> ReverseWeibull:
+    """`scipy.stats.weibull_max.fit` from its own start, for comparison: it can stop far from the optimum."""
+    shape, location, scale = (float(v) for v in weibull_max.fit(maxima))
+    law = weibull_max(shape, loc=location, scale=scale)
+    return ReverseWeibull(
+        shape, location, scale, float(law.logpdf(maxima).sum()), float(kstest(maxima, law.cdf).pvalue)
+    )
+
+
+def pair_slopes(
+    function: Callable[[Floats], Floats], box: Box, radius: float, pairs: int, rng: np.random.Generator
+) -> Floats:
+    """|g(a) - g(b)| / |a - b| of random pairs with |a - b| <= radius, inside the box: -> (pairs,)."""
+    n = box.size
+    a = box.sample(rng, pairs)
+    direction = rng.normal(size=(pairs, n))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    b = np.clip(a + direction * radius * rng.random((pairs, 1)) ** (1.0 / n), box.lo, box.hi)
+    distance = np.linalg.norm(a - b, axis=1)
+    kept = distance > 1e-9 * radius
+    return np.abs(function(a) - function(b))[kept] / distance[kept]
 
 
 def one_repeat(function: Callable[[Floats], Floats], rng: np.random.Generator) -> dict[str, float]:

@@ -1,16 +1,16 @@
 """The two pinned synthesis problems, with the counts that every correct implementation of their conventions finds.
 
-Both give the growth bound instead of deriving it; they anchor `synthesis.growth`, the fixed points and nothing else.
+Both give the growth bound instead of deriving it; they anchor `growth`, the fixed points and nothing else.
 The counts agree with SCOTS v0.2 where it fits into memory.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from growth import growth_abstraction
 
 from simgap.geometry import Box, Grid
 from simgap.specifications.regions import cells_meeting, cells_within, partial_box
-from simgap.synthesis.growth import growth_abstraction
 
 PENDULUM = {  # cells: (winning cells, admissible (cell, input) pairs)
     (200, 100): (17_311, 420_269),

@@ -1,4 +1,4 @@
-"""Conversion between the unit of a column and the unit of a state, through pint."""
+"""Units, through pint: whether one exists, whether it is the one that is computed in, how to convert to it."""
 
 from __future__ import annotations
 
@@ -16,6 +16,10 @@ class Affine:
 
     factor: float
     shift: float = 0.0
+
+
+_PLAIN = frozenset({"1", "", "rad", "rad/s", "m", "m/s", "m/s^2", "s", "kg", "kg*m^2", "N", "N*m", "N*m*s/rad"})
+"""Known without pint, which takes half a second to load."""
 
 
 @lru_cache(maxsize=1)
@@ -37,22 +41,58 @@ def _parsed(unit: str) -> Any:
         raise UserError(f"'{unit}' is not a unit", remedy="Write units like rad, deg/s, N*m, m/s^2, ms.") from None
 
 
+def check_unit(unit: str, key: str) -> None:
+    """Refuse a unit that does not exist.
+
+    Raises:
+        UserError: naming the key.
+    """
+    if unit not in _PLAIN:
+        try:
+            _parsed(unit)
+        except UserError as error:
+            raise UserError(error.problem, key=key, remedy=error.remedy) from None
+
+
+def require_unit(unit: str, wanted: str, key: str) -> None:
+    """Refuse a unit in which a number is not the same number as in the one that is computed in.
+
+    Raises:
+        UserError: naming the key and the unit that is wanted.
+    """
+    try:
+        same = conversion(unit, wanted) == Affine(1.0)
+    except UserError:
+        same = False
+    if not same:
+        raise UserError(
+            f"the unit is '{unit}', what stands here is computed in '{wanted}'",
+            key=key,
+            remedy=f"Use '{wanted}' for it and for every number of it.",
+        )
+
+
 @lru_cache(maxsize=256)
 def conversion(source: str, target: str) -> Affine:
     """How a number in unit `source` becomes one in unit `target`.
 
     Raises:
-        UserError: for a unit that does not exist, or two units of different dimensions.
+        UserError: for a unit that does not exist, two units of different dimensions, or Hz for an angular velocity,
+            which may mean turns as well as radians per second.
     """
     if source.strip() == target.strip():
         return Affine(1.0)
     registry, a, b = _registry(), _parsed(source), _parsed(target)
-    if a.dimensionality != b.dimensionality:
+    if a.dimensionality != b.dimensionality or _counts_turns(a) != _counts_turns(b):
         raise UserError(
             f"'{source}' cannot be converted to '{target}'", remedy=f"Give the unit of the column, like '{target}'."
         )
     zero, one = (float(registry.Quantity(v, a).to(b).magnitude) for v in (0.0, 1.0))
     return Affine(one - zero, zero)
+
+
+def _counts_turns(unit: Any) -> bool:
+    return "hertz" in {str(name) for name in unit._units}
 
 
 def full_turn(unit: str) -> float | None:

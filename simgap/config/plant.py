@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from simgap.config.base import Section
 
@@ -19,8 +19,8 @@ class State(Section):
     quantity: Literal["position", "velocity"] | None = Field(None, description="URDF plants: which quantity of it.")
     lag_of: str | None = Field(
         None,
-        description="The input whose lagged value this state is: the effect `input_lag` on that input is then part of "
-        "the nominal model. The state is called <input>_lagged, comes after the plant's own, and has its range in "
+        description="The input whose lagged value this state is: an effect that lags (`input_lag`) is then part "
+        "of the nominal model. The state is called <input>_lagged, comes after the plant's own, and has its range in "
         "domain.X. Without it a lag is left to gamma.",
     )
 
@@ -43,6 +43,8 @@ class SymbolicParameter(Section):
 class SymbolicCoordinate(Section):
     """A degree of freedom of written equations on which friction, springs and the like may act."""
 
+    model_config = ConfigDict(coerce_numbers_to_str=True)  # a plain number is an expression too
+
     position: str = Field(description="The state that is its position.")
     velocity: str = Field(description="The state that is its velocity.")
     force_gain: str = Field(description="d(velocity rate)/d(force): an expression, for one hinge 1/(inertia).")
@@ -63,6 +65,8 @@ class Wheels(Section):
 class SymbolicPlant(Section):
     """Dynamics written as expressions; parsed by a whitelist and never evaluated as code."""
 
+    model_config = ConfigDict(coerce_numbers_to_str=True)  # a plain number is an expression too
+
     parameters: dict[str, SymbolicParameter] = Field(default_factory=dict, description="Named numbers of the plant.")
     dynamics: dict[str, str] = Field(description="For each state its rate of change, an expression.")
     coordinates: dict[str, SymbolicCoordinate] = Field(
@@ -79,7 +83,9 @@ class AddedEffect(Section):
 
     name: str = Field(description="Name of the effect.")
     on: str = Field(description="What it acts on: a coordinate, an input, a state, a parameter or the plant.")
-    parameters: dict[str, float] = Field(description="Its numbers by symbol, in SI units.")
+    parameters: dict[str, float] = Field(
+        description="Its numbers by symbol, in the units that `simgap effects CASE` lists."
+    )
 
 
 class PlantSection(Section):

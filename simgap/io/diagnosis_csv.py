@@ -99,7 +99,7 @@ def _read(path: Path, layout: CsvLayout, columns: list[str], types: dict[str, An
 def _ragged(path: Path, layout: CsvLayout, file: str) -> UserError:
     """The first row whose number of cells is not that of the header."""
     want, row = len(layout.header), 0
-    with path.open(encoding="utf-8-sig") as stream:
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
         for k, line in enumerate(stream):
             if k < layout.skip or not line.strip():
                 continue

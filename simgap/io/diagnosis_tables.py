@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from simgap.diagnosis.reading.table import Floats, RawTable
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 from simgap.io import checksum
 from simgap.io.diagnosis_csv import CsvLayout, csv_layout, read_csv_columns
 
@@ -35,6 +35,8 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
             not finite or not a number (with its row, counted from 1 below the header).
     """
     file = name or str(path)
+    if path.is_dir():
+        raise UserError("is a folder, not a file", file=file, remedy="Give the path of a CSV or Parquet file.")
     if not path.is_file():
         raise UserError("no such file", file=file, remedy="Give the path of a CSV or Parquet file.")
     parquet = _is_parquet(path)
@@ -58,10 +60,10 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
         file=file,
         header=header,
         time=stamps,
-        time_unit=time_unit or _unit(table.schema.field(time)),
+        time_unit=time_unit or _unit(table.schema.field(time), file),
         columns={c: _numbers(table.column(c), file, c) for c in chosen},
         labels=_labels(table.column(trace), file, trace) if columns[-1] == trace else None,
-        units={c: unit for c in chosen if (unit := _unit(table.schema.field(c))) is not None},
+        units={c: unit for c in chosen if (unit := _unit(table.schema.field(c), file)) is not None},
         sha256=_sha256(path),
     )
 
@@ -69,8 +71,11 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
 def _is_parquet(path: Path) -> bool:
     if path.suffix.lower() in (".parquet", ".pq", ".parq"):
         return True
-    with path.open("rb") as stream:
-        return stream.read(4) == _MAGIC
+    try:
+        with path.open("rb") as stream:
+            return stream.read(4) == _MAGIC
+    except OSError as error:
+        raise UserError(f"cannot be read: {error.strerror}", file=path) from None
 
 
 def _parquet_header(path: Path, file: str) -> tuple[str, ...]:
@@ -79,9 +84,13 @@ def _parquet_header(path: Path, file: str) -> tuple[str, ...]:
             "was changed after it was written: its checksum does not fit", file=file, remedy="Make it again."
         )
     try:
-        return tuple(pq.read_schema(path).names)
-    except (pa.ArrowException, OSError):
+        names = tuple(pq.read_schema(path).names)
+    except (pa.ArrowException, OSError, UnicodeDecodeError):
         raise _damaged(file) from None
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise UserError(f"has two columns named '{excerpt(twice[0], 40)}'", file=file, remedy="Rename one of them.")
+    return names
 
 
 def _read_parquet(path: Path, columns: list[str], file: str) -> pa.Table:
@@ -125,7 +134,7 @@ def _numbers(column: Any, file: str, name: str) -> Floats:
         values = np.ascontiguousarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
     except pa.ArrowException:
         raise UserError(
-            f"column '{name}' holds {column.type}, not numbers", file=file, remedy="Write plain numbers."
+            f"column '{name}' holds {excerpt(column.type)}, not numbers", file=file, remedy="Write plain numbers."
         ) from None
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
@@ -137,16 +146,16 @@ def _from_text(column: Any, file: str, name: str) -> Any:
     try:
         return pc.cast(pc.utf8_trim_whitespace(column), pa.float64())
     except pa.ArrowException:
-        for row, cell in enumerate(column.to_pylist()):
-            if cell is None or not _is_number(cell):
-                raise _bad_cell(file, name, row, "" if cell is None else cell) from None
-        raise
+        cells = column.to_pylist()
+        row = next((k for k, cell in enumerate(cells) if cell is None or not _is_number(cell)), 0)
+        raise _bad_cell(file, name, row, cells[row] or "") from None
 
 
 def _is_number(text: str) -> bool:
+    """Whether Arrow reads it as one: Python's digits of other scripts and underscores are none."""
     try:
-        float(text)
-    except ValueError:
+        pc.cast(pa.scalar(text.strip()), pa.float64())
+    except pa.ArrowException:
         return False
     return True
 
@@ -166,12 +175,22 @@ def _bad_cell(file: str, name: str, row: int, cell: str) -> UserError:
 
 def _labels(column: Any, file: str, name: str) -> Any:
     _no_nulls(column, file, name)
-    return np.asarray(column.cast(pa.string()).to_pylist(), dtype=np.str_)
+    try:
+        return np.asarray(column.cast(pa.string()).to_pylist(), dtype=np.str_)
+    except (pa.ArrowException, UnicodeDecodeError):
+        raise UserError(
+            f"column '{name}' holds {excerpt(column.type)}, not names of traces", file=file, remedy="Write plain text."
+        ) from None
 
 
-def _unit(field: Any) -> str | None:
+def _unit(field: Any, file: str) -> str | None:
     stored = (field.metadata or {}).get(b"unit")
-    return stored.decode() if stored else None
+    try:
+        return stored.decode() if stored else None
+    except UnicodeDecodeError:
+        raise UserError(
+            f"the unit of column '{field.name}' is not UTF-8 text", file=file, remedy="Write it as text, such as rad."
+        ) from None
 
 
 def _sha256(path: Path) -> str:
@@ -183,4 +202,4 @@ def _sha256(path: Path) -> str:
 
 
 def _listed(names: Iterable[str]) -> str:
-    return ", ".join(f"'{n}'" for n in names)
+    return excerpt(", ".join(f"'{n}'" for n in names), 200)

@@ -79,8 +79,3 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
 def stack(content: pa.Table, names: Sequence[str]) -> Floats:
     """Columns side by side: -> (rows, len(names)) float64."""
     return np.stack([content.column(n).to_numpy() for n in names], axis=-1)
-
-
-def provenance_of(content: pa.Table) -> Any:
-    """The provenance that a table carries."""
-    return json.loads((content.schema.metadata or {}).get(b"provenance", b"{}"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from typing import Any
 
@@ -27,7 +27,10 @@ def symbolic_plant(model: SymbolicModel) -> Any:
 
     late = [name for name, seconds in model.delays.items() if seconds != 0]
     if late:
-        raise UserError(f"the input {late} acts with a delay", remedy="A SymbolicVectorSystem has no memory.")
+        raise UserError(
+            f"the inputs {late} act with a delay, which a SymbolicVectorSystem does not have",
+            remedy="Leave the delay out and wire one before the system, such as Drake's DiscreteTimeDelay.",
+        )
     states = [Variable(v.name) for v in model.states]
     inputs = [Variable(v.name) for v in model.inputs]
     symbols = [v.symbol for v in (*model.states, *model.inputs)]
@@ -52,6 +55,27 @@ def time_derivatives(system: Any, x: Floats, u: Floats) -> Floats:
             system.get_input_port().FixValue(context, u[k])
         out[k] = system.EvalTimeDerivatives(context).CopyToVector()
     return out
+
+
+def evaluator(
+    exprs: Sequence[sp.Expr], x: Sequence[sp.Symbol], u: Sequence[sp.Symbol]
+) -> Callable[[Floats, Floats], Floats]:
+    """Drake's own numeric evaluation of expressions: a function (n, nx), (n, nu) -> (n, len(exprs)).
+
+    Raises:
+        UserError: a function in the expressions that Drake does not have.
+    """
+    from pydrake.symbolic import Evaluate, Expression, Variable
+
+    variables = [Variable(s.name) for s in (*x, *u)]
+    place: dict[sp.Symbol, Any] = dict(zip((*x, *u), (Expression(v) for v in variables), strict=True))
+    rows = np.array([to_drake(e, place) for e in exprs])
+
+    def evaluate(states: Floats, inputs: Floats) -> Floats:
+        points = np.concatenate([states, inputs], axis=1)
+        return np.array([Evaluate(rows, dict(zip(variables, p, strict=True))).ravel() for p in points])
+
+    return evaluate
 
 
 def to_drake(e: sp.Expr, place: Mapping[sp.Symbol, Any]) -> Any:

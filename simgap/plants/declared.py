@@ -18,8 +18,10 @@ from simgap.model.symbolic import (
     Variable,
     symbol,
 )
+from simgap.plants.joint_units import check_joint_units
 from simgap.plants.urdf import JointState, load_urdf
-from simgap.units import conversion
+from simgap.plants.urdf_checks import check_urdf
+from simgap.units import check_unit, require_unit
 
 
 def declared_model(section: PlantSection, folder: Path) -> SymbolicModel:
@@ -39,26 +41,9 @@ def _from_urdf(section: PlantSection, path: Path) -> SymbolicModel:
     own = {n: s for n, s in section.states.items() if s.lag_of is None}
     states = {n: JointState(s.joint or "", s.quantity or "", s.unit) for n, s in own.items()}
     inputs = {n: (i.joint or "", i.unit) for n, i in section.inputs.items()}
-    model = load_urdf(path, states, inputs, section.gravity)
-    for c in model.coordinates:
-        length, force = ("rad", "N*m") if c.force_unit == "N*m" else ("m", "N")
-        wanted = {c.position: length, c.velocity: f"{length}/s"}
-        wanted |= {name: force for name, (joint, _) in inputs.items() if joint == c.name}
-        for variable in (*model.states, *model.inputs):
-            if variable.name in wanted:
-                _require_unit(variable, wanted[variable.name])
-    return model
-
-
-def _require_unit(variable: Variable, wanted: str) -> None:
-    """Drake and PyBullet compute in SI; a state in other units would be silently wrong."""
-    key = f"plant: {variable.name}.unit"
-    try:
-        factor = conversion(variable.unit, wanted).factor
-    except UserError:
-        factor = float("nan")
-    if factor != 1.0:
-        raise UserError(f"the unit is '{variable.unit}', the model computes in '{wanted}'", key=key, remedy="Use SI.")
+    check_urdf(path)
+    check_joint_units(section, path)
+    return load_urdf(path, states, inputs, section.gravity)
 
 
 def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicModel:
@@ -67,6 +52,7 @@ def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicMo
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise UserError(f"the names {twice} are used twice", key="plant.symbolic")
+    _check_units(section, written)
     xdot = tuple(_parse(written.dynamics[n], names, f"plant.symbolic.dynamics.{n}") for n in states)
     coordinates, columns = [], {}
     for name, c in written.coordinates.items():
@@ -74,6 +60,7 @@ def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicMo
         for role in (c.position, c.velocity):
             if role not in states:
                 raise UserError(f"'{role}' is not a state", key=key, remedy=f"States: {list(states)}.")
+        require_unit(states[c.velocity].unit, _rate_of(states[c.position].unit), f"plant.states.{c.velocity}.unit")
         gain = _parse(c.force_gain, names, f"{key}.force_gain")
         coordinates.append(Coordinate(name, c.position, c.velocity, c.force_unit))
         columns[name] = tuple(gain if n == c.velocity else sp.Integer(0) for n in states)
@@ -93,6 +80,33 @@ def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicMo
         gravity=_gravity(written),
         wheels=PlanarWheels(**written.wheels.model_dump()) if written.wheels else None,
     )
+
+
+def _check_units(section: PlantSection, written: SymbolicPlant) -> None:
+    """Equations may be in any units, but in units that exist, and in SI where a role gives numbers a meaning.
+
+    Raises:
+        UserError: naming the key.
+    """
+    for kind, entries in (("states", section.states), ("inputs", section.inputs)):
+        for name, variable in entries.items():
+            check_unit(variable.unit, f"plant.{kind}.{name}.unit")
+    for name, parameter in written.parameters.items():
+        check_unit(parameter.unit, f"plant.symbolic.parameters.{name}.unit")
+    for name, c in written.coordinates.items():
+        check_unit(c.force_unit, f"plant.symbolic.coordinates.{name}.force_unit")
+    if written.wheels is not None:  # the track is in m, a heading turns by sin and cos
+        roles = written.wheels
+        for name, unit in ((roles.x, "m"), (roles.y, "m"), (roles.heading, "rad")):
+            if name in section.states:
+                require_unit(section.states[name].unit, unit, f"plant.states.{name}.unit")
+        for name, unit in ((roles.linear, "m/s"), (roles.angular, "rad/s")):
+            if name in section.inputs:
+                require_unit(section.inputs[name].unit, unit, f"plant.inputs.{name}.unit")
+
+
+def _rate_of(unit: str) -> str:
+    return "1/s" if unit in ("1", "") else f"{unit}/s"
 
 
 def _gravity(written: SymbolicPlant) -> tuple[str, str, str] | None:

@@ -6,15 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from simgap.config.case import Case
+from simgap.config.load import load_case
 from simgap.config.plant import PlantSection
 from simgap.effects import AppliedEffect, apply_effects, effect
 from simgap.errors import UserError
+from simgap.geometry import Box, Floats
+from simgap.model.drake_system import symbolic_plant
 from simgap.model.integrators import discretise
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.declared import declared_model
+from simgap.plants.drake_check import check_declared, check_map
+from simgap.units import require_unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +88,9 @@ class PlantModel:
                 remedy="A state with lag_of is called <input>_lagged, stands last, and its input has an effect that "
                 "lags, such as input_lag.",
             )
+        for name, state in self.section.states.items():
+            if state.lag_of is not None:
+                require_unit(state.unit, self.section.inputs[state.lag_of].unit, f"plant.states.{name}.unit")
         return model
 
     @cached_property
@@ -96,6 +105,27 @@ class PlantModel:
         x, u = (tuple(v.symbol for v in group) for group in (self.carried.states, self.carried.inputs))
         return NominalModel(x, u, discretise(self.carried, self.tau, self.section.integrator), self.tau)
 
+    def drake_system(self) -> Any:
+        """`corrected` as a Drake system that can be wired into a diagram, whatever the case declares it by.
+
+        A `SymbolicVectorSystem` in continuous time: its input is the inputs of the case, its state their states (those
+        of lags last), its output what the sensors read.
+
+        Raises:
+            UserError: a delay, or a function that Drake does not have.
+        """
+        return symbolic_plant(self.corrected)
+
+    def check_with_drake(self, box: Box, inputs: Floats) -> None:
+        """Hold the compiled map, and the model file as declared, against Drake's own numbers on X and U, (M, nu).
+
+        Raises:
+            BrokenPromise: naming the state in which they differ beyond rounding.
+        """
+        check_map(self.sampled, box, inputs)
+        if self.section.urdf is not None:
+            check_declared(self.declared, self.section, self.folder / self.section.urdf, box, inputs)
+
     def corrected_by(self, found: Sequence[AppliedEffect]) -> tuple[SymbolicModel, dict[str, float]]:
         """`corrected` with further effects but no further memory: -> model, input -> seconds by which it acts later."""
         late: dict[str, float] = {}
@@ -103,3 +133,12 @@ class PlantModel:
             if effect(e.name).remembers:
                 late[e.on] = late.get(e.on, 0.0) + effect(e.name).lateness(e.values)
         return apply_effects(self.corrected, [e for e in found if not effect(e.name).remembers]), late
+
+
+def load_plant(path: str | Path) -> PlantModel:
+    """The nominal model of a case file.
+
+    Raises:
+        UserError: a case that does not check.
+    """
+    return PlantModel.of(load_case(Path(path)), Path(path).parent)

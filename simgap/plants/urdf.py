@@ -15,7 +15,7 @@ from typing import Any
 
 import sympy as sp
 
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
 from simgap.plants.urdf_checks import check_urdf, root_link
 
@@ -48,7 +48,7 @@ def load_urdf(
         UserError: missing or malformed file, a moving link without inertia, joints and states that do not match.
     """
     check_urdf(path)
-    plant, joints = _build(path, (0.0, 0.0, -gravity))
+    plant, joints = multibody_plant(path, (0.0, 0.0, -gravity))
     _match(path, states, inputs, joints)
     order = [next(n for n, s in states.items() if s.joint == j and s.kind == "position") for j in joints]
     rates = [next(n for n, s in states.items() if s.joint == j and s.kind == "velocity") for j in joints]
@@ -91,7 +91,8 @@ def load_urdf(
     )
 
 
-def _build(path: Path, gravity: tuple[float, float, float]) -> tuple[Any, list[str]]:
+def multibody_plant(path: Path, gravity: tuple[float, float, float]) -> tuple[Any, list[str]]:
+    """Drake's continuous `MultibodyPlant` of a file, its root welded to the world, and its moving joints in order."""
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
 
@@ -99,8 +100,8 @@ def _build(path: Path, gravity: tuple[float, float, float]) -> tuple[Any, list[s
     plant.mutable_gravity_field().set_gravity_vector(list(gravity))
     try:
         (model,) = Parser(plant).AddModels(path)
-    except RuntimeError as error:
-        raise UserError(f"Drake cannot read it: {str(error).splitlines()[0]}", file=path) from None
+    except (RuntimeError, ValueError) as error:
+        raise UserError(f"Drake cannot read it: {excerpt(str(error).splitlines()[0], 300)}", file=path) from None
     root = root_link(path)
     if root != "world":
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, model))
@@ -154,7 +155,7 @@ def _equations(
     mass, bias, _ = _drake_symbolic(plant, order, rates)
     weight = sp.zeros(len(joints), 1)
     for k, name in enumerate(GRAVITY):
-        unit, _ = _build(path, tuple(float(k == i) for i in range(3)))  # type: ignore[arg-type]
+        unit, _ = multibody_plant(path, tuple(float(k == i) for i in range(3)))  # type: ignore[arg-type]
         weight += symbol(name) * _drake_symbolic(unit, order, rates)[2]
     return _simplify(mass), _simplify(bias), _simplify(weight)
 

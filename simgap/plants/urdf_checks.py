@@ -2,50 +2,149 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NoReturn
 from xml.etree import ElementTree
 
-from simgap.errors import UserError
+import numpy as np
+
+from simgap.errors import UserError, excerpt
+
+NUMBERS: Mapping[str, Mapping[str, int]] = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "mass": {"value": 1},
+    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 1),
+    "box": {"size": 3},
+    "sphere": {"radius": 1},
+    "cylinder": {"radius": 1, "length": 1},
+    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), 1),
+    "dynamics": {"damping": 1, "friction": 1},
+}
+"""Attributes that hold numbers: by element, how many numbers each."""
+NOT_NEGATIVE = {("dynamics", "damping"), ("dynamics", "friction"), ("limit", "effort"), ("limit", "velocity")}
+POSITIVE = {("box", "size"), ("sphere", "radius"), ("cylinder", "radius"), ("cylinder", "length")}
+_NAMED = {"link", "joint"}
+_SLACK = 1e-9  # of the largest moment: decimals of a file are rounded
 
 
 def check_urdf(path: Path) -> None:
-    """Refuse what engines would silently complete each in its own way.
+    """Refuse what engines would silently complete or correct each in its own way.
 
-    A link without `<inertial>` gets mass 1 and inertia 1, 1, 1 in PyBullet and nothing in Drake.
+    A link without `<inertial>` gets mass 1 and inertia 1, 1, 1 in PyBullet and nothing in Drake; a negative moment is
+    an error in one engine and a plausible motion in another.
 
     Raises:
-        UserError: missing file, broken XML, or a moving link without mass and inertia.
+        UserError: missing file, broken XML, names that are missing or not there, numbers that are none, a moving link
+            without mass and inertia, or an inertia that no body has; with file, link or joint, and attribute.
     """
+    robot = _root(path)
+    parts = [part for part in robot if part.tag in _NAMED]
+    for part in parts:
+        if not (part.get("name") or "").strip():
+            _refuse(path, part, "name", "is missing or empty", "Name every link and joint.")
+        for element in part.iter():
+            _check_numbers(path, part, element)
+    links = _by_name(path, robot.findall("link"))
+    joints = _by_name(path, robot.findall("joint"))
+    for joint in joints.values():
+        for end in ("parent", "child"):
+            found = joint.find(end)
+            if found is None or found.get("link") not in links:
+                _refuse(path, joint, f"<{end}> link", "names no link of this file", "Correct it.")
+    moving = {joint.find("child").get("link") for joint in joints.values() if joint.get("type") != "fixed"}  # type: ignore[union-attr]
+    for name, link in links.items():
+        _check_inertia(path, link, name in moving)
+
+
+def _root(path: Path) -> ElementTree.Element:
     if not path.is_file():
         raise UserError("the model file does not exist", file=path, remedy="Correct `plant.urdf`.")
     try:
         robot = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
-        raise UserError(f"not well-formed XML: {error}", file=path) from None
+    except (ElementTree.ParseError, LookupError, OSError, ValueError) as error:  # the others: unknown encodings
+        raise UserError(f"not well-formed XML: {excerpt(error)}", file=path) from None
     if robot.tag != "robot":
-        raise UserError(f"the root element is <{robot.tag}>, not <robot>", file=path)
-    moving = {joint.find("child") for joint in robot.findall("joint") if joint.get("type") != "fixed"}
-    names = {child.get("link") for child in moving if child is not None}
-    for link in robot.findall("link"):
-        if link.get("name") in names and not _has_inertia(link):
-            raise UserError(
-                "a moving link without mass and inertia",
-                file=path,
-                key=f"link '{link.get('name')}'",
-                remedy="Add <inertial> with <mass> and <inertia>; engines invent different ones.",
-            )
+        raise UserError(f"the root element is <{excerpt(robot.tag, 40)}>, not <robot>", file=path)
+    return robot
 
 
-def _has_inertia(link: ElementTree.Element) -> bool:
+def _refuse(path: Path, part: ElementTree.Element, what: str, problem: str, remedy: str) -> NoReturn:
+    key = f"{part.tag} '{excerpt(part.get('name', ''), 40)}': {what}"
+    raise UserError(problem, file=path, key=key, remedy=remedy)
+
+
+def _by_name(path: Path, parts: list[ElementTree.Element]) -> dict[str, ElementTree.Element]:
+    named: dict[str, ElementTree.Element] = {}
+    for part in parts:
+        name = part.get("name", "")
+        if name in named:
+            _refuse(path, part, "name", "stands there twice", "Rename one of them.")
+        named[name] = part
+    return named
+
+
+def _check_numbers(path: Path, part: ElementTree.Element, element: ElementTree.Element) -> None:
+    for attribute, count in NUMBERS.get(element.tag, {}).items():
+        text = element.get(attribute)
+        if text is None:
+            continue
+        what = f"<{element.tag}> {attribute}"
+        values = [_number(word) for word in text.split()] if len(text) < 1000 else []
+        if len(values) != count or not all(math.isfinite(v) for v in values):
+            wanted = "one number" if count == 1 else f"{count} numbers"
+            _refuse(path, part, what, f"'{excerpt(text, 60)}' is not {wanted}", "Correct it.")
+        least = min(values)
+        if (element.tag, attribute) in NOT_NEGATIVE and least < 0:
+            _refuse(path, part, what, f"'{text}' is negative", "Correct it.")
+        if (element.tag, attribute) in POSITIVE and least <= 0:
+            _refuse(path, part, what, f"'{text}' is not positive", "Correct it.")
+        if element.tag == "axis" and not any(values):
+            _refuse(path, part, what, f"'{text}' has no direction", "Correct it.")
+
+
+def _number(word: str) -> float:
+    """A number as engines read it: digits of other scripts and underscores are none."""
+    try:
+        return float(word) if word.isascii() and "_" not in word else math.nan
+    except ValueError:
+        return math.nan
+
+
+def _check_inertia(path: Path, link: ElementTree.Element, moving: bool) -> None:
     mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
-    return mass is not None and inertia is not None and float(mass.get("value", "0")) > 0
+    if moving and (mass is None or inertia is None or float(mass.get("value", "0")) == 0.0):
+        raise UserError(
+            "a moving link without mass and inertia",
+            file=path,
+            key=f"link '{excerpt(link.get('name', ''), 40)}'",
+            remedy="Add <inertial> with <mass> and <inertia>; engines invent different ones.",
+        )
+    if mass is not None and float(mass.get("value", "0")) < 0.0:
+        _refuse(path, link, "<mass> value", f"'{mass.get('value')}' is negative", "Correct it.")
+    if inertia is None:
+        return
+    ixx, iyy, izz, ixy, ixz, iyz = (float(inertia.get(name, "0")) for name in NUMBERS["inertia"])
+    for name, value in (("ixx", ixx), ("iyy", iyy), ("izz", izz)):
+        if value < 0:
+            _refuse(path, link, f"<inertia> {name}", f"'{value:g}' is negative", "No body has such an inertia.")
+    moments = np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]))
+    slack = _SLACK * float(np.abs(moments).max())
+    if moments[0] < -slack:
+        told = f"its smallest principal moment is {moments[0]:.3g}"
+        _refuse(path, link, "<inertia>", told, "No body has such an inertia.")
+    if moments[0] + moments[1] < moments[2] - slack:
+        told = f"its principal moments {', '.join(f'{m:.4g}' for m in moments)} violate the triangle inequality"
+        _refuse(path, link, "<inertia>", told, "No body has such an inertia.")
 
 
 def root_link(path: Path) -> str:
     """The link that no joint moves, which a fixed-base plant welds to the world."""
-    robot = ElementTree.parse(path).getroot()
+    robot = _root(path)
     children = {child.get("link") for joint in robot.findall("joint") if (child := joint.find("child")) is not None}
     roots = [str(link.get("name")) for link in robot.findall("link") if link.get("name") not in children]
     if len(roots) != 1:
-        raise UserError(f"a model needs one root link, this has {roots}", file=path)
+        raise UserError(f"a model needs one root link, this has {excerpt(roots)}", file=path)
     return roots[0]

@@ -26,9 +26,10 @@ def behind_commands(case: Case, plant: JointPlant, engine: Callable[[JointPlant,
     lags = [plant.input_names.index(s.lag_of) for s in case.plant.states.values() if s.lag_of is not None]
     lagging = {e.on for e in section.effects if effect(e.name).memory_state(e.on) is not None}
     if not {plant.input_names[k] for k in lags} <= lagging:
+        slow = sorted({e.name for e in case.plant.effects if effect(e.name).memory_state(e.on) is not None})
         raise UserError(
             "a lagged input is a state of the plant, but does not lag in the simulator", key="simulator.effects",
-            remedy="Add its lag to simulator.effects too, or remove the state.",
+            remedy=f"Add {slow} there too, or remove the state.",
         )  # fmt: skip
     if not any(effect(e.name).remembers for e in section.effects):
         return engine(plant, section)

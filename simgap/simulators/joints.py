@@ -13,6 +13,7 @@ from simgap.config.case import Case
 from simgap.config.plant import AddedEffect
 from simgap.effects import CoordinateEffect, StaticInputEffect, effect
 from simgap.errors import UserError
+from simgap.plants.joint_units import check_joint_units
 from simgap.simulators.commands import static_path
 
 Forces = Callable[..., Sequence[float]]
@@ -55,6 +56,8 @@ def joint_plant(case: Case, folder: Path) -> JointPlant:
     urdf = (section.urdf if section is not None else None) or plant.urdf
     if urdf is None or domain is None:
         raise UserError("the simulator needs a model file and a domain", key="simulator.urdf", remedy="Give both.")
+    if (folder / urdf).is_file():  # else the engine says so
+        check_joint_units(plant, folder / urdf)
     names = list(plant.states)
     joints = tuple(s.joint for s in plant.states.values() if s.quantity == "position" and s.joint)
     place = {(s.joint, s.quantity): names.index(n) for n, s in plant.states.items()}

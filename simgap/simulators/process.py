@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import multiprocessing.connection
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -32,7 +34,16 @@ def _start(log: str | None, ran: tuple[tuple[Path, bytes], ...]) -> None:
         stream.flush()
         os.dup2(target, descriptor)
     os.close(target)
+    threading.Thread(target=_end_with_parent, name="watchdog", daemon=True).start()
     plugins.adopt(ran)
+
+
+def _end_with_parent() -> None:
+    """Wait for the parent's death and follow it: a killed run leaves no engine behind."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
 
 
 @contextmanager

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from simgap.effects import EFFECTS
+from simgap.effects import EFFECTS, Effect
+from simgap.model.symbolic import SymbolicModel
 from simgap.stages.context import Context
+
+
+def _units(kind: Effect, model: SymbolicModel | None, found: Sequence[str]) -> list[tuple[str, Mapping[str, str]]]:
+    """Rows of an effect: one for all its targets where their units are the same, else one for each (target, units)."""
+    rows: list[tuple[str, Mapping[str, str]]] = []
+    if model is not None:
+        rows = [(on, kind.units(model, on)) for on in found]
+    if not rows:
+        return [("", {p.symbol: p.unit for p in kind.parameters})]
+    return [("", rows[0][1])] if all(units == rows[0][1] for _, units in rows) else rows
 
 
 def listing(case_path: Path | None) -> str:
@@ -23,9 +35,11 @@ def listing(case_path: Path | None) -> str:
             model = context.plant.declared
     table = Table("effect", "on", "formula", "parameters", box=None, pad_edge=False)
     for name, kind in EFFECTS.items():
-        symbols = ", ".join(f"{p.symbol} ({p.description}, {p.unit})" for p in kind.parameters)
-        targets = kind.kind if model is None else ", ".join(kind.targets(model)) or "-"
-        table.add_row(name, targets, kind.formula, symbols)
+        found = kind.targets(model) if model is not None else ()
+        targets = kind.kind if model is None else ", ".join(found) or "-"
+        for on, units in _units(kind, model, found):
+            symbols = ", ".join(f"{p.symbol} ({p.description}, {units[p.symbol]})" for p in kind.parameters)
+            table.add_row(name, on or targets, kind.formula, symbols)
     console.print(table)
     if model is not None:
         named = Table("parameter", "declared", "unit", box=None, pad_edge=False)

@@ -34,10 +34,12 @@ def run(case_path: Path, made: Inputs, out: Path, thinned: Path) -> None:
 
     Raises:
         UserError: damaged files, or files of another case.
-        BrokenPromise: a Lipschitz constant that cannot be trusted, or more violations than the case tolerates.
+        BrokenPromise: a compiled model that differs from Drake's, a Lipschitz constant that cannot be trusted, or more
+            violations than the case tolerates.
     """
     context = Context.load(case_path)
     with context.blame(), blame_shards(made.rollouts):
+        context.plant.check_with_drake(context.box, context.input_set)
         content = Made(
             points_of_case(context, made.grid),
             by_state(context, made.scp),

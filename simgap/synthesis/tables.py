@@ -70,11 +70,3 @@ def reduced_cells(grid: Grid, axes: tuple[int, ...]) -> Ints:
 def reduced_size(grid: Grid, axes: tuple[int, ...]) -> int:
     """Number of cells over the given axes."""
     return prod(grid.cells[j] for j in axes)
-
-
-def cell_offsets(lo: Floats, hi: Floats, slack: float) -> NDArray[np.int32]:
-    """Cells covered by the interval [lo, hi], in cell widths from the cell's lower face, widened by `slack` cells.
-
-    lo, hi (...,) -> (..., 2) int32 of floor.
-    """
-    return np.stack([np.floor(lo - slack), np.floor(hi + slack)], axis=-1).astype(np.int32)

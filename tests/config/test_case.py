@@ -107,7 +107,7 @@ def test_mistakes_are_one_line_with_file_and_key(vary, mistake):
     [
         ({"plant.urdf": "nowhere.urdf"}, ["nowhere.urdf", "does not exist"]),
         ({"plant.states.x1.unit": "kg"}, ["x1.unit", "kg", "rad"]),
-        ({"plant.states.x1.unit": "deg"}, ["x1.unit", "deg", "SI"]),
+        ({"plant.states.x1.unit": "deg"}, ["plant.states.x1.unit", "deg", "Use 'rad'"]),
         ({"synthesis.specification.safe.x1": [0.0, 0.3]}, ["safe", "0.3"]),
         ({"synthesis.specification.safe.x9": [0.0, 0.3]}, ["x9"]),
     ],

@@ -1,6 +1,9 @@
 """Files appear whole or not at all, the same content is the same bytes, damage is named."""
 
 import json
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -11,7 +14,7 @@ from simgap.errors import UserError
 from simgap.io.atomic import atomic
 from simgap.io.diagnosis_tables import read_recording
 from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import provenance_of, read_parquet, stack, table, write_parquet
+from simgap.io.parquet import read_parquet, stack, table, write_parquet
 
 
 def test_nothing_half_written_is_left(tmp_path):
@@ -25,6 +28,28 @@ def test_nothing_half_written_is_left(tmp_path):
     assert list((tmp_path / "sub").iterdir()) == []
 
 
+def test_what_a_killed_writer_left_goes_with_the_next_write(tmp_path):
+    code = """
+import os, signal, sys
+from pathlib import Path
+from simgap.io.atomic import atomic
+with atomic(Path(sys.argv[1])) as temporary:
+    temporary.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    path = tmp_path / "a.json"
+    assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == -signal.SIGKILL
+    (left,) = tmp_path.iterdir()
+    of_others = [tmp_path / f".a.{'0' * 8}-{2**22 - 1}-x.json", tmp_path / ".a.notes.json", tmp_path / ".ab.json"]
+    for other in of_others:
+        other.write_text("mine")
+    with atomic(path) as one, atomic(path) as another:  # a writer that lives keeps its own
+        one.write_text("1")
+        another.write_text("2")
+        assert not left.exists()
+    assert {*tmp_path.iterdir()} == {path, *of_others}
+
+
 def test_a_table_keeps_units_types_and_provenance_and_its_bytes_repeat(tmp_path):
     x = np.linspace(0, 1, 1000)
     content = table({"x": x}, {"x": "rad"}, {"case": "c", "seed": 3, "eps": 0.1, "none": None}, {"made": "here"})
@@ -36,7 +61,7 @@ def test_a_table_keeps_units_types_and_provenance_and_its_bytes_repeat(tmp_path)
     assert str(back.schema.field("seed").type) == "int64"
     assert str(back.schema.field("eps").type) == "double"
     assert back.column("case").to_pylist()[:2] == ["c", "c"]
-    assert provenance_of(back) == {"made": "here"}
+    assert json.loads(back.schema.metadata[b"provenance"]) == {"made": "here"}
     assert np.array_equal(stack(back, ["x"])[:, 0], x)
     assert pq.ParquetFile(tmp_path / "a.parquet").metadata.row_group(0).column(0).compression == "ZSTD"
 

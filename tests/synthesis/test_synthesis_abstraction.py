@@ -13,7 +13,6 @@ from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.bits import unpack
 from simgap.synthesis.game import MeasuredGame
-from simgap.synthesis.growth import growth_abstraction
 from simgap.synthesis.invariance import invariance
 from simgap.synthesis.nominal import nominal_abstraction
 from simgap.synthesis.reach import reach_avoid
@@ -182,9 +181,3 @@ def test_a_periodic_reach_with_gap_goes_down_every_step():
         assert np.all(now[running] < left[running])
         left = now
     assert np.all(left == 0)
-
-
-def test_growth_given_by_the_caller_names_its_axes():
-    grid = Grid(Box([0, 0], [1, 1]), (2000, 2000))
-    with pytest.raises(Exception, match="Name for each dimension only the axes"):
-        growth_abstraction(grid, np.zeros((20, 1)), lambda x, u: x, lambda r, u: r, ((0, 1), (0, 1)))

@@ -7,14 +7,13 @@ test can pass when it is wrong (see `benchmarks/lipschitz.py`), so two upper con
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2, kstest, weibull_max
 
-from simgap.geometry import Box, Floats
+from simgap.geometry import Floats
 
 _SHAPES = (1.0, 1e3)  # c >= 1: the likelihood is unbounded below it
 _REACH = 1e6  # farthest location tried, in units of the spread of the maxima
@@ -50,15 +49,6 @@ def fit_reverse_weibull(maxima: Floats, starts: int = 80) -> ReverseWeibull:
     return ReverseWeibull(shape, location, scale, likelihood, p)
 
 
-def fit_scipy_default(maxima: Floats) -> ReverseWeibull:
-    """`scipy.stats.weibull_max.fit` from its own start, for comparison: it can stop far from the optimum."""
-    shape, location, scale = (float(v) for v in weibull_max.fit(maxima))
-    law = weibull_max(shape, loc=location, scale=scale)
-    return ReverseWeibull(
-        shape, location, scale, float(law.logpdf(maxima).sum()), float(kstest(maxima, law.cdf).pvalue)
-    )
-
-
 def profile_upper(maxima: Floats, fitted: ReverseWeibull, confidence: float = 0.95) -> float:
     """Largest location whose profile likelihood is within the one-sided `confidence` limit of the optimum."""
     drop = 0.5 * float(chi2.ppf(2.0 * confidence - 1.0, 1))
@@ -81,20 +71,6 @@ def top_spacing_upper(slopes: Floats, dimension: int, k: int = 20, confidence: f
     largest = np.sort(slopes)[::-1][:k]
     r = (1.0 - (1.0 - confidence) ** (1.0 / (k - 1))) ** (1.0 / dimension)
     return float(largest[0] + (largest[0] - largest[-1]) * r / (1.0 - r))
-
-
-def pair_slopes(
-    function: Callable[[Floats], Floats], box: Box, radius: float, pairs: int, rng: np.random.Generator
-) -> Floats:
-    """|g(a) - g(b)| / |a - b| of random pairs with |a - b| <= radius, inside the box: -> (pairs,)."""
-    n = box.size
-    a = box.sample(rng, pairs)
-    direction = rng.normal(size=(pairs, n))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    b = np.clip(a + direction * radius * rng.random((pairs, 1)) ** (1.0 / n), box.lo, box.hi)
-    distance = np.linalg.norm(a - b, axis=1)
-    kept = distance > 1e-9 * radius
-    return np.abs(function(a) - function(b))[kept] / distance[kept]
 
 
 def _spread(maxima: Floats) -> float:

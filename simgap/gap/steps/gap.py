@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from simgap.config.context import Context
 from simgap.gap.acceptance import covering_remainder, tolerate
 from simgap.gap.assemble import assemble
 from simgap.gap.conformal import Calibration
@@ -18,10 +17,11 @@ from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.points import Columns, Points, radius, remembers
 from simgap.gap.settings import GapSettings
 from simgap.gap.steps.hidden_gap import hidden_bound
-from simgap.gap.steps.samples import motion_of, nominal, read_back, sample_grid, stacked, steps_of, successors
+from simgap.gap.steps.samples import motion_of, read_back, sample_grid, stacked, steps_of, successors
 from simgap.gap.steps.tables import AFTER_PREVIOUS
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
+from simgap.plants.context import Context
 
 Step = Callable[[Floats, Floats], Floats]
 THINNED = 20_000  # samples kept for pictures
@@ -80,7 +80,7 @@ def gap(context: Context, made: Made) -> Bound:
     where, names = sample_grid(context, made.points), context.states
     fits = [read_back(fit_from_json, made.scp[n]) for n in names]
     known = [read_back(DimensionLipschitz.from_json, made.lipschitz[n]) for n in names]
-    step = nominal(context).step
+    step = context.plant.sampled.step
     drawn = Calibration(*_gaps(context, step, made.calibration)) if made.calibration else None
     result = assemble(where, GapSettings.of(section), fits, known, drawn)
     x, u, d = _gaps(context, step, made.fresh)

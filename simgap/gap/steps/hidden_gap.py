@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from simgap.config.context import Context
 from simgap.config.pose import pose_axes
 from simgap.errors import BrokenPromise
 from simgap.gap.acceptance import tolerate
@@ -21,6 +20,7 @@ from simgap.gap.steps.samples import read_back
 from simgap.gap.steps.tables import body_samples
 from simgap.gap.symmetry import HeadingDeviation, check_symmetry
 from simgap.geometry import Floats
+from simgap.plants.context import Context
 
 Saved = Mapping[str, Mapping[str, Any]]
 LONGER = "Raise hidden_state.chains or hidden_state.previous, or set hidden_state.tolerated_probability."

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simgap.config.context import Context
 from simgap.gap.hidden_fit import HistoryInfluence
 from simgap.gap.hidden_state import fading
 from simgap.gap.lipschitz.result import DimensionLipschitz
@@ -15,6 +14,7 @@ from simgap.gap.settings import GapSettings
 from simgap.gap.steps.samples import dimension_samples
 from simgap.gap.steps.tables import HISTORY
 from simgap.gap.symmetry import heading_deviation
+from simgap.plants.context import Context
 
 
 def lipschitz(

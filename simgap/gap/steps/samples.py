@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from simgap.config.context import Context
 from simgap.config.pose import pose_axes
 from simgap.errors import UserError
 from simgap.gap.pairs import product
@@ -16,7 +15,7 @@ from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.steps.tables import body_samples
 from simgap.gap.symmetry import nominal_motion
 from simgap.geometry import Floats, Grid
-from simgap.model.sampled import NominalModel
+from simgap.plants.context import Context
 from simgap.simulators.body_samples import BodySamples, joined
 
 T = TypeVar("T")
@@ -35,13 +34,6 @@ def read_back(make: Callable[[Mapping[str, Any]], T], data: Mapping[str, Any]) -
             f"the saved result of {data['state']} is none of this case ({error!r})",
             remedy="Run the stages scp and lipschitz again.",
         ) from None
-
-
-def nominal(context: Context) -> NominalModel:
-    """The sampled nominal model of the case."""
-    from simgap.plants.plant_model import PlantModel
-
-    return PlantModel.of(context.case, context.folder).sampled
 
 
 def stacked(columns: Columns, names: Sequence[str]) -> Floats:
@@ -69,7 +61,7 @@ def dimension_samples(context: Context, points: Points, shards: Sequence[Columns
         UserError: shards that are not those of this grid.
     """
     where, name = sample_grid(context, points), context.states[i]
-    model = nominal(context)
+    model = context.plant.sampled
     d = np.empty((2, where.size))
     done, spread = 0, False
     for rolled in shards:
@@ -125,4 +117,4 @@ def motion_of(context: Context) -> Floats:
     """
     centre = 0.5 * (context.box.lo + context.box.hi)
     rng = np.random.default_rng(0)
-    return nominal_motion(nominal(context).step, centre, context.input_set, pose_axes(context), rng)
+    return nominal_motion(context.plant.sampled.step, centre, context.input_set, pose_axes(context), rng)

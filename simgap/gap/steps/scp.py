@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from simgap.config.context import Context
 from simgap.config.pose import pose_axes
 from simgap.gap.dimension_fit import DimensionFit, fit_dimension
 from simgap.gap.hidden_fit import HullFit, fit_hull
@@ -12,6 +11,7 @@ from simgap.gap.points import Columns, Points, remembers
 from simgap.gap.settings import GapSettings
 from simgap.gap.steps.samples import dimension_samples, motion_of, steps_of
 from simgap.gap.steps.tables import AFTER_PREVIOUS, SEQUENCE
+from simgap.plants.context import Context
 
 
 def scp(context: Context, points: Points, shards: Sequence[Columns], i: int) -> DimensionFit | HullFit:

@@ -1,9 +1,9 @@
-"""Abstraction whose growth bound is given by the caller.
+"""Abstraction whose growth bound is given by the caller: integer tables on reduced axes.
 
 Reissig, Weber and Rungger (2017), "Feedback refinement relations for the synthesis of symbolic controllers".
 
 The box of a cell with centre c and half-width r under u is `step(c, u) -/+ growth(r, u)`. Nothing here checks that the
-growth bound is one; `nominal.nominal_abstraction` derives its own and rounds outward.
+growth bound is one; `simgap.synthesis.nominal` derives its own and rounds outward.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.synthesis.abstraction import Abstraction
-from simgap.synthesis.tables import cell_offsets, reduced_cells, reduced_size, table_meta, table_post
+from simgap.synthesis.tables import reduced_cells, reduced_size, table_meta, table_post
 
 Floats = NDArray[np.float64]
 ENLARGEMENT = 1e-10  # of a cell, before the growth and again after it
@@ -72,3 +72,11 @@ def growth_abstraction(
         axes=axes,
         error=np.zeros(grid.box.size),
     )
+
+
+def cell_offsets(lo: Floats, hi: Floats, slack: float) -> NDArray[np.int32]:
+    """Cells covered by the interval [lo, hi], in cell widths from the cell's lower face, widened by `slack` cells.
+
+    lo, hi (...,) -> (..., 2) int32 of floor.
+    """
+    return np.stack([np.floor(lo - slack), np.floor(hi + slack)], axis=-1).astype(np.int32)

@@ -1,0 +1,97 @@
+"""The compiled model against Drake's own numbers, before anything is built on it.
+
+Two comparisons at random states and inputs: the compiled map f against Drake's evaluation of the same expressions, and,
+for a model file, dx/dt as declared against the accelerations of Drake's numeric `MultibodyPlant`, which
+shares nothing with the symbolic derivation but the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from simgap.config.plant import PlantSection
+from simgap.errors import BrokenPromise
+from simgap.geometry import Box, Floats
+from simgap.model.drake_system import evaluator
+from simgap.model.sampled import NominalModel
+from simgap.model.symbolic import SymbolicModel
+from simgap.plants.urdf import multibody_plant
+
+POINTS = 32
+"""Random pairs of a state and an input; a wrong term shows at almost every one of them."""
+ROUNDING = 1e-9
+"""Largest difference, as a share of a state's largest value: 1e7 roundings, and far below any gap."""
+
+
+def check_map(model: NominalModel, box: Box, inputs: Floats) -> None:
+    """Compare the compiled map with Drake's evaluation of it.
+
+    Args:
+        model: f.
+        box: X; inputs: U, (M, nu).
+
+    Raises:
+        BrokenPromise: naming the state in which they differ.
+    """
+    x, u = _points(box, inputs)
+    drake = evaluator(model.f, model.x, model.u)(x, u)
+    _compare("the compiled map", [s.name for s in model.x], model.step(x, u), drake, x, u)
+
+
+def check_declared(model: SymbolicModel, section: PlantSection, urdf: Path, box: Box, inputs: Floats) -> None:
+    """Compare dx/dt of a model file, as declared, with that of Drake's `MultibodyPlant`.
+
+    Args:
+        model: as declared.
+        section: which joints its states and inputs are.
+        urdf: the model file.
+        box: X, of which the first states are those of the model; inputs: U, (M, nu).
+
+    Raises:
+        BrokenPromise: naming the state in which they differ.
+    """
+    nx = len(model.states)
+    x, u = _points(Box(box.lo[:nx], box.hi[:nx]), inputs)
+    symbolic = evaluator(model.numeric(), [v.symbol for v in model.states], [v.symbol for v in model.inputs])(x, u)
+    _compare("dx/dt", model.state_names, symbolic, _multibody_rates(section, urdf, x, u), x, u)
+
+
+def _multibody_rates(section: PlantSection, urdf: Path, x: Floats, u: Floats) -> Floats:
+    """Drake's accelerations, and the velocities themselves: (n, nx), (n, nu) -> (n, nx)."""
+    plant, joints = multibody_plant(urdf, (0.0, 0.0, -section.gravity))
+    names = list(section.states)
+    place = {(s.joint, s.quantity): names.index(n) for n, s in section.states.items()}
+    q, v = ([place[j, kind] for j in joints] for kind in ("position", "velocity"))
+    drives = np.array([[i.joint == j for j in joints] for i in section.inputs.values()], dtype=np.float64)
+    forces = u @ drives.reshape(-1, len(joints))
+    context = plant.CreateDefaultContext()
+    out = np.empty_like(x)
+    for k in range(len(x)):
+        plant.SetPositions(context, x[k, q])
+        plant.SetVelocities(context, x[k, v])
+        plant.get_applied_generalized_force_input_port().FixValue(context, forces[k])
+        out[k, v] = plant.EvalTimeDerivatives(context).CopyToVector()[len(joints) :]
+        out[k, q] = x[k, v]
+    return out
+
+
+def _points(box: Box, inputs: Floats) -> tuple[Floats, Floats]:
+    """Seeded, so that equal cases are checked alike: (n, nx), (n, nu)."""
+    rng = np.random.default_rng(0)
+    return rng.uniform(box.lo, box.hi, (POINTS, box.size)), inputs[rng.integers(len(inputs), size=POINTS)]
+
+
+def _compare(what: str, names: Sequence[str], compiled: Floats, drake: Floats, x: Floats, u: Floats) -> None:
+    off = np.abs(compiled - drake)
+    allowed = ROUNDING * np.maximum(np.abs(drake).max(axis=0), 1e-3)
+    wrong = ~(off <= allowed)  # a value that is no number is wrong too
+    if wrong.any():
+        i = int(np.flatnonzero(wrong.any(axis=0))[0])
+        k = int(np.argmax(np.where(np.isfinite(off[:, i]), off[:, i], np.inf)))
+        raise BrokenPromise(
+            f"{what} differs from Drake's in {names[i]} by {off[k, i]:.3g} at x = {x[k].tolist()}, u = {u[k].tolist()}",
+            "The model is not what the case declares: report this with the case.",
+        )

@@ -1,0 +1,67 @@
+"""Recordings that no program should have written: each is one short line with its file."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from simgap.errors import UserError
+from simgap.io.diagnosis_tables import read_recording
+
+T = np.arange(3.0)
+
+
+def parquet(columns, units=None, names=None):
+    def write(path):
+        arrays = [pa.array(values) for values in columns.values()]
+        named = names or list(columns)
+        fields = [
+            pa.field(n, a.type, metadata={b"unit": units[n]} if units and n in units else None)
+            for n, a in zip(named, arrays, strict=True)
+        ]
+        pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), path)
+
+    return "run.parquet", write
+
+
+def csv(text):
+    return "run.csv", lambda path: path.write_bytes(text if isinstance(text, bytes) else text.encode())
+
+
+LISTS = [[1.0], [2.0], [3.0]]
+REFUSED = {
+    "list column": (parquet({"t": T, "q": LISTS}), "'q' holds list<.*>, not numbers"),
+    "struct column": (parquet({"t": T, "q": [{"a": 1}] * 3}), "'q' holds struct<.*>, not numbers"),
+    "list of times": (parquet({"t": LISTS, "q": T}), "'t' holds list<.*>, not numbers"),
+    "list of traces": (parquet({"t": T, "q": T, "trace": LISTS}), "'trace' holds list<.*>, not names of traces"),
+    "bytes as traces": (parquet({"t": T, "q": T, "trace": [b"\xff\xfe"] * 3}), "not names of traces"),
+    "unit": (parquet({"t": T, "q": T}, {"q": b"\xff\xfe"}), "unit of column 'q' is not UTF-8"),
+    "unit of time": (parquet({"t": T, "q": T}, {"t": b"\xff\xfe"}), "unit of column 't' is not UTF-8"),
+    "column twice": (parquet({"t": T, "q": T, "p": T}, names=["t", "q", "q"]), "two columns named 'q'"),
+    "digits of another script": (csv("t,q\n0,1\n1,١٢\n2,3\n"), "row 2, column 'q': '١٢' is not a finite number"),
+    "underscore": (csv("t,q\n0,1\n1,1_0\n2,3\n"), "row 2, column 'q'"),
+    "long cell": (csv("t,q\n0," + "x" * 20_000 + "\n"), "row 1, column 'q'"),
+    "many columns": (csv(",".join(f"c{k}" for k in range(5000)) + "\n"), "no time column 't' among"),
+    "late bytes": (csv(b"t,q\n" + b"0,1\n" * 500 + b"1,\xff\xfe\n"), "run.csv"),
+    "ragged bytes": (csv(b"t,q\n" + b"0,1\n" * 500 + b"1,\xff\xfe,3\n"), "run.csv"),
+    "null bytes": (csv(b"t,q\n0,\x00\n"), "row 1, column 'q'"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_refused_is_one_short_line(tmp_path, name):
+    (file, write), match = REFUSED[name]
+    write(tmp_path / file)
+    with pytest.raises(UserError, match=match) as caught:
+        read_recording(tmp_path / file, ["q"], "t", "trace")
+    told = str(caught.value).replace(str(tmp_path), "")
+    assert "\n" not in told
+    assert file in told
+    assert len(told) < 400
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.parquet", "run"])
+def test_a_folder_is_no_file(tmp_path, name):
+    (tmp_path / name).mkdir()
+    with pytest.raises(UserError, match="is a folder, not a file"):
+        read_recording(tmp_path / name, ["q"], "t", "trace")

@@ -1,0 +1,68 @@
+"""A URDF that engines would read differently, or that no body can be, is refused by file, link and attribute."""
+
+import pytest
+
+from simgap.errors import UserError
+from simgap.plants.urdf_checks import check_urdf
+
+CHANGES = {
+    "negative moment": ('iyy="0.33333"', 'iyy="-1"', r"link '.*': <inertia> iyy: '-1' is negative"),
+    "triangle": ('iyy="0.33333"', 'iyy="9"', "triangle inequality"),
+    "not semidefinite": ('ixy="0"', 'ixy="5"', "smallest principal moment"),
+    "moment no number": ('iyy="0.33333"', 'iyy="x"', "<inertia> iyy: 'x' is not one number"),
+    "mass abc": ('mass value="1.0"', 'mass value="abc"', r"<mass> value: 'abc' is not one number"),
+    "mass negative": ('mass value="1.0"', 'mass value="-1"', "<mass> value: '-1' is negative"),
+    "mass infinite": ('mass value="1.0"', 'mass value="inf"', "not one number"),
+    "mass zero": ('mass value="1.0"', 'mass value="0"', "moving link without mass"),
+    "mass in another script": ('mass value="1.0"', 'mass value="١"', "not one number"),
+    "mass long": ('mass value="1.0"', f'mass value="{"9" * 20_000}"', "not one number"),
+    "xyz one number": ('xyz="0 0 -0.5"', 'xyz="-1"', "<origin> xyz: '-1' is not 3 numbers"),
+    "axis nowhere": ('axis xyz="0 1 0"', 'axis xyz="0 0 0"', "<axis> xyz: '0 0 0' has no direction"),
+    "empty link": ('link name="base"', 'link name=""', "link '': name: is missing or empty"),
+    "joint without name": ('joint name="hinge"', "joint", "joint '': name: is missing or empty"),
+    "child of nothing": ('child link="rod"', 'child link="none"', "joint 'hinge': <child> link: names no link"),
+    "child not named": ('child link="rod"', "child", "names no link"),
+    "twice": ('link name="rod"', 'link name="base"', "names no link|stands there twice"),
+    "no XML": ("</robot>", "", "not well-formed XML"),
+    "encoding": ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="nope"?>', "not well-formed XML"),
+    "other root": ("robot", "model", "root element is <model>"),
+}
+GOOD = """<?xml version="1.0"?>
+<robot name="pendulum">
+  <link name="base"/>
+  <link name="rod">
+    <inertial>
+      <origin xyz="0 0 -0.5" rpy="0 0 0"/>
+      <mass value="1.0"/>
+      <inertia ixx="0.33333" ixy="0" ixz="0" iyy="0.33333" iyz="0" izz="0.001"/>
+    </inertial>
+    <visual><geometry><cylinder radius="0.02" length="1"/></geometry></visual>
+  </link>
+  <joint name="hinge" type="continuous">
+    <parent link="base"/><child link="rod"/>
+    <axis xyz="0 1 0"/><dynamics damping="0" friction="0"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_is_refused_is_one_short_line(tmp_path, name):
+    old, new, match = CHANGES[name]
+    assert old in GOOD
+    path = tmp_path / "model.urdf"
+    path.write_text(GOOD.replace(old, new))
+    with pytest.raises(UserError, match=match) as caught:
+        check_urdf(path)
+    told = str(caught.value).replace(str(tmp_path), "")
+    assert told.startswith("/model.urdf")
+    assert "\n" not in told
+    assert len(told) < 300
+
+
+def test_whole_ones_pass(tmp_path, root):
+    (tmp_path / "model.urdf").write_text(GOOD)
+    for path in (tmp_path / "model.urdf", *sorted((root / "configs/models").glob("*.urdf"))):
+        check_urdf(path)
+    with pytest.raises(UserError, match="does not exist"):
+        check_urdf(tmp_path)

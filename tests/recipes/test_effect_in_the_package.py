@@ -1,0 +1,141 @@
+"""What CONTRIBUTING says of an effect: one file and its name in the registry, and every room has it."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simgap import effects, plugins
+from simgap.config.load import load_case
+from simgap.config.plant import AddedEffect
+from simgap.diagnosis.simulation.supermodel import build_supermodel
+from simgap.diagnosis.verdict.words import describe, phrase
+from simgap.plants.plant_model import PlantModel
+from simgap.simulators.commands import CommandPath
+from simgap.simulators.joints import JointPlant, joint_forces
+from simgap.simulators.mujoco_joints import MuJoCoJoints
+from simgap.stages.effects import listing
+from tests.undeclared.plant import pendulum
+
+FORCE = '''
+"""A brush that drags less than in proportion to speed."""
+
+import sympy as sp
+
+from simgap.effects.base import CoordinateEffect, EffectParameter
+
+
+class BrushDrag(CoordinateEffect):
+    """Drag that grows with the root of speed."""
+
+    name = "brush_drag"
+    formula = "F = -c sqrt(|v|) sign(v)"
+    source = "a test"
+    parameters = (EffectParameter("c", "{force}", "size", null=0.0, lower=0.0),)
+
+    def force(self, position, velocity, values):
+        """-c sqrt(|v|) sign(v)."""
+        return -values["c"] * sp.sqrt(sp.Abs(velocity)) * sp.sign(velocity)
+'''
+MEMORY = '''
+"""A bus that is late and a motor that lags, in a fixed ratio."""
+
+from simgap.effects.base import EffectParameter, MemoryInputEffect
+from simgap.effects.start import multiple
+
+
+class SlowDrive(MemoryInputEffect):
+    """A delay of T and a lag of 2 T."""
+
+    name = "slow_drive"
+    formula = "u'(t) = z(t - T), 2 T dz/dt = u - z"
+    source = "a test"
+    parameters = (EffectParameter("T", "s", "cycle", null=0.0, lower=0.0),)
+
+    def starts(self, scales):
+        """One sampling interval."""
+        return (multiple("T", scales.interval),)
+
+    def delay(self, values):
+        """T."""
+        return values["T"]
+
+    def lag(self, values):
+        """2 T."""
+        return 2 * values["T"]
+'''
+
+
+@pytest.fixture
+def added(tmp_path, monkeypatch):
+    """Write the file, add its name to the registry."""
+
+    def make(text, name):
+        (tmp_path / f"{name.lower()}.py").write_text(text)
+        monkeypatch.syspath_prepend(str(tmp_path))
+        known = re.search('name = "(.*)"', text).group(1)
+        table = {**plugins.BUILT_IN["effects"], known: f"{name.lower()}:{name}"}
+        monkeypatch.setattr(plugins, "BUILT_IN", {**plugins.BUILT_IN, "effects": table})
+        return effects.effect(known)
+
+    return make
+
+
+def found(effect, on, symbol, value, unit):
+    return {"name": effect.name, "on": on,
+            "parameters": {symbol: {"value": value, "ci95": [0.9 * value, 1.1 * value], "unit": unit}}}  # fmt: skip
+
+
+def test_a_force(added, vary):
+    effect = added(FORCE, "BrushDrag")
+    assert "brush_drag" in listing(None)
+    assert effect.units(pendulum(), "hinge") == {"c": "N*m"}
+    # fitted: the supermodel's dynamics at c = 0.2, by hand 3 N^-1 m^-1 s^-2 * c sqrt(|v|)
+    fit = build_supermodel(pendulum(), ("angle", "rate"), ("brush_drag",))
+    (slot,) = fit.find("brush_drag", "hinge").slots
+    theta, rates = fit.null.copy(), np.empty(2)
+    theta[slot] = 0.2
+    fit.rhs(np.array([0.0, 0.49]), np.zeros(1), fit.constants_at(theta), np.array([1.0]), rates)
+    assert rates == pytest.approx([0.49, -3.0 * 0.2 * 0.7], rel=1e-12)
+    # described
+    assert describe(found(effect, "hinge", "c", 0.2, "N*m")) == "brush drag at the hinge (c = 0.20 ± 0.02 N m)"
+    # in the nominal model of a case, and acted out by an engine of joints
+    path = vary("pendulum", {"plant.effects": [{"name": "brush_drag", "on": "hinge", "parameters": {"c": 0.2}}]})
+    plant = PlantModel.of(load_case(path), path.parent)
+    step = plant.sampled.step(np.array([[0.0, 0.49]]), np.zeros((1, 1)))
+    assert step[0, 1] == pytest.approx(0.49 - plant.tau * 3.0 * 0.2 * 0.7, rel=1e-12)
+    joints = JointPlant(Path("m.urdf"), ("hinge",), (0,), (1,), ((0,),), ("u",), 0.01)
+    assert MuJoCoJoints.acts_out(effect)
+    forces = joint_forces(joints, [AddedEffect(name="brush_drag", on="hinge", parameters={"c": 0.2})])
+    assert forces(0.0, 0.49, 1.0) == pytest.approx([1.0 - 0.2 * 0.7], rel=1e-12)
+
+
+def test_an_effect_with_memory(added, vary):
+    effect = added(MEMORY, "SlowDrive")
+    assert "slow_drive" in listing(None)
+    # fitted: the delay and the lag of the input as functions of the one parameter
+    fit = build_supermodel(pendulum(), ("angle", "rate"), ("slow_drive",))
+    assert list(fit.memory(fit.null)) == [0.0, 0.0]
+    assert list(fit.memory(np.array([0.01]))) == pytest.approx([0.01, 0.02])
+    # described
+    assert phrase({"name": "slow_drive", "on": "torque"}) == "the slow drive of torque"
+    assert "T = 0.010 ± 0.001 s" in describe(found(effect, "torque", "T", 0.01, "s"))
+    # left to gamma, or carried as a state; as seconds where its memory is left out
+    slow = {"name": "slow_drive", "on": "u", "parameters": {"T": 0.01}}
+    state = {"plant.states.u_lagged": {"unit": "N*m", "lag_of": "u"}, "domain.X.u_lagged": [-1.2, 1.2]}
+    path = vary("pendulum", {"plant.effects": [slow]})
+    bare = PlantModel.of(load_case(path), path.parent)
+    assert bare.carried.state_names == ("x1", "x2")
+    path = vary("pendulum", {"plant.effects": [slow], **state})
+    plant = PlantModel.of(load_case(path), path.parent)
+    lag = plant.sampled.step(np.array([[0.0, 0.0, 0.5]]), np.array([[-0.1]]))[0, 2]
+    assert lag == pytest.approx(0.5 - plant.tau * 0.6 / 0.02, rel=1e-12)
+    assert float(plant.corrected.delays["u"].subs(plant.corrected.values())) == 0.01
+    assert bare.corrected_by([effects.AppliedEffect("slow_drive", "u", {"T": 0.01})])[1] == pytest.approx({"u": 0.03})
+    # acted out on the path of the command
+    assert MuJoCoJoints.acts_out(effect)
+    command = CommandPath.of([AddedEffect(**slow)], "u", [-1.0, 1.0], 0.0)
+    assert (command.delay, command.lag) == pytest.approx((0.01, 0.02))
+    assert math.isclose(command.static(0.4), 0.4)

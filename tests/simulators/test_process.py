@@ -1,0 +1,62 @@
+"""Engines' processes end with the run that started them."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+PARENT = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from simgap.simulators.process import engine_pool
+from test_process import wait_for_long
+if __name__ == "__main__":
+    with engine_pool(2) as pool:
+        for k in range(2):
+            pool.submit(wait_for_long, Path(sys.argv[1]), k)
+"""
+
+
+def wait_for_long(folder, k):
+    (folder / f"{k}.half").write_text(str(os.getpid()))
+    (folder / f"{k}.half").rename(folder / f"{k}.pid")
+    time.sleep(300)
+
+
+def runs(pid):
+    """Whether a process runs; one that is dead and not yet collected does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def until(holds, seconds):
+    end = time.monotonic() + seconds
+    while not holds() and time.monotonic() < end:
+        time.sleep(0.1)
+    return holds()
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_a_killed_run_leaves_no_engine_behind(tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    run = subprocess.Popen([sys.executable, str(script), str(tmp_path), str(Path(__file__).parent)])
+    try:
+        assert until(lambda: len([*tmp_path.glob("*.pid")]) == 2, 240)
+        engines = [int(path.read_text()) for path in tmp_path.glob("*.pid")]
+        assert all(runs(pid) for pid in engines)
+    finally:
+        run.send_signal(signal.SIGKILL)
+        run.wait()
+    gone = until(lambda: not any(runs(pid) for pid in engines), 30)
+    for pid in engines:
+        if runs(pid):
+            os.kill(pid, signal.SIGKILL)
+    assert gone
