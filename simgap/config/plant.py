@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from simgap.config.base import Section
 
@@ -43,6 +43,8 @@ class SymbolicParameter(Section):
 class SymbolicCoordinate(Section):
     """A degree of freedom of written equations on which friction, springs and the like may act."""
 
+    model_config = ConfigDict(coerce_numbers_to_str=True)  # a plain number is an expression too
+
     position: str = Field(description="The state that is its position.")
     velocity: str = Field(description="The state that is its velocity.")
     force_gain: str = Field(description="d(velocity rate)/d(force): an expression, for one hinge 1/(inertia).")
@@ -62,6 +64,8 @@ class Wheels(Section):
 
 class SymbolicPlant(Section):
     """Dynamics written as expressions; parsed by a whitelist and never evaluated as code."""
+
+    model_config = ConfigDict(coerce_numbers_to_str=True)  # a plain number is an expression too
 
     parameters: dict[str, SymbolicParameter] = Field(default_factory=dict, description="Named numbers of the plant.")
     dynamics: dict[str, str] = Field(description="For each state its rate of change, an expression.")

@@ -15,7 +15,7 @@ from simgap.diagnosis.search.equivalence import Rival, collinear_pairs, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import list_starts
-from simgap.diagnosis.search.selection import on_all, preferred, select
+from simgap.diagnosis.search.selection import carried_over, on_all, preferred, select
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem, build_problem
@@ -23,7 +23,7 @@ from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict import answer
-from simgap.diagnosis.verdict.judge import HeldOut, chi2_dof, excess, judge, judged, verdict
+from simgap.diagnosis.verdict.judge import HeldOut, chi2_dof, excess, judge, judged, real, verdict
 from simgap.diagnosis.verdict.transfer import transferable
 from simgap.effects import apply_effects
 from simgap.errors import UserError
@@ -47,13 +47,24 @@ def diagnose(model: SymbolicModel, record: Record, settings: DiagnosisSettings |
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
     problem, held = _problems(model, record, settings)
+    search, base, found = _searched(problem, settings.max_effects)
+    reach = problem.reach(found.fit.theta)
+    if reach > problem.reach(problem.model.null):  # what was commanded before the record began is unknown: masked
+        alone = held is problem
+        problem = problem.past_the_unknown(reach)
+        held = problem if alone else held.past_the_unknown(reach)
+        search, base, found = _searched(problem, settings.max_effects, found)
+    return _conclude(model, record, settings, search, base, found, problem, held)
+
+
+def _searched(problem: Problem, most: int, known: Explanation | None = None) -> tuple[Search, Fit, Explanation]:
+    """A search on the problem, the model as declared, and what explains it best; begun from what is `known`."""
     sought = coarse(problem)
     base = fit(sought, sought.model.null, initial_states(sought), [], {})
     search = Search(sought, list_starts(sought))
-    found = select(search, base, settings.max_effects)
+    found = select(search, base, most) if known is None else carried_over(search, base, known, most)
     rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
-    found = preferred(search, found, settings.max_effects)
-    return _conclude(model, record, settings, search, base, found, problem, held)
+    return search, base, preferred(search, found, most)
 
 
 def _problems(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> tuple[Problem, Problem]:
@@ -66,9 +77,12 @@ def _problems(model: SymbolicModel, record: Record, settings: DiagnosisSettings)
     windows = split_windows(record, settings.window_s)
     held = held_out_mask(record, windows, settings.held_out_traces, settings.held_out_share, _together(settings))
     every = settled(build_problem(compiled, record, windows, sigma))
+    reach = every.reach(compiled.null)  # of delays that the model declares
     if held.all() or not held.any():
+        every = every.past_the_unknown(reach)
         return every, every
-    return every.on(windows.pick(~held)), every.on(windows.pick(held))
+    fitted, judged_on = every.on(windows.pick(~held)), every.on(windows.pick(held))
+    return fitted.past_the_unknown(reach), judged_on.past_the_unknown(reach)
 
 
 def _together(settings: DiagnosisSettings) -> int:
@@ -95,6 +109,9 @@ def _conclude(
             search, found = carried.search, carried.chosen
             chosen = on_all(full, search, found, base)
             new = judge(held, chosen.fit.theta, settings.horizon_s)
+    kept_alone = real(full, chosen, at_floor)
+    if kept_alone is not chosen:
+        chosen, new = kept_alone, judge(held, kept_alone.fit.theta, settings.horizon_s)
     share = _share(old, new, problem)
     word = verdict(chi2_dof(problem, base), chi2_dof(problem, chosen.fit), new.ratio, chosen, share, agree)
     named = word in ("attributed", "partial")

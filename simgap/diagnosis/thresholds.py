@@ -120,3 +120,17 @@ FROZEN_WHILE_MOVED = 0.3
 
 WHOLE_STEPS, WHOLE_WITHIN = 0.98, 0.02
 """A channel is quantised if this share of its steps are whole multiples of the smallest, to within this much of one."""
+
+# When a fit has settled, from the drive with rests in benchmarks/dry_friction.py: ends that a window held up, at a kink
+# where it comes to rest, still promised drops of chi^2 of .4 to 136; begun afresh they ended lower by 20 to 350.
+
+SETTLED_PROMISE = 0.05
+"""Largest drop of chi^2 that the linear problem may still promise of the parameters, in units of chi^2/dof where
+that is above 1: a step of less than a quarter of a standard error."""
+
+SETTLED_STATES = 1.0
+"""... and of the initial state of each window. Under dry friction what fitting such windows afresh from several starts
+gains counts instead of the promise."""
+
+LAGS_REMEMBERED = 5.0
+"""After this many time constants of a lag (e^-5 is less than a hundredth) what was commanded before has faded."""

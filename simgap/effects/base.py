@@ -31,7 +31,7 @@ class EffectParameter:
 
     `unit` may hold the placeholders `{force}`, `{position}`, `{input}`, `{state}`, filled in for the target. At `null`
     (for all parameters of the effect at once) the effect vanishes. `lower` and `upper` are physical limits. `integer`
-    marks a discrete choice.
+    marks a discrete choice, `shape` a number that matters only while the others are away from their null.
     """
 
     symbol: str
@@ -41,6 +41,7 @@ class EffectParameter:
     lower: float = -math.inf
     upper: float = math.inf
     integer: bool = False
+    shape: bool = False
 
 
 class Effect(ABC):
@@ -57,6 +58,8 @@ class Effect(ABC):
     """Where it enters a model that has several: plant, forces, sensors, then the path of a command backwards."""
     remembers: ClassVar[bool] = False
     """Whether what it does depends on the past beyond the plant's own state."""
+    several_valleys: ClassVar[bool] = False
+    """Whether fits begun at different starts end in different places: then each start is fitted."""
     excitation: ClassVar[str] = ""
     """What motion would tell it apart from another effect with the same words."""
     reading_remedy: ClassVar[str] = ""

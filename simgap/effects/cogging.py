@@ -24,7 +24,7 @@ class Cogging(CoordinateEffect):
     parameters = (
         EffectParameter("A", "{force}", "amplitude", null=0.0, lower=0.0),
         EffectParameter("n", "1/{position}", "periods in a turn", null=1.0, lower=1.0, integer=True),
-        EffectParameter("phase", "rad", "phase at q = 0", null=0.0),
+        EffectParameter("phase", "rad", "phase at q = 0", null=0.0, shape=True),
     )
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:

@@ -23,7 +23,7 @@ class StribeckFriction(CoordinateEffect):
     parameters = (
         EffectParameter("F_c", "{force}", "Coulomb friction force", null=0.0, lower=0.0),
         EffectParameter("F_s", "{force}", "breakaway force, at least F_c", null=0.0, lower=0.0),
-        EffectParameter("v_s", "{position}/s", "Stribeck speed", null=0.1, lower=1e-06),
+        EffectParameter("v_s", "{position}/s", "Stribeck speed", null=0.1, lower=1e-06, shape=True),
     )
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:

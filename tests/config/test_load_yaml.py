@@ -108,3 +108,11 @@ def test_numbers_of_a_case_are_finite(root, tmp_path, value):
     assert path.read_text() != text
     with pytest.raises(UserError, match="finite"):
         load_case(path)
+
+
+def test_a_rate_may_be_a_plain_number(tmp_path):
+    path = tmp_path / "case.yaml"
+    path.write_text(
+        "name: slide\nplant:\n  symbolic: {dynamics: {x: 1e-3, y: 0}}\n  states: {x: {unit: m}, y: {unit: m}}\n"
+    )
+    assert load_case(path).plant.symbolic.dynamics == {"x": "0.001", "y": "0"}

@@ -44,6 +44,23 @@ class Windows:
         return int(np.sum(self.stop - self.start))
 
 
+def past_the_unknown(windows: Windows, t: Floats, reach_s: float) -> Windows:
+    """The windows begun no earlier than `reach_s` after the first sample of their trace.
+
+    What was commanded before a trace begins is not in the record; where it still acts, nothing can be compared. Windows
+    that become too short are dropped, all are kept as they are if none would be left.
+    """
+    if reach_s <= 0.0:
+        return windows
+    start = windows.start.copy()
+    for f in np.unique(windows.first):
+        own = windows.first == f
+        known = f + np.searchsorted(t[f : windows.stop[own].max()], t[f] + reach_s * (1 - 1e-9))
+        start[own] = np.maximum(start[own], known)
+    kept = windows.stop - start >= MIN_SAMPLES
+    return Windows(start, windows.stop, windows.first, windows.trace).pick(kept) if kept.any() else windows
+
+
 def split_windows(record: Record, seconds: float) -> Windows:
     """Cut every trace into windows of equal length near `seconds`; together they hold every sample once.
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
@@ -9,6 +12,7 @@ from scipy.stats import t as student
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
+from simgap.diagnosis.simulation.supermodel import Candidate
 
 Floats = NDArray[np.float64]
 
@@ -29,6 +33,31 @@ def standard_errors(problem: Problem, at: Fit, steps: dict[int, float], reduced:
     meat = parts.T @ parts * windows / (windows - p)
     robust = np.sqrt(np.maximum(np.diag(at.covariance @ meat @ at.covariance), 0.0))
     return np.asarray(np.maximum(plain, robust))
+
+
+def vanishing(problem: Problem, members: Sequence[Candidate], at: Fit, errors: Floats, dof: int) -> list[Candidate]:
+    """Effects whose 95 % interval contains "no effect": every number that makes them act may be at its null.
+
+    A saturation acts on nothing where its limit may lie above the largest command.
+    """
+    by_slot, gone = dict(zip(at.slots, errors.tolist(), strict=True)), []
+    for c in members:
+        acting = [(p, k) for p, k in zip(c.effect.parameters, c.slots, strict=True) if not (p.shape or p.integer)]
+        ends = [(p.null, *interval(float(at.theta[k]), by_slot.get(k, 0.0), dof)) for p, k in acting]
+        if all(_reached(problem, c, null, lo, hi) for null, lo, hi in ends):
+            gone.append(c)
+    return gone
+
+
+def _reached(problem: Problem, c: Candidate, null: float, lo: float, hi: float) -> bool:
+    if math.isinf(null) and c.on in problem.model.model.input_names:
+        return hi >= float(np.abs(problem.u[:, problem.model.model.input_names.index(c.on)]).max())
+    return lo <= null <= hi
+
+
+def degrees_of_freedom(problem: Problem, at: Fit, at_floor: bool) -> int:
+    """Of an interval: samples at the noise floor; above it windows, which are then the independent units."""
+    return problem.size if at_floor else len(problem.windows) - len(at.slots)
 
 
 def interval(value: float, error: float, dof: int) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from simgap.diagnosis.search.scoring import Score, Starts, best_of_each, score
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, SAME_PROMISE
+from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, FIT_QUALITY, SAME_PROMISE
 
 Floats = NDArray[np.float64]
 Key = tuple[str, str]
@@ -72,7 +72,9 @@ class Search:
         members = (*base.members, s.candidate)
         known = self._key(members, with_values(base.fit.theta, s.values)) in self.tried
         found = self.explain(members, with_values(base.fit.theta, s.values), base.fit)
-        if not known and len(s.candidate.slots) > 2 and not _integers(s.candidate):
+        off = found.fit.chi2 > FIT_QUALITY * self.problem.size
+        bends = len(s.candidate.slots) > 2 or (s.candidate.effect.several_valleys and off)
+        if not known and bends and not _integers(s.candidate):
             starts = [other for other in self.every[base.keys] if other.candidate.key == s.candidate.key]
             for other in starts:
                 if other is not s:

@@ -9,10 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.sensitivity import Linearised, chunks, linearise, slot_direction
+from simgap.diagnosis.simulation.refit import Refit, refit, refit_from_all, window_chi2
+from simgap.diagnosis.simulation.sensitivity import Linearised, linearise, slot_direction
+from simgap.diagnosis.thresholds import SETTLED_PROMISE, SETTLED_STATES
 
 Floats = NDArray[np.float64]
 _MAX_ITERATIONS = 30
+_SOFTEST, _STIFFEST = 1e-9, 1e8  # damping
+_ROUNDS = 3  # descents, windows that stand out begun afresh between them
+_FEW = 4  # linearisations of a window that does worse than foreseen
+_SHORT, _LEAST = 0.3, 0.05  # a window whose chi^2 misses this share of its foreseen drop, and this much, is refitted
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +30,7 @@ class Fit:
         chi2: sum of squared residuals over the noise.
         covariance: (p, p) of the free parameters for the assumed noise, (projected J^T J)^-1.
         at_limit: slots that ended on a physical limit.
-        converged: whether the last step was below the tolerance.
+        converged: whether what the linear problem still promises is within `SETTLED_PROMISE` and `SETTLED_STATES`.
     """
 
     theta: Floats
@@ -36,13 +42,17 @@ class Fit:
     converged: bool
 
 
-def chi_square(problem: Problem, theta: Floats, x0: Floats) -> float:
-    """Sum of squared residuals over the noise."""
-    total = 0.0
-    for part in chunks(problem):
-        sub = problem.part(part)
-        total += float(np.sum(sub.residuals(theta, x0[part]) ** 2))
-    return total
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Where a descent stands: all parameters, initial states (w, nx), chi^2 of each window (w,)."""
+
+    theta: Floats
+    x0: Floats
+    chi2: Floats
+
+    @property
+    def total(self) -> float:
+        return float(np.sum(self.chi2))
 
 
 def fit(
@@ -53,7 +63,11 @@ def fit(
     steps: Mapping[int, float],
     max_iterations: int = _MAX_ITERATIONS,
 ) -> Fit:
-    """Levenberg-Marquardt in the projected parameters; each initial state follows by its own Gauss-Newton step.
+    """Levenberg-Marquardt in the projected parameters; each initial state follows by its own step.
+
+    Under dry friction, or where a step fails, each window takes its step or stays, those that do worse than the linear
+    problem foresees are refitted one by one, and at the start and at the end those that stand out are begun afresh, at
+    rest among others: see `simulation.refit`.
 
     Args:
         problem: windows and model.
@@ -64,42 +78,106 @@ def fit(
 
     Source: Levenberg (1944); Marquardt (1963); Nocedal, Wright (2006), Numerical Optimization, sec. 10.3.
     """
-    free, damping, converged = list(slots), 1e-4, False
-    theta, x0, chi2 = theta.copy(), x0.copy(), chi_square(problem, theta, x0)
-    linear = None
-    for _ in range(max_iterations):
-        directions = [slot_direction(problem, theta, k, steps[k]) for k in free]
-        linear = linearise(problem, theta, x0, directions)
-        tolerance = 1e-3 + 1e-7 * chi2
-        accepted = False
-        while damping < 1e8:
-            step = _step(problem, theta, free, linear, damping)
-            new_theta = theta.copy()
-            new_theta[free] = np.clip(theta[free] + step, problem.model.lower[free], problem.model.upper[free])
-            new_x0 = x0 + linear.state_step(new_theta[free] - theta[free])
-            new_chi2 = chi_square(problem, new_theta, new_x0)
-            if new_chi2 <= chi2 + 1e-9 * chi2:
-                accepted = True
-                break
-            if new_chi2 - chi2 < tolerance and _expected(linear, new_theta[free] - theta[free], chi2) < tolerance:
+    free = list(slots)
+    if not free:
+        ends = refit_from_all(problem, theta, x0)
+        return Fit(
+            theta.copy(), ends.x0, (), float(np.sum(ends.chi2)), np.zeros((0, 0)), (), _all_settled(ends, problem)
+        )
+    at = _Point(theta.copy(), x0.copy(), window_chi2(problem, theta, x0))
+    at, converged = _begun_afresh(problem, at, np.zeros(len(x0))), False
+    for _ in range(_ROUNDS):
+        at, linear, settled = _descend(problem, at, free, steps, max_iterations)
+        still = at.chi2 - linear.window_rest  # what the initial states still promise, by the linear problem
+        mended = _begun_afresh(problem, at, still)
+        if mended.total > at.total - SETTLED_STATES * max(1.0, at.total / problem.size):
+            scale = np.maximum(1.0, at.chi2 / problem.counts)
+            converged = settled and (problem.model.rubs(at.theta) or bool(np.all(still <= SETTLED_STATES * scale)))
+            break
+        at = mended
+    limit = tuple(k for k in free if at.theta[k] in (problem.model.lower[k], problem.model.upper[k]))
+    return Fit(at.theta, at.x0, tuple(slots), at.total, _covariance(linear.gram), limit, converged)
+
+
+def _least_gain(at: _Point) -> float:
+    """A decrease of chi^2 that is worth no further step."""
+    return 1e-3 + 1e-7 * at.total
+
+
+def _descend(
+    problem: Problem, at: _Point, free: list[int], steps: Mapping[int, float], most: int
+) -> tuple[_Point, Linearised, bool]:
+    """Steps until none is worth while; the last linearisation, and whether it promises no more of the parameters."""
+    damping, settled = 1e-4, False
+    for _ in range(most):
+        directions = [slot_direction(problem, at.theta, k, steps[k]) for k in free]
+        linear = linearise(problem, at.theta, at.x0, directions)
+        whole = _clipped(problem, at, free, _step(problem, at.theta, free, linear, _SOFTEST))
+        foreseen = linear.foreseen(whole[free] - at.theta[free])
+        of_parameters = float(np.sum(linear.window_rest - foreseen))
+        settled = of_parameters <= SETTLED_PROMISE * max(1.0, at.total / problem.size)
+        if at.total - float(np.sum(foreseen)) < _least_gain(at):
+            break
+        new = None
+        while damping < _STIFFEST:
+            theta = _clipped(problem, at, free, _step(problem, at.theta, free, linear, damping))
+            tried = _follow(problem, at, linear, theta, theta[free] - at.theta[free])
+            if tried.total <= at.total:
+                new = tried
                 break
             damping *= 10.0
-        if not accepted:
-            converged = True
+        if new is None:  # no step leads down: not at a minimum by any word of the linear problem
             break
-        gain, theta, x0, chi2 = chi2 - new_chi2, new_theta, new_x0, new_chi2
-        damping = max(damping / 10.0, 1e-9)
-        if gain < tolerance:
-            converged = True
+        gain, at = at.total - new.total, new
+        damping = max(damping / 10.0, _SOFTEST)
+        if gain < _least_gain(at):
             break
-    covariance = _covariance(linear.gram) if linear is not None else np.zeros((0, 0))
-    limit = tuple(k for k in free if theta[k] in (problem.model.lower[k], problem.model.upper[k]))
-    return Fit(theta, x0, tuple(slots), chi2, covariance, limit, converged)
+    return at, linear, settled
 
 
-def _expected(linear: Linearised, step: Floats, chi2: float) -> float:
-    """Decrease of chi^2 that the linearised problem promises."""
-    return chi2 - linear.rest + float(2 * linear.gradient @ step - step @ linear.gram @ step)
+def _follow(problem: Problem, at: _Point, linear: Linearised, theta: Floats, step: Floats) -> _Point:
+    """The initial states' Gauss-Newton step; each window takes it or stays, and one that falls short is refitted."""
+    x0 = at.x0 + linear.state_step(step)
+    chi2 = window_chi2(problem, theta, x0)
+    if float(np.sum(chi2)) <= at.total and not problem.model.rubs(theta):
+        return _Point(theta, x0, chi2)
+    foreseen = linear.foreseen(step)
+    worse = np.flatnonzero(chi2 > foreseen + _LEAST)
+    if worse.size:  # its own acceptance: a window for which the step is no good stays where it was
+        old = window_chi2(problem.on(problem.windows.pick(worse)), theta, at.x0[worse])
+        back = worse[old < chi2[worse]]
+        x0[back], chi2[back] = at.x0[back], old[old < chi2[worse]]
+    lost = np.flatnonzero(chi2 > foreseen + _SHORT * np.maximum(at.chi2 - foreseen, 0.0) + _LEAST)
+    if lost.size:
+        ends = refit(problem.on(problem.windows.pick(lost)), theta, x0[lost], _FEW)
+        x0[lost], chi2[lost] = ends.x0, ends.chi2
+    return _Point(theta, x0, chi2)
+
+
+def _begun_afresh(problem: Problem, at: _Point, promise: Floats) -> _Point:
+    """Under dry friction, windows whose chi^2 stands out, or that still promise, are refitted from several starts."""
+    if not problem.model.rubs(at.theta):
+        return at
+    size = at.chi2 / problem.counts
+    out = size > np.median(size) * (1.0 + 3.0 * np.sqrt(2.0 / problem.counts))
+    lost = np.flatnonzero(out | (promise > SETTLED_STATES * np.maximum(1.0, size)))
+    if not lost.size:
+        return at
+    ends = refit_from_all(problem.on(problem.windows.pick(lost)), at.theta, at.x0[lost])
+    x0, chi2 = at.x0.copy(), at.chi2.copy()
+    won = ends.chi2 < chi2[lost]
+    x0[lost[won]], chi2[lost[won]] = ends.x0[won], ends.chi2[won]
+    return _Point(at.theta, x0, chi2)
+
+
+def _all_settled(ends: Refit, problem: Problem) -> bool:
+    return bool(np.all(ends.promise <= SETTLED_STATES * np.maximum(1.0, ends.chi2 / problem.counts)))
+
+
+def _clipped(problem: Problem, at: _Point, free: list[int], step: Floats) -> Floats:
+    theta = at.theta.copy()
+    theta[free] = np.clip(theta[free] + step, problem.model.lower[free], problem.model.upper[free])
+    return theta
 
 
 def _step(problem: Problem, theta: Floats, free: list[int], linear: Linearised, damping: float) -> Floats:

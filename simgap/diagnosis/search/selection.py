@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 
@@ -11,6 +12,7 @@ from simgap.diagnosis.thresholds import (
     BIC_GAIN,
     EQUALS_PRUNED,
     FIRST_EFFECTS,
+    FIT_QUALITY,
     NEAR_TIE,
     SAME_BIC,
     SWAP_RIVALS,
@@ -39,7 +41,24 @@ def select(search: Search, base: Fit, most: int) -> Explanation:
     for first in sorted(search.joined(search.empty(base)), key=lambda e: e.bic)[:FIRST_EFFECTS]:
         if not first.keys & found.keys:
             grow(search, first, most)
-    return preferred(search, found, most)
+    found = preferred(search, found, most)
+    if len(found.members) > 2:
+        _merge(search, found)
+        found = preferred(search, found, most)
+    return found
+
+
+def _merge(search: Search, found: Explanation) -> None:
+    """Try one effect in the place of any two, in the set and in its equals.
+
+    No swap of single effects leads from two effects that together look like one (a ripple and a centre of mass, like a
+    spring) to that one.
+    """
+    equals = [e for e in search.tried.values() if e.physical and abs(e.bic - found.bic) < SAME_BIC]
+    for e in equals[:EQUALS_PRUNED]:
+        for gone in itertools.combinations(e.members, 2):
+            kept = search.without(search.without(e, gone[0]), gone[1])
+            search.joined(kept, exclude=[c.key for c in gone])
 
 
 def preferred(search: Search, found: Explanation, most: int) -> Explanation:
@@ -86,6 +105,19 @@ def _swap(search: Search, current: Explanation) -> Explanation:
             return current
         current = option
     return current
+
+
+def carried_over(search: Search, base: Fit, found: Explanation, most: int) -> Explanation:
+    """What was found on other windows, fitted on these; sought again if it does not reach the noise floor here.
+
+    Args:
+        search: a new search on these windows; base: the model as declared, fitted here.
+        found: what another search chose; most: largest number of effects.
+    """
+    start = fit(search.problem, found.fit.theta, base.x0, [], {})
+    here = _prune(search, search.explain(found.members, found.fit.theta, start))
+    free = search.problem.size - search.problem.model.nx * len(search.problem.windows) - len(here.fit.slots)
+    return here if here.fit.chi2 <= FIT_QUALITY * max(free, 1) else select(search, base, most)
 
 
 def on_all(full: Search, search: Search, found: Explanation, base: Fit) -> Explanation:

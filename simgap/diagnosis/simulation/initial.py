@@ -12,6 +12,7 @@ from simgap.model.symbolic import SymbolicModel
 Floats = NDArray[np.float64]
 _SAMPLES = 15
 _HEADINGS = 24
+_STILL = 5  # samples over which a window that begins stuck stands still
 
 
 def initial_states(problem: Problem) -> Floats:
@@ -38,6 +39,19 @@ def initial_states(problem: Problem) -> Floats:
     for i, v in enumerate(model.states):
         if v.name not in measured and v.name not in position and v.unit == "rad":
             x0 = _best_angle(problem, x0, i)
+    return x0
+
+
+def at_rest(problem: Problem, guess: Floats) -> Floats:
+    """The guess with every coordinate of dry friction at rest, measured positions the mean of the first samples."""
+    names, x0 = problem.model.model.state_names, guess.copy()
+    x0[:, problem.model.speed] = 0.0
+    for c in problem.model.model.coordinates:
+        if c.position in problem.model.measured:
+            column = problem.y[:, problem.model.measured.index(c.position)]
+            stops = np.minimum(problem.windows.start + _STILL, problem.windows.stop)
+            spans = zip(problem.windows.start, stops, strict=True)
+            x0[:, names.index(c.position)] = [np.mean(column[a:b]) for a, b in spans]
     return x0
 
 

@@ -12,9 +12,10 @@ from numba import float64, int64, njit, void
 from numpy.typing import NDArray
 
 from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.reading.windows import Windows, past_the_unknown
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
+from simgap.diagnosis.thresholds import LAGS_REMEMBERED
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -59,6 +60,15 @@ class Problem:
         """The same data and model on other windows."""
         return replace(self, windows=windows)
 
+    def reach(self, theta: Floats) -> float:
+        """For how long a command still acts at these parameters, s: its delay and `LAGS_REMEMBERED` time constants."""
+        _, _, delay, lag = self._drive(theta)
+        return float(np.max(delay + LAGS_REMEMBERED * lag, initial=0.0))
+
+    def past_the_unknown(self, reach_s: float) -> Problem:
+        """The same problem without the samples on which commands from before the record may still act."""
+        return self.on(past_the_unknown(self.windows, self.t, reach_s))
+
     def part(self, which: slice) -> Problem:
         """The same data and model on a slice of the windows."""
         if which == slice(0, len(self.windows)):
@@ -69,6 +79,11 @@ class Problem:
     def size(self) -> int:
         """Number of compared numbers."""
         return self.windows.samples * self.y.shape[1]
+
+    @cached_property
+    def counts(self) -> Floats:
+        """(w,) compared numbers of each window."""
+        return np.asarray(self.windows.stop - self.windows.start, dtype=np.float64) * self.y.shape[1]
 
     @cached_property
     def rows(self) -> Ints:

@@ -37,7 +37,7 @@ class Linearised:
     Attributes:
         gram: (p, p) projected J^T J; gradient: (p,) projected J^T r; rest: projected r^T r.
         chi2: r^T r before projection.
-        window_gradient: (w, p) share of each window in the gradient.
+        window_gradient: (w, p), window_gram: (w, p, p), window_rest: (w,): share of each window in these.
         state_r: (w, nx, nx) triangular factors of the initial-state columns; state_b: (w, nx, p) and
         state_g: (w, nx), Q^T of the parameter columns and of the residual, to recover the initial states' step.
     """
@@ -47,9 +47,16 @@ class Linearised:
     rest: float
     chi2: float
     window_gradient: Floats
+    window_gram: Floats
+    window_rest: Floats
     state_r: Floats
     state_b: Floats
     state_g: Floats
+
+    def foreseen(self, step: Floats) -> Floats:
+        """chi^2 of each window after a parameter step, initial states moved along, if all were linear: (p,) -> (w,)."""
+        curved = np.einsum("i,wij,j->w", step, self.window_gram, step)
+        return np.asarray(self.window_rest - 2.0 * self.window_gradient @ step + curved)
 
     def state_step(self, step: Floats) -> Floats:
         """The initial states' Gauss-Newton step that goes with a parameter step: (p,) -> (w, nx)."""
@@ -110,8 +117,8 @@ def state_steps(problem: Problem, x0: Floats) -> Floats:
 def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[Direction]) -> Linearised:
     """Residual and columns of all windows, projected: theta, (w, nx), p directions."""
     p, nx, w = len(directions), x0.shape[1], len(problem.windows)
-    gram, rest, chi2 = np.zeros((p, p)), 0.0, 0.0
-    window_gradient = np.zeros((w, p))
+    chi2 = 0.0
+    window_gradient, window_gram, window_rest = np.zeros((w, p)), np.zeros((w, p, p)), np.zeros(w)
     state_r, state_b, state_g = np.zeros((w, nx, nx)), np.zeros((w, nx, p)), np.zeros((w, nx))
     steps = state_steps(problem, x0)
     for part in chunks(problem):
@@ -125,13 +132,13 @@ def linearise(problem: Problem, theta: Floats, x0: Floats, directions: Sequence[
             b, e = columns[rows], residual[rows]
             qb, qe = q.T @ b, q.T @ e
             b, e = b - q @ qb, e - q @ qe
-            gram += b.T @ b
-            rest += float(e @ e)
             at = part.start + j
-            window_gradient[at] = b.T @ e
+            window_gradient[at], window_gram[at], window_rest[at] = b.T @ e, b.T @ b, e @ e
             state_r[at], state_b[at], state_g[at] = r, qb, qe
-    gradient = window_gradient.sum(axis=0)
-    return Linearised(gram, gradient, rest, chi2, window_gradient, state_r, state_b, state_g)
+    gram, gradient, rest = window_gram.sum(axis=0), window_gradient.sum(axis=0), float(window_rest.sum())
+    return Linearised(
+        gram, gradient, rest, chi2, window_gradient, window_gram, window_rest, state_r, state_b, state_g
+    )  # fmt: skip
 
 
 def _columns(

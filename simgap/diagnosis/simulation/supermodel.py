@@ -81,6 +81,19 @@ class SuperModel:
         """What the dynamics need of the parameters."""
         return np.array(self.constants(theta), dtype=np.float64)
 
+    def rubs(self, theta: Floats) -> bool:
+        """Whether any coordinate has dry friction at these parameters: the sign of a speed matters at rest."""
+        constants, x, u = self.constants_at(theta), np.zeros(self.nx), np.zeros(len(self.model.inputs))
+        one, other, signs = np.empty(self.nx), np.empty(self.nx), np.zeros(len(self.speed))
+        for j, v in enumerate(self.speed):
+            signs[:] = 0.0
+            for sign, out in ((1.0, one), (-1.0, other)):
+                signs[j] = sign
+                self.rhs(x, u, constants, signs, out)
+            if abs(one[v] - other[v]) > 1e-12:
+                return True
+        return False
+
     @property
     def input_slots(self) -> tuple[int, ...]:
         """Places in theta of everything that acts between command and plant."""

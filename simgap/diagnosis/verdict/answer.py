@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from simgap.diagnosis.result import Alternative, CandidateScore, Collinear, Estimate, FoundEffect, Key, WindowPrediction
-from simgap.diagnosis.search.confidence import interval, standard_errors
+from simgap.diagnosis.search.confidence import degrees_of_freedom, interval, standard_errors
 from simgap.diagnosis.search.equivalence import Rival
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
@@ -38,7 +38,7 @@ def found_effects(
     """The chosen effects with intervals and what could stand in their place."""
     errors = standard_errors(search.problem, found.fit, search.steps, reduced, at_floor)
     by_slot = dict(zip(found.fit.slots, errors.tolist(), strict=True))
-    dof = search.problem.size if at_floor else len(search.problem.windows) - len(found.fit.slots)
+    dof = degrees_of_freedom(search.problem, found.fit, at_floor)
     effects = []
     for c in found.members:
         units, values = c.effect.units(model, c.on), parameter_values(c, found.fit)

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis.result import Judged, Verdict
-from simgap.diagnosis.search.explanations import Explanation
+from simgap.diagnosis.search.confidence import degrees_of_freedom, standard_errors, vanishing
+from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import COVERED_ERRORS, EXCESS_KEPT, FIT_QUALITY, FOLD_AGREEMENT, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error
 
@@ -60,6 +62,23 @@ def excess(held: HeldOut, floor: Floats | None, sigma: Floats) -> float:
     return float(np.sqrt(np.mean(np.maximum(held.horizon.rmse**2 - floor**2, 0.0) / sigma**2)))
 
 
+def real(search: Search, found: Explanation, at_floor: bool) -> Explanation:
+    """Without the effects whose interval contains "no effect", one after another, the rest fitted again."""
+    while gone := vanished(search, found, at_floor):
+        found = search.without(found, gone[0])
+    return found
+
+
+def vanished(search: Search, found: Explanation, at_floor: bool) -> list[Candidate]:
+    """Its effects whose 95 % interval contains "no effect"."""
+    if not found.members:
+        return []
+    reduced = chi2_dof(search.problem, found.fit)
+    errors = standard_errors(search.problem, found.fit, search.steps, reduced, at_floor)
+    dof = degrees_of_freedom(search.problem, found.fit, at_floor)
+    return vanishing(search.problem, found.members, found.fit, errors, dof)
+
+
 def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], samples: float) -> bool:
     """Whether two halves of the fitted windows give the same coefficients, within their size or two standard errors.
 
@@ -91,9 +110,11 @@ def verdict(before: float, after: float, ratio: float, found: Explanation, share
         found: the chosen effects.
         share: held-out excess after over before.
         agree: whether the coefficients agree between folds.
+
+    A fit that has not settled is never more than `partial`.
     """
     if not found.members:
         return "none" if before <= FIT_QUALITY else "unexplained"
-    if after <= FIT_QUALITY and ratio <= HELD_OUT_QUALITY:
+    if after <= FIT_QUALITY and ratio <= HELD_OUT_QUALITY and found.fit.converged:
         return "attributed"
     return "partial" if share <= EXCESS_KEPT and found.physical and agree else "unexplained"

@@ -19,7 +19,7 @@ from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.selection import grow
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import BEAM, EXCESS_KEPT, PLAUSIBLE_RATIO, SETS_JUDGED, SIMPLER_SHARE
-from simgap.diagnosis.verdict.judge import HeldOut, chi2_dof, excess, folds_agree, judge
+from simgap.diagnosis.verdict.judge import HeldOut, chi2_dof, excess, folds_agree, judge, vanished
 
 Floats = NDArray[np.float64]
 
@@ -71,7 +71,7 @@ def _plausible(e: Explanation) -> bool:
     """Whether no ratio of true to declared is beyond belief: such a fit bends the model to a force that it lacks."""
     values = [(p, e.fit.theta[k]) for c in e.members for p, k in zip(c.effect.parameters, c.slots, strict=True)]
     ratios = [v for p, v in values if p.symbol == "ratio" and p.null == 1.0]
-    return all(1.0 / PLAUSIBLE_RATIO <= r <= PLAUSIBLE_RATIO for r in ratios)
+    return all(1.0 / PLAUSIBLE_RATIO <= abs(r) <= PLAUSIBLE_RATIO for r in ratios)
 
 
 def transferable(
@@ -101,7 +101,11 @@ def transferable(
             ranked.append((share / SIMPLER_SHARE**e.count, e, after))
     ranked.sort(key=lambda item: item[0])
     share = independent_share(search.problem, best.fit)
-    agreeing = [item for item in ranked if folds_agree(search.problem, item[1], search.steps, share)]
+    agreeing = [
+        item
+        for item in ranked
+        if not vanished(search, item[1], False) and folds_agree(search.problem, item[1], search.steps, share)
+    ]
     if not agreeing:
         return None
     chosen, after = agreeing[0][1:]

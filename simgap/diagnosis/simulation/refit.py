@@ -1,0 +1,129 @@
+"""The initial state of each window, fitted at given parameters: every window by itself, from several starts.
+
+Each window has a damping and an acceptance of its own, so that one that sticks under dry friction holds up no other.
+Source: Levenberg (1944); Marquardt (1963), J. SIAM 11(2), window by window.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.simulation.initial import at_rest, initial_states
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import chunks, state_steps
+
+Floats = NDArray[np.float64]
+_MOST = 20  # linearisations
+_SOFTEST, _SOFT, _STIFF = 1e-10, 1e-6, 1e6  # damping of a step: least, first, and where a window gives up
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """Where the windows ended: x0 (w, nx), chi2 (w,), and the decrease of chi^2 that was still promised (w,)."""
+
+    x0: Floats
+    chi2: Floats
+    promise: Floats
+
+
+def window_chi2(problem: Problem, theta: Floats, x0: Floats) -> Floats:
+    """Sum of squared residuals over the noise of each window, (w,)."""
+    parts = []
+    for part in chunks(problem):
+        sub = problem.part(part)
+        parts.append(_sums(sub, sub.residuals(theta, x0[part])))
+    return np.concatenate(parts)
+
+
+def refit(problem: Problem, theta: Floats, x0: Floats, most: int = _MOST) -> Refit:
+    """Fit the initial states alone, each window from its own x0: theta, (w, nx)."""
+    out = [_refit(problem.part(p), theta, x0[p], state_steps(problem, x0), most) for p in chunks(problem)]
+    return Refit(*(np.concatenate(a) for a in zip(*((r.x0, r.chi2, r.promise) for r in out), strict=True)))
+
+
+def refit_from_all(problem: Problem, theta: Floats, x0: Floats) -> Refit:
+    """The best end of each window: from x0, and under dry friction also from the data's own guess and from rest.
+
+    Dry friction makes chi^2 of a window a function with several valleys: a window that begins stuck has one at rest.
+    """
+    best = refit(problem, theta, x0)
+    if not problem.model.rubs(theta):
+        return best
+    guess = initial_states(problem)
+    for start in (guess, at_rest(problem, guess)):
+        best = better(best, refit(problem, theta, start))
+    return best
+
+
+def better(a: Refit, b: Refit) -> Refit:
+    """Window by window the end with the smaller chi^2."""
+    won = b.chi2 < a.chi2
+    return Refit(np.where(won[:, None], b.x0, a.x0), np.minimum(a.chi2, b.chi2), np.where(won, b.promise, a.promise))
+
+
+def _sums(problem: Problem, residual: Floats) -> Floats:
+    return np.asarray(np.add.reduceat(np.sum(residual**2, axis=1), problem.rows[:-1]))
+
+
+def _refit(problem: Problem, theta: Floats, x0: Floats, steps: Floats, most: int) -> Refit:
+    x0, (w, nx) = x0.copy(), x0.shape
+    chi2, left = np.full(w, np.inf), np.full(w, np.inf)
+    gram, gradient = np.zeros((w, nx, nx)), np.zeros((w, nx))
+    damping, stale = np.full(w, _SOFT), np.ones(w, dtype=bool)
+    active = np.arange(w)
+    for _ in range(2 * most):
+        fresh = active[stale[active]]
+        if fresh.size:
+            chi2[fresh], gram[fresh], gradient[fresh] = _normal(_pick(problem, fresh), theta, x0[fresh], steps)
+            stale[fresh] = False
+        step, promise = _damped(gram[active], gradient[active], damping[active])
+        left[active] = promise
+        done = promise < 1e-4 + 1e-7 * chi2[active]
+        active, step = active[~done], step[~done]
+        if not active.size:
+            break
+        tried = x0[active] + step
+        part = _pick(problem, active)
+        after = _sums(part, part.residuals(theta, tried))
+        won = after < chi2[active]
+        x0[active[won]], stale[active[won]] = tried[won], True
+        damping[active] = np.where(won, np.maximum(damping[active] / 10.0, _SOFTEST), damping[active] * 10.0)
+        chi2[active[won]] = after[won]
+        active = active[damping[active] < _STIFF]
+    return Refit(x0, chi2, left)
+
+
+def _pick(problem: Problem, which: NDArray[np.int64]) -> Problem:
+    return problem if len(which) == len(problem.windows) else problem.on(problem.windows.pick(which))
+
+
+def _normal(problem: Problem, theta: Floats, x0: Floats, steps: Floats) -> tuple[Floats, Floats, Floats]:
+    """chi^2 (w,), J^T J (w, nx, nx) and J^T r (w, nx) of the initial states of each window."""
+    centre = problem.residuals(theta, x0)
+    columns = []
+    for i, h in enumerate(steps):
+        moved = x0.copy()
+        moved[:, i] += h
+        columns.append((centre - problem.residuals(theta, moved)) / h)
+    nx = len(steps)
+    gram, gradient = np.empty((len(x0), nx, nx)), np.empty((len(x0), nx))
+    for i in range(nx):
+        gradient[:, i] = np.add.reduceat(np.sum(columns[i] * centre, axis=1), problem.rows[:-1])
+        for j in range(i + 1):
+            product = np.sum(columns[i] * columns[j], axis=1)
+            gram[:, i, j] = gram[:, j, i] = np.add.reduceat(product, problem.rows[:-1])
+    return _sums(problem, centre), gram, gradient
+
+
+def _damped(gram: Floats, gradient: Floats, damping: Floats) -> tuple[Floats, Floats]:
+    """Steps (w, nx) with a damping for each window, and the decrease of chi^2 that undamped ones promise (w,)."""
+    scale = np.sqrt(np.maximum(np.einsum("wii->wi", gram), 1e-300))
+    unit = gram / (scale[:, :, None] * scale[:, None, :])
+    right = (gradient / scale)[:, :, None]
+    eye = np.eye(gram.shape[1])
+    step = np.linalg.solve(unit + damping[:, None, None] * eye, right)[:, :, 0] / scale
+    full = np.linalg.solve(unit + _SOFTEST * eye, right)[:, :, 0] / scale
+    return step, np.einsum("wi,wi->w", full, gradient)

@@ -1,0 +1,110 @@
+"""What was commanded before the first sample, a command with the wrong sign, and names that are not deserved."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.reading.windows import past_the_unknown, split_windows
+from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.search.confidence import vanishing
+from simgap.diagnosis.search.explanations import Explanation
+from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.simulation.problem import build_problem
+from simgap.diagnosis.simulation.supermodel import cached_supermodel
+from simgap.diagnosis.verdict.judge import verdict
+from simgap.effects import EFFECTS
+from simgap.effects.quoted import Quoted
+from tests.diagnosis.plants import block, point_pendulum
+from tests.undeclared.rig import dry_friction, pendulum
+
+NAMED = ("coulomb_friction", "stribeck_friction", "input_gain", "input_saturation")
+
+
+def _record(traces, states, inputs):
+    return Record(tuple(Trace(f"t{k}", *a) for k, a in enumerate(traces)), states, inputs)
+
+
+def test_the_first_window_of_each_trace_begins_where_its_commands_are_known():
+    traces = tuple(Trace(f"t{k}", 5.0 + np.arange(300) * 0.01, np.zeros((300, 1)), np.zeros((300, 1))) for k in (0, 1))
+    record = Record(traces, ("q",), ("u",))
+    windows, t = split_windows(record, 1.0), np.concatenate([trace.t for trace in traces])
+    known = past_the_unknown(windows, t, 0.22)
+    assert (known.start - windows.start).tolist() == [22, 0, 0, 22, 0, 0]
+    assert known.first.tolist() == windows.first.tolist()
+    assert past_the_unknown(windows, t, 0.98).start.tolist() == [100, 200, 400, 500]  # too short to be worth keeping
+    assert past_the_unknown(windows, t, 60.0) is windows
+
+
+def test_a_delay_in_a_record_that_begins_in_mid_motion_is_attributed():
+    drive = dry_friction.Drive(viscous=0.4, late=12)
+    record = _record(dry_friction.drive_record(drive, 6, seconds=8.0, moving=True), ("q",), ("u",))
+    settings = DiagnosisSettings(effects=("input_delay", "viscous_friction", "input_bias"))
+    d = diagnose(block(2.0), record, settings)
+    assert d.verdict == "attributed"
+    values = {e.name: next(iter(e.parameters.values())) for e in d.effects}
+    assert set(values) == {"input_delay", "viscous_friction"}
+    assert values["input_delay"].value == pytest.approx(0.06, abs=2e-4)
+    assert values["viscous_friction"].value == pytest.approx(0.4, rel=0.01)
+    assert d.after.chi2_dof < 1.1
+
+
+def test_a_reversed_input_is_found_and_said():
+    hidden = pendulum.Hidden(rig={"gain": -0.9, "b": 0.1})
+    traces = pendulum.record(hidden, np.random.default_rng(21), 1e-3, False, seconds=8.0)
+    settings = DiagnosisSettings(effects=("input_gain", "input_bias", "viscous_friction", "coulomb_friction"))
+    d = diagnose(point_pendulum(1.0, 0.5, 1.0 / 3.0), _record(traces, ("angle",), ("torque",)), settings)
+    assert d.verdict == "attributed"
+    found = {e.name: e.parameters for e in d.effects}
+    assert set(found) == {"input_gain", "viscous_friction"}
+    assert found["input_gain"]["ratio"].value == pytest.approx(-0.9, rel=0.005)
+    assert found["input_gain"]["ratio"].ci95[1] < -0.85
+
+
+def test_the_sentence_says_reversed():
+    ratio = {"value": -0.9, "ci95": [-0.91, -0.89], "unit": "1"}
+    assert "reversed" in EFFECTS["input_gain"].describe("torque", Quoted({"ratio": ratio}))
+    ratio = {"value": 0.9, "ci95": [0.89, 0.91], "unit": "1"}
+    assert "reversed" not in EFFECTS["input_gain"].describe("torque", Quoted({"ratio": ratio}))
+
+
+@pytest.mark.parametrize(
+    ("name", "on", "values", "errors", "gone"),
+    [
+        ("coulomb_friction", "hinge", [0.1], [0.04], False),
+        ("coulomb_friction", "hinge", [0.1], [0.06], True),
+        ("input_gain", "torque", [0.9], [0.06], True),
+        ("input_gain", "torque", [0.9], [0.04], False),
+        ("stribeck_friction", "hinge", [0.1, 0.2, 0.1], [0.01, 0.5, 9.0], False),  # the level is sure, the peak is not
+        ("stribeck_friction", "hinge", [0.1, 0.2, 0.5], [0.1, 0.5, 1e-3], True),  # a sure speed of nothing
+        ("input_saturation", "torque", [2.0], [0.1], False),  # commands reach 3
+        ("input_saturation", "torque", [2.9], [0.1], True),
+    ],
+)
+def test_an_interval_that_contains_no_effect_is_seen(name, on, values, errors, gone):
+    t = np.arange(0.0, 2.0, 0.01)
+    compiled = cached_supermodel(point_pendulum(1.0, 0.5, 1.0 / 3.0), ("angle",), NAMED)
+    record = _record([(t, np.zeros((len(t), 1)), 3.0 * np.cos(t)[:, None])], ("angle",), ("torque",))
+    problem = build_problem(compiled, record, split_windows(record, 1.0), np.ones(1))
+    member = compiled.find(name, on)
+    theta = compiled.null.copy()
+    theta[list(member.slots)] = values
+    at = Fit(theta, np.zeros((1, 2)), member.slots, 1.0, np.eye(len(values)), (), True)
+    assert bool(vanishing(problem, (member,), at, np.array(errors), 1000)) == gone
+
+
+def test_a_fit_that_has_not_settled_is_no_more_than_partial():
+    compiled = cached_supermodel(point_pendulum(1.0, 0.5, 1.0 / 3.0), ("angle",), NAMED)
+    at = Fit(compiled.null, np.zeros((1, 2)), (0,), 1.0, np.eye(1), (), True)
+    found = Explanation((compiled.candidates[0],), at, 1.0, True)
+    asked = {"before": 50.0, "after": 1.0, "ratio": 1.0, "share": 0.01, "agree": True}
+    assert verdict(found=found, **asked) == "attributed"
+    assert verdict(found=replace(found, fit=replace(at, converged=False)), **asked) == "partial"
+    assert (
+        verdict(found=replace(found, fit=replace(at, converged=False)), **asked | {"share": math.inf}) == "unexplained"
+    )

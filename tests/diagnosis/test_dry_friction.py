@@ -1,0 +1,88 @@
+"""Windows that begin stuck, against a drive solved in closed form and the noise that it was read with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.reading.windows import split_windows
+from simgap.diagnosis.search import fit as module
+from simgap.diagnosis.search.fit import fit
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.problem import Problem, build_problem
+from simgap.diagnosis.simulation.supermodel import cached_supermodel
+from simgap.diagnosis.verdict.judge import judge
+from tests.diagnosis.plants import block, with_effect
+from tests.undeclared.rig import dry_friction as rig
+
+NOISE, STEP = 1e-5, 1e-5
+SIGMA = float(np.hypot(NOISE, STEP / np.sqrt(12.0)))  # an encoder's count adds its uniform error
+
+
+def _problem(seed: int, friction: float = 1.0) -> Problem:
+    traces = rig.drive_record(rig.Drive(friction=friction), seed, seconds=10.0, noise=NOISE, step=STEP)
+    record = Record(tuple(Trace(f"t{k}", *a) for k, a in enumerate(traces)), ("q",), ("u",))
+    compiled = cached_supermodel(block(2.0), ("q",), ("coulomb_friction",))
+    return build_problem(compiled, record, split_windows(record, 1.0), np.array([SIGMA]))
+
+
+def test_the_rig_stops_and_sticks_where_an_event_integrator_says():
+    p = rig.Drive(mass=2.0, friction=0.7, viscous=0.3, bias=0.1)
+    t = np.array([0.0, 2.0])
+
+    def slide(_: float, x: np.ndarray) -> list[float]:
+        return [x[1], (0.1 - 0.3 * x[1] - 0.7) / 2.0]
+
+    def rest(_: float, x: np.ndarray) -> float:
+        return float(x[1])
+
+    rest.terminal = True
+    exact = solve_ivp(slide, (0.0, 2.0), [0.0, 0.4], events=rest, rtol=1e-11, atol=1e-13)
+    end = rig.motion(p, t, np.zeros(2), 0.0, 0.4)[-1]
+    assert exact.t_events[0].size == 1
+    np.testing.assert_allclose(end, [exact.y[0, -1], 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_every_held_out_window_reaches_the_noise(seed):
+    problem = _problem(seed)
+    theta = with_effect(problem.model, "coulomb_friction", "slide", F_c=1.0)
+    held = judge(problem, theta, 0.2)
+    each = np.add.reduceat(np.sum(problem.residuals(theta, held.states) ** 2, axis=1), problem.rows[:-1])
+    assert np.max(each / problem.counts) < 1.5  # 200 samples: 1 +- .1; one stuck in a valley of its own is far above
+    assert held.horizon.rmse[0] < 1.25 * held.horizon.floor[0]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_friction_is_found_from_far_away_and_its_interval_holds_it(seed):
+    problem = _problem(seed)
+    start = with_effect(problem.model, "coulomb_friction", "slide", F_c=0.2)
+    slot = problem.model.find("coulomb_friction", "slide").slots[0]
+    base = fit(problem, problem.model.null, initial_states(problem), [], {})
+    found = fit(problem, start, base.x0, [slot], {slot: 1e-6})
+    assert found.converged
+    assert found.chi2 / problem.size < 1.1
+    assert abs(found.theta[slot] - 1.0) < 4.0 * np.sqrt(found.covariance[0, 0])
+
+
+def test_a_window_that_begins_stuck_leaves_the_valley_beside_rest():
+    problem = _problem(4)
+    theta = with_effect(problem.model, "coulomb_friction", "slide", F_c=1.0)
+    moving = initial_states(problem)
+    moving[:, 1] += 0.05  # every window is begun too fast, also those that stand still
+    found = fit(problem, theta, moving, [], {})
+    assert found.chi2 / problem.size < 1.1
+
+
+def test_steps_that_are_all_rejected_are_not_convergence(monkeypatch):
+    problem = _problem(1)
+    start = with_effect(problem.model, "coulomb_friction", "slide", F_c=0.2)
+    slot = problem.model.find("coulomb_friction", "slide").slots[0]
+    monkeypatch.setattr(module, "_follow", lambda problem, at, *step: replace(at, chi2=2.0 * at.chi2))
+    found = fit(problem, start, initial_states(problem), [slot], {slot: 1e-6})
+    assert found.theta[slot] == 0.2
+    assert not found.converged
