@@ -126,7 +126,7 @@ def test_hidden_states_spread_the_gap():
 
 def test_conformal_covers_a_random_sample_as_often_as_stated():
     samples = on_grid(coulomb)
-    settings = GapSettings("expressions", {"terms": PAPER}, bound="conformal", miscoverage=0.05, extreme_value=False)
+    settings = GapSettings(Expressions(terms=PAPER), bound="conformal", miscoverage=0.05, extreme_value=False)
     outside = []
     for seed in range(5):
         calibration = Calibration(*off_grid(coulomb, 2000, seed=seed))
@@ -139,7 +139,7 @@ def test_conformal_covers_a_random_sample_as_often_as_stated():
 
 
 def test_conformal_needs_enough_samples():
-    settings = GapSettings("monomials", bound="conformal", miscoverage=0.001)
+    settings = GapSettings(bound="conformal", miscoverage=0.001)
     with pytest.raises(UserError, match="too few"):
         fit_gap(on_grid(smooth), settings, Calibration(*off_grid(smooth, 500)))
 
@@ -147,7 +147,7 @@ def test_conformal_needs_enough_samples():
 def test_conformal_refuses_a_gap_that_hidden_states_spread():
     spread = on_grid(smooth, d_upper=on_grid(smooth).d + 1e-3)
     with pytest.raises(UserError, match="hidden states"):
-        fit_gap(spread, GapSettings("monomials", bound="conformal"), Calibration(*off_grid(smooth, 500)))
+        fit_gap(spread, GapSettings(bound="conformal"), Calibration(*off_grid(smooth, 500)))
 
 
 def test_free_axes():

@@ -5,6 +5,7 @@ from gap_examples import PAPER, off_grid, on_grid, pendulum_gap
 
 from simgap.gap.fit import fit_gap
 from simgap.gap.fresh_check import check_fresh
+from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.settings import GapSettings
 
 pytest.importorskip("pybullet")
@@ -26,7 +27,7 @@ def root_path():
 @pytest.mark.parametrize("sides", ["signed", "unsigned"])
 def test_tight_and_covering(sampled, sides):
     matched, gap, samples = sampled
-    settings = GapSettings("expressions", {"terms": PAPER}, sides=sides, extreme_value=False)
+    settings = GapSettings(Expressions(terms=PAPER), sides=sides, extreme_value=False)
     result = fit_gap(samples, settings)
     assert check_fresh(result.function, *off_grid(gap, 10_000)).violations == 0
     if matched:
@@ -38,7 +39,7 @@ def test_tight_and_covering(sampled, sides):
 def test_known_lipschitz_constant(sampled):
     """Semi-implicit against explicit Euler: dd1/dx1 = tau^2 3 g / 2 l."""
     matched, _, samples = sampled
-    settings = GapSettings("expressions", {"terms": PAPER})
+    settings = GapSettings(Expressions(terms=PAPER))
     found = fit_gap(samples, settings).dimensions[0]
     if matched:
         assert found.lipschitz.grid.constants[0] == pytest.approx(0.005**2 * 1.5 * 9.81, rel=2e-3)
@@ -50,8 +51,8 @@ def test_known_lipschitz_constant(sampled):
 def test_gap_is_almost_a_function_of_angle_and_torque(root_path):
     """With the engine's own inertia the plant is stronger than declared: a bias that a signed bound removes."""
     samples = on_grid(pendulum_gap(root_path, False), eps=0.0147)
-    settings = GapSettings("expressions", {"terms": PAPER}, extreme_value=False)
+    settings = GapSettings(Expressions(terms=PAPER), extreme_value=False)
     signed = fit_gap(samples, settings).dimensions
-    unsigned = fit_gap(samples, GapSettings("expressions", {"terms": PAPER}, sides="unsigned", extreme_value=False))
+    unsigned = fit_gap(samples, GapSettings(Expressions(terms=PAPER), sides="unsigned", extreme_value=False))
     for one, other in zip(signed, unsigned.dimensions, strict=True):
         assert one.mean_width <= 0.01 * other.mean_width

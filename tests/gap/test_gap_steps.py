@@ -11,6 +11,8 @@ from simgap.gap.assemble import assemble
 from simgap.gap.conformal import Calibration
 from simgap.gap.dimension_fit import fit_dimension, fit_from_json
 from simgap.gap.fit import fit_gap
+from simgap.gap.kinds.blocks import Blocks
+from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.lipschitz.compare import dimension_lipschitz
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.pairs import product
@@ -22,8 +24,8 @@ from simgap.geometry import Grid
 SETTINGS = {
     "inflate": {"rough_limit": 1.0},
     "per_axis": {"padding": "per_axis", "sides": "unsigned"},
-    "blocks": {"basis": "blocks", "basis_options": {"blocks": (4, 5)}},
-    "blocks, paper": {"basis": "blocks", "basis_options": {"blocks": (4, 5)}, "padding": "paper"},
+    "blocks": {"basis": Blocks(blocks=(4, 5))},
+    "blocks, paper": {"basis": Blocks(blocks=(4, 5)), "padding": "paper"},
     "constant": {"bound": "constant"},
     "envelope": {"bound": "envelope"},
     "conformal": {"bound": "conformal", "miscoverage": 0.05},
@@ -36,7 +38,7 @@ def through_a_file(result):
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_a_bound_made_of_saved_results_is_the_same(name):
-    settings = GapSettings(**({"basis": "expressions", "basis_options": {"terms": PAPER}} | SETTINGS[name]))
+    settings = GapSettings(**({"basis": Expressions(terms=PAPER)} | SETTINGS[name]))
     samples, drawn = on_grid(smooth, eps=0.04), Calibration(*off_grid(smooth, 500, seed=3))
     parts = [samples.dimension(i) for i in (0, 1)]
     fits = [fit_from_json(through_a_file(fit_dimension(part, settings))) for part in parts]
@@ -52,9 +54,8 @@ def test_a_bound_made_of_saved_results_is_the_same(name):
 
 def test_no_padding_but_inflate_enters_the_program():
     samples = on_grid(smooth, eps=0.04).dimension(1)
-    basis = {"basis": "expressions", "basis_options": {"terms": PAPER}}
     per_axis, paper, inflate = (
-        through_a_file(fit_dimension(samples, GapSettings(**basis, padding=name)))
+        through_a_file(fit_dimension(samples, GapSettings(Expressions(terms=PAPER), padding=name)))
         for name in ("per_axis", "paper", "inflate")
     )
     assert per_axis == paper
