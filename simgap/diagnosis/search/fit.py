@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import Refit, refit, refit_from_all, window_chi2
 from simgap.diagnosis.simulation.sensitivity import Linearised, linearise, slot_direction
-from simgap.diagnosis.thresholds import SETTLED_PROMISE, SETTLED_STATES
+from simgap.diagnosis.thresholds import SETTLED_PROMISE, SETTLED_STATES, STANDS_OUT
 
 Floats = NDArray[np.float64]
 _MAX_ITERATIONS = 30
@@ -159,7 +159,7 @@ def _begun_afresh(problem: Problem, at: _Point, promise: Floats) -> _Point:
     if not problem.model.rubs(at.theta):
         return at
     size = at.chi2 / problem.counts
-    out = size > np.median(size) * (1.0 + 3.0 * np.sqrt(2.0 / problem.counts))
+    out = size > np.median(size) * (1.0 + STANDS_OUT * np.sqrt(2.0 / problem.counts))
     lost = np.flatnonzero(out | (promise > SETTLED_STATES * np.maximum(1.0, size)))
     if not lost.size:
         return at
