@@ -23,6 +23,8 @@ from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
 from simgap.gap.fit import GapResult, fit_gap
 from simgap.gap.fresh_check import check_fresh
+from simgap.gap.kinds.blocks import Blocks
+from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.pairs import draw, product
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
@@ -43,7 +45,7 @@ INERTIAS = {"declared inertia": "file", "default inertia": "engine"}
 
 def variants(terms: tuple[str, ...]) -> dict[str, GapSettings]:
     """What is compared, by name; the last word of the names of the first twelve is the padding."""
-    base = GapSettings("expressions", {"terms": terms}, extreme_value=False)
+    base = GapSettings(Expressions(terms=terms), extreme_value=False)
     found = {}
     for sides in ("unsigned", "signed"):
         for objective in ("eta", "lexicographic"):
@@ -52,9 +54,9 @@ def variants(terms: tuple[str, ...]) -> dict[str, GapSettings]:
                 found[name] = replace(base, sides=sides, objective=objective, padding=padding)
     found["unsigned constant"] = replace(base, sides="unsigned", bound="constant")
     found["signed constant"] = replace(base, bound="constant")
-    found["signed with x1^3"] = replace(base, basis_options={"terms": CUBIC})
-    found["signed with x1^3, x2^3, x2^5"] = replace(base, basis_options={"terms": DAMPED})
-    found["blocks 16 x 16 x inputs"] = replace(base, basis="blocks", basis_options={"blocks": (16, 16)})
+    found["signed with x1^3"] = replace(base, basis=Expressions(terms=CUBIC))
+    found["signed with x1^3, x2^3, x2^5"] = replace(base, basis=Expressions(terms=DAMPED))
+    found["blocks 16 x 16 x inputs"] = replace(base, basis=Blocks(blocks=(16, 16)))
     found["envelope"] = replace(base, bound="envelope")
     return found
 
@@ -114,7 +116,7 @@ def rows_of(context: Context, inertia: str, eps: float, workers: int) -> dict[st
     spent = cpu_seconds() - began
     print(f"{samples.d[:, :, 0].size:,} samples, largest gap {np.abs(d).max(axis=(0, 1))}", flush=True)
     rows: dict[str, Any] = {}
-    for kind, settings in variants(context.case.gap.basis).items():
+    for kind, settings in variants(context.case.gap.basis.terms).items():
         try:
             rows[kind] = row = row_of(context, samples, fresh, settings, workers)
         except SimgapError as error:

@@ -93,14 +93,9 @@ def closed_loop(
             near.append(monitor.clearance(plant.path))  # type: ignore[attr-defined]
             if near[-1] <= 0.0:
                 break
-    run = np.array(states)
-    return Run(
-        x=run,
-        inputs=np.array(applied, dtype=np.int64),
-        stuck=stuck,
-        seen=run if exact else np.array(measured),
-        clearance=np.array(near) if watched else None,
-    )
+    path, near_path = np.array(states), np.array(near) if watched else None
+    seen_path = path if exact else np.array(measured)
+    return Run(path, np.array(applied, dtype=np.int64), stuck, seen_path, near_path)
 
 
 def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:

@@ -29,7 +29,14 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
             }
         ),
-        "bases": MappingProxyType({}),
+        "bases": MappingProxyType(
+            {
+                "expressions": "simgap.gap.kinds.expressions:Expressions",
+                "monomials": "simgap.gap.kinds.monomials:Monomials",
+                "trigonometric": "simgap.gap.kinds.trigonometric:Trigonometric",
+                "blocks": "simgap.gap.kinds.blocks:Blocks",
+            }
+        ),
         "effects": MappingProxyType(
             {
                 "parameter_error": "simgap.effects.parameter_error:ParameterError",
@@ -66,6 +73,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
 DOORS: Mapping[str, str] = MappingProxyType(
     {
         "engines": "simgap.simulators.build",
+        "bases": "simgap.gap.linear_fit",
         "effects": "simgap.effects",
         "specifications": "simgap.specifications.base",
     }

@@ -2,42 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from simgap.config.base import Section
-
-
-class BasisSection(Section):
-    """A basis of the registry with its options."""
-
-    kind: str = Field(description="monomials, trigonometric, blocks or expressions.")
-    degree: int | None = Field(None, ge=0, description="monomials: largest total degree; inputs enter linearly.")
-    harmonics: int | None = Field(None, ge=1, description="trigonometric: harmonics along each state axis.")
-    terms: tuple[str, ...] | None = Field(None, description="expressions: the terms, over states and inputs.")
-    blocks: tuple[int, ...] | None = Field(None, description="blocks: number of blocks along each state axis.")
-    per_input: bool | None = Field(None, description="blocks: a value for each input (true) or one for all inputs.")
-
-    @model_validator(mode="after")
-    def _options_of_kind(self) -> BasisSection:
-        known = {
-            "monomials": {"degree"},
-            "trigonometric": {"harmonics"},
-            "expressions": {"terms"},
-            "blocks": {"blocks", "per_input"},
-        }
-        if self.kind not in known:
-            raise ValueError(f"there is no basis '{self.kind}'. Known bases: {', '.join(known)}.")
-        given = set(self.options())
-        if given - known[self.kind]:
-            raise ValueError(f"the basis '{self.kind}' has no option {', '.join(sorted(given - known[self.kind]))}")
-        return self
-
-    def options(self) -> dict[str, object]:
-        """The options that were given."""
-        fields = ("degree", "harmonics", "terms", "blocks", "per_input")
-        return {name: getattr(self, name) for name in fields if getattr(self, name) is not None}
+from simgap.config.basis import BasisSection
+from simgap.config.plugged import Plugged
 
 
 class LipschitzSection(Section):
@@ -68,7 +39,7 @@ class ConformalSection(Section):
 class GapSection(Section):
     """How the gap d = simulator - nominal is bounded on all of X x U, and how the bound is checked."""
 
-    basis: tuple[str | float, ...] | BasisSection = Field(
+    basis: Annotated[BasisSection, Plugged("bases", "kind", listed=("expressions", "terms"))] = Field(
         description="Terms of the bound as expressions over states and inputs, such as [x1^2, x1*x2, u, 1]; or a kind "
         "with options, such as {kind: monomials, degree: 2}."
     )
@@ -110,18 +81,6 @@ class GapSection(Section):
     lipschitz: LipschitzSection = Field(LipschitzSection(), description="How Lipschitz constants are estimated.")
     conformal: ConformalSection = Field(ConformalSection(), description="Options of the conformal bound.")
     seed: int = Field(1, ge=0, description="Of the fresh samples and of everything random in the fit.")
-
-    @field_validator("basis", mode="before")
-    @classmethod
-    def _numbers_are_terms(cls, value: object) -> object:
-        """The constant term is written 1, which YAML reads as a number."""
-        return [str(term) for term in value] if isinstance(value, list) else value
-
-    @model_validator(mode="after")
-    def _some_terms(self) -> GapSection:
-        if isinstance(self.basis, tuple) and not self.basis:
-            raise ValueError("the basis has no terms; list at least the constant 1")
-        return self
 
     @model_validator(mode="after")
     def _conformal_is_tolerated(self) -> GapSection:

@@ -30,6 +30,7 @@ class Plugged:
 
     group: str
     tag: str
+    listed: tuple[str, str] | None = None
 
     def section(self, name: str, folder: Path | None = None) -> type[Section]:
         """The section of a plug-in.
@@ -54,11 +55,15 @@ class Plugged:
         choices: list[JsonSchemaValue] = [handler(section.__pydantic_core_schema__) for _, section in known]
         choices = [choice | {"required": sorted({self.tag, *choice.get("required", ())})} for choice in choices]
         other = {"properties": {self.tag: {"type": "string", "not": {"enum": [name for name, _ in known]}}}}
+        if self.listed is not None:
+            choices.insert(0, {"type": "array", "items": {"type": ["string", "number"]}, "minItems": 1})
         return {"anyOf": [*choices, {"type": "object", "required": [self.tag], **other}]}
 
     def _validate(self, base: type[Section], value: Any, info: ValidationInfo) -> Section:
         if isinstance(value, base):
             return value
+        if self.listed is not None and isinstance(value, list | tuple):
+            value = {self.tag: self.listed[0], self.listed[1]: list(value)}
         if not isinstance(value, dict) or not isinstance(value.get(self.tag), str):
             known = ", ".join(plugins.names(self.group))
             raise ValueError(f"needs the key '{self.tag}', one of {known}")

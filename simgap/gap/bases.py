@@ -1,4 +1,4 @@
-"""Bases p(x, u) of a gap bound q.p(x, u), each a list of symbolic terms; the registry `BASES` lists the kinds.
+"""The basis p(x, u) of a gap bound q.p(x, u): a list of symbolic terms, whichever of the `kinds` listed them.
 
 A basis keeps the texts of its terms, so that a saved bound can be read by a person and built again. Everything else
 (values, gradients, ranges of the first two derivatives over the domain) is derived from the expressions, never by hand.
@@ -6,10 +6,9 @@ A basis keeps the texts of its terms, so that a saved bound can be read by a per
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 import sympy as sp
@@ -135,58 +134,3 @@ def _stack(columns: Sequence[Floats | float], n: int) -> Floats:
     for k, column in enumerate(columns):
         out[k] = column
     return out.T
-
-
-def expressions(states: Sequence[str], inputs: Sequence[str], domain: Box, *, terms: Sequence[str] = ()) -> Basis:
-    """The terms as written."""
-    return Basis(tuple(str(t) for t in terms), tuple(states), tuple(inputs))
-
-
-def monomials(states: Sequence[str], inputs: Sequence[str], domain: Box, *, degree: int = 2) -> Basis:
-    """All monomials of the states and inputs up to a total degree, inputs to the first power."""
-    if degree < 0:
-        raise UserError(f"the degree must not be negative, not {degree}", key="gap.basis.degree")
-    names = (*states, *inputs)
-    top = [degree] * len(states) + [1] * len(inputs)
-    powers = [p for p in product(*(range(t + 1) for t in top)) if sum(p) <= degree]
-    powers.sort(key=lambda p: (-sum(p), [-k for k in p]))
-    return Basis(tuple(_monomial(names, p) for p in powers), tuple(states), tuple(inputs))
-
-
-def _monomial(names: Sequence[str], powers: Sequence[int]) -> str:
-    factors = [name if k == 1 else f"{name}^{k}" for name, k in zip(names, powers, strict=True) if k]
-    return "*".join(factors) or "1"
-
-
-def trigonometric(states: Sequence[str], inputs: Sequence[str], domain: Box, *, harmonics: int = 1) -> Basis:
-    """sin and cos of `k omega_j x_j`, k = 1..harmonics, the inputs and 1; omega_j = pi / width of X along axis j.
-
-    The period is twice the width, so that a term need not return to its first value across X.
-    """
-    if harmonics < 1:
-        raise UserError(f"at least one harmonic is needed, not {harmonics}", key="gap.basis.harmonics")
-    terms = []
-    for name, width in zip(states, domain.hi - domain.lo, strict=True):
-        for k in range(1, harmonics + 1):
-            terms += [f"sin({k * np.pi / width:.15g}*{name})", f"cos({k * np.pi / width:.15g}*{name})"]
-    return Basis((*terms, *inputs, "1"), tuple(states), tuple(inputs))
-
-
-BASES: Mapping[str, Callable[..., Basis]] = {
-    "expressions": expressions,
-    "monomials": monomials,
-    "trigonometric": trigonometric,
-}
-"""Symbolic bases by name. `blocks` is the one basis that is not symbolic, see `blocks.py`."""
-
-
-def make_basis(kind: str, states: Sequence[str], inputs: Sequence[str], domain: Box, **options: object) -> Basis:
-    """A basis of the registry; `terms`, `degree`, `harmonics` are its options.
-
-    Raises:
-        UserError: for an unknown kind, naming the known ones.
-    """
-    if kind not in BASES:
-        known = ", ".join([*BASES, "blocks"])
-        raise UserError(f"there is no basis '{kind}'", key="gap.basis", remedy=f"Known bases: {known}.")
-    return BASES[kind](states, inputs, domain, **options)

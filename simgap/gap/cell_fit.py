@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.gap.cells import CellGap
+from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
@@ -116,9 +117,10 @@ def _locally_padded(samples: DimensionSamples, settings: GapSettings, up: bool) 
 
 
 def _counts(where: SampleGrid, settings: GapSettings) -> tuple[tuple[int, ...], bool]:
-    options = dict(settings.basis_options)
-    given = options.get("blocks", tuple(min(8, c) for c in where.grid.cells))
-    counts = tuple(int(c) for c in given) if isinstance(given, Sequence) else ()
+    basis = settings.basis
+    if not isinstance(basis, Blocks):
+        raise UserError(f"the basis '{basis.kind}' has no blocks", key="gap.basis.kind", remedy="Use `blocks`.")
+    counts = basis.blocks if basis.blocks is not None else tuple(min(8, c) for c in where.grid.cells)
     fits = len(counts) == len(where.grid.cells) and all(
         1 <= c <= cells for c, cells in zip(counts, where.grid.cells, strict=True)
     )
@@ -129,7 +131,7 @@ def _counts(where: SampleGrid, settings: GapSettings) -> tuple[tuple[int, ...], 
             remedy="Give one count for each state, between 1 and the cells of the grid.",
         )
     counts = tuple(1 if j in where.free else c for j, c in enumerate(counts))
-    return counts, bool(options.get("per_input", True))
+    return counts, basis.per_input
 
 
 def _blocks(grid: Grid, counts: Sequence[int]) -> tuple[NDArray[np.int64], tuple[Floats, ...]]:

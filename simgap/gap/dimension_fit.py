@@ -9,6 +9,7 @@ from simgap.errors import UserError
 from simgap.gap.cell_fit import BlockFit, fit_blocks
 from simgap.gap.conformal import CentreFit, fit_centre
 from simgap.gap.envelope import NodeFit, fit_envelope
+from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.linear_fit import LinearFit, fit_linear
 from simgap.gap.samples import DimensionSamples
 from simgap.gap.settings import GapSettings
@@ -36,7 +37,7 @@ def fit_dimension(samples: DimensionSamples, settings: GapSettings) -> Dimension
         return fit_centre(samples, settings)
     if settings.bound == "envelope":
         return fit_envelope(samples, settings)
-    if settings.bound == "scenario" and settings.basis == "blocks":
+    if settings.bound == "scenario" and isinstance(settings.basis, Blocks):
         return fit_blocks(samples, settings)
     return fit_linear(samples, settings)
 

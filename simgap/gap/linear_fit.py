@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bases import Basis, make_basis
+from simgap.gap.bases import Basis
 from simgap.gap.design import Design
 from simgap.gap.forms import Form, make_form, negated
+from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.linear import LinearGap
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import DimensionSamples, SampleGrid
@@ -44,12 +45,11 @@ def basis_of(where: SampleGrid, settings: GapSettings) -> Basis:
     """The basis that the settings ask for.
 
     Raises:
-        UserError: for an unknown one, or a term that depends on an axis along which a symmetry is declared.
+        UserError: for terms that are no basis, or a term that depends on an axis along which a symmetry is declared.
     """
-    kind, options = settings.basis, dict(settings.basis_options)
-    if settings.bound == "constant" or (settings.bound == "conformal" and kind == "blocks"):
-        kind, options = "expressions", {"terms": ("1",)}
-    basis = make_basis(kind, where.states, where.input_names, where.grid.box, **options)
+    chosen = Expressions(terms=("1",)) if settings.bound == "constant" else settings.basis
+    terms = chosen.listed(where.states, where.input_names, where.grid.box)
+    basis = Basis(tuple(terms), tuple(where.states), tuple(where.input_names))
     for j in where.free:
         for term, row in zip(basis.terms, basis.gradients, strict=True):
             if row[j] != 0:

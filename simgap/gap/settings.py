@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from simgap.config.basis import BasisSection
 from simgap.config.gap import GapSection
 from simgap.errors import UserError
+from simgap.gap.kinds.monomials import Monomials
 
 OBJECTIVES = ("lexicographic", "eta")
 SIDES = ("signed", "unsigned")
@@ -19,8 +20,7 @@ class GapSettings:
     """How a gap bound is fitted.
 
     Attributes:
-        basis: kind in the registry, or `blocks`; basis_options: its options (`terms`, `degree`, `harmonics`; for
-            `blocks`: `blocks` per axis, `per_input`).
+        basis: lists its terms; `Blocks` are fitted for themselves.
         objective, sides, padding, bound: one of OBJECTIVES, SIDES, PADDINGS, BOUNDS.
         slack: by how much of the largest sampled gap the supremum may exceed its optimum to lower the mean.
         rough_limit: largest share of cells in which the gap may jump; more is refused.
@@ -29,8 +29,7 @@ class GapSettings:
         seed: of everything random in the fit.
     """
 
-    basis: str = "monomials"
-    basis_options: Mapping[str, object] = field(default_factory=dict)
+    basis: BasisSection = field(default_factory=Monomials)
     objective: str = "lexicographic"
     sides: str = "signed"
     padding: str = "inflate"
@@ -53,10 +52,8 @@ class GapSettings:
     @staticmethod
     def of(section: GapSection) -> GapSettings:
         """The settings that a case's `gap` section asks for."""
-        basis = section.basis
         return GapSettings(
-            basis="expressions" if isinstance(basis, tuple) else basis.kind,
-            basis_options={"terms": tuple(map(str, basis))} if isinstance(basis, tuple) else basis.options(),
+            basis=section.basis,
             objective=section.objective,
             sides=section.sides,
             padding=section.padding,

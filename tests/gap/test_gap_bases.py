@@ -5,8 +5,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simgap.errors import UserError
-from simgap.gap.bases import Basis, make_basis
+from simgap.gap.bases import Basis
 from simgap.gap.forms import make_form
+from simgap.gap.kinds.blocks import Blocks
+from simgap.gap.kinds.expressions import Expressions
+from simgap.gap.kinds.monomials import Monomials
+from simgap.gap.kinds.trigonometric import Trigonometric
 from simgap.gap.supremum import supremum
 
 NAMES = (("x1", "x2"), ("u",))
@@ -94,16 +98,17 @@ def test_supremum_of_a_quadratic_inside_the_box():
 
 
 @pytest.mark.parametrize(
-    ("kind", "options", "size"),
+    ("kind", "size"),
     [
-        ("monomials", {"degree": 2}, 9),  # 6 of x alone, u, u x1, u x2
-        ("monomials", {"degree": 0}, 1),
-        ("trigonometric", {"harmonics": 2}, 10),
-        ("expressions", {"terms": PAPER}, 7),
+        (Monomials(degree=2), 9),  # 6 of x alone, u, u x1, u x2
+        (Monomials(degree=0), 1),
+        (Trigonometric(harmonics=2), 10),
+        (Expressions(terms=PAPER), 7),
+        (Blocks(blocks=(4, 4)), 1),
     ],
 )
-def test_registry(kind, options, size):
-    basis = make_basis(kind, *NAMES, X, **options)
+def test_kinds(kind, size):
+    basis = Basis(kind.listed(*NAMES, X), *NAMES)
     assert basis.size == size
     assert basis.evaluate(np.zeros((3, 2)), np.zeros((3, 1))).shape == (3, size)
 
@@ -126,8 +131,3 @@ def test_terms_that_cannot_be(terms, says):
 def test_terms_that_are_not_smooth_or_finite_on_the_domain(term):
     with pytest.raises(UserError):
         make_form(Basis((term, "1"), *NAMES), X, U, np.zeros(2))
-
-
-def test_unknown_basis_lists_the_known_ones():
-    with pytest.raises(UserError, match="monomials, trigonometric, blocks"):
-        make_basis("fourier", *NAMES, X)

@@ -8,6 +8,10 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.conformal import Calibration
 from simgap.gap.fit import fit_gap
 from simgap.gap.fresh_check import check_fresh, clopper_pearson_upper
+from simgap.gap.kinds.blocks import Blocks
+from simgap.gap.kinds.expressions import Expressions
+from simgap.gap.kinds.monomials import Monomials
+from simgap.gap.kinds.trigonometric import Trigonometric
 from simgap.gap.load import from_json
 from simgap.gap.settings import GapSettings
 
@@ -18,16 +22,16 @@ KINDS = {
     "paper": {"padding": "paper", "objective": "eta", "sides": "unsigned"},
     "constant": {"bound": "constant"},
     "envelope": {"bound": "envelope"},
-    "blocks": {"basis": "blocks", "basis_options": {"blocks": (8, 8)}},
-    "blocks for all inputs": {"basis": "blocks", "basis_options": {"blocks": (5, 9), "per_input": False}},
-    "trigonometric": {"basis": "trigonometric", "basis_options": {"harmonics": 2}},
-    "cubic": {"basis": "monomials", "basis_options": {"degree": 3}},
-    "own terms": {"basis_options": {"terms": ("sin(x1)", "tanh(x2/0.05)", "u", "1")}},
+    "blocks": {"basis": Blocks(blocks=(8, 8))},
+    "blocks for all inputs": {"basis": Blocks(blocks=(5, 9), per_input=False)},
+    "trigonometric": {"basis": Trigonometric(harmonics=2)},
+    "cubic": {"basis": Monomials(degree=3)},
+    "own terms": {"basis": Expressions(terms=("sin(x1)", "tanh(x2/0.05)", "u", "1"))},
 }
 
 
 def fit(samples, **kind):
-    options = {"basis": "expressions", "basis_options": {"terms": PAPER}, "extreme_value": False}
+    options = {"basis": Expressions(terms=PAPER), "extreme_value": False}
     return fit_gap(samples, GapSettings(**(options | kind)))
 
 
@@ -155,7 +159,7 @@ def test_free_axes():
     x = np.broadcast_to(grid.centres()[:, None], (60, len(U), 2)) * [0.0, 1.0]
     u = np.broadcast_to(U, (60, len(U), 1))
     samples = GapSamples(grid, U, smooth(x, u), ("x1", "x2"), ("u",), free=(0,))
-    function = fit(samples, basis_options={"terms": ("x2", "x2^2", "u", "1")}).function
+    function = fit(samples, basis=Expressions(terms=("x2", "x2^2", "u", "1"))).function
     far, u, _ = off_grid(smooth, 1000)
     d = smooth(far * [0.0, 1.0], u)
     far[:, 0] *= 100.0

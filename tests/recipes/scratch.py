@@ -1,13 +1,14 @@
-"""A folder of its own with a case and the workflow, and the pieces of code that the documentation shows."""
+"""A case in a folder of its own, from states and inputs to the bound of its gap, and what the documentation shows."""
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
+
+from simgap.cli import main
+from simgap.gap.load import from_json
+from simgap.io.documents import read_json
 
 ROOT = Path(__file__).parents[2]
 
@@ -20,23 +21,35 @@ def block(page, heading, language):
 
 
 def scratch(folder, case, files):
-    """Write a case, the files beside it and what the workflow reads: -> the path of the case."""
-    cases = folder / "configs/cases"
-    cases.mkdir(parents=True)
+    """Write a case and the files beside it: -> the path of the case."""
     for name, content in files.items():
-        (cases / name).write_text(content)
-    path = cases / f"{case['name']}.yaml"
+        (folder / name).write_text(content)
+    path = folder / f"{case['name']}.yaml"
     path.write_text(yaml.safe_dump(case, sort_keys=False))
-    default = {"case_folder": "configs/cases", "rig_folder": "configs/rigs", "cases": [case["name"]], "sweeps": {}}
-    (folder / "configs/default.yaml").write_text(yaml.safe_dump(default))
     return path
 
 
-def snakemake(folder, *targets):
-    """Make targets as a person does, with the workflow of this checkout."""
-    env = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-    command = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "Snakefile"), "--cores", "2", *targets]
-    done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=900, check=False)
-    if done.returncode:
-        pytest.fail(f"{command} failed:\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}")
-    return done
+def simgap(command, case, *words):
+    """One call of the command line that must succeed, with a log beside the case."""
+    with pytest.raises(SystemExit) as ended:
+        main([str(word) for word in (command, case, *words, "--log", case.parent / f"{command}.log")])
+    assert ended.value.code == 0
+
+
+def gap_of(case, states):
+    """The stages from the grid to the gap, one shard: -> the gap function; files stand beside the case."""
+    out = case.parent
+    grid, shard, fresh = out / "grid", out / "shard.parquet", out / "fresh.parquet"
+    rolled = ("--grid", grid, "--rollouts", shard)
+    simgap("grid", case, "--out", grid)
+    simgap("rollouts", case, "--grid", grid, "--shard", 0, "--out", shard)
+    simgap("fresh", case, "--out", fresh, "--workers", 1)
+    parts = []
+    for stage in ("scp", "lipschitz"):
+        for state in states:
+            made = out / f"{stage}-{state}.json"
+            simgap(stage, case, "--state", state, *rolled, "--out", made)
+            parts += [f"--{stage}", made]
+    result = out / "gap.json"
+    simgap("gap", case, *rolled, *parts, "--fresh", fresh, "--out", result, "--samples", out / "samples.parquet")
+    return from_json(read_json(result))

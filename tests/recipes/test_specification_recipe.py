@@ -41,7 +41,7 @@ def case(vary, root):
 
 def bound(path, out):
     context = Context.load(path)
-    grid = Grid.covering(context.box, 0.05)
+    grid = Grid.covering(context.box, 0.03)
     x, u = product(grid.centres(), context.input_set)
     ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)])
     d = following - context.plant.sampled.step(x, u)

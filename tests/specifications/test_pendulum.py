@@ -20,7 +20,7 @@ TARGETS = {
     "reach_avoid": {"x1": [-0.5, -0.3], "x2": [-0.5, 0.5]},
     "reach_and_stay": {"x1": [0.1, 0.4], "x2": [-0.5, 0.5]},
 }
-TERMS = {"terms": ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")}
+TERMS = {"terms": ("sin(x1)", "x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")}
 STEPS = 150
 
 
@@ -56,7 +56,7 @@ def bound(path, out):
     if out.exists():
         return out
     context = Context.load(path)
-    grid = Grid.covering(context.box, 0.12)
+    grid = Grid.covering(context.box, 0.05)
     x, u = product(grid.centres(), context.input_set)
     ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)])
     d = following - context.plant.sampled.step(x, u)

@@ -10,6 +10,7 @@ import yaml
 
 from simgap.gap.fit import fit_gap
 from simgap.gap.fresh_check import check_fresh
+from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
@@ -138,7 +139,7 @@ def _write_gap(folder, box, inputs, states, input_names, gap, units):
     d = np.ascontiguousarray(gap(x, inputs[None].repeat(grid.size, 0)))
     terms = ("x1", "x2", "u", "1") if box.size == 2 else ("v", "w", "1")
     samples = GapSamples(grid, inputs, d, states, input_names)
-    result = fit_gap(samples, GapSettings(basis="expressions", basis_options={"terms": terms}, extreme_value=False))
+    result = fit_gap(samples, GapSettings(basis=Expressions(terms=terms), extreme_value=False))
     rng = np.random.default_rng(1)
     fresh_x, fresh_u = box.sample(rng, 200), inputs[rng.integers(0, len(inputs), 200)]
     check = check_fresh(result.function, fresh_x, fresh_u, gap(fresh_x, fresh_u))

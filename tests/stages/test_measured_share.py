@@ -12,6 +12,7 @@ import diagnosis_example as example
 
 from simgap.config.load import load_case
 from simgap.gap.fit import fit_gap
+from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
@@ -41,9 +42,7 @@ def constant_gap(context, half):
     grid = Grid(context.box, (6, 6))
     d = np.zeros((grid.size, 3, 2))
     samples = GapSamples(grid, context.input_set, d - half, ("q", "v"), ("u",), d + half)
-    return fit_gap(
-        samples, GapSettings(basis="expressions", basis_options={"terms": ("1",)}, extreme_value=False)
-    ).function
+    return fit_gap(samples, GapSettings(basis=Expressions(terms=("1",)), extreme_value=False)).function
 
 
 def test_the_share_is_that_of_a_count_by_hand(context):

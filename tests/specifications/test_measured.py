@@ -1,0 +1,64 @@
+"""Reaching with a bounded measurement error: the true state keeps clear and arrives, whatever is measured."""
+
+import itertools
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from simgap.closed_loop import Sensing, closed_loop
+from simgap.errors import UserError
+from simgap.geometry import Box
+from simgap.model.sampled import NominalModel
+from simgap.specifications.reach_and_stay import ReachAndStay
+from simgap.specifications.reach_avoid import ReachAvoid
+from simgap.specifications.space import Space
+from simgap.synthesis.controller import Controller
+from simgap.synthesis.synthesise import Problem, synthesise
+
+SPACE = Space(("x", "y"), Box([0.0, 0.0], [4.0, 3.0]))
+ERROR = np.array([0.04, 0.03])
+OBSTACLE, TARGET = {"x": (1.5, 2.0), "y": (0.0, 2.0)}, {"x": (3.0, 3.6), "y": (0.3, 0.9)}
+
+
+class Truth:
+    """x+ = x + 0.2 u, exactly."""
+
+    def reset(self, x):
+        self.x = x.copy()
+
+    def advance(self, u):
+        self.x = self.x + 0.2 * u
+        return self.x
+
+
+@pytest.fixture(scope="module")
+def mover():
+    x, y, u, v = sp.symbols("x y u v", real=True)
+    return NominalModel((x, y), (u, v), (x + u / 5, y + v / 5), 1.0)
+
+
+@pytest.mark.parametrize(("kind", "name"), [(ReachAvoid, "reach_avoid"), (ReachAndStay, "reach_and_stay")])
+def test_no_true_state_is_where_it_must_not_be(mover, kind, name):
+    inputs = np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=2)))
+    asked = kind(kind=name, obstacles=(OBSTACLE,), target=TARGET)
+    solution = synthesise(Problem(mover, asked, SPACE, (80, 60), inputs, error=ERROR))
+    controller = Controller(inputs, SPACE.states, ("u", "v"), solution, "least_effort", {})
+    monitor, rng = asked.monitor(SPACE, solution), np.random.default_rng(1)
+    starts = SPACE.box.sample(rng, 400)
+    starts = starts[controller.contains(starts)]
+    assert len(starts) > 150
+    near = 0.0
+    for start in starts:
+        seen = start + ERROR * rng.choice([-1.0, 1.0], 2)
+        run = closed_loop(Truth(), controller, start, 60, Sensing(ERROR), rng, monitor, seen)
+        verdict = monitor.judge(run, 60)
+        assert verdict.outcome.kept, verdict.outcome
+        near = max(near, float(np.abs(run.seen - run.x).max()))
+    assert near == pytest.approx(0.04)
+
+
+def test_a_target_smaller_than_the_error_is_refused(mover):
+    small = ReachAvoid(kind="reach_avoid", target={"x": (3.0, 3.07), "y": (0.3, 0.9)})
+    with pytest.raises(UserError, match="The measurement error is as large as the target"):
+        synthesise(Problem(mover, small, SPACE, (80, 60), np.zeros((1, 2)), error=ERROR))
