@@ -107,12 +107,15 @@ def main() -> None:
     """Run the records asked for and write the results after each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--records", type=int, default=20, help="of each kind")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first record")
     parser.add_argument("--kinds", nargs="*", default=["drive", "drive with bias", "pendulum"])
     parser.add_argument("--label", default="now", help="name of this version in the results")
     asked = parser.parse_args()
     known = json.loads(OUT.read_text()) if OUT.exists() else []
-    rows = [r for r in known if r["label"] != asked.label or r["kind"] not in asked.kinds]
-    for seed in range(asked.records):
+    seeds = range(asked.first, asked.first + asked.records)
+    redone = [(asked.label, kind, seed) for kind in asked.kinds for seed in seeds]
+    rows = [r for r in known if (r["label"], r["kind"], r["seed"]) not in redone]
+    for seed in seeds:
         for kind in asked.kinds:
             rows.append({"label": asked.label, **one(kind, seed)})
             print(rows[-1], flush=True)
