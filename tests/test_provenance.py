@@ -1,6 +1,8 @@
 """What is hashed: sections that a stage reads, code that it reaches, plug-ins of the case, model files as bytes."""
 
 import ast
+import subprocess
+import sys
 
 import pytest
 import yaml
@@ -25,7 +27,7 @@ def reached(stage):
 
 
 def used(case, stage):
-    return set(provenance.plugins_of(stage, load_case(case), case.parent))
+    return {f"{group}: {name}" for group, name in provenance.plugins_of(stage, load_case(case))}
 
 
 def test_code_that_a_stage_reaches():
@@ -137,6 +139,20 @@ def test_a_file_beside_the_case_is_code_of_its_stages(own):
 
 def test_what_a_file_imports_from_the_package_is_its_code(own):
     (own.parent / "still.py").write_text(ENGINE + "from simgap.simulators import joint_engine\n")
-    plugin = plugins.find("engines", "still.py:Still", own.parent)
-    assert {"", "simgap.simulators.base", "simgap.simulators.joint_engine"} <= set(provenance._sources(plugin))
+    sources = provenance._sources("engines", "still.py:Still", own.parent)
+    assert {"", "simgap.simulators.base", "simgap.simulators.joint_engine"} <= set(sources)
     assert not list(own.parent.rglob("__pycache__"))
+
+
+def test_cases_and_hashes_take_no_engine_and_no_algebra(root):
+    """Each start of the workflow reads its cases and hashes their stages: that must not import what takes seconds."""
+    code = (
+        "import sys; from pathlib import Path; from simgap.config.load import load_case\n"
+        "from simgap.config.reads import READS; from simgap.provenance import code_digest, versions\n"
+        "for path in sorted(Path('configs/cases').glob('*.yaml')):\n"
+        "    case = load_case(path)\n"
+        "    for stage in READS: code_digest(stage, case, path.parent), versions(stage, case, path.parent)\n"
+        "print([m for m in ('sympy', 'numba', 'scipy', 'pydrake', 'pybullet', 'mujoco') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

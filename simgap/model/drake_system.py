@@ -45,18 +45,6 @@ def symbolic_plant(model: SymbolicModel) -> Any:
     )
 
 
-def time_derivatives(system: Any, x: Floats, u: Floats) -> Floats:
-    """Drake's own numeric evaluation of dx/dt: states (n, nx), inputs (n, nu) -> (n, nx)."""
-    context = system.CreateDefaultContext()
-    out = np.empty_like(x, dtype=np.float64)
-    for k in range(len(x)):
-        context.SetContinuousState(x[k])
-        if u.shape[1]:
-            system.get_input_port().FixValue(context, u[k])
-        out[k] = system.EvalTimeDerivatives(context).CopyToVector()
-    return out
-
-
 def evaluator(
     exprs: Sequence[sp.Expr], x: Sequence[sp.Symbol], u: Sequence[sp.Symbol]
 ) -> Callable[[Floats, Floats], Floats]:

@@ -53,11 +53,6 @@ class NominalModel:
         return compile_interval_kernel(self.f, (self.x, self.u))
 
     @cached_property
-    def jacobian_kernel(self) -> Kernel:
-        """numba: (x, u) -> row-major d f_i / d x_j."""
-        return compile_kernel(self.jacobian_exprs, (self.x, self.u))
-
-    @cached_property
     def jacobian_interval_kernel(self) -> Kernel:
         """numba: (xlo, xhi, ulo, uhi) -> row-major ((lo, hi), ...) of d f_i / d x_j over the box."""
         return compile_interval_kernel(self.jacobian_exprs, (self.x, self.u))
@@ -80,15 +75,6 @@ class NominalModel:
         """f on arrays: (n, nx), (n, nu) -> (n, nx)."""
         return _map(self.kernel, _rows(x), _rows(u), self.nx)
 
-    def jacobian(self, x: Floats, u: Floats) -> Floats:
-        """d f / d x on arrays: (n, nx), (n, nu) -> (n, nx, nx)."""
-        return _map(self.jacobian_kernel, _rows(x), _rows(u), self.nx**2).reshape(-1, self.nx, self.nx)
-
-    def jacobian_bound(self, lo: Floats, hi: Floats, u: Floats) -> Floats:
-        """Upper bounds of |d f_i / d x_j| over boxes: (n, nx), (n, nx), (n, nu) -> (n, nx, nx), rounded outward."""
-        bound = _magnitude(self.jacobian_interval_kernel, _rows(lo), _rows(hi), _rows(u), self.nx**2)
-        return bound.reshape(-1, self.nx, self.nx)
-
     def enclosure(self, lo: Floats, hi: Floats, u: Floats) -> tuple[Floats, Floats]:
         """f over boxes: (n, nx), (n, nx), (n, nu) -> two (n, nx), rounded outward."""
         return _enclose(self.interval_kernel, _rows(lo), _rows(hi), _rows(u), self.nx)
@@ -105,16 +91,6 @@ def _map(kernel: Any, x: Floats, u: Floats, size: int) -> Floats:
         values = kernel(x[k], u[k])
         for i in range(size):
             out[k, i] = values[i]
-    return out
-
-
-@njit(error_model="numpy")
-def _magnitude(kernel: Any, lo: Floats, hi: Floats, u: Floats, size: int) -> Floats:
-    out = np.empty((lo.shape[0], size))
-    for k in range(lo.shape[0]):
-        values = kernel(lo[k], hi[k], u[k], u[k])
-        for i in range(size):
-            out[k, i] = max(-values[i][0], values[i][1])
     return out
 
 

@@ -143,11 +143,8 @@ def test_a_moving_link_without_inertia_is_refused(vary, root, tmp_path, capsys):
     bare.write_text(text[:start] + text[end:])
     path = vary("pendulum", {"plant.urdf": str(bare)})
     with pytest.raises(SystemExit) as caught:
-        main(
-            ["rollouts", str(path), "--eps", "0.1", "--out", str(tmp_path / "x.parquet"), "--log", str(tmp_path / "l")]
-        )
+        main(["effects", str(path)])
     assert caught.value.code == 2
     error = capsys.readouterr().err
     assert "rod" in error
     assert "inertia" in error
-    assert not (tmp_path / "x.parquet").exists()

@@ -6,8 +6,9 @@ import sympy as sp
 
 from simgap.errors import UserError
 from simgap.model.compile import compile_kernel
-from simgap.model.drake_system import symbolic_plant, time_derivatives
+from simgap.model.drake_system import symbolic_plant
 from simgap.model.symbolic import Parameter, SymbolicModel, Variable, symbol
+from tests.drake_numbers import time_derivatives
 
 x, y, th, v, w, b = (symbol(n) for n in ("x", "y", "theta", "v", "w", "b"))
 STATES, INPUTS = tuple(Variable(n, "1") for n in ("x", "y", "theta")), tuple(Variable(n, "1") for n in ("v", "w"))

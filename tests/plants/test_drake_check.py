@@ -9,9 +9,9 @@ from numba import njit
 
 import simgap
 from simgap.errors import BrokenPromise
-from simgap.model.drake_system import time_derivatives
 from simgap.plants import drake_check
 from simgap.stages.context import Context
+from tests.drake_numbers import time_derivatives
 
 EFFECTS = [
     {"name": "viscous_friction", "on": "hinge", "parameters": {"b": 0.1}},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 
@@ -40,7 +41,24 @@ def select(search: Search, base: Fit, most: int) -> Explanation:
     for first in sorted(search.joined(search.empty(base)), key=lambda e: e.bic)[:FIRST_EFFECTS]:
         if not first.keys & found.keys:
             grow(search, first, most)
-    return preferred(search, found, most)
+    found = preferred(search, found, most)
+    if len(found.members) > 2:
+        _merge(search, found)
+        found = preferred(search, found, most)
+    return found
+
+
+def _merge(search: Search, found: Explanation) -> None:
+    """Try one effect in the place of any two, in the set and in its equals.
+
+    No swap of single effects leads from two effects that together look like one (a ripple and a centre of mass, like a
+    spring) to that one.
+    """
+    equals = [e for e in search.tried.values() if e.physical and abs(e.bic - found.bic) < SAME_BIC]
+    for e in equals[:EQUALS_PRUNED]:
+        for gone in itertools.combinations(e.members, 2):
+            kept = search.without(search.without(e, gone[0]), gone[1])
+            search.joined(kept, exclude=[c.key for c in gone])
 
 
 def preferred(search: Search, found: Explanation, most: int) -> Explanation:
