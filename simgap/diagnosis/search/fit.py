@@ -121,10 +121,13 @@ def _descend(
         new = None
         while damping < _STIFFEST:
             theta = _clipped(problem, at, free, _step(problem, at.theta, free, linear, damping))
-            tried = _follow(problem, at, linear, theta, theta[free] - at.theta[free])
+            step = theta[free] - at.theta[free]
+            tried = _follow(problem, at, linear, theta, step)
             if tried.total <= at.total:
                 new = tried
                 break
+            if float(np.sum(linear.window_rest - linear.foreseen(step))) < _least_gain(at):
+                break  # a shorter step has nothing left to gain
             damping *= 10.0
         if new is None:  # no step leads down: not at a minimum by any word of the linear problem
             break
