@@ -21,7 +21,8 @@ import numpy as np
 
 from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
-from simgap.gap.fit import GapResult, fit_gap
+from simgap.gap.assemble import GapResult
+from simgap.gap.fit import fit_gap
 from simgap.gap.fresh_check import check_fresh
 from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.kinds.expressions import Expressions

@@ -38,7 +38,7 @@ def test_code_that_a_stage_reaches():
     assert {name for name in reached("rollouts") if name.startswith("gap/")} <= where_it_is_asked
     assert {"gap/scenario", "gap/padding"} <= reached("scp")
     assert not {"gap/scenario", "gap/padding"} & reached("lipschitz")
-    assert "lipschitz/evt" in reached("lipschitz") - reached("scp")
+    assert "lipschitz/evt" in reached("lipschitz") - reached("scp") - reached("gap")
     assert not any(name.startswith("synthesis/inv") for name in reached("gap"))
 
 
@@ -69,18 +69,45 @@ def test_the_closure_is_what_the_sources_say():
 
 
 def test_sections_are_narrow(vary):
-    def digests(changes):
-        path = vary("pendulum", changes)
-        return {stage: sections_digest(load_case(path), read, path.parent) for stage, read in READS.items()}
-
-    base = digests({})
+    base = _digests(vary, {})
     # the diagnosis copies the whole case into the corrected one, so it reads all of it
-    changed = digests({"synthesis.cells": [10, 10]})
+    changed = _digests(vary, {"synthesis.cells": [10, 10]})
     assert {stage for stage in READS if base[stage] != changed[stage]} == {"synthesis", "diagnosis"}
-    changed = digests({"validation.seed": 9})
+    changed = _digests(vary, {"validation.seed": 9})
     assert {stage for stage in READS if base[stage] != changed[stage]} == {"validation", "diagnosis"}
-    changed = digests({"plant.integrator": "rk4"})
+    changed = _digests(vary, {"plant.integrator": "rk4"})
     assert not {"rollouts", "fresh", "rig"} & {stage for stage in READS if base[stage] != changed[stage]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "again"),
+    [
+        ({"gap.basis": ["x1", "u", 1]}, {"scp", "gap"}),
+        ({"gap.objective": "eta"}, {"scp", "gap"}),
+        ({"gap.padding": "paper"}, {"scp", "gap"}),  # inflate pads inside the program
+        ({"gap.lipschitz": {"extreme_value": False}}, {"lipschitz", "gap"}),
+        ({"gap.lipschitz": {"rough_limit": 0.2}}, {"gap"}),
+        ({"gap.tolerated_probability": 0.01}, {"gap", "validation"}),
+        ({"grid.eps": 0.1}, {"report"}),  # another point, whose files have other names
+        ({"plant.integrator": "rk4"}, {"scp", "lipschitz", "gap"}),
+        ({"domain.X.x1": [-0.1, 0.2]}, {"grid", "rollouts", "fresh", "scp", "lipschitz", "gap"}),
+    ],
+)
+def test_each_stage_of_the_bound_reads_its_own_keys(vary, changes, again):
+    road = {"grid", "rollouts", "fresh", "scp", "lipschitz", "gap", "validation", "report"}
+    assert {stage for stage in road if _digests(vary, {})[stage] != _digests(vary, changes)[stage]} >= again
+    bound = road - {"validation", "report"}
+    assert {s for s in bound if _digests(vary, {})[s] != _digests(vary, changes)[s]} == again & bound
+
+
+def test_which_padding_it_is_matters_to_the_program_where_it_is_inflate(vary):
+    per_axis, paper = (_digests(vary, {"gap.padding": name}) for name in ("per_axis", "paper"))
+    assert {stage for stage in READS if per_axis[stage] != paper[stage]} == {"gap", "diagnosis"}
+
+
+def _digests(vary, changes):
+    path = vary("pendulum", changes)
+    return {stage: sections_digest(load_case(path), read, path.parent) for stage, read in READS.items()}
 
 
 def test_only_the_engine_of_the_case_counts(root):

@@ -86,8 +86,11 @@ def section_of(plugin: type[Any], name: str) -> type[Section]:
     """The section of a plug-in: itself or its `Settings`.
 
     Raises:
-        UserError: a plug-in without one.
+        UserError: a plug-in without one, or without methods that its kind must have.
     """
+    lacking = sorted(getattr(plugin, "__abstractmethods__", ()))
+    if lacking:
+        raise UserError(f"the plug-in '{name}' lacks {', '.join(lacking)}", remedy="Give its class these methods.")
     for candidate in (plugin, getattr(plugin, "Settings", None)):
         if isinstance(candidate, type) and issubclass(candidate, Section):
             return candidate

@@ -11,14 +11,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from simgap import plugins
-from simgap.effects.base import (
-    CoordinateEffect,
-    Effect,
-    EffectParameter,
-    InputEffect,
-    MemoryInputEffect,
-    StaticInputEffect,
-)
+from simgap.effects.base import CoordinateEffect, Effect, EffectParameter
+from simgap.effects.commands import InputEffect, MemoryInputEffect, StaticInputEffect
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
 

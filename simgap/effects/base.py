@@ -17,7 +17,7 @@ import sympy as sp
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 from simgap.errors import UserError
-from simgap.model.symbolic import Parameter, SymbolicModel, Variable, symbol
+from simgap.model.symbolic import Parameter, SymbolicModel, symbol
 
 Kind = Literal["coordinate", "input", "state", "parameter", "plant"]
 Values = Mapping[str, sp.Expr]
@@ -193,79 +193,3 @@ class CoordinateEffect(Effect):
         c = model.coordinate(on)
         position = next(v.unit for v in model.states if v.name == c.position)
         return {p.symbol: p.unit.format(force=c.force_unit, position=position) for p in self.parameters}
-
-
-class InputEffect(Effect):
-    """A change between the recorded command and what the plant feels; every engine acts it out."""
-
-    kind: ClassVar[Kind] = "input"
-    rank: ClassVar[int] = COMMAND
-
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """Every input of the plant."""
-        return model.input_names
-
-    def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
-        """Units from the input's."""
-        unit = next(v.unit for v in model.inputs if v.name == on)
-        return {p.symbol: p.unit.format(input=unit) for p in self.parameters}
-
-    def phrase(self, on: str) -> str:
-        """'the dead zone of torque'."""
-        return f"the {self.name.removeprefix('input_').replace('_', ' ')} of {on}"
-
-
-class MemoryInputEffect(InputEffect):
-    """A dead time and a first-order lag between command and plant: what the plant feels depends on past commands.
-
-    An effect gives one of them or both, as functions of its parameters; the model, the fit and the simulators take
-    them from there.
-    """
-
-    remembers: ClassVar[bool] = True
-    excitation: ClassVar[str] = "add faster changes of the input"
-
-    def delay(self, values: Values) -> sp.Expr:
-        """Seconds until a command begins to act."""
-        return sp.Integer(0)
-
-    def lag(self, values: Values) -> sp.Expr:
-        """Time constant of the actuator, s; 0 for none."""
-        return sp.Integer(0)
-
-    def seconds(self, values: Mapping[str, float]) -> tuple[float, float]:
-        """Delay and time constant of the lag, s."""
-        numbers = {name: sp.Float(value) for name, value in values.items()}
-        return float(self.delay(numbers)), float(self.lag(numbers))
-
-    def lateness(self, values: Mapping[str, float]) -> float:
-        """Delay and lag together: for slow commands they are alike."""
-        return sum(self.seconds(values))
-
-    def memory_state(self, on: str) -> str | None:
-        """The actuator's output, if there is a lag."""
-        lag = self.lag({p.symbol: symbol(p.symbol) for p in self.parameters})
-        return f"{on}_lagged" if sp.sympify(lag) != 0 else None
-
-    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
-        """Declare the delay; add the actuator's output as a state that follows its command."""
-        state, delay, lag = self.memory_state(on), self.delay(values), self.lag(values)
-        if state is not None:
-            unit = next(v.unit for v in model.inputs if v.name == on)
-            lagged = model.with_input(on, symbol(state))
-            model = lagged.with_state(Variable(state, unit), (symbol(on) - symbol(state)) / lag)
-        return model if delay == 0 else model.with_delay(on, delay)
-
-
-class StaticInputEffect(InputEffect):
-    """A memoryless map from command to what the plant feels."""
-
-    excitation: ClassVar[str] = "vary the size of the input, both signs"
-
-    @abstractmethod
-    def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
-        """What the plant feels for this command."""
-
-    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
-        """Replace the command by what it becomes."""
-        return model.with_input(on, self.applied(symbol(on), values))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sympy as sp
 
-from simgap.effects.base import COMMAND, EffectParameter, StaticInputEffect, Values
+from simgap.effects.base import COMMAND, EffectParameter, Values
+from simgap.effects.commands import StaticInputEffect
 from simgap.effects.quoted import Quoted
 
 

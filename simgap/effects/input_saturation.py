@@ -6,7 +6,8 @@ import math
 
 import sympy as sp
 
-from simgap.effects.base import COMMAND, EffectParameter, StaticInputEffect, Values
+from simgap.effects.base import COMMAND, EffectParameter, Values
+from simgap.effects.commands import StaticInputEffect
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 

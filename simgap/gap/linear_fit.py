@@ -49,7 +49,7 @@ def basis_of(where: SampleGrid, settings: GapSettings) -> Basis:
     """
     chosen = Expressions(terms=("1",)) if settings.bound == "constant" else settings.basis
     terms = chosen.listed(where.states, where.input_names, where.grid.box)
-    basis = Basis(tuple(terms), tuple(where.states), tuple(where.input_names))
+    basis = Basis(tuple(map(str, terms)), tuple(where.states), tuple(where.input_names))
     for j in where.free:
         for term, row in zip(basis.terms, basis.gradients, strict=True):
             if row[j] != 0:

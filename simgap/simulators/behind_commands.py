@@ -8,7 +8,7 @@ from typing import Any
 
 from simgap.config.case import Case
 from simgap.effects import effect
-from simgap.effects.base import InputEffect
+from simgap.effects.commands import InputEffect
 from simgap.errors import UserError
 from simgap.simulators.base import Simulator
 from simgap.simulators.commands import CommandPath, command_paths

@@ -15,7 +15,7 @@ import sympy as sp
 
 from simgap.config.plant import AddedEffect
 from simgap.effects import StaticInputEffect, effect
-from simgap.effects.base import InputEffect, MemoryInputEffect
+from simgap.effects.commands import InputEffect, MemoryInputEffect
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.model.symbolic import symbol

@@ -24,7 +24,8 @@ class JointEngine(Engine):
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:
         """Forces on coordinates, and every change of a command."""
-        from simgap.effects.base import CoordinateEffect, InputEffect
+        from simgap.effects.base import CoordinateEffect
+        from simgap.effects.commands import InputEffect
 
         return isinstance(effect, CoordinateEffect | InputEffect)
 

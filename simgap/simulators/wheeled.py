@@ -64,7 +64,8 @@ class PyBulletWheeled(Engine, PathSimulator):
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:
         """Changes of the commands, and wheels of unequal size."""
-        from simgap.effects.base import InputEffect, WheelEffect
+        from simgap.effects.base import WheelEffect
+        from simgap.effects.commands import InputEffect
 
         return isinstance(effect, InputEffect | WheelEffect)
 

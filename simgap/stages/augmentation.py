@@ -18,7 +18,7 @@ from simgap.config.case import Case
 from simgap.config.domain import InputSet
 from simgap.config.plant import AddedEffect
 from simgap.effects import AppliedEffect, effect
-from simgap.effects.base import MemoryInputEffect
+from simgap.effects.commands import MemoryInputEffect
 from simgap.geometry import Box, Grid
 from simgap.simulators.commands import CommandPath
 from simgap.specifications.base import specification_of

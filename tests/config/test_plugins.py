@@ -124,6 +124,19 @@ def gain(section):
     return section.gain
 
 
+def test_a_plug_in_without_its_methods_is_one_line(vary):
+    path = vary("pendulum", {"simulator": {"engine": "half.py:Half"}, "gap.basis": {"kind": "half.py:Less"}})
+    bases = "from simgap.config.basis import BasisSection\nfrom simgap.simulators.base import Engine\n"
+    (path.parent / "half.py").write_text(
+        f"{bases}class Half(Engine):\n    def reset(self, x): pass\nclass Less(BasisSection): pass\n"
+    )
+    with pytest.raises(UserError, match=r"simulator: the plug-in 'half\.py:Half' lacks advance, build"):
+        load_case(path)
+    path = vary("pendulum", {"gap.basis": {"kind": "half.py:Less"}})
+    with pytest.raises(UserError, match=r"gap\.basis: the plug-in 'half\.py:Less' lacks listed"):
+        load_case(path)
+
+
 @pytest.mark.parametrize(
     ("simulator", "words"),
     [

@@ -42,7 +42,8 @@ class BrushDrag(CoordinateEffect):
 MEMORY = '''
 """A bus that is late and a motor that lags, in a fixed ratio."""
 
-from simgap.effects.base import EffectParameter, MemoryInputEffect
+from simgap.effects.base import EffectParameter
+from simgap.effects.commands import MemoryInputEffect
 from simgap.effects.start import multiple
 
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
 from simgap.effects import EFFECTS, Effect, StaticInputEffect
-from simgap.effects.base import CoordinateEffect, InputEffect, MemoryInputEffect
+from simgap.effects.base import CoordinateEffect
+from simgap.effects.commands import InputEffect, MemoryInputEffect
 from simgap.errors import UserError
 from simgap.model.compile import Kernel, compile_kernel
 from simgap.model.symbolic import SymbolicModel, symbol

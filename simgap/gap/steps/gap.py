@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from simgap.gap.acceptance import covering_remainder, tolerate
+from simgap.gap.assemble import assemble
 from simgap.gap.conformal import Calibration
 from simgap.gap.dimension_fit import fit_from_json
-from simgap.gap.fit import assemble
 from simgap.gap.fresh_check import FreshCheck, check_fresh
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.points import Columns, Points, radius, remembers
 from simgap.gap.settings import GapSettings
 from simgap.gap.steps.hidden_gap import hidden_bound
-from simgap.gap.steps.samples import motion_of, sample_grid, stacked, steps_of, successors
+from simgap.gap.steps.samples import motion_of, read_back, sample_grid, stacked, steps_of, successors
 from simgap.gap.steps.tables import AFTER_PREVIOUS
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
@@ -78,8 +78,8 @@ def gap(context: Context, made: Made) -> Bound:
         return Bound(content, check, _thinned_steps(context, motion, made.shards))
     section = context.need(context.case.gap, "gap")
     where, names = sample_grid(context, made.points), context.states
-    fits = [fit_from_json(made.scp[n]) for n in names]
-    known = [DimensionLipschitz.from_json(made.lipschitz[n]) for n in names]
+    fits = [read_back(fit_from_json, made.scp[n]) for n in names]
+    known = [read_back(DimensionLipschitz.from_json, made.lipschitz[n]) for n in names]
     step = context.plant.sampled.step
     drawn = Calibration(*_gaps(context, step, made.calibration)) if made.calibration else None
     result = assemble(where, GapSettings.of(section), fits, known, drawn)

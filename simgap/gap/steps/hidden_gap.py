@@ -16,6 +16,7 @@ from simgap.gap.function import GapDomain
 from simgap.gap.hidden_fit import HiddenStateFit, HistoryInfluence, HullFit, assemble_hulls
 from simgap.gap.hidden_state import tolerance_of
 from simgap.gap.points import Columns, Points
+from simgap.gap.steps.samples import read_back
 from simgap.gap.steps.tables import body_samples
 from simgap.gap.symmetry import HeadingDeviation, check_symmetry
 from simgap.geometry import Floats
@@ -35,8 +36,8 @@ def hidden_bound(
     """
     hidden = context.need(context.case.hidden_state, "hidden_state")
     symmetry = context.need(context.case.symmetry, "symmetry")
-    hulls = [HullFit.from_json(scp[n]) for n in context.states]
-    influences = [HistoryInfluence.from_json(lipschitz[n]) for n in context.states]
+    hulls = [read_back(HullFit.from_json, scp[n]) for n in context.states]
+    influences = [read_back(HistoryInfluence.from_json, lipschitz[n]) for n in context.states]
     deviation = HeadingDeviation(np.array([own.deviation for own in influences]), influences[0].compared)
     check_symmetry(deviation, context.states, tolerance_of(context.states, symmetry.tolerance))
     pose = pose_axes(context)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +17,23 @@ from simgap.gap.symmetry import nominal_motion
 from simgap.geometry import Floats, Grid
 from simgap.plants.context import Context
 from simgap.simulators.body_samples import BodySamples, joined
+
+T = TypeVar("T")
+
+
+def read_back(make: Callable[[Mapping[str, Any]], T], data: Mapping[str, Any]) -> T:
+    """The result of one dimension from its saved form.
+
+    Raises:
+        UserError: the result of another kind of case, or an incomplete one.
+    """
+    try:
+        return make(data)
+    except (LookupError, TypeError, ValueError) as error:
+        raise UserError(
+            f"the saved result of {data['state']} is none of this case ({error!r})",
+            remedy="Run the stages scp and lipschitz again.",
+        ) from None
 
 
 def stacked(columns: Columns, names: Sequence[str]) -> Floats:
