@@ -9,6 +9,7 @@ import yaml
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.gap.fit import fit_gap
+from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.pairs import product
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
@@ -46,8 +47,9 @@ def bound(path, out):
     ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)])
     d = following - context.plant.sampled.step(x, u)
     samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), ("x1", "x2"), ("u",))
-    terms = {"terms": ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")}
-    write_json(out, fit_gap(samples, GapSettings("expressions", terms, extreme_value=False)).function.to_json())
+    terms = ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")
+    settings = GapSettings(basis=Expressions(terms=terms), extreme_value=False)
+    write_json(out, fit_gap(samples, settings).function.to_json())
 
 
 def test_one_file_is_a_specification(case, tmp_path):

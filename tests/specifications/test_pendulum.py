@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simgap.gap.fit import fit_gap
+from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.pairs import product
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
@@ -20,7 +21,7 @@ TARGETS = {
     "reach_avoid": {"x1": [-0.5, -0.3], "x2": [-0.5, 0.5]},
     "reach_and_stay": {"x1": [0.1, 0.4], "x2": [-0.5, 0.5]},
 }
-TERMS = {"terms": ("sin(x1)", "x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")}
+TERMS = ("sin(x1)", "x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")
 STEPS = 150
 
 
@@ -61,7 +62,8 @@ def bound(path, out):
     ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)])
     d = following - context.plant.sampled.step(x, u)
     samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), ("x1", "x2"), ("u",))
-    write_json(out, fit_gap(samples, GapSettings("expressions", TERMS, extreme_value=False)).function.to_json())
+    settings = GapSettings(basis=Expressions(terms=TERMS), extreme_value=False)
+    write_json(out, fit_gap(samples, settings).function.to_json())
     return out
 
 

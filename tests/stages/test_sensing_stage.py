@@ -7,6 +7,7 @@ import yaml
 from simgap.cli import main
 from simgap.config.load import case_content
 from simgap.gap.fit import fit_gap
+from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.pairs import product
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
@@ -39,8 +40,9 @@ def bound(path, out):
     d = following - context.plant.sampled.step(x, u)
     names = tuple(context.states), tuple(context.inputs)
     samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), *names)
-    terms = {"terms": ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")}
-    write_json(out, fit_gap(samples, GapSettings("expressions", terms, extreme_value=False)).function.to_json())
+    terms = ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")
+    settings = GapSettings(basis=Expressions(terms=terms), extreme_value=False)
+    write_json(out, fit_gap(samples, settings).function.to_json())
 
 
 def test_the_promise_holds_for_measurements_a_sample_late(sensed, tmp_path):
