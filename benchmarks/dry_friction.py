@@ -33,7 +33,7 @@ from simgap.model.symbolic import SymbolicModel  # noqa: E402
 from tests.diagnosis.plants import block, point_pendulum  # noqa: E402
 from tests.undeclared.rig import dry_friction as rig  # noqa: E402
 
-OUT = ROOT / "benchmarks" / "results" / "dry_friction"
+OUT = ROOT / "benchmarks" / "results" / "dry_friction.json"
 SETTINGS = DiagnosisSettings(
     horizon_s=0.2, effects=("coulomb_friction", "viscous_friction", "input_bias", "input_gain"), max_effects=3
 )
@@ -103,42 +103,23 @@ def one(kind: str, seed: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """Markdown, one kind of record a row."""
-    lines = [
-        "| version | record | records | exact | attributed | settled | intervals that cover | "
-        "chi^2 jointly / one by one, largest | error .2 s ahead / floor, median | CPU s, median |",
-        "|" + "---|" * 10,
-    ]
-    for label, kind in dict.fromkeys((r["label"], r["kind"]) for r in rows):
-        same = [r for r in rows if (r["label"], r["kind"]) == (label, kind)]
-        covered = [c for r in same for c in r["covered"]]
-        worst = max(r["jointly"] / r["alone"] for r in same)
-        ahead, cpu = (float(np.median([r[key] for r in same])) for key in ("ahead_over_floor", "cpu_s"))
-        lines.append(
-            f"| {label} | {kind} | {len(same)} | {sum(r['exact'] for r in same)} | "
-            f"{sum(r['verdict'] == 'attributed' for r in same)} | {sum(r['settled'] for r in same)} | "
-            f"{sum(covered)} of {len(covered)} | {worst:.4g} | {ahead:.3g} | {cpu:.3g} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
 def main() -> None:
     """Run the records asked for and write the results after each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--records", type=int, default=20, help="of each kind")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first record")
     parser.add_argument("--kinds", nargs="*", default=["drive", "drive with bias", "pendulum"])
     parser.add_argument("--label", default="now", help="name of this version in the results")
     asked = parser.parse_args()
-    path = OUT.with_suffix(".json")
-    known = json.loads(path.read_text()) if path.exists() else []
-    rows = [r for r in known if r["label"] != asked.label or r["kind"] not in asked.kinds]
-    for seed in range(asked.records):
+    known = json.loads(OUT.read_text()) if OUT.exists() else []
+    seeds = range(asked.first, asked.first + asked.records)
+    redone = [(asked.label, kind, seed) for kind in asked.kinds for seed in seeds]
+    rows = [r for r in known if (r["label"], r["kind"], r["seed"]) not in redone]
+    for seed in seeds:
         for kind in asked.kinds:
             rows.append({"label": asked.label, **one(kind, seed)})
             print(rows[-1], flush=True)
-            path.write_text(json.dumps(rows, indent=1) + "\n")
-            OUT.with_suffix(".md").write_text(table(rows))
+            OUT.write_text(json.dumps(rows, indent=1) + "\n")
 
 
 if __name__ == "__main__":

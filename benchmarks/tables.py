@@ -126,6 +126,25 @@ def long_record(data: Sequence[Mapping[str, Any]]) -> str:
     return markdown(["record", "samples", "verdict", "CPU s", "memory, GiB"], rows)
 
 
+def dry_friction(data: Sequence[Mapping[str, Any]]) -> str:
+    """Records with rests: names, and what windows fitted jointly miss of windows fitted one by one."""
+    rows = []
+    for label, kind in dict.fromkeys((r["label"], r["kind"]) for r in data):
+        same = [r for r in data if (r["label"], r["kind"]) == (label, kind)]
+        covered = [c for r in same for c in r["covered"]]
+        ahead, worst = (sorted(values)[len(same) // 2 :] for values in (
+            [r["ahead_over_floor"] for r in same], [r["jointly"] / r["alone"] for r in same]
+        ))  # fmt: skip
+        counts = (sum(r[key] for r in same) for key in ("exact", "settled"))
+        named = sum(r["verdict"] == "attributed" for r in same)
+        rows.append([
+            label, kind, str(len(same)), *map(str, counts), str(named), f"{sum(covered)} of {len(covered)}",
+            f"{worst[-1]:.6g}", f"{ahead[0]:.3g}",
+        ])  # fmt: skip
+    head = ["version", "record", "records", "exact", "settled", "attributed", "intervals that cover"]
+    return markdown([*head, "chi^2 jointly / one by one, largest", "error 0.2 s ahead / floor, median"], rows)
+
+
 def suprema(_: Mapping[str, Any]) -> str:
     """Sup of gamma for every eps of a plain run of the pendulum."""
     rows = []
@@ -169,6 +188,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "lipschitz": ("lipschitz.json", lipschitz),
     "undeclared": ("undeclared.json", undeclared),
     "rollouts": ("rollouts.json", rollouts),
+    "dry_friction": ("dry_friction.json", dry_friction),
     "long_record": ("long_record.json", long_record),
     "suprema": ("../../results/pendulum/summary.json", suprema),
 }

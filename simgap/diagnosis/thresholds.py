@@ -132,5 +132,9 @@ SETTLED_STATES = 1.0
 """... and of the initial state of each window. Under dry friction what fitting such windows afresh from several starts
 gains counts instead of the promise."""
 
+STANDS_OUT = 3.0
+"""Under dry friction a window is begun afresh if its chi^2 exceeds the median window's by so many times what white
+noise would show. Windows that had ended in a valley of their own stood 1.6 to 6,700 times above their best."""
+
 LAGS_REMEMBERED = 5.0
 """After this many time constants of a lag (e^-5 is less than a hundredth) what was commanded before has faded."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import Refit, refit, refit_from_all, window_chi2
 from simgap.diagnosis.simulation.sensitivity import Linearised, linearise, slot_direction
-from simgap.diagnosis.thresholds import SETTLED_PROMISE, SETTLED_STATES
+from simgap.diagnosis.thresholds import SETTLED_PROMISE, SETTLED_STATES, STANDS_OUT
 
 Floats = NDArray[np.float64]
 _MAX_ITERATIONS = 30
@@ -121,10 +121,13 @@ def _descend(
         new = None
         while damping < _STIFFEST:
             theta = _clipped(problem, at, free, _step(problem, at.theta, free, linear, damping))
-            tried = _follow(problem, at, linear, theta, theta[free] - at.theta[free])
+            step = theta[free] - at.theta[free]
+            tried = _follow(problem, at, linear, theta, step)
             if tried.total <= at.total:
                 new = tried
                 break
+            if float(np.sum(linear.window_rest - linear.foreseen(step))) < _least_gain(at):
+                break  # a shorter step has nothing left to gain
             damping *= 10.0
         if new is None:  # no step leads down: not at a minimum by any word of the linear problem
             break
@@ -159,7 +162,7 @@ def _begun_afresh(problem: Problem, at: _Point, promise: Floats) -> _Point:
     if not problem.model.rubs(at.theta):
         return at
     size = at.chi2 / problem.counts
-    out = size > np.median(size) * (1.0 + 3.0 * np.sqrt(2.0 / problem.counts))
+    out = size > np.median(size) * (1.0 + STANDS_OUT * np.sqrt(2.0 / problem.counts))
     lost = np.flatnonzero(out | (promise > SETTLED_STATES * np.maximum(1.0, size)))
     if not lost.size:
         return at
