@@ -1,0 +1,44 @@
+"""Subcommands of the controller: synthesis and the closed loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from simgap.cli.options import CasePath, Log, Out, app, start_log
+
+
+@app.command()
+def synthesis(
+    case: CasePath,
+    out: Out,
+    summary: Annotated[Path, typer.Option(help="File for the figures of the synthesis (JSON).")],
+    bound: Annotated[Path | None, typer.Option("--gap", help="gap.json; the nominal model alone if not given.")] = None,
+    workers: Annotated[int, typer.Option(help="Threads.")] = 2,
+    log: Log = None,
+) -> None:
+    """Synthesise the controller on the abstraction of f with its gap, or of f alone."""
+    from simgap.stages import synthesis as stage
+
+    start_log(log)
+    stage.run(case, bound, out, summary, workers)
+
+
+@app.command()
+def validation(
+    case: CasePath,
+    nominal: Annotated[Path, typer.Option(help="Controller made for the nominal model.")],
+    robust: Annotated[Path, typer.Option(help="Controller made for the model with its gap.")],
+    bound: Annotated[Path, typer.Option("--gap", help="gap.json")],
+    out: Out,
+    traces: Annotated[Path, typer.Option(help="File for the traces that are kept (Parquet).")],
+    workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
+    log: Log = None,
+) -> None:
+    """Run both controllers in the simulator and on the nominal model, and count what they promise."""
+    from simgap.stages import validation as stage
+
+    start_log(log)
+    stage.run(case, nominal, robust, bound, out, traces, workers, log)

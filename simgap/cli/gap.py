@@ -1,0 +1,108 @@
+"""Subcommands from the grid to the bound of the gap."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from simgap.cli.options import CasePath, Grid, Log, Out, Shards, State, app, start_log
+
+
+@app.command()
+def grid(
+    case: CasePath,
+    out: Annotated[Path, typer.Option(help="Folder to write states and inputs to (Parquet).", show_default=False)],
+    point: Annotated[
+        str | None,
+        typer.Option(help="eps~ and the radius of the balls that cover X; hidden-state or full-table for a robot."),
+    ] = None,
+    log: Log = None,
+) -> None:
+    """Cover X by samples, or list the earlier inputs that stand for a hidden state, and write them with the inputs."""
+    from simgap.stages import grid as stage
+
+    start_log(log)
+    stage.run(case, point, out)
+
+
+@app.command()
+def rollouts(
+    case: CasePath,
+    out: Out,
+    samples: Grid,
+    shard: Annotated[int, typer.Option(help="Which part of the grid.")] = 0,
+    log: Log = None,
+) -> None:
+    """Run the simulator on one shard of grid x inputs."""
+    from simgap.stages import rollouts as stage
+
+    start_log(log)
+    stage.run(case, samples, shard, out, log)
+
+
+@app.command()
+def fresh(
+    case: CasePath,
+    out: Out,
+    workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
+    log: Log = None,
+) -> None:
+    """Run the simulator on random samples that no fit will see."""
+    from simgap.stages import fresh as stage
+
+    start_log(log)
+    stage.run(case, out, log, workers)
+
+
+@app.command()
+def calibration(
+    case: CasePath,
+    out: Out,
+    workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
+    log: Log = None,
+) -> None:
+    """Run the simulator on random samples that set the width of a conformal bound."""
+    from simgap.stages import calibration as stage
+
+    start_log(log)
+    stage.run(case, out, log, workers)
+
+
+@app.command()
+def scp(case: CasePath, state: State, samples: Grid, shards: Shards, out: Out, log: Log = None) -> None:
+    """Solve the scenario program of one dimension of the gap."""
+    from simgap.stages import scp as stage
+
+    start_log(log)
+    stage.run(case, state, samples, shards, out)
+
+
+@app.command()
+def lipschitz(case: CasePath, state: State, samples: Grid, shards: Shards, out: Out, log: Log = None) -> None:
+    """Estimate the Lipschitz constant of one dimension of the gap."""
+    from simgap.stages import lipschitz as stage
+
+    start_log(log)
+    stage.run(case, state, samples, shards, out)
+
+
+@app.command()
+def gap(
+    case: CasePath,
+    grid: Grid,
+    shards: Shards,
+    programs: Annotated[list[Path], typer.Option("--scp", help="Scenario program of each state.")],
+    slopes: Annotated[list[Path], typer.Option("--lipschitz", help="Lipschitz estimate of each state.")],
+    checked: Annotated[Path, typer.Option("--fresh", help="Fresh samples to check the bound on.")],
+    out: Out,
+    samples: Annotated[Path, typer.Option(help="File for thinned samples, for pictures (Parquet).")],
+    drawn: Annotated[Path | None, typer.Option("--calibration", help="Samples for a conformal bound.")] = None,
+    log: Log = None,
+) -> None:
+    """Put the dimensions together to a bound of the gap by a function of state and input, and check it."""
+    from simgap.stages import gap as stage
+
+    start_log(log)
+    stage.run(case, stage.Inputs(grid, shards, programs, slopes, checked, drawn), out, samples)

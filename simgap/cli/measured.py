@@ -1,0 +1,51 @@
+"""Subcommands around measured data: a rig that stands in for hardware, and the diagnosis."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from simgap.cli.options import CasePath, Log, Out, app, start_log
+from simgap.errors import UserError
+
+
+@app.command()
+def rig(
+    file: Annotated[Path, typer.Argument(help="Rig file (YAML).", show_default=False)], out: Out, log: Log = None
+) -> None:
+    """Move a stand-in for hardware and record it."""
+    from simgap.stages import rig as stage
+
+    start_log(log)
+    stage.run(file, out, log)
+
+
+@app.command()
+def diagnose(
+    case: CasePath,
+    data: Annotated[list[Path] | None, typer.Argument(help="Recordings; those of the case if none is given.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("diagnosis"),
+    log: Log = None,
+) -> None:
+    """Find the physical effect that the nominal model lacks, from recordings."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    from simgap.stages import diagnosis as stage
+
+    journal = log or out / "diagnosis.log"
+    start_log(journal)
+    try:
+        with Console(stderr=True).status("starting") as status:
+            result = stage.run(case, data or [], out, lambda words: status.update(escape(words)))
+    except UserError:  # nothing half-written is left, the log of a default place included
+        if log is None:
+            journal.unlink(missing_ok=True)
+            with suppress(OSError):
+                out.rmdir()
+        raise
+    for line in (f"{result['verdict']}: {result['sentence']}", f"Report: {out / 'report.html'}"):
+        Console().print(line, soft_wrap=True, highlight=False, markup=False)

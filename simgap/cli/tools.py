@@ -1,0 +1,43 @@
+"""Subcommands beside the stages: the paper's numbers, lists, the schema."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from simgap.cli.options import Log, Out, app, start_log
+
+
+@app.command()
+def paper(
+    folder: Annotated[Path, typer.Argument(help="Folder with the paper's cases and printed.yaml.")],
+    pendulum: Annotated[Path, typer.Option(help="Case whose simulator is PyBullet with its default inertia.")],
+    out: Out,
+    workers: Annotated[int, typer.Option(help="Threads.")] = 2,
+    log: Log = None,
+) -> None:
+    """Show what the paper's printed gap functions allow, and printed numbers beside reproduced ones."""
+    from simgap.paper import table
+    from simgap.stages import paper as stage
+
+    start_log(log)
+    typer.echo(table(stage.run(folder, pendulum, out, workers, log)))
+
+
+@app.command()
+def effects(case: Annotated[Path | None, typer.Argument(help="Case file; lists what it can act on.")] = None) -> None:
+    """List the effects with formula, parameters and units; with a case, what each can act on."""
+    from simgap.stages.effects import listing
+
+    typer.echo(listing(case))
+
+
+@app.command()
+def schema(out: Annotated[Path, typer.Option(help="File to write.")] = Path("configs/schema.json")) -> None:
+    """Write the JSON schema of case files, for editors that complete and check."""
+    from simgap.config.schema import schema_text
+    from simgap.io.atomic import write_text
+
+    write_text(out, schema_text())
