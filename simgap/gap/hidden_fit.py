@@ -108,7 +108,7 @@ class HistoryInfluence:
 
 
 @dataclass(frozen=True, eq=False)
-class BodySweep:
+class SweptBoxes:
     """Box in the robot's frame that holds the whole path of one step, the start included: lower, upper (M, 2)."""
 
     lower: Floats
@@ -120,14 +120,14 @@ class HiddenStateFit:
     """The bound with what it rests on.
 
     Attributes:
-        gap, sweep: see there; largest: (3,) largest sampled body-frame gap over the grid of previous inputs.
+        gap, swept: see there; largest: (3,) largest sampled body-frame gap over the grid of previous inputs.
         excess: (3,) largest excess of a random sequence over that hull; margin: (3,) what was added, by extrapolation.
         memory: (L, 3) largest influence on the pose of all inputs more than 1, 2, ..., L samples back.
         deviation: between headings.
     """
 
     gap: BodyFrameGap
-    sweep: BodySweep
+    swept: SweptBoxes
     largest: Floats
     excess: Floats
     margin: Floats
@@ -194,7 +194,7 @@ def assemble_hulls(
     swept = [own for k in pose[:2] if (own := hulls[k].swept) is not None]
     added = np.array([own.margin for own in swept]) + (float(np.max(deviation.largest[list(pose[:2])])) + between_poses)
     lo, hi = (np.stack([getattr(own, side) for own in swept], axis=1) for side in ("lower", "upper"))
-    return HiddenStateFit(gap, BodySweep(lo - added, hi + added), largest, excess, margin, memory, deviation)
+    return HiddenStateFit(gap, SweptBoxes(lo - added, hi + added), largest, excess, margin, memory, deviation)
 
 
 def _widening_tier(states: Sequence[str], fit: HullFit, memory: Floats, excess: Floats, margin: Floats) -> Tier:

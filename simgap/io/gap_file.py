@@ -24,13 +24,13 @@ class SavedGap:
 
     Attributes:
         function: the bound.
-        sweep: lower and upper corners of the box that each input's way stays in, seen from the robot, each (M, 2);
+        swept: lower and upper corners of the box that each input's path stays in, seen from the robot, each (M, 2);
             None for what is no wheeled robot.
         content: all of the file.
     """
 
     function: GapFunction
-    sweep: tuple[Floats, Floats] | None
+    swept: tuple[Floats, Floats] | None
     content: dict[str, Any]
 
 
@@ -57,7 +57,7 @@ def load_gap(path: Path, case: CaseDomain) -> SavedGap:
     try:
         function = from_json(content)
         _same(function.domain, case)
-        return SavedGap(function, _sweep(content, len(case.input_set)), content)
+        return SavedGap(function, _swept(content, len(case.input_set)), content)
     except UserError as error:
         raise UserError(error.problem, file=path, key=error.key, remedy=REMEDY) from None
 
@@ -75,14 +75,14 @@ def _same(found: GapDomain, wanted: CaseDomain) -> None:
         raise UserError("the gap bound is of another case: its inputs U are not those of this case")
 
 
-def _sweep(content: dict[str, Any], inputs: int) -> tuple[Floats, Floats] | None:
-    if "sweep" not in content:
+def _swept(content: dict[str, Any], inputs: int) -> tuple[Floats, Floats] | None:
+    if "swept_boxes" not in content:
         return None
     try:
-        lower, upper = (np.array(content["sweep"][side], dtype=np.float64) for side in ("lower", "upper"))
+        lower, upper = (np.array(content["swept_boxes"][side], dtype=np.float64) for side in ("lower", "upper"))
     except (KeyError, TypeError, ValueError):
         lower = upper = np.empty(0)
     boxes = lower.shape == upper.shape == (inputs, 2) and np.isfinite([lower, upper]).all()
     if not boxes or not (lower <= upper).all():
-        raise UserError("its swept boxes are not one finite box for each input", key="sweep")
+        raise UserError("its swept boxes are not one finite box for each input", key="swept_boxes")
     return lower, upper

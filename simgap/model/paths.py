@@ -19,7 +19,7 @@ def nominal_paths(
         start: (nx,); inputs: (M, nu).
 
     Returns:
-        (M, poses, nx), and how far the way between two of them may bulge out of the line through them, in state units:
+        (M, poses, nx), and how far the path between two of them may bulge out of the line through them, in state units:
         an eighth of the largest second difference, a tenth more for what second differences miss.
     """
     symbols = [v.symbol for v in (*model.states, *model.inputs)]
@@ -29,6 +29,6 @@ def nominal_paths(
         f = sp.lambdify(symbols, discretise(model, tau * (k + 1) / poses, integrator), "numpy")
         for i, values in enumerate(f(*columns)):
             out[:, k, i] = values
-    way = np.concatenate([np.broadcast_to(start, (len(inputs), 1, len(start))), out], axis=1)
-    bulge = np.abs(np.diff(way, n=2, axis=1)).max() / 8.0 if poses > 1 else np.abs(np.diff(way, axis=1)).max()
+    path = np.concatenate([np.broadcast_to(start, (len(inputs), 1, len(start))), out], axis=1)
+    bulge = np.abs(np.diff(path, n=2, axis=1)).max() / 8.0 if poses > 1 else np.abs(np.diff(path, axis=1)).max()
     return out, 1.1 * float(bulge)

@@ -21,7 +21,7 @@ def content(m: Material) -> dict[str, Any]:
         "units": m.context.units,
         "verdict": verdict(m),
         "specification": specification_of(m.context.case),
-        "swept": specification_of(m.context.case).swept_boxes and "sweep" in m.gap,
+        "swept": specification_of(m.context.case).swept_boxes and "swept_boxes" in m.gap,
         "settings": settings(m),
         "gap": m.gap,
         "coefficients": tables.coefficients(m.gap),

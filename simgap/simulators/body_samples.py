@@ -1,4 +1,4 @@
-"""Steps of a planar robot as the robot itself sees them: where it got to, and what box it took on the way."""
+"""Steps of a planar robot as the robot itself sees them: where it got to, and the box that its path swept."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class BodySamples:
 
     Attributes:
         m: (n,) number of the input in U; final: (n, 3) pose after tau; extent: (n, 4) least and largest x, least and
-            largest y on the way, the start included.
+            largest y along the path, the start included.
     """
 
     m: Ints

@@ -1,4 +1,4 @@
-"""The way of a command to the plant: delayed, changed by static effects, lagged.
+"""The path of a command to the plant: delayed, changed by static effects, lagged.
 
 An engine holds its input over one engine step. Here that input is the mean over the step of what the plant feels, exact
 for the piecewise constant commands that a sampled controller gives.
@@ -49,7 +49,7 @@ def static_path(effects: Sequence[AddedEffect], name: str, command: sp.Expr) -> 
 
 @dataclass(frozen=True)
 class CommandPath:
-    """One input's way to the plant.
+    """One input's path to the plant.
 
     Attributes:
         delay: s; lag: time constant, s, 0 for none.

@@ -180,7 +180,7 @@ class PyBulletWheeled(Engine, PathSimulator):
             memory.rest(0.0)
 
     def advance(self, u: Floats) -> Floats:
-        """Hold (linear, angular) for tau: -> pose, the heading continued without wrapping; `path` holds the way."""
+        """Hold (linear, angular) for tau: -> pose, the heading continued not wrapped; `path` holds the poses on it."""
         a, b = self._plant.commands
         self._command(float(u[a]), float(u[b]))
         felt = [m.step(float(c), self._section.poses) for m, c in zip(self._memory, u, strict=False)]

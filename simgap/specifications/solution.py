@@ -22,7 +22,7 @@ class Solution:
         target: (cells,) bool, measured cells that are the goal: where a run ends, or stays; None where there is none.
         free: (cells,) bool, cells that the specification allows at all; winning fractions are of these.
         memory: discrete states of the controller: 1, or M + 1 when it remembers the pending input (M: none yet).
-        statistics: counts such as sweeps, steps and admissible pairs, and the backend that was used.
+        statistics: counts such as passes, steps and admissible pairs, and the backend that was used.
     """
 
     grid: Grid

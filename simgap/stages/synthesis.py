@@ -23,7 +23,7 @@ from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.intersample import excursion, rates
-from simgap.synthesis.sweep import planar_sweep
+from simgap.synthesis.swept import planar_swept_cells
 from simgap.synthesis.synthesise import Problem, synthesise
 
 PATH_POINTS = 20  # poses on the nominal path between two samples
@@ -83,9 +83,9 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     on_the_path = specification.between_samples and (bound is not None or section.nominal_between_samples)
     sensing = context.case.sensing
     error = space.vector(sensing.error) if sensing else None
-    sweep = _sweep(context, model, bound, error) if on_the_path and specification.swept_boxes else None
+    swept = _swept(context, model, bound, error) if on_the_path and specification.swept_boxes else None
     flow = rates(context.plant.carried)
-    spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and sweep is None else np.zeros(model.nx)
+    spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and swept is None else np.zeros(model.nx)
     between, _ = excursion(flow, specification.region(space), context.input_set, model.tau, spread / model.tau)
     problem = Problem(
         model=model,
@@ -97,14 +97,14 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
         gap_axes=[j for j in range(model.nx) if j not in gap.domain.free] if gap is not None else None,
         error=error,
         latency=sensing.latency if sensing else 0,
-        stray=between if on_the_path and sweep is None else None,
+        stray=between if on_the_path and swept is None else None,
     )
-    if sweep is not None:
-        problem = replace(problem, sweep=planar_sweep(problem.grid, *sweep, pose_axes(context)))
+    if swept is not None:
+        problem = replace(problem, swept=planar_swept_cells(problem.grid, *swept, pose_axes(context)))
     return problem, between
 
 
-def _sweep(
+def _swept(
     context: Context, model: NominalModel, bound: SavedGap | None, error: Floats | None
 ) -> tuple[Floats, Floats] | None:
     """The swept box of each input, seen from the robot: measured with the gap, or of the nominal path without one.
@@ -118,7 +118,7 @@ def _sweep(
     if error is not None and error[pose_axes(context)[2]] > 0:
         return None
     if bound is not None:
-        return bound.sweep
+        return bound.swept
     pose = pose_axes(context)
     every, rest = context.input_set, np.zeros(model.nx)
     path, bulge = nominal_paths(

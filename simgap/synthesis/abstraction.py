@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.synthesis.holes import layout
-from simgap.synthesis.sweep import Sweep
+from simgap.synthesis.swept import SweptCells
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,7 +31,7 @@ class Abstraction:
         axes: for each dimension i, the state axes on which the offset f_i(x, u) - x_i and its spread depend.
         error: bound of the measurement error that the boxes account for, (nx,).
         group: neighbouring cells over which `post` may bound the gap at once, 1 if that would save nothing.
-        sweep: cells that the path between samples may touch, for each input; None where it does not matter.
+        swept: cells that the path between samples may touch, for each input; None where it does not matter.
     """
 
     grid: Grid
@@ -42,7 +42,7 @@ class Abstraction:
     table: NDArray[np.int32]
     axes: tuple[tuple[int, ...], ...]
     error: Floats
-    sweep: Sweep | None = None
+    swept: SweptCells | None = None
     group: int = 1
 
     def __post_init__(self) -> None:

@@ -50,7 +50,7 @@ class MeasuredGame:
 
     def invariant(self, safe: Mask) -> Solution:
         """The greatest fixed point of the controlled predecessor within the safe cells."""
-        if self.abstraction.sweep is not None:
+        if self.abstraction.swept is not None:
             raise BrokenPromise("swept boxes are not checked by the invariance kernel", "Let the clearance cover them.")
         found = invariance(self.abstraction, None if safe.all() else safe, self.threads)
         return Solution(
@@ -58,7 +58,7 @@ class MeasuredGame:
             winning=self._starts(found.winning),
             mask=found.mask,
             free=safe,
-            statistics={"sweeps": found.sweeps, "pairs": found.pairs},
+            statistics={"passes": found.passes, "pairs": found.pairs},
         )
 
     def reach(self, target: Mask, free: Mask) -> Solution:

@@ -1,6 +1,6 @@
 """Maximal controlled invariant set on an abstraction, as the greatest fixed point of the controlled predecessor.
 
-A sweep visits the cells whose remembered input may have lost its successor; a cell that can no longer use it looks for
+A pass visits the cells whose remembered input may have lost its successor; a cell that can no longer use it looks for
 the next input that works, and never looks back, because an input that failed once fails for every smaller set. The set
 is the greatest fixed point and therefore the same in any order of visits.
 """
@@ -29,13 +29,13 @@ class Invariance:
         winning: cells from which the safe set can be kept for ever, (cells,) bool.
         mask: admissible inputs, (cells, ceil(M / 8)) uint8, bit m % 8 of byte m // 8 is input m.
         pairs: number of admissible (cell, input) pairs.
-        sweeps: sweeps until nothing changed.
+        passes: passes until nothing changed.
     """
 
     winning: NDArray[np.bool_]
     mask: Bytes
     pairs: int
-    sweeps: int
+    passes: int
 
 
 def invariance(abstraction: Abstraction, safe: NDArray[np.bool_] | None = None, threads: int = 1) -> Invariance:
@@ -63,18 +63,18 @@ def invariance(abstraction: Abstraction, safe: NDArray[np.bool_] | None = None, 
     over_rows(partial(_start, abstraction.post, *arrays, shape, n, row, table, boxes), rows, threads)
     frame = (shape, lead_shape, n, inputs, row, table, changed_table)
     state = (inside, remembered, boxes, reach, unchanged)
-    sweeps, lost = 0, 1
+    passes, lost = 0, 1
     while lost:
         count_holes(inside, shape, n, table)
         count_holes(unchanged, lead_shape, len(lead), changed_table)
         unchanged[:] = 1
-        start = sweeps == 0
-        lost = over_rows(partial(_sweep, abstraction.post, *arrays, *frame, *state, start), rows, threads)
-        sweeps += 1
+        start = passes == 0
+        lost = over_rows(partial(_pass, abstraction.post, *arrays, *frame, *state, start), rows, threads)
+        passes += 1
     mask = np.zeros((grid.size, (inputs + 7) // 8), np.uint8)
     last = (shape, n, inputs, row, abstraction.group, table, inside, mask)
     pairs = over_rows(partial(_admissible, abstraction.post, *arrays, *last), rows, threads)
-    return Invariance(inside.view(np.bool_), mask, pairs, sweeps)
+    return Invariance(inside.view(np.bool_), mask, pairs, passes)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -122,7 +122,7 @@ def _start(post, meta, data, tab, shape, n, row, table, boxes, first, last):  # 
 
 @nb.njit(cache=True, nogil=True)
 def _idle(changed, lead_shape, lead, reach, r, dirty):  # type: ignore[no-untyped-def]
-    """Whether no cell that row `r` relies on has been lost in the last sweep."""
+    """Whether no cell that row `r` relies on has been lost in the last pass."""
     dirty[0] = 1
     if reach[2 * lead * r] <= reach[2 * lead * r + lead]:  # else the row is empty and relies on nothing
         drop_boxes_with_holes(changed, lead_shape, lead, reach, r, np.int64(1), dirty)
@@ -130,11 +130,11 @@ def _idle(changed, lead_shape, lead, reach, r, dirty):  # type: ignore[no-untype
 
 
 @nb.njit(cache=True, nogil=True)
-def _sweep(  # type: ignore[no-untyped-def]
+def _pass(  # type: ignore[no-untyped-def]
     post, meta, data, tab, shape, lead_shape, n, inputs, row, table, changed,
     inside, remembered, boxes, reach, unchanged, start, first, last,
 ):  # fmt: skip
-    """One sweep over the rows first..last; returns how many cells were lost."""
+    """One pass over the rows first..last; returns how many cells were lost."""
     k = np.zeros(4, np.int64)
     out = np.zeros(16 * n, np.int32)
     ok, fit, dirty = np.ones(row, np.uint8), np.ones(8, np.uint8), np.ones(1, np.uint8)

@@ -71,7 +71,7 @@ def reach_avoid(
             "no axis allows bit rows: every offset depends on it, it is periodic, or the boxes differ too much",
             remedy="Use the table backend",
         )
-    if rows is None and abstraction.sweep is not None:
+    if rows is None and abstraction.swept is not None:
         raise UserError(
             "the path between samples is checked on bit rows only, and no axis allows them",
             remedy="Use a gap that does not depend on the position, or fewer cells",

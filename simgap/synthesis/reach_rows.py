@@ -14,7 +14,7 @@ from simgap.synthesis.bit_rows import pack_rows, smallest_boxes
 from simgap.synthesis.bits import packed_width
 from simgap.synthesis.box_erosion import BoxErosion, dilate
 from simgap.synthesis.erosion import predecessors, record
-from simgap.synthesis.sweep import Sweep
+from simgap.synthesis.swept import SweptCells
 from simgap.synthesis.tables import reduced_cells, reduced_size
 from simgap.synthesis.threads import over_rows
 
@@ -68,7 +68,7 @@ class RowSystem:
         bit_axis = max(idle, key=lambda j: grid.cells[j])
         row_axes = tuple(j for j in range(grid.box.size) if j != bit_axis)
         rel, extent = _offsets(abstraction, tuple(used), [*row_axes, bit_axis])
-        swept, length = _swept_offsets(abstraction.sweep, grid, tuple(used), [*row_axes, bit_axis], rel.shape[:2])
+        swept, length = _swept_offsets(abstraction.swept, grid, tuple(used), [*row_axes, bit_axis], rel.shape[:2])
         shapes, shape_of = np.unique(extent.reshape(-1, 4), axis=0, return_inverse=True)
         swept_shapes, swept_of = np.unique(length.reshape(-1, 4), axis=0, return_inverse=True)
         if (len(shapes) + len(swept_shapes)) * grid.size > MAX_SHAPE_CELLS:
@@ -124,13 +124,13 @@ def _offsets(abstraction: Abstraction, used: tuple[int, ...], order: list[int]) 
 
 
 def _swept_offsets(
-    sweep: Sweep | None, grid: Grid, used: tuple[int, ...], order: list[int], shape: tuple[int, ...]
+    swept: SweptCells | None, grid: Grid, used: tuple[int, ...], order: list[int], shape: tuple[int, ...]
 ) -> tuple[NDArray[np.int32], ...]:
-    """Lower offsets and extents of the swept boxes, laid out as `_offsets`; (0, M, 4) without a sweep."""
-    lower = np.zeros((shape[0] if sweep is not None else 0, shape[1], 4), np.int32)
+    """Lower offsets and extents of the swept boxes, laid out as `_offsets`; (0, M, 4) without a swept."""
+    lower = np.zeros((shape[0] if swept is not None else 0, shape[1], 4), np.int32)
     extent = np.ones_like(lower)
-    if sweep is not None:
-        low, high = sweep.at(reduced_cells(grid, used), grid)
+    if swept is not None:
+        low, high = swept.at(reduced_cells(grid, used), grid)
         lower[..., -len(order) :] = low[..., order]
         extent[..., -len(order) :] = (high - low + 1)[..., order]
     return lower, extent

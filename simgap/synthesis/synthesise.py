@@ -18,7 +18,7 @@ from simgap.synthesis.game import MeasuredGame, TrueGame
 from simgap.synthesis.nominal import Model, nominal_abstraction
 from simgap.synthesis.product import Kernel
 from simgap.synthesis.refusals import hopeless_dimension, reason_for_empty
-from simgap.synthesis.sweep import Sweep
+from simgap.synthesis.swept import SweptCells
 
 Floats = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class Problem:
         gap_axes: state axes on which the gap depends, None for all.
         error: bound of the measurement error per state, (nx,); None for a perfect measurement.
         latency: whole samples between a measurement and the input that uses it, 0 or 1.
-        sweep: cells that the path between samples may touch, for each input; None where clearance covers it.
+        swept: cells that the path between samples may touch, for each input; None where clearance covers it.
         stray: what the clearance has to cover of it, (nx,); None for a controller that looks at the samples only.
     """
 
@@ -50,7 +50,7 @@ class Problem:
     gap_axes: Sequence[int] | None = None
     error: Floats | None = None
     latency: int = 0
-    sweep: Sweep | None = None
+    swept: SweptCells | None = None
     stray: Floats | None = None
 
     @property
@@ -79,7 +79,7 @@ class Problem:
         """The abstraction of the model with its gap."""
         error = None if self.on_true_cells else self.error
         plain = nominal_abstraction(self.model, self.grid, self.inputs, self.gap, self.gap_axes, error)
-        return replace(plain, sweep=self.sweep)
+        return replace(plain, swept=self.swept)
 
     def game(self, threads: int = 1) -> Game:
         """The game that the specification is solved on.
@@ -116,8 +116,8 @@ def synthesise(problem: Problem, threads: int = 1) -> Solution:
     hopeless = hopeless_dimension(problem.model, problem.grid, problem.inputs, problem.gap, *about)
     if hopeless is not None:
         raise hopeless
-    undisturbed = replace(problem, gap=None, error=None, latency=0, sweep=None, stray=None)
+    undisturbed = replace(problem, gap=None, error=None, latency=0, swept=None, stray=None)
     alone = undisturbed.specification.solve(undisturbed.game(threads))
-    between = problem.sweep is not None or (problem.stray is not None and bool(np.any(problem.stray)))
+    between = problem.swept is not None or (problem.stray is not None and bool(np.any(problem.stray)))
     causes = [name for name, holds in (("the gap", problem.gap), ("the path between samples", between)) if holds]
     raise reason_for_empty(problem.space, problem.grid, problem.error, problem.latency, causes, alone)

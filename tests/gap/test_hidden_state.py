@@ -80,10 +80,10 @@ def test_the_swept_box_holds_the_whole_way(fitted):
     _, _, fit, _ = fitted
     fresh = random_sequences(U, 15, 30, np.random.default_rng(98))
     way, m = lag_paths(fresh).reshape(-1, 10, 3)[..., :2], fresh.reshape(-1)
-    assert (way >= fit.sweep.lower[m, None]).all()
-    assert (way <= fit.sweep.upper[m, None]).all()
-    assert (fit.sweep.lower <= 0).all()
-    assert (fit.sweep.upper >= 0).all()
+    assert (way >= fit.swept.lower[m, None]).all()
+    assert (way <= fit.swept.upper[m, None]).all()
+    assert (fit.swept.lower <= 0).all()
+    assert (fit.swept.upper >= 0).all()
 
 
 def test_it_is_wider_than_from_rest_and_says_what_was_added(fitted):

@@ -56,7 +56,7 @@ def test_a_whole_bound_comes_back(tmp_path, kind):
     read = load_gap(tmp_path / "gap.json", case)
     assert read.function.to_json() == made().to_json()
     assert read.content["eps"] == 0.1
-    assert read.sweep is None
+    assert read.swept is None
 
 
 def put(content, where, value):
@@ -105,9 +105,9 @@ WRONG = {
         (["gap", "x", "upper"], [0.1, 0.1], "not a saved gap bound"),
         (["gap", "x", "upper"], [0.1, 0.1, -5.0], "lower side is above"),
         (["gap", "x", "upper"], [0.1, 0.1, None], "upper side is not a table"),
-        (["sweep"], {"lower": [[0.0, 0.0]] * 3, "upper": [[-1.0, 0.0]] * 3}, "swept boxes"),
-        (["sweep"], {"lower": [[0.0, 0.0]] * 2, "upper": [[1.0, 0.0]] * 2}, "swept boxes"),
-        (["sweep"], None, "swept boxes"),
+        (["swept_boxes"], {"lower": [[0.0, 0.0]] * 3, "upper": [[-1.0, 0.0]] * 3}, "swept boxes"),
+        (["swept_boxes"], {"lower": [[0.0, 0.0]] * 2, "upper": [[1.0, 0.0]] * 2}, "swept boxes"),
+        (["swept_boxes"], None, "swept boxes"),
     ],
 }
 

@@ -92,7 +92,7 @@ def test_the_bound_takes_the_bias_out_and_covers_the_spread_at_every_heading(sta
     assert np.all((lo <= d) & (d <= hi))
     assert np.max(hi[:, 2] - lo[:, 2]) < 0.05  # the bias of up to 0.05 rad is not padded
     assert content["fresh"]["violations"] == 0
-    assert len(content["sweep"]["lower"]) == len(context.input_set)
+    assert len(content["swept_boxes"]["lower"]) == len(context.input_set)
     assert any("estimate" in g["text"] for g in content["guarantee"])
 
 

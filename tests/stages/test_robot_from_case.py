@@ -134,8 +134,11 @@ def test_an_empty_domain_names_what_emptied_it(small, bound, tmp_path, capsys):
     _, folder = bound
     case = small()
     gap = read_json(folder / "gap.json")
-    ways = gap["sweep"]
-    gap["sweep"] = {"lower": [[-2.0, -2.0] for _ in ways["lower"]], "upper": [[2.0, 2.0] for _ in ways["upper"]]}
+    boxes = gap["swept_boxes"]
+    gap["swept_boxes"] = {
+        "lower": [[-2.0, -2.0] for _ in boxes["lower"]],
+        "upper": [[2.0, 2.0] for _ in boxes["upper"]],
+    }
     write_json(tmp_path / "wide.json", gap)
     common = ["--out", tmp_path / "c.npz", "--summary", tmp_path / "s.json", "--log", tmp_path / "log"]
     line = refused(capsys, ["synthesis", case, "--gap", tmp_path / "wide.json", *common])

@@ -53,7 +53,7 @@ def hidden_bound(
 
 
 def _check(context: Context, fit: HiddenStateFit, motion: Floats, fresh: Columns) -> FreshCheck:
-    """Fresh sequences against the bound at heading 0, where the robot's frame is the world's, and against the sweep.
+    """Fresh sequences against the bound at heading 0, where the robot's frame is the world's, and against swept boxes.
 
     Raises:
         BrokenPromise: when a fresh path leaves the swept box of its input.
@@ -64,7 +64,7 @@ def _check(context: Context, fit: HiddenStateFit, motion: Floats, fresh: Columns
     x[:, pose_axes(context)[2]] = 0.0
     d = samples.final - motion[samples.m]
     beyond = np.maximum(
-        fit.sweep.lower[samples.m] - samples.extent[:, [0, 2]], samples.extent[:, [1, 3]] - fit.sweep.upper[samples.m]
+        fit.swept.lower[samples.m] - samples.extent[:, [0, 2]], samples.extent[:, [1, 3]] - fit.swept.upper[samples.m]
     )
     if (beyond > 0).any():
         raise BrokenPromise(
@@ -96,7 +96,7 @@ def _content(context: Context, fit: HiddenStateFit, check: FreshCheck, previous:
     ]
     return {
         **function.to_json(),
-        "sweep": {"lower": fit.sweep.lower, "upper": fit.sweep.upper},
+        "swept_boxes": {"lower": fit.swept.lower, "upper": fit.swept.upper},
         "samples": rolled,
         "dimensions": dimensions,
         "memory": fit.memory,

@@ -20,7 +20,7 @@ SHRINK = 1e-9  # of a cell, as in `regions`: a path that only touches a face doe
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class SweptCells:
     """Offsets of the touched cells from the cell of the start.
 
     Attributes:
@@ -38,7 +38,7 @@ class Sweep:
         return np.maximum(self.lower[layer], -2 * size), np.minimum(self.upper[layer], 2 * size)
 
 
-def planar_sweep(grid: Grid, lower: Floats, upper: Floats, pose: tuple[int, int, int] = (0, 1, 2)) -> Sweep:
+def planar_swept_cells(grid: Grid, lower: Floats, upper: Floats, pose: tuple[int, int, int] = (0, 1, 2)) -> SweptCells:
     """From boxes in the robot's frame to cells, for every heading of a layer and every start in a cell.
 
     Args:
@@ -56,4 +56,4 @@ def planar_sweep(grid: Grid, lower: Floats, upper: Floats, pose: tuple[int, int,
             for axis, a, b in ((i, x0, x1), (j, y0, y1)):
                 low[layer, m, axis] = np.floor(a / width[axis] + SHRINK)
                 high[layer, m, axis] = np.ceil(1.0 + b / width[axis] - SHRINK) - 1
-    return Sweep(k, low, high)
+    return SweptCells(k, low, high)

@@ -19,7 +19,7 @@ from simgap.stages.synthesis import pose
 from simgap.synthesis.bits import unpack
 from simgap.synthesis.nominal import nominal_abstraction
 from simgap.synthesis.reach import reach_avoid
-from simgap.synthesis.sweep import Sweep, planar_sweep
+from simgap.synthesis.swept import SweptCells, planar_swept_cells
 
 SPEEDS = {"v": {"min": -0.2, "max": 0.2, "step": 0.2}, "w": {"min": -0.5, "max": 0.5, "step": 0.5}}
 
@@ -33,7 +33,7 @@ def test_every_point_of_a_path_is_in_its_cells(axes):
         counts[axis] = count
     grid = Grid(Box(lo, hi), counts, (k,))
     lower, upper = np.array([[-0.05, -0.1], [-0.4, 0.0]]), np.array([[0.3, 0.02], [0.0, 0.0]])
-    sweep = planar_sweep(grid, lower, upper, axes)
+    swept = planar_swept_cells(grid, lower, upper, axes)
     corner, turn = np.array(list(itertools.product([0.001, 0.999], repeat=2))), np.linspace(0, 1, 41)
     for layer, m in itertools.product(range(16), range(2)):
         theta = grid.box.lo[k] + 2 * grid.h[k] * (layer + turn)
@@ -41,18 +41,18 @@ def test_every_point_of_a_path_is_in_its_cells(axes):
         c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
         moved = np.stack([c * a[:, 0] - s * a[:, 1], s * a[:, 0] + c * a[:, 1]], axis=-1) / (2 * grid.h[[i, j]])
         offset = np.floor(moved[..., None, :] + corner).astype(int)[..., :].reshape(-1, 2)
-        low, high = sweep.lower[layer, m, [i, j]], sweep.upper[layer, m, [i, j]]
+        low, high = swept.lower[layer, m, [i, j]], swept.upper[layer, m, [i, j]]
         assert np.all((low <= offset) & (offset <= high))
         assert np.all(offset.min(axis=0) - 1 <= low)  # and hardly more than what is touched
         assert np.all(high <= offset.max(axis=0) + 1)
-        assert sweep.lower[layer, m, k] == sweep.upper[layer, m, k] == 0
+        assert swept.lower[layer, m, k] == swept.upper[layer, m, k] == 0
 
 
 def random_sweep(rng, grid, inputs, axis, reach):
     low = -rng.integers(0, reach + 1, (grid.cells[axis], inputs, len(grid.cells)))
     high = rng.integers(0, reach + 1, low.shape)
     low[..., axis] = high[..., axis] = 0
-    return Sweep(axis, low.astype(np.int32), high.astype(np.int32))
+    return SweptCells(axis, low.astype(np.int32), high.astype(np.int32))
 
 
 @pytest.mark.parametrize(
@@ -63,17 +63,17 @@ def random_sweep(rng, grid, inputs, axis, reach):
 def test_an_input_counts_only_where_its_whole_path_is_free(cells, periodic, axes, seed):
     rng = np.random.default_rng([seed, 8, *cells])
     a = oracle.random_abstraction(rng, cells, periodic, inputs=9, axes=axes, spread=1, drift=2)
-    sweep = random_sweep(rng, a.grid, 9, axes[0][0], 1)
+    swept = random_sweep(rng, a.grid, 9, axes[0][0], 1)
     free, target = rng.random(a.grid.size) < 0.95, rng.random(a.grid.size) < 0.3
     named = [{k for k, s in zip(np.ndindex(*cells), flags, strict=True) if s} for flags in (target, free)]
-    moves, low, high = oracle.transitions(a), sweep.lower.tolist(), sweep.upper.tolist()
+    moves, low, high = oracle.transitions(a), swept.lower.tolist(), swept.upper.tolist()
     for k, row in moves.items():
         for m in range(9):
-            ends = ([c + o for c, o in zip(k, side[k[sweep.axis]][m], strict=True)] for side in (low, high))
+            ends = ([c + o for c, o in zip(k, side[k[swept.axis]][m], strict=True)] for side in (low, high))
             path = oracle.post_cells(*ends, cells, periodic)
             row[m] = row[m] if path is not None and path <= named[1] else None
     level, good = oracle.reach(moves, *named)
-    found = reach_avoid(replace(a, sweep=sweep), target, free, threads=2)
+    found = reach_avoid(replace(a, swept=swept), target, free, threads=2)
     assert found.value.tolist() == [level.get(k, -1) for k in np.ndindex(*cells)]
     bits = unpack(found.mask, 9)
     assert {k: np.flatnonzero(b).tolist() for k, b in zip(np.ndindex(*cells), bits, strict=True) if b.any()} == good
@@ -85,7 +85,7 @@ def test_paths_need_an_axis_that_nothing_depends_on():
     busy = oracle.random_abstraction(rng, (6, 5))
     everything = np.ones(30, bool)
     with pytest.raises(UserError, match="path between samples"):
-        reach_avoid(replace(busy, sweep=random_sweep(rng, busy.grid, 5, 0, 1)), everything, everything)
+        reach_avoid(replace(busy, swept=random_sweep(rng, busy.grid, 5, 0, 1)), everything, everything)
 
 
 def test_a_run_between_samples_touches_no_obstacle():
@@ -100,7 +100,7 @@ def test_a_run_between_samples_touches_no_obstacle():
     )
     lower, upper = np.minimum(path.min(1), 0) - 1e-3, np.maximum(path.max(1), 0) + 1e-3
     abstraction = nominal_abstraction(model, grid, inputs, constant_gap(0.01, 0.01, 0.02), ())
-    a = replace(abstraction, sweep=planar_sweep(grid, lower, upper))
+    a = replace(abstraction, swept=planar_swept_cells(grid, lower, upper))
     centres = grid.centres()
     free = ~((np.abs(centres[:, 0] - 1.5) < 0.1) & (centres[:, 1] < 1.2))
     target = (centres[:, 0] > 2.4) & (centres[:, 1] < 1)
@@ -125,7 +125,7 @@ def saved(context, folder):
     domain = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set, (0, 1))
     gap = BodyFrameGap(domain, (Tier(1, "Made up."),), lower, lower + rng.uniform(0.0, 0.03, (count, 3)))
     box = rng.uniform(-0.3, 0.0, (count, 2)), rng.uniform(0.0, 0.3, (count, 2))
-    write_json(folder / "gap.json", gap.to_json() | {"sweep": {"lower": box[0], "upper": box[1]}})
+    write_json(folder / "gap.json", gap.to_json() | {"swept_boxes": {"lower": box[0], "upper": box[1]}})
     return folder / "gap.json", gap, box
 
 
@@ -133,9 +133,9 @@ def test_bound_and_paths_come_back_from_the_file(vary, tmp_path):
     context = Context.load(vary("turtlebot", {"domain.U": SPEEDS, "synthesis.cells": [20, 20, 12]}))
     path, gap, box = saved(context, tmp_path)
     problem, _ = pose(context, path)
-    want = planar_sweep(problem.grid, *box)
-    assert np.array_equal(problem.sweep.lower, want.lower)
-    assert np.array_equal(problem.sweep.upper, want.upper)
+    want = planar_swept_cells(problem.grid, *box)
+    assert np.array_equal(problem.swept.lower, want.lower)
+    assert np.array_equal(problem.swept.upper, want.upper)
     low, high = np.empty(3), np.empty(3)
     for m, u in enumerate(context.input_set):
         problem.gap(np.array([5.0, 5.0, 0.3]), np.array([5.1, 5.1, 0.3]), u, low, high)
