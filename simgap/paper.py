@@ -160,10 +160,8 @@ def pendulum_rows(
             Row(f"least q_{i + 1}.p on X", None, lowest(q[i], domain), "must cover |d|, so must not be negative"),
             Row(f"least gamma_{i + 1} on X", None, lowest(gamma[i], domain), "must not be negative"),
         ]
-        for entry in printed["suprema"]:
-            rows.append(
-                Row(f"sup gamma_{i + 1}, eps = {entry['eps']}", entry[s], highest(gamma[i], domain), "printed formula")
-            )
+        top = highest(gamma[i], domain)
+        rows += [Row(f"sup gamma_{i + 1}, eps = {e['eps']}", e[s], top, "printed formula") for e in printed["suprema"]]
     rows.append(
         Row("L1^(1), theory", float(one["x1"]), 1.5 * tau**2 * constants["g"] / constants["l"], "tau^2 3 g / (2 l)")
     )

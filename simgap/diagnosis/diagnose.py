@@ -119,7 +119,6 @@ def _conclude(
     others = rivals(search, found) if named else []
     if carried is not None:  # what fits as well need not carry over as well
         others = [r for r in others if r.exact] + [Rival(e, False) for e in carried.rivals]
-    applied = answer.applied(kept)
     names = [trace.name for trace in record.traces]
     windows = answer.predictions(problem, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     if held is not problem:
@@ -137,8 +136,8 @@ def _conclude(
         collinear=answer.collinear_table(collinear_pairs(search, search.empty(sparse)), EXACTLY_COLLINEAR),
         held_out=_stretches(held.windows, problem.t, names) if held is not problem else (),
         warnings=_warnings(problem, held, kept, settings),
-        applied=applied,
-        corrected=apply_effects(model, applied),
+        applied=answer.applied(kept),
+        corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),
     )
 

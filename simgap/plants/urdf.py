@@ -60,20 +60,14 @@ def load_urdf(
     for j, d in zip(joints, damping, strict=True):
         if d:
             parameters[f"{j}.damping"] = Parameter(d, "N*m*s/rad", "viscous damping declared in the URDF")
-    drag = sp.Matrix(
-        [symbol(f"{j}.damping") * symbol(v) if d else 0 for j, v, d in zip(joints, rates, damping, strict=True)]
-    )
-    drive = sp.Matrix(
-        [sum((symbol(n) for n, (joint, _) in inputs.items() if joint == j), sp.Integer(0)) for j in joints]
-    )
+    drag = [symbol(f"{j}.damping") * symbol(v) if d else 0 for j, v, d in zip(joints, rates, damping, strict=True)]
+    drive = [sum((symbol(n) for n, (joint, _) in inputs.items() if joint == j), sp.Integer(0)) for j in joints]
     inverse = _simplify(mass.inv(method="ADJ"))
-    acceleration = _simplify(inverse * (weight - bias)) + inverse * (drive - drag)
+    acceleration = _simplify(inverse * (weight - bias)) + inverse * (sp.Matrix(drive) - sp.Matrix(drag))
     rows = {q: symbol(v) for q, v in zip(order, rates, strict=True)}
     rows |= {v: acceleration[k] for k, v in enumerate(rates)}
-    columns = {
-        j: tuple(inverse[rates.index(name), k] if name in rates else sp.Integer(0) for name in states)
-        for k, j in enumerate(joints)
-    }
+    place = [rates.index(name) if name in rates else None for name in states]
+    columns = {j: tuple(sp.Integer(0) if r is None else inverse[r, k] for r in place) for k, j in enumerate(joints)}
     used = set().union(*(sp.sympify(e).free_symbols for e in (*rows.values(), *inverse)))
     kept = {n: p for n, p in parameters.items() if symbol(n) in used or n in GRAVITY}
     return SymbolicModel(
@@ -82,13 +76,16 @@ def load_urdf(
         parameters=kept,
         xdot=tuple(rows[n] for n in states),
         coordinates=tuple(
-            Coordinate(j, q, v, "N*m" if plant.GetJointByName(j).type_name() == "revolute" else "N")
-            for j, q, v in zip(joints, order, rates, strict=True)
+            Coordinate(j, q, v, _force_unit(plant, j)) for j, q, v in zip(joints, order, rates, strict=True)
         ),
         force_map=columns,
         named_parameters=_named_parameters(plant, kept),
         gravity=GRAVITY,
     )
+
+
+def _force_unit(plant: Any, joint: str) -> str:
+    return "N*m" if plant.GetJointByName(joint).type_name() == "revolute" else "N"
 
 
 def multibody_plant(path: Path, gravity: tuple[float, float, float]) -> tuple[Any, list[str]]:

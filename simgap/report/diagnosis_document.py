@@ -9,7 +9,7 @@ from typing import Any
 
 from simgap.diagnosis.reading.survey import Survey
 from simgap.diagnosis.reading.traces import Reading
-from simgap.diagnosis.result import CandidateScore, Diagnosis, Estimate, FoundEffect, Judged
+from simgap.diagnosis.result import Alternative, CandidateScore, Diagnosis, Estimate, FoundEffect, Judged
 from simgap.diagnosis.verdict.remainder import Remainder
 from simgap.diagnosis.verdict.remainder_use import RemainderUse
 from simgap.diagnosis.verdict.words import verdict_sentence
@@ -43,14 +43,7 @@ def document(
             "chi2_dof": {"before": found.before.chi2_dof, "after": found.after.chi2_dof},
             "held_out_ratio": {"before": found.before.held_out_ratio, "after": found.after.held_out_ratio},
         },
-        "alternatives": [
-            {
-                "effects": [{"name": a.name, "on": a.on, "parameters": dict(a.values)} for a in alternative.effects],
-                "bic_excess": alternative.bic_excess,
-                "exact": alternative.exact,
-            }
-            for alternative in found.alternatives
-        ],
+        "alternatives": [_alternative(a) for a in found.alternatives],
         "indistinguishable": [
             {
                 "candidates": [_key(c.first), _key(c.second)],
@@ -67,6 +60,11 @@ def document(
     }
     content["sentence"] = verdict_sentence(content)
     return content
+
+
+def _alternative(a: Alternative) -> dict[str, Any]:
+    effects = [{"name": e.name, "on": e.on, "parameters": dict(e.values)} for e in a.effects]
+    return {"effects": effects, "bic_excess": a.bic_excess, "exact": a.exact}
 
 
 def _remainder(remainder: Remainder, use: RemainderUse) -> dict[str, Any]:

@@ -136,6 +136,15 @@ def _rubbing(
 
 
 @njit(cache=True)
+def _followed(time: float, k: int, first: int, t: Floats, held: Ints, delay: Floats) -> None:
+    """Which sample each input follows at the instant of sample k: the last whose command has arrived (into `held`)."""
+    for c in range(held.size):
+        held[c] = k
+        while held[c] > first and t[held[c]] + delay[c] > time + _EPS:
+            held[c] -= 1
+
+
+@njit(cache=True)
 def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> float:
     """The instant before sample k, or that of sample k, up to which all inputs stand still; `held` moves along."""
     end = t[k]
@@ -197,10 +206,7 @@ def simulate(
     for w in range(start.size):
         x = x0[w].copy()
         time = t[start[w]]
-        for c in range(m):
-            held[c] = start[w]
-            while held[c] > first[w] and t[held[c]] + delay[c] > time + _EPS:
-                held[c] -= 1
+        _followed(time, start[w], first[w], t, held, delay)
         input_at(time, t, u, held, level, excess, delay, lag)
         _rubbing(rhs, x, u, theta, s, speed, k1, k2, active)
         stuck[:] = False
