@@ -20,6 +20,7 @@ from simgap.provenance import (
     digest,
     file_digest,
     sections_digest,
+    sections_of,
     versions,
 )
 
@@ -81,7 +82,7 @@ def case_of(wildcards):
 def reads(stage):
     """What the stage reads of the case, as a hash for `params`."""
     return lambda wildcards: sections_digest(
-        case_of(wildcards), READS[stage], CASE_FOLDER
+        case_of(wildcards), sections_of(stage, case_of(wildcards)), CASE_FOLDER
     )
 
 

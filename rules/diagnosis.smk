@@ -55,7 +55,8 @@ rule rig:
         "simgap rig {params.rig:q} --out {output:q} --log {log:q}"
 
 
-rule diagnosis:
+# A checkpoint: on hardware the corrected case may have states that only the diagnosis knows of, such as a lagged input.
+checkpoint diagnosis:
     input:
         rig_recordings,
     output:

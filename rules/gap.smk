@@ -1,11 +1,22 @@
 # The bound of the gap: scp and lipschitz, one job a dimension, then gap, which puts the dimensions together.
 
 
+def states_of(case):
+    """Names of the states, in order; what was found on hardware may have added some."""
+    if case == base(case) or simulated(case) == base(case):
+        return list(case_of(case).plant.states)
+    return list(
+        load_case(
+            Path(checkpoints.diagnosis.get(case=base(case)).output.corrected)
+        ).plant.states
+    )
+
+
 def dimensions(stage):
     """Results of a stage for all dimensions, in the order of the states."""
     return lambda wildcards: [
         f"results/{wildcards.case}/gap/{wildcards.point}/{stage}/{state}.json"
-        for state in case_of(wildcards).plant.states
+        for state in states_of(wildcards.case)
     ]
 
 

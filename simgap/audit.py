@@ -77,7 +77,7 @@ class Judge:
             for verdict, count in zip(batch, outside, strict=True):
                 tally.add(verdict.outcome, count)
                 keep_some(kept, verdict, keep)
-        return tally.to_json() | self.monitor.summary(tally.outcomes), kept
+        return self.monitor.summary(tally.outcomes) | tally.to_json(), kept
 
 
 @dataclass

@@ -54,6 +54,13 @@ def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
     return digest(content)
 
 
+def sections_of(stage: str, case: Case) -> tuple[str, ...]:
+    """What a stage reads of a case: an engine that is not simgap's is given the case, and may read all of the plant."""
+    engine = getattr(case.simulator, "engine", None)
+    foreign = engine is not None and engine not in plugins.BUILT_IN["engines"]
+    return (*READS[stage], "plant") if foreign and "simulator" in READS[stage] else READS[stage]
+
+
 def file_digest(path: Path) -> str:
     """A short hash of a file's bytes."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
@@ -72,7 +79,8 @@ def plugins_of(stage: str, case: Case | None) -> list[tuple[str, str]]:
     reached = closure(f"simgap.stages.{stage}")
     asked = [(u.group, u.name) for u in (used(case) if case is not None else ())]
     asked += [("effects", name) for name in _effects(stage, case)]
-    return [(group, name) for group, name in asked if plugins.DOORS.get(group) in reached]
+    copied = stage == "diagnosis"  # the corrected case takes copies of the files along
+    return [(g, n) for g, n in asked if plugins.DOORS.get(g) in reached or (copied and ".py:" in n)]
 
 
 def _effects(stage: str, case: Case | None) -> list[str]:
@@ -95,7 +103,9 @@ def _sources(group: str, name: str, folder: Path) -> dict[str, str]:
     content = file.read_bytes()
     known = _graph().modules
     modules = {m for name in _imported(content) if name in known for m in closure(name)}
-    return {"": hashlib.sha256(content).hexdigest(), **_modules(modules)}
+    named = folder / name.rpartition(":")[0]  # it may take its class from another file
+    own = {"named": file_digest(named)} if ".py:" in name and named.is_file() else {}
+    return {"": hashlib.sha256(content).hexdigest(), **own, **_modules(modules)}
 
 
 def _modules(names: Iterable[str]) -> dict[str, str]:
@@ -167,7 +177,7 @@ def provenance(
     stage: str, case: Case, folder: Path, seeds: Mapping[str, int] | None = None, **more: Any
 ) -> dict[str, Any]:
     """The record that every result carries; it holds no absolute path and no date, so equal runs are equal bytes."""
-    sections = list(READS[stage])
+    sections = list(sections_of(stage, case))
     return {
         "stage": stage,
         "case": case.name,

@@ -31,6 +31,7 @@ def effects(case: Annotated[Path | None, typer.Argument(help="Case file; lists w
     """List the effects with formula, parameters and units; with a case, what each can act on."""
     from simgap.stages.effects import listing
 
+    start_log(None)
     typer.echo(listing(case))
 
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 _PLANT = ("plant.urdf", "plant.states", "plant.inputs", "plant.gravity")
-_SIMULATED = ("name", *_PLANT, "domain", "simulator", "sensing.latency", "sensing.latency_of")
+_SIMULATED = ("name", *_PLANT, "plant.symbolic.wheels", "domain", "simulator", "sensing.latency", "sensing.latency_of")
 
 _MODEL = ("name", "plant", "domain")
 _HISTORIES = (
     "hidden_state.length", "hidden_state.chains", "hidden_state.chain_length", "hidden_state.seed",
     "symmetry.headings", "symmetry.histories", "symmetry.seed",
 )  # fmt: skip
+_COUNTED = ("hidden_state.length", "hidden_state.chains", "hidden_state.chain_length", "symmetry.headings",
+    "symmetry.histories")  # fmt: skip
 # A padding enters the scenario program where it is `inflate`; which of the others it is does not matter there.
 _FIT = (
     "gap.basis", "gap.bound", "gap.objective", "gap.slack", "gap.sides", "gap.padding=inflate", "gap.envelope_nodes",
@@ -22,7 +24,8 @@ _FIT = (
 _EXTREME_VALUE = tuple(f"gap.lipschitz.extreme_value{part}" for part in ("", "_blocks", "_pairs"))
 
 _RUN = ("domain", "simulator", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation")
-_JUDGED = ("synthesis.specification", "gap.tolerated_probability")
+_TOLERATED = ("gap.tolerated_probability", "hidden_state.tolerated_probability")
+_JUDGED = ("synthesis.specification", *_TOLERATED)
 _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
@@ -30,8 +33,8 @@ READS: Mapping[str, tuple[str, ...]] = {
     "rollouts": (*_SIMULATED, "grid.shards", *_HISTORIES),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
-    "scp": (*_MODEL, *_FIT),
-    "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, "hidden_state.length", "symmetry.headings"),
+    "scp": (*_MODEL, *_FIT, *_COUNTED),
+    "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, *_COUNTED),
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),

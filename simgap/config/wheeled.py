@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from simgap.config.base import Section
 
@@ -43,3 +43,9 @@ class HiddenStateSection(Section):
     tolerated_probability: float = Field(
         0.0, ge=0.0, lt=1.0, description="Largest bound of the violation probability; 0: one violation fails the stage."
     )
+
+    @model_validator(mode="after")
+    def _fresh_is_fresh(self) -> HiddenStateSection:
+        if self.fresh_seed == self.seed:
+            raise ValueError(f"fresh_seed and seed are both {self.seed}: the check would see what made the bound")
+        return self

@@ -176,5 +176,7 @@ def _check_sets(s: Solution) -> None:
     _require(not (s.winning & ~done & ~start.any(axis=1)).any(), "it wins cells without an input")
     if s.value is not None:
         _require(s.value.dtype == np.int32 and s.value.shape == (s.grid.size,), "its values are not one a cell")
-        _require(np.array_equal(s.value >= 0, s.winning), "its values and its winning cells differ")
-        _require(not (done & ~s.winning).any(), "its target is not won")
+        # A measured cell may have a value without being won: winning are cells whose every measurement has one.
+        _require(np.array_equal(s.value >= 0, done | start.any(axis=1)), "its values and its inputs differ")
+        _require(not (s.winning & (s.value < 0)).any(), "its values and its winning cells differ")
+        _require(not (done & (s.value < 0)).any(), "its target has no value")

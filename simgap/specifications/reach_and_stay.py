@@ -67,6 +67,12 @@ class Staying(Toward):
         """The same for many runs."""
         return np.zeros(len(x), np.bool_)
 
+    def unbroken(self, run: Run, levels: Ints) -> NDArray[np.bool_]:
+        """Before the first sample outside the target after one in its held part."""
+        held = np.maximum.accumulate(levels == 0)
+        left: NDArray[np.bool_] = np.logical_or.accumulate(held & ~self.in_target(run.x))
+        return ~left
+
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
         """Whether every sample from the first one in the held part of the target on is in the target."""
         arrived = np.flatnonzero(levels == 0)

@@ -92,6 +92,14 @@ def cells_meeting(grid: Grid, box: Box) -> Mask:
     return _along_axes(grid, box, lambda low, high, lo, hi: (high > lo) & (low < hi))
 
 
+def _nearest_copy(grid: Grid, box: Box, j: int) -> float:
+    """The whole turns that bring a box on a periodic axis nearest to the grid; 0 for one without both ends."""
+    ends, period = (box.lo[j], box.hi[j]), grid.box.hi[j] - grid.box.lo[j]
+    if not np.isfinite(ends).all():
+        return 0.0
+    return float(np.round(0.5 * (grid.box.lo[j] + grid.box.hi[j] - ends[0] - ends[1]) / period) * period)
+
+
 def _along_axes(grid: Grid, box: Box, test: Callable[[Floats, Floats, float, float], Mask]) -> Mask:
     """The test of every cell's faces against the box's, axis by axis, all of which must hold: (cells,)."""
     flags = []
@@ -100,6 +108,7 @@ def _along_axes(grid: Grid, box: Box, test: Callable[[Floats, Floats, float, flo
         edges = grid.box.lo[j] + width * np.arange(count + 1)
         low, high = edges[:-1] + SHRINK * width, edges[1:] - SHRINK * width
         period = grid.box.hi[j] - grid.box.lo[j]
-        copies = (-period, 0.0, period) if j in grid.periodic else (0.0,)
+        near = _nearest_copy(grid, box, j) if j in grid.periodic else 0.0
+        copies = (near - period, near, near + period) if j in grid.periodic else (0.0,)
         flags.append(np.any([test(low, high, box.lo[j] + by, box.hi[j] + by) for by in copies], axis=0))
     return reduce(np.logical_and.outer, flags).reshape(-1)

@@ -87,7 +87,8 @@ class Surroundings:
     def _to_box(self, at: Floats, box: Floats) -> Floats:
         outside = np.maximum(box[0] - at, at - box[1])
         for j in np.flatnonzero(np.isfinite(self.period)).tolist():
-            copies = [np.maximum(box[0, j] + s - at[..., j], at[..., j] - box[1, j] - s) for s in self._copies(at, j)]
+            shifts = self._copies(at, box, j)
+            copies = [np.maximum(box[0, j] + s - at[..., j], at[..., j] - box[1, j] - s) for s in shifts]
             outside[..., j] = np.min(copies, axis=0)
         outside = outside / self.scale
         if not self.round:
@@ -95,9 +96,10 @@ class Surroundings:
         far = np.hypot(np.maximum(outside[..., 0], 0.0), np.maximum(outside[..., 1], 0.0))
         return np.asarray(far + np.minimum(outside.max(axis=-1), 0.0) - self.keep[0])
 
-    def _copies(self, at: Floats, j: int) -> Floats:
+    def _copies(self, at: Floats, box: Floats, j: int) -> Floats:
         """Shifts of the copies of a box that may be near points anywhere on a periodic axis."""
-        middle = np.round(at[..., j] / self.period[j]) * self.period[j]
+        centre = 0.5 * (box[0, j] + box[1, j]) if np.isfinite(box[:, j]).all() else 0.0
+        middle = np.round((at[..., j] - centre) / self.period[j]) * self.period[j]
         return np.stack([middle + n * self.period[j] for n in (-1.0, 0.0, 1.0)])
 
 

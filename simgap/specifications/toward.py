@@ -72,13 +72,17 @@ class Toward(Monitor):
         run = run if hit is None else run.until(hit)
         levels = self.levels(run.seen)
         end, kept = (self.surroundings.touched, False) if hit is not None else self.ended(run, levels, steps)
-        safe = np.arange(len(run.x)) < len(run.x) - (hit is not None)
+        safe = (np.arange(len(run.x)) < len(run.x) - (hit is not None)) & self.unbroken(run, levels)
         figures = self.measured(run, levels, hit is not None)
         return Verdict(Outcome(end, kept, len(run.inputs), figures), run, safe)
 
     @abstractmethod
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
         """How a run ended that touched nothing, and whether that is what was asked for."""
+
+    def unbroken(self, run: Run, levels: Ints) -> NDArray[np.bool_]:
+        """Samples up to which nothing but a touch could have violated what was asked for: (k + 1,)."""
+        return np.ones(len(run.x), np.bool_)
 
     def measured(self, run: Run, levels: Ints, hit: bool) -> dict[str, float]:
         """Steps until the target, steps that left the certified box, and the least clearance."""

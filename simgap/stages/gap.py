@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from simgap.config.reads import READS
 from simgap.errors import UserError
 from simgap.gap.steps.gap import Made, gap, seeds
 from simgap.io.documents import read_json, write_json
 from simgap.io.samples import read_columns, write_columns
-from simgap.provenance import provenance
+from simgap.provenance import provenance, sections_digest
 from simgap.stages.context import Context, log
 from simgap.stages.made import Shards, blame_shards, points_of_case
 
@@ -40,10 +41,11 @@ def run(case_path: Path, made: Inputs, out: Path, thinned: Path) -> None:
     context = Context.load(case_path)
     with context.blame(), blame_shards(made.rollouts):
         context.plant.check_with_drake(context.box, context.input_set)
+        points = points_of_case(context, made.grid)
         content = Made(
-            points_of_case(context, made.grid),
-            by_state(context, made.scp),
-            by_state(context, made.lipschitz),
+            points,
+            by_state(context, "scp", points.name, made.scp),
+            by_state(context, "lipschitz", points.name, made.lipschitz),
             Shards(made.rollouts),
             read_columns(made.fresh),
             read_columns(made.calibration) if made.calibration else None,
@@ -58,17 +60,25 @@ def run(case_path: Path, made: Inputs, out: Path, thinned: Path) -> None:
     log.info("peak memory %d MiB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 
 
-def by_state(context: Context, paths: Sequence[Path]) -> dict[str, Any]:
-    """Results of single dimensions by the state that each is of.
+def by_state(context: Context, stage: str, point: str, paths: Sequence[Path]) -> dict[str, Any]:
+    """Results of a stage for single dimensions by the state that each is of, all made of this case on this grid.
 
     Raises:
-        UserError: a state without a result, or a damaged one.
+        UserError: a state without a result or with two, a damaged one, or one that was made of something else.
     """
-    found = {}
+    found: dict[str, Any] = {}
+    wanted = (stage, point, sections_digest(context.case, READS[stage], context.folder))
     for path in paths:
         content = read_json(path)
         if not isinstance(content, dict) or "state" not in content:
             raise UserError("not the result of one dimension", file=path, remedy="Delete it and run again.")
+        record = content.get("provenance", {})
+        if (record.get("stage"), record.get("point"), record.get("reads", {}).get("sha256")) != wanted:
+            raise UserError(
+                f"not what `{stage}` makes of this case on the grid {point}", file=path, remedy=f"Run `{stage}` again."
+            )
+        if content["state"] in found:
+            raise UserError(f"a second result for {content['state']}", file=path, remedy="Give one for each state.")
         found[content["state"]] = content
     missing = [name for name in context.states if name not in found]
     if missing:

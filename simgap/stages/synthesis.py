@@ -83,7 +83,8 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     on_the_path = specification.between_samples and (bound is not None or section.nominal_between_samples)
     sensing = context.case.sensing
     error = space.vector(sensing.error) if sensing else None
-    swept = _swept(context, model, bound, error) if on_the_path and specification.swept_boxes else None
+    boxes_do = on_the_path and specification.swept_boxes and not specification.carries_pending
+    swept = _swept(context, model, bound, error) if boxes_do else None
     flow = rates(context.plant.carried)
     spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and swept is None else np.zeros(model.nx)
     between, _ = excursion(flow, specification.region(space), context.input_set, model.tau, spread / model.tau)

@@ -71,7 +71,13 @@ def run(
             parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in enumerate(kept)]
     write_parquet(traces, pa.concat_tables(parts).unify_dictionaries())
     write_json(out, {"starts": section.starts, "steps": section.steps, "controllers": tallies, "provenance": record})
-    keep_promise(tallies[ROBUST][SIMULATOR], context.case.gap.tolerated_probability if context.case.gap else 0.0)
+    keep_promise(tallies[ROBUST][SIMULATOR], tolerated(context.case))
+
+
+def tolerated(case: Case) -> float:
+    """The share of steps that may leave gamma: what the check of the bound on fresh samples was held against."""
+    section = case.hidden_state if case.hidden_state is not None else case.gap
+    return section.tolerated_probability if section is not None else 0.0
 
 
 def keep_promise(tally: dict[str, Any], tolerated: float = 0.0) -> None:

@@ -105,7 +105,7 @@ def test_the_package_offers_it_without_costing_anything_before(saved):
         ({}, {"mask": np.full((12, 1), 0b1000, np.uint8)}, "admits inputs that do not exist"),
         ({}, {"free": np.zeros(2, np.uint8)}, "wins cells that the specification forbids"),
         ({}, {"winning": np.zeros(3, np.uint8)}, "another size than its grid"),
-        ({}, {"value": np.zeros(12, np.int32)}, "values and its winning cells differ"),
+        ({}, {"value": np.zeros(12, np.int32)}, "values and its inputs differ"),
     ],
 )
 def test_what_cannot_be_is_refused_even_with_a_checksum_that_fits(saved, about, changes, match):

@@ -9,6 +9,7 @@ import sympy as sp
 from simgap.closed_loop import Sensing, closed_loop
 from simgap.errors import UserError
 from simgap.geometry import Box
+from simgap.io.controller_file import load_controller, save_controller
 from simgap.model.sampled import NominalModel
 from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.reach_avoid import ReachAvoid
@@ -39,11 +40,14 @@ def mover():
 
 
 @pytest.mark.parametrize(("kind", "name"), [(ReachAvoid, "reach_avoid"), (ReachAndStay, "reach_and_stay")])
-def test_no_true_state_is_where_it_must_not_be(mover, kind, name):
+def test_no_true_state_is_where_it_must_not_be(mover, kind, name, tmp_path):
     inputs = np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=2)))
     asked = kind(kind=name, obstacles=(OBSTACLE,), target=TARGET)
     solution = synthesise(Problem(mover, asked, SPACE, (80, 60), inputs, error=ERROR))
-    controller = Controller(inputs, SPACE.states, ("u", "v"), solution, "least_effort", {})
+    made = Controller(inputs, SPACE.states, ("u", "v"), solution, "least_effort", {"stage": "synthesis"})
+    save_controller(made, tmp_path / "controller.npz")
+    controller = load_controller(tmp_path / "controller.npz")
+    assert np.array_equal(controller.choice, made.choice)
     monitor, rng = asked.monitor(SPACE, solution), np.random.default_rng(1)
     starts = SPACE.box.sample(rng, 400)
     starts = starts[controller.contains(starts)]

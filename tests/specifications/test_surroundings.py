@@ -5,9 +5,10 @@ import pytest
 
 from simgap.closed_loop import Sensing, closed_loop
 from simgap.geometry import Box, Grid
-from simgap.specifications.reach_and_stay import LEFT, STAYED, ReachAndStay
+from simgap.specifications.monitor import Run
+from simgap.specifications.reach_and_stay import LEFT, STAYED, ReachAndStay, Staying
 from simgap.specifications.reach_avoid import REACHED, ReachAvoid
-from simgap.specifications.regions import partial_box
+from simgap.specifications.regions import cells_meeting, partial_box
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.specifications.surroundings import Surroundings
@@ -189,3 +190,39 @@ def test_the_finder_is_the_grids_own_on_every_bit(periodic):
     points = np.stack([first, np.resize([0.0, 0.6, 3.0, 3.1, -0.1, 1.7], len(first))], axis=1)
     find = grid.finder()
     assert [find(p) for p in points] == grid.index(points).tolist()
+
+
+@pytest.mark.parametrize(
+    ("ends", "box", "inside", "outside"),
+    [
+        ((-np.pi, np.pi), (10.0, 11.0), 10.5 - 4 * np.pi, 0.5),  # an obstacle more than a turn away from X
+        ((360.0, 720.0), (600.0, 620.0), 610.0, 500.0),  # X far from 0
+        ((20.0, 20.0 + 2 * np.pi), (21.0, 22.0), 21.5, 25.0),
+    ],
+)
+def test_a_box_any_number_of_turns_away_blocks_and_is_judged(ends, box, inside, outside):
+    space = Space(("a", "v"), Box([ends[0], -1.0], [ends[1], 1.0]), (0,))
+    obstacle = partial_box({"a": box}, space.states)
+    grid = Grid(space.box, (72, 1), (0,))
+    blocked = cells_meeting(grid, obstacle)
+    assert blocked.sum() == pytest.approx(72 * (box[1] - box[0]) / (ends[1] - ends[0]), abs=2)
+    cells = grid.index(np.array([[inside, 0.0], [outside, 0.0]]))
+    assert blocked[cells].tolist() == [True, False]
+    near = around(space, ({"a": box},), 0.0)
+    turns = (ends[1] - ends[0]) * np.arange(-3, 4)
+    for at, sign in ((inside, -1), (outside, 1)):
+        points = np.stack([at + turns, np.zeros(len(turns))], axis=1)
+        assert (np.sign(near.distances(points)) == sign).all()
+
+
+def test_a_run_that_leaves_the_target_again_is_marked_from_there_on():
+    around_it = around(clearance=0.1)
+    target = partial_box({"x": (8.0, 9.0)}, SPACE.states)
+    grid = Grid(SPACE.box, (10, 10, 1), (2,))
+    value = np.where(grid.centres()[:, 0] > 8.0, 0, 1).astype(np.int32)
+    free = np.ones(grid.size, np.bool_)
+    solution = Solution(grid, free, np.ones((grid.size, 1), np.bool_), free, value, value == 0)
+    x = np.array([[7.5, 8.0, 0.0], [8.5, 8.0, 0.0], [7.5, 8.0, 0.0], [8.5, 8.0, 0.0]])
+    verdict = Staying(SPACE, target, around_it, solution).judge(Run(x, np.zeros(3, np.int64), False, x, None), 3)
+    assert (verdict.outcome.end, verdict.outcome.kept) == (LEFT, False)
+    assert verdict.safe.tolist() == [True, True, False, False]

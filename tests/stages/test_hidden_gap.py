@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import road
 
-from simgap.errors import BrokenPromise
+from simgap.errors import BrokenPromise, UserError
 from simgap.gap.load import from_json
 from simgap.gap.points import Points
 from simgap.gap.steps.tables import step_columns
@@ -19,6 +19,9 @@ ROOT = Path(__file__).parents[2]
 SMALL = {
     "domain.U": {"v": {"min": -0.2, "max": 0.2, "step": 0.2}, "w": {"min": -0.5, "max": 0.5, "step": 0.5}},
     "simulator.urdf": str(ROOT / "configs/models/turtlebot.urdf"),
+    "hidden_state.chains": 4,
+    "hidden_state.chain_length": 500,
+    "symmetry.histories": 5,
 }
 
 
@@ -58,13 +61,12 @@ def stage(vary, tmp_path):
     inputs, rng = context.input_set, np.random.default_rng(0)
     every = np.tile(np.arange(len(inputs)), 50)
     grid = made_up(inputs, len(every), 0.01, rng)
-    kept = [np.flatnonzero(grid.m == k)[:20] for k in range(len(inputs))]
-    assert min(len(k) for k in kept) == 20
-    rows = np.array(kept).T.reshape(-1)  # 20 previous inputs, all inputs after each
+    kept = [np.flatnonzero(grid.m == k)[: len(inputs)] for k in range(len(inputs))]
+    rows = np.array(kept).T.reshape(-1)  # all inputs after each previous one
     grid = BodySamples(grid.m[rows], grid.final[rows], grid.extent[rows])
 
-    def run(fresh_spread=0.008, deviation=(0.001, 0.001, 0.001), heading_bias=0.1):
-        sequences = made_up(inputs, 2000, 0.0101, rng)
+    def run(fresh_spread=0.008, deviation=(0.001, 0.001, 0.001), heading_bias=0.1, steps=2000):
+        sequences = made_up(inputs, steps, 0.0101, rng)
         write(
             context,
             tmp_path / "shard.parquet",
@@ -104,3 +106,8 @@ def test_fresh_sequences_outside_the_bound_break_the_promise(stage):
 def test_a_symmetry_that_does_not_hold_is_named_with_both_numbers(stage):
     with pytest.raises(BrokenPromise, match=r"0\.3.*0\.05"):
         stage(deviation=(0.001, 0.001, 0.3))
+
+
+def test_a_part_of_the_histories_makes_no_bound(stage):
+    with pytest.raises(UserError, match=r"'sequence': 1500.*'sequence': 2000"):
+        stage(steps=1500)

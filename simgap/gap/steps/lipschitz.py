@@ -11,7 +11,7 @@ from simgap.gap.hidden_state import fading
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.points import Columns, Points, remembers
 from simgap.gap.settings import GapSettings
-from simgap.gap.steps.samples import dimension_samples
+from simgap.gap.steps.samples import check_histories, dimension_samples
 from simgap.gap.steps.tables import HISTORY
 from simgap.gap.symmetry import heading_deviation
 from simgap.plants.context import Context
@@ -28,6 +28,7 @@ def lipschitz(
         UserError: shards of another grid, or one that is too coarse for a slope.
     """
     if remembers(context.case):
+        check_histories(context, points, shards)
         return _influence(context, shards, i)
     from simgap.gap.lipschitz.compare import dimension_lipschitz
 

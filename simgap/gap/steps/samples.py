@@ -12,7 +12,7 @@ from simgap.errors import UserError
 from simgap.gap.pairs import product
 from simgap.gap.points import Columns, Points, radius
 from simgap.gap.samples import DimensionSamples, SampleGrid
-from simgap.gap.steps.tables import body_samples
+from simgap.gap.steps.tables import AFTER_PREVIOUS, HISTORY, SEQUENCE, body_samples
 from simgap.gap.symmetry import nominal_motion
 from simgap.geometry import Floats, Grid
 from simgap.plants.context import Context
@@ -102,6 +102,30 @@ def successors(rolled: Columns, name: str) -> tuple[Floats, Floats]:
     if f"least_{name}" not in rolled:
         return rolled[f"next_{name}"], rolled[f"next_{name}"]
     return rolled[f"least_{name}"], rolled[f"largest_{name}"]
+
+
+def check_histories(context: Context, points: Points, shards: Sequence[Columns]) -> None:
+    """Whether a robot's shards together are all of its grid: every part whole, every step with the input that it names.
+
+    Raises:
+        UserError: if they are not; a hull over a part of the histories would be too narrow.
+    """
+    hidden = context.need(context.case.hidden_state, "hidden_state")
+    symmetry = context.need(context.case.symmetry, "symmetry")
+    wanted = {
+        AFTER_PREVIOUS: len(points.states) * len(points.inputs),
+        SEQUENCE: hidden.chains * hidden.chain_length,
+        HISTORY: symmetry.histories * (hidden.length + symmetry.headings),
+    }
+    found = {part: sum(int((rolled["part"] == part).sum()) for rolled in shards) for part in wanted}
+    numbers = np.concatenate([rolled["input"].astype(np.int64) for rolled in shards])
+    applied = np.concatenate([stacked(rolled, context.inputs) for rolled in shards])
+    same = np.array_equal(points.inputs, context.input_set) and np.array_equal(context.input_set[numbers], applied)
+    if found != wanted or not same:
+        raise UserError(
+            f"the shards are not those of the grid {points.name}: they hold {found} steps, it needs {wanted}",
+            remedy="Give all shards of this grid, or delete them and run again.",
+        )
 
 
 def steps_of(context: Context, shards: Sequence[Columns], part: str) -> BodySamples:

@@ -9,7 +9,7 @@ from simgap.gap.dimension_fit import DimensionFit, fit_dimension
 from simgap.gap.hidden_fit import HullFit, fit_hull
 from simgap.gap.points import Columns, Points, remembers
 from simgap.gap.settings import GapSettings
-from simgap.gap.steps.samples import dimension_samples, motion_of, steps_of
+from simgap.gap.steps.samples import check_histories, dimension_samples, motion_of, steps_of
 from simgap.gap.steps.tables import AFTER_PREVIOUS, SEQUENCE
 from simgap.plants.context import Context
 
@@ -21,6 +21,7 @@ def scp(context: Context, points: Points, shards: Sequence[Columns], i: int) -> 
         UserError: settings that do not fit the samples, shards of another grid, or a symmetry that the model lacks.
     """
     if remembers(context.case):
+        check_histories(context, points, shards)
         grid, sequences = steps_of(context, shards, AFTER_PREVIOUS), steps_of(context, shards, SEQUENCE)
         return fit_hull(i, motion_of(context), grid, sequences, pose_axes(context))
     section = context.need(context.case.gap, "gap")
