@@ -21,7 +21,7 @@ def content(m: Material) -> dict[str, Any]:
         "units": m.context.units,
         "verdict": verdict(m),
         "specification": specification_of(m.context.case),
-        "swept": specification_of(m.context.case).swept_boxes and "swept_boxes" in m.gap,
+        "swept": m.syntheses["gap"].get("between_samples_by") == "swept boxes",
         "settings": settings(m),
         "gap": m.gap,
         "coefficients": tables.coefficients(m.gap),

@@ -55,11 +55,16 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
         "winning_fraction": solution.fraction,
         "winning_fraction_after_inflation": after_inflation(problem, solution, between),
         "between_samples": dict(zip(context.states, between.tolist(), strict=True)),
+        "between_samples_by": "swept boxes" if problem.swept is not None else _clearance(problem),
         "looks_between_samples": gap_path is not None or section.nominal_between_samples,
         "statistics": solution.statistics,
         "provenance": record,
     }
     write_json(summary, figures)
+
+
+def _clearance(problem: Problem) -> str | None:
+    return "clearance" if problem.stray is not None else None
 
 
 def after_inflation(problem: Problem, solution: Solution, between: Floats) -> float | None:
