@@ -19,6 +19,16 @@ from simgap.config.simulator import EngineSection
 class Still(Engine):
     Settings = EngineSection
     distributions = ("pyyaml",)
+
+    @classmethod
+    def build(cls, case, folder):
+        return cls()
+
+    def reset(self, x):
+        self.x = x
+
+    def advance(self, u):
+        return self.x
 """
 
 
@@ -155,12 +165,14 @@ def own(vary):
 
 def test_a_file_beside_the_case_is_code_of_its_stages(own):
     def digests():
-        return {s: code_digest(s, load_case(own), own.parent) for s in ("rollouts", "validation", "synthesis", "trace")}
+        return {s: code_digest(s, load_case(own), own.parent) for s in stages}
 
+    stages = ("rollouts", "validation", "synthesis", "trace", "diagnosis")
     before = digests()
     (own.parent / "still.py").write_text(ENGINE + "# changed\n")
     after = digests()
-    assert {stage for stage in before if before[stage] != after[stage]} == {"rollouts", "validation"}
+    changed = {stage for stage in before if before[stage] != after[stage]}
+    assert changed == {"rollouts", "validation", "diagnosis"}  # a corrected case takes a copy of the file along
     assert "pyyaml" in versions("rollouts", load_case(own), own.parent)
 
 

@@ -76,7 +76,7 @@ def test_a_key_twice_in_a_case_or_a_rig_ends_the_command_with_status_2(root, tmp
     case = tmp_path / "case.yaml"
     case.write_text((root / "configs/cases/pendulum.yaml").read_text() + "\nname: other\n")
     with pytest.raises(SystemExit) as left:
-        main(["rollouts", str(case), "--eps", "0.1", "--out", str(tmp_path / "x"), "--log", str(tmp_path / "log")])
+        main(["grid", str(case), "--out", str(tmp_path / "x"), "--log", str(tmp_path / "log")])
     assert left.value.code == 2
     told = capsys.readouterr().err
     assert "'name' stands there twice" in told
