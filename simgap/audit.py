@@ -34,7 +34,7 @@ class GapAudit:
 
     @property
     def outside(self) -> NDArray[np.bool_]:
-        """Steps at which gamma did not hold."""
+        """Steps at which gamma did not hold: (k,) bool."""
         return ~np.all((self.lo <= self.d) & (self.d <= self.hi), axis=1)
 
 
@@ -116,14 +116,14 @@ def keep_some(kept: list[Verdict], verdict: Verdict, count: int) -> None:
 
 
 def steps_of(runs: Sequence[Run], inputs: Floats) -> tuple[Floats, Floats, Floats]:
-    """All steps of some runs under each other: x, u, x+."""
+    """All steps of some runs under each other, `inputs` (M, nu): x (k, nx), u (k, nu), x+ (k, nx)."""
     x = np.concatenate([r.x[: len(r.inputs)] for r in runs])
     u = inputs[np.concatenate([r.inputs for r in runs])]
     return x, u, np.concatenate([r.x[1 : len(r.inputs) + 1] for r in runs])
 
 
 def split_by_run(flags: Sequence[bool] | NDArray[np.bool_], runs: Sequence[Run]) -> list[int]:
-    """How many flagged steps each run has."""
+    """How many flagged steps each run has: (k,) bool, the steps of all runs under each other."""
     ends = np.cumsum([len(r.inputs) for r in runs])
     counts = np.concatenate([[0], np.cumsum(np.asarray(flags, dtype=np.int64))])
     return np.diff(counts[np.concatenate([[0], ends])]).astype(int).tolist()

@@ -60,11 +60,11 @@ def closed_loop(
     monitor: Monitor,
     seen: Floats | None = None,
 ) -> Run:
-    """Run from `start` until `steps` samples, or until the monitor ends it or the controller has no input.
+    """Run from `start` (nx,) until `steps` samples, or until the monitor ends it or the controller has no input.
 
-    `seen` is the first measurement, `start` itself if not given. With one sample of latency the input decided from a
-    measurement acts one sample later; the first input is the one that the controller gives at `seen`. A run also ends
-    after a step whose path touches what the monitor watches, where the plant records its path.
+    `seen` (nx,) is the first measurement, `start` itself if not given. With one sample of latency the input decided
+    from a measurement acts one sample later; the first input is the one that the controller gives at `seen`. A run also
+    ends after a step whose path touches what the monitor watches, where the plant records its path.
     """
     lookup, inputs = scalar_lookup(policy), policy.input_set
     exact = not np.any(sensing.error)
@@ -99,7 +99,7 @@ def closed_loop(
 
 
 def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:
-    """The policy for one state at a time; a grid controller answers without array overhead."""
+    """The policy for one state at a time, (nx,) -> input number; a grid controller answers without array overhead."""
     grid, choice = getattr(policy, "grid", None), getattr(policy, "choice", None)
     if grid is None or choice is None:
         return lambda x, pending: int(policy.lookup(x[None], pending)[0])

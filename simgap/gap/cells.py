@@ -59,7 +59,7 @@ class CellGap(GapFunction):
         return {s: GapSuprema(float(size[i]), float(width[i])) for i, s in enumerate(self.domain.states)}
 
     def raised(self, below: Floats, above: Floats) -> CellGap:
-        """lo - below, hi + above."""
+        """lo - below, hi + above; both (nx,)."""
         return replace(self, lower=self.lower - below, upper=self.upper + above)
 
     def with_tiers(self, tiers: Sequence[Tier]) -> CellGap:

@@ -39,7 +39,7 @@ class GapDomain:
     free: tuple[int, ...] = ()
 
     def limits(self) -> tuple[Floats, Floats]:
-        """Lower and upper state limits with the rounding margin; infinite along free axes."""
+        """Lower and upper state limits with the rounding margin; infinite along free axes: (nx,) each."""
         margin = MARGIN * (self.box.hi - self.box.lo)
         lo, hi = self.box.lo - margin, self.box.hi + margin
         lo[list(self.free)], hi[list(self.free)] = -np.inf, np.inf
@@ -51,7 +51,7 @@ class GapDomain:
         return np.any(~((xlo >= lo) & (xhi <= hi)), axis=1)
 
     def pinned(self, x: Floats) -> Floats:
-        """The points with free coordinates moved to the centre of X."""
+        """The points with free coordinates moved to the centre of X: (n, nx) -> (n, nx)."""
         if not self.free:
             return x
         x = x.copy()

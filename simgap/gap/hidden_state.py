@@ -60,7 +60,7 @@ def fading(responses: Floats) -> Floats:
 
 
 def check_fading(memory: Floats, size: Floats, states: Sequence[str], growth: float) -> None:
-    """Older inputs must have lost their influence at the longest history but one.
+    """Older inputs must have lost their influence at the longest history but one: `memory` (L, nx), `size` (nx,).
 
     Raises:
         BrokenPromise: naming the state and both numbers.
@@ -77,7 +77,7 @@ def check_fading(memory: Floats, size: Floats, states: Sequence[str], growth: fl
 
 
 def extrapolated_maximum(excess: Floats, top: int = TOP, confidence: float = BEYOND_CONFIDENCE) -> float:
-    """Upper estimate of the supremum behind a sample of excesses, >= its maximum (0 when nothing exceeds).
+    """Upper estimate of the supremum behind excesses (n,), >= their maximum (0 when nothing exceeds).
 
     `M1 + (M1 - Mk) r / (1 - r)`, `r = 1 - (1 - confidence)^(1/(k - 1))`, from the k largest (de Haan 1981).
     """

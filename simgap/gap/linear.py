@@ -62,7 +62,7 @@ class LinearGap(GapFunction):
         return np.array([-supremum(difference(lo, hi), self.domain.input_set)[1] for lo, hi in pairs])
 
     def raised(self, below: Floats, above: Floats) -> LinearGap:
-        """lo - below, hi + above."""
+        """lo - below, hi + above; both (nx,)."""
         lower = tuple(f.with_offset(f.offset - float(b)) for f, b in zip(self.lower, below, strict=True))
         upper = tuple(f.with_offset(f.offset + float(a)) for f, a in zip(self.upper, above, strict=True))
         return replace(self, lower=lower, upper=upper)

@@ -13,6 +13,6 @@ def product(x: Floats, u: Floats) -> tuple[Floats, Floats]:
 
 
 def draw(box: Box, inputs: Floats, count: int, seed: int) -> tuple[Floats, Floats]:
-    """`count` pairs, uniform on the box and on the input set."""
+    """`count` pairs, uniform on the box and on the input set (M, nu): (count, nx), (count, nu)."""
     rng = np.random.default_rng(seed)
     return box.sample(rng, count), inputs[rng.integers(0, len(inputs), count)]

@@ -61,7 +61,7 @@ class ScenarioResult:
 
     @staticmethod
     def from_json(data: Mapping[str, Any], coefficients: Floats) -> ScenarioResult:
-        """The inverse of `to_json`; the rows of the working set are not kept."""
+        """The inverse of `to_json` for coefficients (z,); the rows of the working set are not kept."""
         return ScenarioResult(coefficients, **{name: data[name] for name in _REPORTED}, rows=np.empty(0, np.int64))
 
 

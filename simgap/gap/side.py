@@ -74,7 +74,7 @@ class PaddedSide:
 
 
 def with_coefficients(blank: Form, coefficients: Floats) -> Form:
-    """q.p with the ranges that `blank` has of the basis."""
+    """q.p, q (z,), with the ranges that `blank` has of the basis."""
     return replace(blank, coefficients=coefficients)
 
 

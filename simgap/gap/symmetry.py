@@ -63,7 +63,7 @@ class BodyFrameGap(GapFunction):
         }
 
     def raised(self, below: Floats, above: Floats) -> BodyFrameGap:
-        """lower - below, upper + above, in the body frame."""
+        """lower - below, upper + above, in the body frame; both (nx,)."""
         return replace(self, lower=self.lower - below, upper=self.upper + above)
 
     def with_tiers(self, tiers: Sequence[Tier]) -> BodyFrameGap:

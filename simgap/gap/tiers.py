@@ -43,7 +43,7 @@ def deterministic_tier(padding: str) -> Tier:
 
 
 def estimate_tier(states: Sequence[str], lipschitz: Sequence[Floats], rough: Sequence[float], extra: str = "") -> Tier:
-    """Tier 2: the Lipschitz constants are estimates on the grid; `rough` is each state's share of cells with a jump."""
+    """Tier 2: Lipschitz constants, (nx,) a state, are estimates; `rough` is each state's share of cells with a jump."""
     table = "; ".join(f"{s}: {', '.join(f'{v:.3g}' for v in row)}" for s, row in zip(states, lipschitz, strict=True))
     text = (
         "These Lipschitz constants are estimates (largest slope between neighbouring samples plus the local change "

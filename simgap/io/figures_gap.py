@@ -33,7 +33,7 @@ def middle_input(gap: GapFunction) -> Floats:
 
 
 def shown_inputs(gap: GapFunction) -> list[Floats]:
-    """With one input its lowest, middle and highest value; with more, the middle of U."""
+    """With one input its lowest, middle and highest value; with more, the middle of U: (nu,) each."""
     inputs = gap.domain.input_set
     if inputs.shape[1] != 1:
         return [middle_input(gap)]
@@ -135,7 +135,8 @@ def _locator(count: int) -> Any:
 def slices_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> Any:
     """A panel a state: the bound along the first state, with samples, for plants with one state or many.
 
-    The other states are at the middle of X, the input at the middle of U; samples of that input are shown.
+    The samples are `x` (n, nx), `u` (n, nu) and `d` (n, nx). The other states are at the middle of X, the input at the
+    middle of U; samples of that input are shown.
     """
     import matplotlib.pyplot as plt
 

@@ -20,7 +20,7 @@ from simgap.io.atomic import atomic
 def table(
     columns: Mapping[str, Floats], units: Mapping[str, str], constants: Mapping[str, Any], provenance: Mapping[str, Any]
 ) -> pa.Table:
-    """A table of float columns with units, plus typed columns that hold one value throughout."""
+    """A table of float columns (n,) with units, plus typed columns that hold one value throughout."""
     rows = len(next(iter(columns.values())))
     arrays, fields = [], []
     for name, values in columns.items():

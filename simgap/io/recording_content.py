@@ -62,7 +62,7 @@ def root(trace: Trace) -> str:
 
 
 def curves(trace: Trace, states: Sequence[str], inputs: Sequence[str]) -> Iterator[tuple[str, Floats, Floats]]:
-    """Entity, times and values of everything that the table of traces holds of a run; only finite values."""
+    """Entity, times (n,) in s and values (n,) of all that the table of traces holds of a run; only finite values."""
     for j, name in enumerate(states):
         yield finite(f"{root(trace)}/state/{name}", trace.t, trace.x[:, j])
     for j, name in enumerate(inputs):
@@ -73,7 +73,7 @@ def curves(trace: Trace, states: Sequence[str], inputs: Sequence[str]) -> Iterat
 
 
 def finite(entity: str, t: Floats, values: Floats) -> tuple[str, Floats, Floats]:
-    """A curve without its values that are not finite."""
+    """A curve, (n,) times and values, without its values that are not finite."""
     good = np.isfinite(values)
     return entity, t[good], values[good]
 

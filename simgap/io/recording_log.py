@@ -10,7 +10,7 @@ TIMELINE = "sim_time"
 
 
 def send(recording: Any, entity: str, t: Floats, values: Floats) -> None:
-    """Log scalars over `sim_time`."""
+    """Log scalars (n,) over `sim_time`, (n,) in s."""
     import rerun as rr
 
     if len(t):

@@ -54,7 +54,7 @@ def _joints(recording: Any, content: Content, scene: JointScene) -> None:
 
 
 def stance(scene: JointScene) -> tuple[Floats, Floats, float]:
-    """Unit vectors along which to look at the plant and side by side, and how far it reaches, m."""
+    """Unit vectors, (3,) each, along which to look at the plant and side by side, and how far it reaches, m."""
     tree = _tree(scene.urdf, "stance")
     joints = [tree.get_joint_by_name(name) for name in scene.joints]
     axis = np.asarray(joints[0].axis if joints else (0.0, 1.0, 0.0), dtype=float)

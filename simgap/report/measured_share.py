@@ -28,7 +28,7 @@ def transition_columns(
     measured: Sequence[str],
     late: Mapping[str, float],
 ) -> dict[str, Floats]:
-    """Held-out transitions over tau: states, inputs (and `late_` inputs as the corrected plant feels them), `next_`.
+    """Held-out transitions over tau: states, inputs (`late_` as the corrected plant feels them), `next_`; (n,) each.
 
     A case without a `domain` has no tau; the median interval of the data stands in for it.
     """

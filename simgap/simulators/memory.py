@@ -39,7 +39,7 @@ class RememberingInputs(Simulator):
         self._memory = [CommandMemory(path, tau) for path in paths]
 
     def reset(self, x: Floats) -> None:
-        """Put the plant at x; what the inputs remember is random, and the same whenever x is the same."""
+        """Put the plant at x (nx,); what the inputs remember is random, and the same whenever x is the same."""
         rng = np.random.default_rng(np.frombuffer(np.ascontiguousarray(x, dtype=np.float64).tobytes(), np.uint32))
         for memory in self._memory:
             memory.draw(rng)
@@ -51,7 +51,7 @@ class RememberingInputs(Simulator):
             self._memory[j].output = float(x[self._engine.nx + k])
 
     def advance(self, u: Floats) -> Floats:
-        """Command u for one sampling time."""
+        """Command u (nu,) for one sampling time: -> the new state (nx,)."""
         felt = np.stack([m.step(float(c), self._steps) for m, c in zip(self._memory, u, strict=True)], axis=1)
         for row in felt:
             following = self._engine.advance(row)

@@ -60,13 +60,13 @@ class MuJoCoJoints(JointEngine):
         self._v = [int(model.jnt_dofadr[j]) for j in joints]
 
     def reset(self, x: Floats) -> None:
-        """Fresh data, then every joint's position and velocity."""
+        """Fresh data, then every joint's position and velocity: x (nx,)."""
         self._mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[self._q] = x[list(self._plant.positions)]
         self._data.qvel[self._v] = x[list(self._plant.velocities)]
 
     def advance(self, u: Floats) -> Floats:
-        """Hold u for tau, effects evaluated at every engine step."""
+        """Hold u (nu,) for tau, effects evaluated at every engine step: -> (nx,)."""
         data = self._data
         torques: Any = [sum(u[i] for i in drive) for drive in self._plant.inputs]
         for _ in range(self._substeps):

@@ -70,12 +70,12 @@ class PyBulletJoints(JointEngine):
         return body, tuple(index[name] for name in plant.joints)
 
     def reset(self, x: Floats) -> None:
-        """Set every joint's position and velocity."""
+        """Set every joint's position and velocity: x (nx,)."""
         for j, a, b in zip(self._joints, self._position, self._velocity, strict=True):
             self._p.resetJointState(self._body, j, x[a], x[b], physicsClientId=self._client)
 
     def advance(self, u: Floats) -> Floats:
-        """Hold u for tau, effects evaluated at every engine step."""
+        """Hold u (nu,) for tau, effects evaluated at every engine step: -> (nx,)."""
         if self._single:
             return self._advance_single(float(u[0]))
         p, body, client, joints = self._p, self._body, self._client, self._joints
@@ -102,7 +102,7 @@ class PyBulletJoints(JointEngine):
         return np.array((q, v) if self._position == (0,) else (v, q))
 
     def rollouts(self, x: Floats, u: Floats) -> Floats:
-        """One step from each state."""
+        """One step from each state: (n, nx), (n, nu) -> (n, nx)."""
         if not self._single:
             return super().rollouts(x, u)
         p, body, (j,), client = self._p, self._body, self._joints, self._client

@@ -22,7 +22,7 @@ def roll_out(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, st
 
 
 def roll_out_range(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, Range | None, str]:
-    """`roll_out`, and the range of the successors where delayed or lagged inputs spread them."""
+    """`roll_out`, and where delayed or lagged inputs spread the successors their range, two (n, nx)."""
     from simgap.simulators.build import make_simulator
 
     simulator = make_simulator(case, folder)

@@ -162,7 +162,7 @@ class PyBulletWheeled(Engine, PathSimulator):
         return x, y, float(np.arctan2(m[3], m[0]))
 
     def reset(self, x: Floats) -> None:
-        """Put the robot at rest at a pose."""
+        """Put the robot at rest at a pose: x (nx,), m and rad."""
         i, j, k = self._plant.pose
         heading = float(x[k])
         p = self._p

@@ -46,10 +46,10 @@ class Game(Protocol):
         """How far a path may stray from its samples, where clearance is to cover that, (nx,); 0 elsewhere."""
 
     def invariant(self, safe: Mask) -> Solution:
-        """The largest set of safe cells that some input keeps for ever: the greatest fixed point."""
+        """The largest set of safe cells that some input keeps for ever: the greatest fixed point; (cells,) bool."""
 
     def reach(self, target: Mask, free: Mask) -> Solution:
-        """Cells from which the target is reached in bounded time through free cells: the least fixed point."""
+        """Cells that reach the target in bounded time through free cells: the least fixed point; both (cells,) bool."""
 
 
 class Words(Section):

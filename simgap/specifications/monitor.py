@@ -107,11 +107,11 @@ class Always(Monitor):
         """Whether states satisfy the condition: (n, nx) -> (n,)."""
 
     def over(self, x: Floats, seen: Floats) -> bool:
-        """A run ends where the condition does not hold."""
+        """A run ends where the condition does not hold: (nx,), (nx,)."""
         return not self.satisfied(x[None])[0]
 
     def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
-        """The same for many runs."""
+        """The same for many runs: (n, nx), (n, nx) -> (n,)."""
         return ~self.satisfied(x)
 
     def judge(self, run: Run, steps: int) -> Verdict:

@@ -60,21 +60,21 @@ class Staying(Toward):
     """A run goes on in the target until its last sample."""
 
     def over(self, x: Floats, seen: Floats) -> bool:
-        """A run goes on."""
+        """A run goes on, whatever `x` and `seen`, (nx,) each."""
         return False
 
     def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
-        """The same for many runs."""
+        """The same for many runs: (n, nx), (n, nx) -> (n,)."""
         return np.zeros(len(x), np.bool_)
 
     def unbroken(self, run: Run, levels: Ints) -> NDArray[np.bool_]:
-        """Before the first sample outside the target after one in its held part."""
+        """Before the first sample outside the target after one in its held part: levels (k + 1,) -> (k + 1,)."""
         held = np.maximum.accumulate(levels == 0)
         left: NDArray[np.bool_] = np.logical_or.accumulate(held & ~self.in_target(run.x))
         return ~left
 
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
-        """Whether every sample from the first one in the held part of the target on is in the target."""
+        """Whether all samples from the first in the held part of the target on are in the target; levels (k + 1,)."""
         arrived = np.flatnonzero(levels == 0)
         if len(arrived) == 0:
             return (STUCK if run.stuck else LATE), False

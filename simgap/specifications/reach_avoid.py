@@ -53,15 +53,15 @@ class Arriving(Toward):
     """A run ends in a cell of the target."""
 
     def over(self, x: Floats, seen: Floats) -> bool:
-        """A run ends where the controller knows that it has arrived."""
+        """A run ends where the controller knows that it has arrived: (nx,), (nx,)."""
         return self.level(seen) == 0
 
     def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
-        """The same for many runs."""
+        """The same for many runs: (n, nx), (n, nx) -> (n,)."""
         return self.levels(seen) == 0
 
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
-        """Arrived, without an input, or still moving."""
+        """Arrived, without an input, or still moving; levels (k + 1,)."""
         if levels[-1] == 0:
             arrived = bool(self.in_target(run.x[-1:])[0])
             return (REACHED, True) if arrived else (BESIDE, False)

@@ -98,7 +98,7 @@ class Reaching(Specification):
         return free
 
     def goal(self, game: Game) -> Mask:
-        """Cells whose every state is in the target, whatever the measurement error.
+        """Cells whose every state is in the target, whatever the measurement error: (cells,) bool.
 
         Raises:
             UserError: when no cell fits into the target.
@@ -119,7 +119,7 @@ class Reaching(Specification):
         return cells_within(grid, Box(lo, hi))
 
     def sets(self, game: Game) -> tuple[Mask, Mask]:
-        """Cells of the target that are free, and free cells.
+        """Cells of the target that are free, and free cells: (cells,) bool each.
 
         Raises:
             UserError: when there is none of the former.

@@ -112,6 +112,6 @@ def _on_floor(obstacles: tuple[Box, ...], clearance: Floats, pose: tuple[int, in
 
 
 def first_touch(clearance: Floats) -> int | None:
-    """The step in which something is touched first, counted from 1; a start that touches ends in its first step."""
+    """First step in which clearances (k + 1,) touch, counted from 1; a start that touches ends in its first step."""
     touched: NDArray[np.intp] = np.flatnonzero(clearance <= 0.0)
     return None if len(touched) == 0 else max(int(touched[0]), 1)

@@ -37,7 +37,7 @@ class Toward(Monitor):
     measures_clearance = True
 
     def clearance(self, path: Floats) -> float:
-        """Least distance to obstacles and walls."""
+        """Least distance to obstacles and walls along a path (k, nx)."""
         return self.surroundings.least(path)
 
     def level(self, seen: Floats) -> int:
@@ -78,14 +78,14 @@ class Toward(Monitor):
 
     @abstractmethod
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
-        """How a run ended that touched nothing, and whether that is what was asked for."""
+        """How a run ended that touched nothing, and whether that is what was asked for; levels (k + 1,)."""
 
     def unbroken(self, run: Run, levels: Ints) -> NDArray[np.bool_]:
         """Samples up to which nothing but a touch could have violated what was asked for: (k + 1,)."""
         return np.ones(len(run.x), np.bool_)
 
     def measured(self, run: Run, levels: Ints, hit: bool) -> dict[str, float]:
-        """Steps until the target, steps that left the certified box, and the least clearance."""
+        """Steps until the target, steps that left the certified box, and the least clearance; levels (k + 1,)."""
         arrived = np.flatnonzero(levels == 0)
         last = int(arrived[0]) if len(arrived) else len(levels) - 1 - hit
         falls = (levels[1 : last + 1] >= 0) & (levels[1 : last + 1] < levels[:last])

@@ -48,7 +48,7 @@ def run(rig_path: Path, out: Path, engine_log: Path | None = None) -> None:
 def recording(
     context: Context, rig: Rig, number: int, t: Floats, x: Floats, u: Floats, rng: np.random.Generator
 ) -> pa.Table:
-    """One trace: time, the measured states with noise, the inputs."""
+    """One trace: time (n,) s, the measured states with noise, from x (n, nx), the inputs (n, nu)."""
     columns: dict[str, Floats] = {"t": t}
     for name, sigma in rig.noise.items():
         columns[name] = x[:, context.states.index(name)] + rng.normal(0.0, sigma, len(t))
@@ -57,7 +57,7 @@ def recording(
 
 
 def move(case: Case, folder: Path, u: Floats) -> Floats:
-    """Run in the engine's process: states at the sampling instants, from rest at the origin."""
+    """Run in the engine's process: states at the sampling instants, from rest at the origin: (n, nu) -> (n, nx)."""
     from simgap.simulators.build import make_simulator
 
     simulator = make_simulator(case, folder)

@@ -68,7 +68,10 @@ def _clearance(problem: Problem) -> str | None:
 
 
 def after_inflation(problem: Problem, solution: Solution, between: Floats) -> float | None:
-    """Share of winning cells among those that also keep clear of everything by what may happen between samples."""
+    """Share of winning cells among those that also keep clear of everything by `between`, (nx,).
+
+    That is what may happen between samples.
+    """
     if not problem.specification.between_samples:
         return None
     free = problem.specification.free(problem.space, solution.grid, between)

@@ -113,7 +113,7 @@ def _simulated(context: Context, path: Path, starts: Floats, workers: int, engin
 
 
 def simulate_chunk(case: Case, folder: Path, path: Path, starts: Floats, chunk: int) -> list[Run]:
-    """Run in an engine's process."""
+    """Run in an engine's process, from starts (n, nx)."""
     from simgap.simulators.build import make_simulator
 
     space, section = Space.of(case), case.sensing

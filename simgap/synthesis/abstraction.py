@@ -53,7 +53,7 @@ class Abstraction:
 
     @property
     def shape(self) -> Ints:
-        """The grid as the kernels read it (`holes.layout`)."""
+        """The grid as the kernels read it (`holes.layout`): (4, 4)."""
         return layout(self.grid.cells, self.grid.periodic)
 
     def boxes(self, cells: Ints, first: int = 0, last: int | None = None) -> NDArray[np.int32]:

@@ -41,7 +41,7 @@ class Frame:
 
     @property
     def header(self) -> Floats:
-        """The 6 n numbers about the axes."""
+        """The numbers about the axes, (6 nx,)."""
         grid, free = self.grid, list(self.grid.periodic)
         pad = PAD * self.scale
         lo, hi = grid.box.lo - pad, grid.box.hi + pad
@@ -49,7 +49,7 @@ class Frame:
         return np.concatenate([grid.box.lo, 2.0 * grid.h, lo, hi, self.error, pad])
 
     def arrays(self, axes: tuple[tuple[int, ...], ...], tables: Floats | None) -> tuple[Ints, Floats]:
-        """`meta` and `data`; `tables` is flat, laid out as `tables.table_meta` says, or None."""
+        """`meta` and `data`, flat; `tables` is (2 pairs,), laid out as `tables.table_meta` says, or None."""
         head = np.concatenate([self.header, self.inputs.reshape(-1)])
         data = head if tables is None else np.concatenate([head, tables])
         layout = table_meta(self.grid, len(self.inputs), axes)[0][2:].reshape(self.grid.box.size, -1)

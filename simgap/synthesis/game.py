@@ -45,11 +45,11 @@ class MeasuredGame:
 
     @property
     def error(self) -> Floats:
-        """The measurement error."""
+        """The measurement error, (nx,)."""
         return self.abstraction.error
 
     def invariant(self, safe: Mask) -> Solution:
-        """The greatest fixed point of the controlled predecessor within the safe cells."""
+        """The greatest fixed point of the controlled predecessor within the safe cells, (cells,) bool."""
         if self.abstraction.swept is not None:
             raise BrokenPromise("swept boxes are not checked by the invariance kernel", "Let the clearance cover them.")
         found = invariance(self.abstraction, None if safe.all() else safe, self.threads)
@@ -62,7 +62,7 @@ class MeasuredGame:
         )
 
     def reach(self, target: Mask, free: Mask) -> Solution:
-        """The least fixed point, its value function and all inputs that go down a level."""
+        """The least fixed point, its value function and all inputs that go down a level; sets are (cells,) bool."""
         found = reach_avoid(self.abstraction, target, free, self.threads)
         return Solution(
             grid=self.grid,
@@ -112,15 +112,15 @@ class TrueGame:
 
     @property
     def error(self) -> Floats:
-        """None: the cells are those of the state itself."""
+        """None, (nx,) zeros: the cells are those of the state itself."""
         return np.zeros(self.space.size)
 
     def invariant(self, safe: Mask) -> Solution:
-        """A controlled invariant set that measurements suffice to keep; sound, not always the largest."""
+        """A controlled invariant set in (cells,) that measurements suffice to keep; sound, not always the largest."""
         return sensed_invariance(self.abstraction, self.blur, self.latency, self.threads, safe)
 
     def reach(self, target: Mask, free: Mask) -> Solution:
-        """Not on these cells.
+        """Not on these cells, whatever the sets, (cells,) bool each.
 
         Raises:
             UserError: always.

@@ -32,7 +32,7 @@ def layout(cells: tuple[int, ...], periodic: tuple[int, ...]) -> Ints:
 
 
 def table_size(shape: Ints, n: int) -> int:
-    """Numbers in the table of `layout(...)` on n axes."""
+    """Numbers in the table of `layout(...)`, (4, 4), on n axes."""
     return int(np.prod(shape[2, :n]))
 
 

@@ -24,9 +24,9 @@ def hopeless_dimension(
 ) -> UserError | None:
     """A dimension in which the gap exceeds the largest step that f can make, everywhere looked at.
 
-    Then no input in any cell can hold (`holding`) or advance that state against the gap. Looked at are up to some
-    thousand cell centres spread over the grid, with all inputs; the fixed point has found the domain empty before this
-    is asked.
+    Then none of the inputs (M, nu) can hold (`holding`) or advance that state against the gap in any cell. Looked at
+    are up to some thousand cell centres spread over the grid, with all inputs; the fixed point has found the domain
+    empty before this is asked.
     """
     centres = grid.centres()[:: max(1, grid.size // _SAMPLES)]
     steps = np.zeros((len(centres), grid.box.size, 4))
@@ -55,7 +55,7 @@ def reason_for_empty(
 ) -> UserError:
     """The reason when no single dimension is hopeless: `causes` and what the controller does not know.
 
-    `undisturbed` is the solution for f alone on the same cells, at sampling instants.
+    `error` is (nx,); `undisturbed` is the solution for f alone on the same cells, at sampling instants.
     """
     cells = ", ".join(f"{2 * h:.6g} along {name}" for name, h in zip(space.states, grid.h, strict=True))
     if not undisturbed.useful:

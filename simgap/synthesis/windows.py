@@ -40,7 +40,7 @@ def to_bytes(words: Words, inputs: int) -> NDArray[np.uint8]:
 
 
 def margins(grid: Grid, error: NDArray[np.float64]) -> tuple[int, ...]:
-    """Cells to either side of the measured one in which the true state may be, per axis."""
+    """Cells to either side of the measured one in which the true state may be, per axis; error (nx,)."""
     return tuple(int(np.ceil(e / (2.0 * h) + 1e-9)) if e > 0 else 0 for e, h in zip(error, grid.h, strict=True))
 
 
@@ -63,7 +63,7 @@ def embed(values: NDArray[np.uint32], grid: Grid, larger: Grid, outside: NDArray
 
 
 def crop(values: NDArray[np.uint32], grid: Grid, larger: Grid) -> NDArray[np.uint32]:
-    """The inverse of `embed`."""
+    """The inverse of `embed`: (larger cells, k) -> (cells, k)."""
     return np.ascontiguousarray(values.reshape(*larger.cells, -1)[_inner(grid, larger)]).reshape(grid.size, -1)
 
 

@@ -93,7 +93,7 @@ def merge_repeats(t: Floats, columns: Floats) -> tuple[Floats, Floats, int]:
 
 
 def kept(t: Floats, ranges: Sequence[TimeRange]) -> NDArray[np.bool_]:
-    """Which stamps the ranges leave: inside some `keep` (if there is one) and outside every `drop`."""
+    """Which stamps the ranges leave: (n,) s -> (n,), inside some `keep` (if there is one) and outside every `drop`."""
     keeps = [r for r in ranges if r.keep]
     inside = np.zeros(t.size, dtype=bool) if keeps else np.ones(t.size, dtype=bool)
     for r in keeps:
@@ -105,12 +105,12 @@ def kept(t: Floats, ranges: Sequence[TimeRange]) -> NDArray[np.bool_]:
 
 
 def gap_limit(intervals: Floats) -> float:
-    """The interval beyond which a trace is split: five times the one that 95 % of the samples keep."""
+    """The interval beyond which a trace is split, (n,) s -> s: five times the one that 95 % of the samples keep."""
     return 5.0 * float(np.quantile(intervals, 0.95))
 
 
 def pieces(t: Floats, inside: NDArray[np.bool_], limit: float) -> list[slice]:
-    """Runs of consecutive stamps that are inside and never further apart than `limit` seconds."""
+    """Runs of consecutive stamps (n,) s that are `inside` (n,) and never further apart than `limit` seconds."""
     index = np.flatnonzero(inside)
     if not index.size:
         return []

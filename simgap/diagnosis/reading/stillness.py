@@ -45,7 +45,7 @@ def resolution(record: Record) -> Floats:
 
 
 def still_stretches(record: Record, sigma: Floats, quantum: Floats) -> tuple[Stretch, ...]:
-    """Stretches of at least 0.75 s in which every channel stays within its noise or two steps of resolution."""
+    """Stretches of at least 0.75 s with every channel within its noise (k,) or two steps of its resolution (k,)."""
     limit = np.maximum(STILL_NOISE * sigma, STILL_STEPS * quantum)
     found: list[Stretch] = []
     for trace in record.traces:

@@ -35,7 +35,7 @@ class Windows:
         return len(self.start)
 
     def pick(self, which: NDArray[np.bool_] | Ints) -> Windows:
-        """Some of the windows."""
+        """Some of the windows: by a mask (w,) or by their numbers."""
         return Windows(self.start[which], self.stop[which], self.first[which], self.trace[which])
 
     @property
@@ -45,7 +45,7 @@ class Windows:
 
 
 def past_the_unknown(windows: Windows, t: Floats, reach_s: float) -> Windows:
-    """The windows begun no earlier than `reach_s` after the first sample of their trace.
+    """The windows begun no earlier than `reach_s` after the first sample of their trace; t: (n,) s.
 
     What was commanded before a trace begins is not in the record; where it still acts, nothing can be compared. Windows
     that become too short are dropped, all are kept as they are if none would be left.

@@ -38,7 +38,7 @@ def standard_errors(problem: Problem, at: Fit, steps: dict[int, float], reduced:
 def vanishing(problem: Problem, members: Sequence[Candidate], at: Fit, errors: Floats, dof: int) -> list[Candidate]:
     """Effects whose 95 % interval contains "no effect": every number that makes them act may be at its null.
 
-    A saturation acts on nothing where its limit may lie above the largest command.
+    A saturation acts on nothing where its limit may lie above the largest command. `errors`: (p,) standard deviations.
     """
     by_slot, gone = dict(zip(at.slots, errors.tolist(), strict=True)), []
     for c in members:

@@ -109,7 +109,7 @@ class Search:
         return frozenset(c.key for c in members), discrete
 
     def explain(self, members: tuple[Candidate, ...], theta: Floats, base: Fit, *, again: bool = False) -> Explanation:
-        """Fit a set of effects from a starting point; once, or `again` from another start if that may end lower."""
+        """Fit a set of effects from theta (q,); once, or `again` from another start if that may end lower."""
         key = self._key(members, theta)
         if key not in self.tried or again:
             slots = [k for c in members for k in c.slots if k not in _integers(c)]

@@ -118,7 +118,7 @@ def _point(theta: Floats, c: Candidate, start: Start, coefficients: Sequence[flo
 
 
 def column(theta: Floats, c: Candidate, start: Start, j: int, amplitude: float) -> Direction:
-    """Direction of one coefficient of a start, from the point where the others are zero."""
+    """Direction of one coefficient of a start in theta (q,), from the point where the others are zero."""
     coefficients = [amplitude if i == j else 0.0 for i in range(start.size)]
     return Direction(_point(theta, c, start, coefficients), theta, amplitude)
 

@@ -43,7 +43,7 @@ def initial_states(problem: Problem) -> Floats:
 
 
 def at_rest(problem: Problem, guess: Floats) -> Floats:
-    """The guess with every coordinate of dry friction at rest, measured positions the mean of the first samples."""
+    """The guess with dry-friction coordinates at rest, measured positions the mean of the first samples: (w, nx)."""
     names, x0 = problem.model.model.state_names, guess.copy()
     x0[:, problem.model.speed] = 0.0
     for c in problem.model.model.coordinates:

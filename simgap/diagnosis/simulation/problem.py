@@ -61,7 +61,7 @@ class Problem:
         return replace(self, windows=windows)
 
     def reach(self, theta: Floats) -> float:
-        """For how long a command still acts at these parameters, s: its delay and `LAGS_REMEMBERED` time constants."""
+        """For how long a command still acts at theta (q,), s: its delay and `LAGS_REMEMBERED` time constants."""
         _, _, delay, lag = self._drive(theta)
         return float(np.max(delay + LAGS_REMEMBERED * lag, initial=0.0))
 
@@ -168,13 +168,13 @@ def _compare(readings: Floats, sigma: Floats, predicted: Floats) -> None:
 
 
 def interval(t: Floats) -> float:
-    """Median interval of stamps that lie trace after trace, s."""
+    """Median interval of stamps that lie trace after trace: (n,) s -> s."""
     steps = np.diff(t)
     return float(np.median(steps[steps > 0]))
 
 
 def build_problem(model: SuperModel, record: Record, windows: Windows, sigma: Floats) -> Problem:
-    """Lay the traces one after another."""
+    """Lay the traces one after another; sigma: (k,) noise of each channel."""
     t = np.concatenate([trace.t for trace in record.traces])
     lengths = [len(trace.t) for trace in record.traces]
     return Problem(

@@ -45,7 +45,7 @@ def refit(problem: Problem, theta: Floats, x0: Floats, most: int = _MOST) -> Ref
 
 
 def refit_from_all(problem: Problem, theta: Floats, x0: Floats) -> Refit:
-    """The best end of each window: from x0, and under dry friction also from the data's own guess and from rest.
+    """The best end of each window: from x0 (w, nx), under dry friction also from the data's own guess and from rest.
 
     Dry friction makes chi^2 of a window a function with several valleys: a window that begins stuck has one at rest.
     """

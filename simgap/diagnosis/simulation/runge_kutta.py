@@ -24,7 +24,7 @@ RHS = types.FunctionType(RHS_SIGNATURE)
 def slope(
     rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, stuck: Any, speed: Ints, out: Floats, scratch: Floats
 ) -> None:
-    """Xdot with the signs of stuck coordinates solved for (in place); Gauss-Seidel if several stick at once."""
+    """Xdot (nx,), the signs s of stuck coordinates solved for (in place); Gauss-Seidel if several stick at once."""
     count = 0
     for j in range(speed.size):
         if stuck[j]:
@@ -49,7 +49,7 @@ def slope(
 def input_at(
     time: float, t: Floats, u: Floats, held: Ints, level: Floats, excess: Floats, delay: Floats, lag: Floats
 ) -> None:
-    """What the plant feels at an instant; `held[c]` is the sample that input c follows."""
+    """What the plant feels at an instant (s), into u (m,); `held[c]` is the sample that input c follows: (m,)."""
     for c in range(u.size):
         k = held[c]
         u[c] = level[k, c]
@@ -62,7 +62,7 @@ def rk4(
     rhs: Any, x: Floats, time: float, h: float, theta: Floats, s: Floats, stuck: Any, speed: Ints, drive: Any,
     work: Floats, u: Floats, out: Floats,
 ) -> None:  # fmt: skip
-    """One step of length h from x into out; work has 6 rows."""
+    """One step of length h (s) from x (nx,) into out (nx,); work: (6, nx)."""
     t, held, level, excess, delay, lag = drive
     n = x.size
     k1, k2, k3, k4, at, scratch = work[0], work[1], work[2], work[3], work[4], work[5]
@@ -88,7 +88,10 @@ def glide(
     rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, h: float, steps: int, k1: Floats, k2: Floats, k3: Floats,
     k4: Floats, at: Floats,
 ) -> None:  # fmt: skip
-    """Steps of length h, in place, where the input stands still and nothing sticks: the same formula, no look-outs."""
+    """Steps of length h (s), x (nx,) in place, where the input stands still and nothing sticks.
+
+    The same formula, no look-outs.
+    """
     n = x.size
     for _ in range(steps):
         rhs(x, u, theta, s, k1)

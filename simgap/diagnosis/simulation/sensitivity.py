@@ -73,7 +73,7 @@ def _solve_triangular(r: Floats, b: Floats) -> Floats:
 
 
 def slot_direction(problem: Problem, theta: Floats, slot: int, step: float) -> Direction:
-    """One-sided difference in one parameter, away from its limits."""
+    """One-sided difference in one parameter of theta (q,), away from its limits."""
     moved = theta.copy()
     if theta[slot] + step <= problem.model.upper[slot]:
         moved[slot] += step
@@ -83,7 +83,10 @@ def slot_direction(problem: Problem, theta: Floats, slot: int, step: float) -> D
 
 
 def choose_step(problem: Problem, theta: Floats, x0: Floats, slot: int, guess: float) -> float:
-    """A difference step whose response is about `_TARGET_RESPONSE` of the noise, within four decades of the guess."""
+    """A difference step whose response is about `_TARGET_RESPONSE` of the noise: theta (q,), x0 (w, nx).
+
+    It stays within four decades of the guess.
+    """
     few = np.unique(np.linspace(0, len(problem.windows) - 1, 8).astype(int))
     part, part_x0 = problem.on(problem.windows.pick(few)), x0[few]
     step = guess
@@ -160,7 +163,7 @@ def _columns(
 
 
 def with_values(theta: Floats, values: Mapping[int, float]) -> Floats:
-    """A copy of theta with some slots changed."""
+    """A copy of theta with some slots changed: (q,) -> (q,)."""
     out = theta.copy()
     for slot, value in values.items():
         out[slot] = value

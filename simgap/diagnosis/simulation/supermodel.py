@@ -79,11 +79,11 @@ class SuperModel:
         return len(self.model.states)
 
     def constants_at(self, theta: Floats) -> Floats:
-        """What the dynamics need of the parameters."""
+        """What the dynamics need of the parameters: theta (q,) -> (c,)."""
         return np.array(self.constants(theta), dtype=np.float64)
 
     def rubs(self, theta: Floats) -> bool:
-        """Whether any coordinate has dry friction at these parameters: the sign of a speed matters at rest."""
+        """Whether any coordinate has dry friction at theta (q,): the sign of a speed matters at rest."""
         constants, x, u = self.constants_at(theta), np.zeros(self.nx), np.zeros(len(self.model.inputs))
         one, other, signs = np.empty(self.nx), np.empty(self.nx), np.zeros(len(self.speed))
         for j, v in enumerate(self.speed):

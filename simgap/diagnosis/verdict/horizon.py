@@ -28,7 +28,7 @@ class HorizonError:
 
 
 def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonError | None:
-    """Predict `horizon` seconds ahead from many instants of the problem's windows.
+    """Predict `horizon` seconds ahead at theta (q,) from many instants of the problem's windows.
 
     At each instant the state is estimated from the samples of the last `LOOK_BACK_S` seconds alone (at least
     `LOOK_BACK_SAMPLES`), then the model runs on the recorded input; E is the RMS error at the end. F adds to the noise

@@ -32,7 +32,7 @@ class HeldOut:
 
 
 def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
-    """Refit only the initial states of held-out windows, and predict ahead causally."""
+    """Refit only the initial states (w, nx) of held-out windows at theta (q,), and predict ahead causally."""
     at = fit(held, theta, initial_states(held), [], {})
     residual = held.residuals(theta, at.x0)
     lost = held.model.nx * len(held.windows) / residual.size  # degrees of freedom that the initial states took

@@ -31,7 +31,7 @@ class ReverseWeibull:
 
 
 def fit_reverse_weibull(maxima: Floats, starts: int = 80) -> ReverseWeibull:
-    """Maximum likelihood with shape >= 1, by profiling: location on a logarithmic mesh of starts, then refined.
+    """Maximum likelihood for maxima (n,), shape >= 1, by profiling: location on a logarithmic mesh, then refined.
 
     For a location the scale is known in closed form and the shape is a one-dimensional maximum, so no start is lost.
     """
@@ -50,7 +50,10 @@ def fit_reverse_weibull(maxima: Floats, starts: int = 80) -> ReverseWeibull:
 
 
 def profile_upper(maxima: Floats, fitted: ReverseWeibull, confidence: float = 0.95) -> float:
-    """Largest location whose profile likelihood is within the one-sided `confidence` limit of the optimum."""
+    """Largest location whose profile likelihood is within the one-sided `confidence` limit of the optimum.
+
+    `maxima` is (n,).
+    """
     drop = 0.5 * float(chi2.ppf(2.0 * confidence - 1.0, 1))
     top, goal = float(maxima.max()), fitted.log_likelihood - drop
     lo, hi = np.log(fitted.location - top), np.log(_REACH * _spread(maxima))
@@ -63,7 +66,7 @@ def profile_upper(maxima: Floats, fitted: ReverseWeibull, confidence: float = 0.
 
 
 def top_spacing_upper(slopes: Floats, dimension: int, k: int = 20, confidence: float = 0.95) -> float:
-    """Upper limit from the k largest slopes, whose tail behaves as distance^dimension near the end point.
+    """Upper limit from the k largest slopes of (n,), whose tail behaves as distance^dimension near the end point.
 
     `M1 + (M1 - Mk) r / (1 - r)` with `r = (1 - (1 - confidence)^(1/(k-1)))^(1/dimension)`; `dimension` is that of the
     space of pairs.

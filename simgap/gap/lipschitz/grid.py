@@ -59,11 +59,12 @@ def _resolution(e: Floats, j: int, grid: Grid, floor: float) -> float:
 
 
 def rough_cells(e: Floats, grid: Grid, axes: tuple[int, ...], floor: float, split: bool = True) -> Mask:
-    """Cells around differences that the grid does not resolve: outside them every ratio of `_resolution` is <= GATE.
+    """Cells around differences that the grid does not resolve: (cells_1, ..., cells_nx, M), as `e`.
 
-    Steep differences are taken out, steepest first, until the ratio of the rest passes; the cells on both sides and
-    their neighbours are rough. With `split` then the same over two cells, for jumps on a sample: they are split in two
-    and no steeper over one cell than over two. Differences up to `floor` never are.
+    Outside them every ratio of `_resolution` is <= GATE. Steep differences are taken out, steepest first, until the
+    ratio of the rest passes; the cells on both sides and their neighbours are rough. With `split` then the same over
+    two cells, for jumps on a sample: they are split in two and no steeper over one cell than over two. Differences up
+    to `floor` never are.
     """
     rough = np.zeros(e.shape, dtype=bool)
     for j in axes:
@@ -110,14 +111,14 @@ def moving_axes(grid: Grid, free: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def steps(e: Floats, j: int, grid: Grid) -> Floats:
-    """Differences of neighbours along axis j; a periodic axis has one more, over the seam."""
+    """Differences of neighbours along j: (..., k, ..., M) -> (..., k - 1, ..., M); k, with the seam, if periodic."""
     if j in grid.periodic:
         return np.roll(e, -1, axis=j) - e
     return np.diff(e, axis=j)
 
 
 def double_steps(e: Floats, j: int, grid: Grid, cells: int = 2) -> Floats:
-    """Differences over `cells` cells along axis j."""
+    """Differences over `cells` cells along axis j: (..., k, ..., M) -> (..., k - cells, ..., M), or k if periodic."""
     if j in grid.periodic:
         return np.roll(e, -cells, axis=j) - e
     n = e.shape[j]
@@ -141,7 +142,7 @@ def _middle(out: Mask, j: int, grid: Grid) -> Mask:
 
 
 def to_cells(step: Floats | Mask, j: int, grid: Grid, expected: Floats | None = None) -> Floats:
-    """Larger of the absolute differences on both sides of each cell, after subtracting `expected` of the cell."""
+    """Larger absolute difference beside each cell, less its `expected`: `steps` -> (cells_1, ..., cells_nx, M)."""
     if j in grid.periodic:
         ahead, behind = step, np.roll(step, 1, axis=j)
     else:
@@ -153,7 +154,7 @@ def to_cells(step: Floats | Mask, j: int, grid: Grid, expected: Floats | None = 
 
 
 def bends(step: Floats, j: int, grid: Grid) -> Floats:
-    """Absolute second differences at each cell; at an edge that of its neighbour."""
+    """Absolute second differences at each cell, at an edge its neighbour's: `steps` -> (cells_1, ..., cells_nx, M)."""
     if j in grid.periodic:
         return np.abs(step - np.roll(step, 1, axis=j))
     inner = np.abs(np.diff(step, axis=j))
@@ -161,7 +162,7 @@ def bends(step: Floats, j: int, grid: Grid) -> Floats:
 
 
 def turns(step: Floats, j: int, grid: Grid, axes: tuple[int, ...]) -> Floats:
-    """How much the differences along axis j change within a cell: along j, and half a cell along the others."""
+    """Change of `steps` along j within a cell: along j, half a cell along the others; (cells_1, ..., cells_nx, M)."""
     total = bends(step, j, grid)
     for k in axes:
         if k != j:

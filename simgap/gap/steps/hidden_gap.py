@@ -29,7 +29,7 @@ LONGER = "Raise hidden_state.chains or hidden_state.previous, or set hidden_stat
 def hidden_bound(
     context: Context, motion: Floats, points: Points, scp: Saved, lipschitz: Saved, fresh: Columns
 ) -> tuple[dict[str, Any], FreshCheck]:
-    """The content of gap.json, the swept boxes included, and how the bound fared on fresh sequences.
+    """The content of gap.json, swept boxes included, and how the bound fared on fresh sequences; `motion` is (M, 3).
 
     Raises:
         BrokenPromise: a symmetry that does not hold, a memory that does not fade, or violations on fresh sequences.

@@ -69,13 +69,13 @@ def _part(
 
 
 def sequence_parts(sequences: Ints, seed: int) -> list[tuple[Ints, list[int]]]:
-    """Random sequences in parts, each with the seed of its headings; empty parts are left out."""
+    """Random sequences (n, k) in parts of rows, each with the seed of its headings; empty parts are left out."""
     parts = np.array_split(sequences, SEQUENCE_PARTS)
     return [(part, [seed, k]) for k, part in enumerate(parts) if len(part)]
 
 
 def fresh_sequences(inputs: Floats, hidden: HiddenStateSection) -> list[tuple[Ints, list[int]]]:
-    """Parts of random sequences with another seed, which no bound has seen."""
+    """Parts (n, k) of random sequences of inputs (M, nu) with another seed, which no bound has seen."""
     count = -(-hidden.fresh_samples // hidden.chain_length)
     rng = np.random.default_rng(hidden.fresh_seed)
     return sequence_parts(random_sequences(inputs, count, hidden.chain_length, rng), hidden.fresh_seed)

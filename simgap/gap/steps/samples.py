@@ -81,7 +81,7 @@ def dimension_samples(context: Context, points: Points, shards: Sequence[Columns
 
 
 def check_rows(points: Points, first: int, x: Floats, u: Floats) -> None:
-    """Whether rows are those of the grid from row `first` on.
+    """Whether rows (n, nx), (n, nu) are those of the grid from row `first` on.
 
     Raises:
         UserError: if they are not.
@@ -98,7 +98,7 @@ def check_rows(points: Points, first: int, x: Floats, u: Floats) -> None:
 
 
 def successors(rolled: Columns, name: str) -> tuple[Floats, Floats]:
-    """Least and largest successor of one state: one and the same array without memory of the inputs."""
+    """Least and largest successor of one state, (n,) each: one and the same array without memory of the inputs."""
     if f"least_{name}" not in rolled:
         return rolled[f"next_{name}"], rolled[f"next_{name}"]
     return rolled[f"least_{name}"], rolled[f"largest_{name}"]

@@ -20,7 +20,7 @@ AFTER_PREVIOUS, SEQUENCE, HISTORY = "after_previous", "sequence", "history"
 def successor_columns(
     case: Case, x: Floats, u: Floats, following: Floats, spread: tuple[Floats, Floats] | None = None
 ) -> dict[str, Floats]:
-    """States, inputs, successors `next_<state>`; `least_` and `largest_` where they have a range."""
+    """States, inputs, successors `next_<state>`; `least_` and `largest_` where they have a range: (n,) each."""
     states, inputs = list(case.plant.states), list(case.plant.inputs)
     columns = {n: x[:, k] for k, n in enumerate(states)} | {n: u[:, k] for k, n in enumerate(inputs)}
     columns |= {f"next_{n}": following[:, k] for k, n in enumerate(states)}
@@ -39,7 +39,7 @@ def units(case: Case) -> Mapping[str, str]:
 
 
 def step_columns(case: Case, inputs: Floats, samples: BodySamples) -> dict[str, Any]:
-    """Input, final pose `moved_<state>` and extent of each step, seen from where it began."""
+    """Input, final pose `moved_<state>` and extent of each step from where it began: (n,) each; inputs are (M, nu)."""
     u = inputs[samples.m]
     columns: dict[str, Any] = {"input": samples.m}
     columns |= {n: u[:, j] for j, n in enumerate(case.plant.inputs)}
