@@ -22,6 +22,10 @@ FIT_QUALITY = 1.15
 HELD_OUT_QUALITY = 1.08
 """Largest held-out RMSE/sigma of a model that reaches the noise floor."""
 
+NO_MORE_THAN_NOISE = 0.999
+"""The model as declared is at the noise if chi^2 of *confirm* is below this quantile (or RMSE/sigma at most
+`HELD_OUT_QUALITY`): a short fold scatters by more than the second allows."""
+
 EXCESS_KEPT = 0.5
 """A partial explanation leaves at most this share of the held-out excess error."""
 
@@ -78,6 +82,9 @@ BEAM, SETS_JUDGED = 4, 8
 
 BETTER_CHI2 = 0.1
 """A fit from another start replaces an earlier one if its chi^2 is lower by more than this."""
+
+SEVERAL_TRACES = 3
+"""From so many traces on, folds are whole traces (one each at least); fewer are cut into blocks of windows."""
 
 LOOK_BACK_S, LOOK_BACK_SAMPLES = 0.2, 10
 """What the causal start of an h-ahead prediction is estimated from: at least this long and this many samples."""
