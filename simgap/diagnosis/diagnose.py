@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +13,9 @@ from simgap.diagnosis.reading.folds import cut_in_folds
 from simgap.diagnosis.reading.noise import noise_floor
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import Windows
-from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoldStretches, Judged, Verdict
-from simgap.diagnosis.search.equivalence import Rival, collinear_pairs, rivals
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoldStretches, Judged, Key
+from simgap.diagnosis.search.barred import barred
+from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import list_starts
@@ -38,6 +40,7 @@ from simgap.diagnosis.verdict.judge import (
     real,
     verdict,
 )
+from simgap.diagnosis.verdict.second_look import nearest, second_look
 from simgap.diagnosis.verdict.transfer import Carried, Trial, transferable
 from simgap.effects import apply_effects
 from simgap.errors import UserError
@@ -65,12 +68,14 @@ def diagnose(model: SymbolicModel, record: Record, settings: DiagnosisSettings |
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
     parts, said = _parts(model, record, settings)
-    search, base, found = _searched(parts.known, settings.max_effects)
+    not_tried = barred(parts.known.model, record, settings.effects)
+    search, base, found = _searched(parts.known, settings.max_effects, not_tried)
     reach = parts.known.reach(found.fit.theta)
     if reach > parts.known.reach(search.problem.model.null):  # commands from before the record are unknown: masked
         parts = parts.past_the_unknown(reach)
-        search, base, found = _searched(parts.known, settings.max_effects, found)
-    return _conclude(model, record, settings, parts, _chosen(parts, search, base, found, settings), said)
+        search, base, found = _searched(parts.known, settings.max_effects, not_tried, found)
+    chosen = _chosen(parts, search, base, found, settings, not_tried)
+    return _conclude(model, record, settings, parts, chosen, said)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +88,7 @@ class _Chosen:
         full, base: a search on every sample, and the model as declared there.
         carried: from the choice off the noise floor.
         at_floor: whether the fit reaches the noise; agree: whether halves of the data give the same coefficients.
+        barred: candidates that were not tried, and why.
     """
 
     search: Search
@@ -94,13 +100,16 @@ class _Chosen:
     carried: Carried | None
     at_floor: bool
     agree: bool
+    barred: Mapping[Key, str]
 
 
-def _searched(problem: Problem, most: int, known: Explanation | None = None) -> tuple[Search, Fit, Explanation]:
+def _searched(
+    problem: Problem, most: int, not_tried: Collection[Key], known: Explanation | None = None
+) -> tuple[Search, Fit, Explanation]:
     """A search on the problem, the model as declared, and what explains it best; begun from what is `known`."""
     sought = coarse(problem)
     base = fit(sought, sought.model.null, initial_states(sought), [], {})
-    search = Search(sought, list_starts(sought))
+    search = Search(sought, list_starts(sought, not_tried))
     found = select(search, base, most) if known is None else carried_over(search, base, known, most)
     rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
     return search, base, preferred(search, found, most)
@@ -123,7 +132,10 @@ def _parts(model: SymbolicModel, record: Record, settings: DiagnosisSettings) ->
     return parts.past_the_unknown(every.reach(compiled.null)), said  # reach of delays that the model declares
 
 
-def _chosen(parts: Parts, search: Search, sparse: Fit, found: Explanation, settings: DiagnosisSettings) -> _Chosen:
+def _chosen(
+    parts: Parts, search: Search, sparse: Fit, found: Explanation, settings: DiagnosisSettings,
+    not_tried: Mapping[Key, str],
+) -> _Chosen:  # fmt: skip
     """From what the search found to the set that is put to *confirm*, fitted on every sample of the other folds."""
     known = parts.known
     full = search if search.problem is known else Search(known, search.starts)
@@ -135,11 +147,11 @@ def _chosen(parts: Parts, search: Search, sparse: Fit, found: Explanation, setti
         together = math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
         trial = Trial(coarse(parts.fit), coarse(parts.choose, JUDGED_ROWS, together), settings.horizon_s)
         carried = transferable(search, sparse, found, trial, settings.max_effects)
-        agree = carried is not None
+        agree = carried is not None and carried.agrees
         if carried is not None:
             search, found = carried.search, carried.chosen
             kept = on_all(full, search, found, base)
-    return _Chosen(search, sparse, found, real(full, kept, at_floor), full, base, carried, at_floor, agree)
+    return _Chosen(search, sparse, found, real(full, kept, at_floor), full, base, carried, at_floor, agree, not_tried)
 
 
 def _conclude(
@@ -150,13 +162,17 @@ def _conclude(
     known, confirm, search, full, base = parts.known, parts.confirm, chosen.search, chosen.full, chosen.base
     at, horizon = chosen.kept.fit, settings.horizon_s
     old, new = (judge(confirm, theta, horizon) for theta in (base.theta, at.theta))
-    word, share = _verdict(known, confirm, chosen, old, new)
+    evidence = _evidence(known, confirm, chosen, old, new)
+    word, share = verdict(chosen.kept, evidence), evidence.share
     named = word in ("attributed", "partial")
+    short = nearest(full, chosen.kept, evidence, chosen.at_floor, model) if word == "unexplained" else None
     kept, kept_held = (chosen.kept, new) if named else (full.empty(base), old)
     others = _rivals(chosen) if named else []
     names = [trace.name for trace in record.traces]
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, kept_held.states), True)
+    again = chosen.found if named else search.empty(chosen.sparse)
+    tested = word in ("partial", "unexplained") and short is None
     return Diagnosis(
         verdict=word,
         effects=answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model),
@@ -166,34 +182,36 @@ def _conclude(
         floor=_floor(known, kept_held, horizon),
         excess_share=share if named else 1.0,
         sigma=dict(zip(record.measured, map(float, known.sigma), strict=True)),
-        candidates=answer.candidate_scores(search, search.empty(chosen.sparse)),
+        candidates=answer.candidate_scores(search, search.empty(chosen.sparse), chosen.barred),
         collinear=answer.collinear_table(collinear_pairs(search, search.empty(chosen.sparse)), EXACTLY_COLLINEAR),
         folds=FoldStretches(*(_stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
         warnings=(*said, *_warnings(kept_held, kept, horizon)),
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),
+        nearest=short,
+        left_over=second_look(search, again, confirm, kept_held, horizon, model) if tested else None,
     )
 
 
-def _verdict(known: Problem, confirm: Problem, chosen: _Chosen, old: HeldOut, new: HeldOut) -> tuple[Verdict, float]:
-    """The verdict, and the excess after over before."""
+def _evidence(known: Problem, confirm: Problem, chosen: _Chosen, old: HeldOut, new: HeldOut) -> Evidence:
+    """What the verdict is made of."""
     found, full, agree = chosen.kept, chosen.full, chosen.agree
     share = excess_share(old, new, known.sigma)
     wanted = bool(found.members) and needed(full, found, confirm, new)
     if found.members and chosen.at_floor and not (wanted and new.ratio <= HELD_OUT_QUALITY):
         agree = folds_agree(known, found, full.steps, 1.0)
     before, after = (chi2_dof(known, at) for at in (chosen.base, found.fit))
-    return verdict(found, Evidence(before, after, old, new, share, agree, wanted)), share
+    return Evidence(before, after, old, new, share, agree, wanted)
 
 
 def _rivals(chosen: _Chosen) -> list[Rival]:
-    """What explains the data as well."""
-    others = rivals(chosen.search, chosen.found)
-    if chosen.carried is None:
-        return others
-    exact = [r for r in others if r.exact]  # what fits as well need not carry over as well
-    return exact + [Rival(e, False) for e in chosen.carried.rivals]
+    """What explains the data as well, each set once."""
+    search, found = chosen.search, chosen.found
+    others = rivals(search, found)
+    if chosen.carried is not None:  # what fits as well need not carry over as well
+        others = [r for r in others if r.exact] + [Rival(e, False) for e in chosen.carried.rivals]
+    return once([*others, *as_good(search, found)])
 
 
 def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:

@@ -138,6 +138,23 @@ class WindowPrediction:
     inputs: Floats
 
 
+@dataclass(frozen=True)
+class Nearest:
+    """What comes nearest where no effect is named: the share of the excess that it explains, why it falls short."""
+
+    effects: tuple[FoundEffect, ...]
+    share: float
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LeftOver:
+    """An effect that would take away a share of the error that is left, but is not named."""
+
+    effect: FoundEffect
+    share: float
+
+
 Stretches = tuple[tuple[str, float, float], ...]
 """(trace, from, to) in s."""
 
@@ -169,6 +186,9 @@ class Diagnosis:
         warnings: what a person should know.
         applied: the effects with their numbers; corrected: the declared model with them.
         windows: predictions for plots.
+        nearest: what comes nearest where the verdict is `unexplained`; None if nothing explains a tenth.
+        left_over: effects of the library that would take away a part of what is left; None if the fitted data are down
+            to their noise, so that there was nothing to test.
     """
 
     verdict: Verdict
@@ -186,3 +206,5 @@ class Diagnosis:
     applied: tuple[AppliedEffect, ...]
     corrected: SymbolicModel
     windows: tuple[WindowPrediction, ...]
+    nearest: Nearest | None = None
+    left_over: tuple[LeftOver, ...] | None = None

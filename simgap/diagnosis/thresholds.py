@@ -16,6 +16,10 @@ NEAR_TIE = 12.0
 AMBIGUOUS = 10.0
 """Sets of effects within this BIC of the chosen one cannot be told from it."""
 
+AS_GOOD = 2.0
+"""Sets within this BIC of the chosen one are listed whatever else speaks against them (Kass, Raftery (1995), J. Am.
+Stat. Assoc. 90(430): "not worth more than a bare mention")."""
+
 FIT_QUALITY = 1.15
 """Largest chi^2/dof of a model that reaches the noise floor."""
 
@@ -46,6 +50,12 @@ COLLINEAR = 0.99
 
 EXACTLY_COLLINEAR = 1.0 - 1e-6
 """Projected sensitivities with a larger correlation are the same direction."""
+
+VISIBLE_SHARE = 1e-14
+"""An effect is seen if more than this share of what it does to the readings (of its square) is not what other initial
+states would do. Of an offset of the position of a mass that slides freely 2e-19 was left and less (rounding; positions
+about 0 and about 1000 m), with a spring that swings it once in 15 minutes 3.5e-12 (a record of 10 s): tests/diagnosis/
+test_names.py."""
 
 SAME_PROMISE = 1e-5
 """Candidates whose promised drops of chi^2 differ by a smaller share are one direction, refitted once."""
@@ -91,6 +101,12 @@ LOOK_BACK_S, LOOK_BACK_SAMPLES = 0.2, 10
 
 COVERED_ERRORS = 2.0
 """Coefficients of two folds agree within this many standard errors of their difference."""
+
+WORTH_SAYING = 0.1
+"""What would take away a smaller share of the error that is left is not told of. Judgement."""
+
+LOOKED_AT = 3
+"""Most effects that what is left is tested against. Judgement: each costs a fit."""
 
 # What a look at the data warns of. Judgement; tests/diagnosis/test_survey.py and test_reading.py hold them against
 # recordings with such faults and without.

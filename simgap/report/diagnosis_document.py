@@ -9,7 +9,17 @@ from typing import Any
 
 from simgap.diagnosis.reading.survey import Survey
 from simgap.diagnosis.reading.traces import Reading
-from simgap.diagnosis.result import Alternative, CandidateScore, Diagnosis, Estimate, FoundEffect, Judged, Stretches
+from simgap.diagnosis.result import (
+    Alternative,
+    CandidateScore,
+    Diagnosis,
+    Estimate,
+    FoundEffect,
+    Judged,
+    LeftOver,
+    Nearest,
+    Stretches,
+)
 from simgap.diagnosis.verdict.remainder import Remainder
 from simgap.diagnosis.verdict.remainder_use import RemainderUse
 from simgap.diagnosis.verdict.words import verdict_sentence
@@ -23,6 +33,8 @@ NUMBER_FROM = {
     "verdict": ("fit", "choose", "confirm"),
     "error": ("confirm",),
     "explained_share": ("confirm",),
+    "nearest.explained_share": ("confirm",),
+    "left_over.share": ("confirm",),
     "fit_quality.held_out_ratio": ("confirm",),
     "remainder": ("confirm",),
     "noise": ("fit", "choose", "confirm"),
@@ -60,6 +72,10 @@ def document(
             "chi2_dof": {"before": found.before.chi2_dof, "after": found.after.chi2_dof},
             "held_out_ratio": {"before": found.before.held_out_ratio, "after": found.after.held_out_ratio},
         },
+        "nearest": _nearest(found.nearest),
+        "left_over": None
+        if found.left_over is None
+        else [_effect(o.effect) | {"share": o.share} for o in found.left_over],
         "alternatives": [_alternative(a) for a in found.alternatives],
         "indistinguishable": [
             {
@@ -77,6 +93,18 @@ def document(
     }
     content["sentence"] = verdict_sentence(content)
     return content
+
+
+def _nearest(n: Nearest | None) -> dict[str, Any] | None:
+    """What comes nearest where nothing is named."""
+    if n is None:
+        return None
+    return {"effects": [_effect(e) for e in n.effects], "explained_share": n.share, "reasons": list(n.reasons)}
+
+
+def _left_over(over: Sequence[LeftOver] | None) -> list[dict[str, Any]] | None:
+    """What would take away a part of the rest."""
+    return None if over is None else [_effect(o.effect) | {"share": o.share} for o in over]
 
 
 def _alternative(a: Alternative) -> dict[str, Any]:

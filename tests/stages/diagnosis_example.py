@@ -110,6 +110,7 @@ def diagnosis(model, data, verdict="attributed"):
         applied=effects,
         corrected=apply_effects(model, effects),
         windows=windows(data),
+        left_over=(),
     )
 
 

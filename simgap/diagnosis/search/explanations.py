@@ -58,6 +58,7 @@ class Search:
     tried: dict[tuple[frozenset[Key], tuple[float, ...]], Explanation] = field(default_factory=dict)
     scores: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
     every: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
+    unseen: dict[frozenset[Key], frozenset[Key]] = field(default_factory=dict)
 
     def empty(self, base: Fit) -> Explanation:
         """The model as declared."""
@@ -137,7 +138,7 @@ class Search:
     def ranked(self, base: Explanation) -> list[Score]:
         """Scores of everything that could join the base, best first, one start for each candidate."""
         if base.keys not in self.scores:
-            every = score(self.problem, base.fit, self.steps, self.starts, base.keys)
+            every, self.unseen[base.keys] = score(self.problem, base.fit, self.steps, self.starts, base.keys)
             self.scores[base.keys], self.every[base.keys] = best_of_each(every), every
         return self.scores[base.keys]
 

@@ -21,7 +21,7 @@ from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import grow
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BEAM, EXCESS_KEPT, PLAUSIBLE_RATIO, SETS_JUDGED, SIMPLER_SHARE
+from simgap.diagnosis.thresholds import BEAM, PLAUSIBLE_RATIO, SETS_JUDGED, SIMPLER_SHARE
 from simgap.diagnosis.verdict.judge import chi2_dof, excess_share, folds_agree, judge, vanished
 
 Floats = NDArray[np.float64]
@@ -38,11 +38,12 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """An explanation that carries over, fitted to both folds, and others that do as well."""
+    """An explanation that carries over, fitted to both folds, others that do as well, whether halves agree on it."""
 
     search: Search
     chosen: Explanation
     rivals: tuple[Explanation, ...]
+    agrees: bool
 
 
 def independent_share(problem: Problem, at: Fit) -> float:
@@ -86,9 +87,10 @@ def _plausible(e: Explanation) -> bool:
 
 
 def transferable(search: Search, base: Fit, best: Explanation, trial: Trial, most: int) -> Carried | None:
-    """The explanation that at least halves the excess on *choose* and agrees between halves of the data, or None.
+    """Among the best sets by BIC the one with the smallest causal excess on *choose*, or None if all vanish.
 
-    Among the best sets by BIC, the smallest causal excess wins; one more parameter must lower it to `SIMPLER_SHARE`.
+    One more parameter must lower the excess to `SIMPLER_SHARE`. Sets whose coefficients agree between halves of the
+    data come first.
     """
     wider = rescaled(search, best)
     grow(wider, wider.empty(base), most)
@@ -99,19 +101,21 @@ def transferable(search: Search, base: Fit, best: Explanation, trial: Trial, mos
         e for size in range(1, most + 1) for e in _best(wider, size, SETS_JUDGED) if e.fit.converged and _plausible(e)
     ]
     shares = _shares(pool, base, trial, wider.steps)
-    ranked = [(s / SIMPLER_SHARE**e.count, e) for s, e in zip(shares, pool, strict=True) if s <= EXCESS_KEPT]
-    ranked.sort(key=lambda item: item[0])
+    ranked = sorted(((s / SIMPLER_SHARE**e.count, e) for s, e in zip(shares, pool, strict=True)), key=lambda it: it[0])
     worth = independent_share(search.problem, best.fit)
-    agreeing = [
-        (score, e)
-        for score, e in ranked
-        if not vanished(search, e, False) and folds_agree(search.problem, e, search.steps, worth)
-    ]
-    if not agreeing:
-        return None
-    least, chosen = agreeing[0]
-    rivals = [e for score, e in agreeing[1:] if score <= least / SIMPLER_SHARE and e.count <= chosen.count]
-    return Carried(wider, chosen, tuple(rivals))
+    chosen, least, rivals = None, np.inf, []
+    for score, e in ranked:
+        if chosen is not None and (score > least / SIMPLER_SHARE or e.count > chosen.count):
+            continue
+        if not vanished(search, e, False) and folds_agree(search.problem, e, search.steps, worth):
+            if chosen is None:
+                chosen, least = e, score
+            else:
+                rivals.append(e)
+    if chosen is not None:
+        return Carried(wider, chosen, tuple(rivals), True)
+    real_ones = [e for _, e in ranked if not vanished(search, e, False)]
+    return Carried(wider, real_ones[0], (), False) if real_ones else None
 
 
 def _shares(pool: Sequence[Explanation], base: Fit, trial: Trial, steps: dict[int, float]) -> list[float]:
