@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from simgap.audit import Tally, split_by_run, steps_of
 from simgap.closed_loop import Sensing, batch_loop, closed_loop, scalar_lookup
 from simgap.geometry import Box, Grid
+from simgap.judge import Tally, split_by_run, steps_of
 from simgap.specifications.invariance import Inside
 from simgap.specifications.monitor import Run
 

@@ -1,10 +1,10 @@
 """Directed search for the worst sequence of inputs and heading: an adversary with a budget, without gradients.
 
 Random histories are no test of a bound: what breaks it needs several inputs in a row at the right values. From the
-worst of a random draw each lineage changes one coordinate at a time (one input of one sample to a neighbouring value, to an
-extreme or to any other, or the heading by steps of several sizes) and keeps what scores higher; one that stands still
-starts anew from a random point. What it finds is a lower bound of the supremum, so a bound that it cannot break is not
-thereby proven.
+worst of a random draw each lineage changes one coordinate at a time (one input of one sample to a neighbouring value,
+to an extreme or to any other, or the heading by steps of several sizes) and keeps what scores higher; one that stands
+still starts anew from a random point. What it finds is a lower bound of the supremum, so a bound that it cannot break
+is not thereby proven.
 """
 
 from __future__ import annotations
