@@ -1,4 +1,4 @@
-"""Names that deserve it: on plants other than the pendulum, made by small Euler steps that share nothing with the fit."""
+"""Names that deserve it: plants other than the pendulum, made by Euler steps that share nothing with the fit."""
 
 from __future__ import annotations
 
