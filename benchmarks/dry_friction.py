@@ -84,12 +84,12 @@ def fitted(problem: Problem, d: Diagnosis) -> np.ndarray:
 
 
 def one(kind: str, seed: int) -> dict[str, Any]:
-    """Diagnose one record and judge its held-out windows in both ways."""
+    """Diagnose one record and judge the windows that confirm in both ways."""
     model, record, hidden = make(kind, seed)
     begun = time.process_time()
     d = whole.diagnose(model, record, SETTINGS)
     cpu = time.process_time() - begun
-    held = whole._problems(model, record, SETTINGS)[1]
+    held = whole._parts(model, record, SETTINGS)[0].confirm
     theta = fitted(held, d)
     states = judge(held, theta, 0.0).states
     found = {e.name: next(iter(e.parameters.values())) for e in d.effects}
