@@ -45,12 +45,13 @@ def inputs():
 def stage(vary, tmp_path, inputs):
     def run(section):
         removed = ("measured", "simulator")
-        path = vary("pendulum", {"gap": QUICK | section, "domain.U": inputs}, removed)
+        path = vary("pendulum", {"gap": QUICK | section, "grid.eps": EPS, "domain.U": inputs}, removed)
         context = Context.load(path)
         model = context.plant.sampled
         pairs = product(Grid.covering(context.box, EPS).centres(), context.input_set)
         for name, (x, u) in (("shard", pairs), ("fresh", draw(context.box, context.input_set, 4000, 1))):
             road.made_up(context, tmp_path / f"{name}.parquet", x, u, model.step(x, u) + known(x, u))
+        road.made_up_borders(context, tmp_path / "borders.parquet", known)
         grid.run(path, f"eps~{EPS}", tmp_path / "grid")
         road.bound(path, tmp_path, [tmp_path / "shard.parquet"], tmp_path / "fresh.parquet", tmp_path / "gap.json")
         return context, read_json(tmp_path / "gap.json")
@@ -97,6 +98,53 @@ def test_combinations(stage, objective, sides, padding):
         x = context.box.sample(np.random.default_rng(0), 50)
         lo, hi = function.bounds(x, np.tile(context.input_set[:1], (50, 1)))
         np.testing.assert_allclose(lo, -hi, rtol=1e-9, atol=1e-18)
+
+
+def rubbing(name, **values):
+    return [{"name": name, "on": "hinge", "parameters": values}]
+
+
+@pytest.mark.parametrize(
+    ("x2", "friction"),
+    [
+        # at rest the engine's friction is 0, at any speed above it pushes back: a jump on the border of X
+        ([0.0, 0.5], rubbing("coulomb_friction", F_c=0.05)),
+        # a peak that is narrower than a cell and lies between two samples or on the faces of X alone
+        ([-0.5, 0.5], rubbing("stribeck_friction", F_c=0.01, F_s=0.06, v_s=1e-4)),
+        ([0.0, 0.5], rubbing("stribeck_friction", F_c=0.01, F_s=0.06, v_s=1e-4)),
+    ],
+)
+def test_a_jump_on_the_border_or_a_peak_within_a_cell_is_covered(vary, tmp_path, x2, friction):
+    """The oracle is semi-implicit Euler with the friction law itself: v+ = v + 3 tau (u - 4.905 sin a + F(v))."""
+    changes = {"simulator.inertia": "file", "simulator.damping": {"linear": 0, "angular": 0, "joint": 0},
+               "simulator.effects": friction, "domain.X.x2": x2, "domain.U": {"u": {"values": [-1.0, 0.5]}},
+               "grid": {"eps": 0.011, "shards": 1}, "gap.fresh_samples": 3000,
+               "gap.lipschitz.extreme_value": False}  # fmt: skip
+    path = vary("pendulum", changes, ("measured",))
+    drawn, out = (tmp_path / n for n in ("fresh.parquet", "gap.json"))
+    shards = road.roll_out(path, tmp_path)
+    fresh.run(path, drawn, workers=1)
+    road.bound(path, tmp_path, shards, drawn, out)
+    content = read_json(out)
+    law = friction[0]["parameters"]
+    speeds = np.concatenate([np.outer([1e-9, 1e-6, 1e-5, 5e-5, 1e-4, 2e-4, 1e-3, 0.1], [-1, 1]).ravel(), [0.0], x2])
+    speeds = speeds[(speeds >= x2[0]) & (speeds <= x2[1])]
+    states = np.array(list(itertools.product(np.linspace(-0.2, 0.2, 37), speeds)))
+    v = states[:, 1]
+    peak = (law.get("F_s", law["F_c"]) - law["F_c"]) * np.exp(-((v / law.get("v_s", 1.0)) ** 2))
+    function = from_json(content)
+    for u in (-1.0, 0.5):
+        d2 = -3 * 0.005 * (law["F_c"] + peak) * np.sign(v)
+        lo, hi = function.bounds(states, np.full((len(states), 1), u))
+        assert np.all(lo[:, 1] <= d2 + 1e-9)
+        assert np.all(d2 <= hi[:, 1] + 1e-9)
+    assert content["borders"]["violations"] == 0
+    assert content["borders"]["samples"] > 300
+    text = " ".join(tier["text"] for tier in content["guarantee"])
+    factor = max(side["directed_factor"] for side in content["dimensions"][1]["scenario"].values())
+    assert factor > 3.0
+    assert f"{factor:.2g} for x2" in text
+    assert "declared switching surfaces" in text
 
 
 def test_dry_friction_in_the_engine_is_covered_by_its_jump(vary, tmp_path):
