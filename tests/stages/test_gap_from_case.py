@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 import road
 
-from simgap.errors import BrokenPromise
+from simgap.errors import BrokenPromise, UserError
+from simgap.gap.fresh_check import check_fresh
 from simgap.gap.load import from_json
 from simgap.gap.pairs import draw, product
+from simgap.gap.points import Points
+from simgap.gap.steps.borders import directed_samples
+from simgap.gap.steps.samples import check_drawn
+from simgap.gap.steps.scp import scp
 from simgap.geometry import Grid
 from simgap.io.documents import read_json
+from simgap.io.samples import read_columns
 from simgap.stages import fresh, grid
 from simgap.stages.context import Context
 
@@ -169,3 +175,35 @@ def test_dry_friction_in_the_engine_is_covered_by_its_jump(vary, tmp_path):
         with pytest.raises(BrokenPromise, match="not Lipschitz at this grid"):
             road.bound(path, tmp_path, shards, drawn, tmp_path / "other.json")
     assert not (tmp_path / "other.json").exists()
+
+
+@pytest.mark.parametrize("other", [{"domain.X.x2": [-0.6, 0.6]}, {"domain.X.x1": [-0.1, 0.1]}, {"gap.seed": 5}])
+def test_fresh_samples_of_another_case_confirm_nothing(vary, other):
+    """Those of a larger X lie where there is no bound, which nothing can exceed; they counted as covered."""
+    here = Context.load(vary("pendulum", {"gap.fresh_samples": 500}, ("measured",)))
+    own = draw(here.box, here.input_set, 500, here.case.gap.seed)
+    check_drawn(here, *own)
+    there = Context.load(vary("pendulum", {"gap.fresh_samples": 500} | other, ("measured",)))
+    with pytest.raises(UserError, match="not those of this case"):
+        check_drawn(here, *draw(there.box, there.input_set, 500, there.case.gap.seed))
+
+
+def test_samples_outside_the_domain_of_a_bound_are_not_covered_by_it(stage):
+    context, content = stage({"basis": PAPER})
+    function = from_json(content)
+    x = np.array([[0.0, 0.0], [0.0, 0.7]])
+    with pytest.raises(UserError, match="1 of 2 samples lie outside the X or U"):
+        check_fresh(function, x, np.tile(context.input_set[:1], (2, 1)), np.zeros((2, 2)))
+
+
+def test_borders_of_another_case_or_none_are_refused(vary, tmp_path):
+    context = Context.load(vary("pendulum", {"grid.eps": EPS, "gap": QUICK | {"basis": PAPER}}, ("measured",)))
+    table = read_columns(road.made_up_borders(context, tmp_path / "borders.parquet", known))
+    directed_samples(context, f"eps~{EPS}", table, 0)
+    other = Context.load(vary("pendulum", {"grid.eps": EPS, "domain.X.x2": [-0.4, 0.5]}, ("measured",)))
+    for case, point in ((other, f"eps~{EPS}"), (context, "eps~0.02")):
+        with pytest.raises(UserError, match="another case"):
+            directed_samples(case, point, table, 0)
+    points = Points(f"eps~{EPS}", Grid.covering(context.box, EPS).centres(), context.input_set)
+    with pytest.raises(UserError, match="borders of X and beside switching surfaces are missing"):
+        scp(context, points, [], 0)
