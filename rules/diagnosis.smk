@@ -35,6 +35,8 @@ def diagnosed(case):
 
 
 rule rig:
+    input:
+        check=checked,
     output:
         "results/{case}/rig/recordings.parquet",
     log:

@@ -18,8 +18,32 @@ def shards(wildcards):
     return [f"{folder}/shard-{shard}.parquet" for shard in range(count)]
 
 
+# What a person would want to know before anything runs; every road begins with it, and its result decides nothing.
+rule check:
+    input:
+        case=correction,
+    output:
+        "results/{case}/check/check.json",
+    log:
+        "results/{case}/logs/check.log",
+    benchmark:
+        "results/{case}/benchmarks/check.tsv"
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("check"),
+        code=code("check"),
+    message:
+        "{wildcards.case}: model file, engine, cells and costs"
+    shell:
+        "simgap check {params.case:q} --out {output:q} --log {log:q}"
+
+
 rule grid:
     input:
+        check=checked,
         case=correction,
     output:
         multiext("results/{case}/grid/{point}/", "states.parquet", "inputs.parquet"),
@@ -69,6 +93,7 @@ rule rollouts:
 
 rule fresh:
     input:
+        check=checked,
         case=correction,
     output:
         "results/{case}/fresh/samples.parquet",
@@ -92,6 +117,7 @@ rule fresh:
 
 rule calibration:
     input:
+        check=checked,
         case=correction,
     output:
         "results/{case}/calibration/samples.parquet",
