@@ -19,6 +19,8 @@ def show(console: Console, checked: Checked) -> None:
     for what, cells in checked.cells.items():
         console.print(f"cells of the {what}: {', '.join(f'{name} {count}' for name, count in cells.items())}")
     for finding in checked.findings:
-        console.print(f"{finding.key}: {finding.problem}. {finding.remedy}", soft_wrap=True, highlight=False, markup=False)
+        console.print(
+            f"{finding.key}: {finding.problem}. {finding.remedy}", soft_wrap=True, highlight=False, markup=False
+        )
     if not checked.findings:
         console.print("Nothing in the model file that the engine drops or changes.")

@@ -29,7 +29,8 @@ PLAIN = {
 }  # fmt: skip
 TIP = """<link name="tip"/><joint name="fixed" type="fixed"><parent link="rod"/><child link="tip"/>
 <origin xyz="0 0 -1"/></joint>"""
-ARM = """<link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+ARM = """<link name="arm"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
 </link><joint name="other" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint>"""
 TWO = {
     "plant.states": {
@@ -40,7 +41,8 @@ TWO = {
     },
     "domain.X": {"q": [-0.2, 0.2], "w": [-0.5, 0.5], "p": [-1, 1], "v": [-1, 1]},
 }
-GEAR = """<transmission name="t"><type>transmission_interface/SimpleTransmission</type><joint name="hinge"/><actuator name="m"><mechanicalReduction>50</mechanicalReduction>
+GEAR = """<transmission name="t"><type>transmission_interface/SimpleTransmission</type>
+<joint name="hinge"/><actuator name="m"><mechanicalReduction>50</mechanicalReduction>
 </actuator></transmission>"""
 CASE = {
     "name": "rod",
@@ -165,7 +167,12 @@ def test_a_missing_mesh_is_refused(tmp_path):
         ({"grid.eps": 1e-5}, "grid.eps"),
         ({"domain.U": {"u": {"min": -1, "max": 1, "step": 1e-12}}}, "grid.eps"),
         (
-            {"synthesis": {"cells": [1_000_000, 1_000_000], "specification": {"kind": "invariance", "safe": {"q": [0, 0.2]}}}},
+            {
+                "synthesis": {
+                    "cells": [1_000_000, 1_000_000],
+                    "specification": {"kind": "invariance", "safe": {"q": [0, 0.2]}},
+                }
+            },
             "synthesis.cells",
         ),
         ({"budget": {"time": "1 min"}, "grid.eps": 2e-4}, "grid.eps"),
