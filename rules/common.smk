@@ -116,8 +116,3 @@ def sweep_points(case):
     return points_of(
         LOADED[case], config.get("sweeps", {}).get(case, {}).get("eps", [])
     )
-
-
-def checked(wildcards):
-    """What comes before the first stages of a case; only its being there counts, so a new check reruns nothing."""
-    return ancient(f"results/{wildcards.case}/check/check.json")

@@ -7,7 +7,6 @@ def gap_option(wildcards, input):
 
 rule synthesis:
     input:
-        check=checked,
         case=correction,
         gap=lambda w: f"{gap_folder(w)}/gap.json" if w.kind == "gap" else [],
     output:

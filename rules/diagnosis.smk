@@ -35,8 +35,6 @@ def diagnosed(case):
 
 
 rule rig:
-    input:
-        check=checked,
     output:
         "results/{case}/rig/recordings.parquet",
     log:

@@ -18,7 +18,8 @@ def shards(wildcards):
     return [f"{folder}/shard-{shard}.parquet" for shard in range(count)]
 
 
-# What a person would want to know before anything runs; every road begins with it, and its result decides nothing.
+# What a person would want to know before anything runs. It goes first, and its failure ends the run; nothing depends on it,
+# because Snakemake looks for changes only behind jobs that need not run.
 rule check:
     input:
         case=correction,
@@ -28,6 +29,7 @@ rule check:
         "results/{case}/logs/check.log",
     benchmark:
         "results/{case}/benchmarks/check.tsv"
+    priority: 100
     resources:
         mem_mb=500,
         runtime=5,
@@ -43,7 +45,6 @@ rule check:
 
 rule grid:
     input:
-        check=checked,
         case=correction,
     output:
         multiext("results/{case}/grid/{point}/", "states.parquet", "inputs.parquet"),
@@ -93,7 +94,6 @@ rule rollouts:
 
 rule fresh:
     input:
-        check=checked,
         case=correction,
     output:
         "results/{case}/fresh/samples.parquet",
@@ -117,7 +117,6 @@ rule fresh:
 
 rule calibration:
     input:
-        check=checked,
         case=correction,
     output:
         "results/{case}/calibration/samples.parquet",
