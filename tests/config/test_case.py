@@ -173,7 +173,7 @@ def test_extends_merges_keys_and_replaces_a_section_of_another_kind(vary):
 
 
 def test_a_name_that_is_none_says_what_one_is(vary):
-    with pytest.raises(UserError, match="'pändel' is no name of a case.*Use lower-case letters a to z"):
+    with pytest.raises(UserError, match=r"'pändel' is no name of a case.*Use lower-case letters a to z"):
         load_case(vary("pendulum", {"name": "pändel"}))
 
 
