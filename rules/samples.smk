@@ -115,6 +115,35 @@ rule fresh:
         "simgap fresh {params.case:q} --out {output:q} --workers {threads} --log {log:q}"
 
 
+rule borders:
+    input:
+        case=correction,
+    output:
+        "results/{case}/borders/{point}/samples.parquet",
+    log:
+        "results/{case}/logs/borders-{point}.log",
+    benchmark:
+        "results/{case}/benchmarks/borders-{point}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("borders"),
+        code=code("borders"),
+    message:
+        "{wildcards.case}: simulator on borders and beside switching surfaces, {wildcards.point}"
+    shell:
+        "simgap borders {params.case:q} --point {wildcards.point:q} --out {output:q} --log {log:q}"
+
+
+def borders(wildcards):
+    """The corrected model may switch where the case does not, so it has its own; a gap over histories has no border."""
+    if remembers(case_of(wildcards)):
+        return []
+    return f"results/{wildcards.case}/borders/{wildcards.point}/samples.parquet"
+
+
 rule calibration:
     input:
         case=correction,
