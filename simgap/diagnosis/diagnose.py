@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.reading.folds import cut_in_folds
-from simgap.diagnosis.reading.noise import noise_floor
+from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import Windows
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoldStretches, Judged, Key
@@ -19,13 +18,12 @@ from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs,
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import list_starts
-from simgap.diagnosis.search.selection import carried_over, on_all, preferred, select
+from simgap.diagnosis.search.selection import best_so_far, carried_over, on_all, preferred, select
+from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
-from simgap.diagnosis.simulation.problem import Problem, build_problem
-from simgap.diagnosis.simulation.step_length import settled
-from simgap.diagnosis.simulation.supermodel import cached_supermodel
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.judge import (
@@ -41,25 +39,28 @@ from simgap.diagnosis.verdict.judge import (
     verdict,
 )
 from simgap.diagnosis.verdict.second_look import nearest, second_look
-from simgap.diagnosis.verdict.transfer import Carried, Trial, transferable
+from simgap.diagnosis.verdict.transfer import Carried, Trial, independent_share, transferable
 from simgap.effects import apply_effects
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
 
 Floats = NDArray[np.float64]
-_SHORT = (
-    "The record is short: windows of {:.3g} s instead of {:g} s, so that fit, choose and confirm have some each; "
-    "a longer one says more."
-)
 
 
-def diagnose(model: SymbolicModel, record: Record, settings: DiagnosisSettings | None = None) -> Diagnosis:
+def diagnose(
+    model: SymbolicModel,
+    record: Record,
+    settings: DiagnosisSettings | None = None,
+    tell: Callable[[str], None] = lambda words: None,
+) -> Diagnosis:
     """Attribute what a model fails to predict to physical effects that it lacks.
 
     Args:
         model: continuous dynamics as declared; effects are sought on all its coordinates, inputs, sensors, parameters.
         record: measured traces in the model's units.
         settings: choices; the defaults if not given.
+        tell: told in words how far the search is. An interrupt (Ctrl-C) ends the search, and the best answer so far is
+            judged.
 
     Raises:
         UserError: no trace as long as a window, inputs that are not the model's, unknown effects.
@@ -67,13 +68,15 @@ def diagnose(model: SymbolicModel, record: Record, settings: DiagnosisSettings |
     settings = settings or DiagnosisSettings()
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
-    parts, said = _parts(model, record, settings)
+    parts, said = parts_of(model, record, settings)
     not_tried = barred(parts.known.model, record, settings.effects)
-    search, base, found = _searched(parts.known, settings.max_effects, not_tried)
+    watch = Watch(settings.budget_s, tell)
+    search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
     reach = parts.known.reach(found.fit.theta)
     if reach > parts.known.reach(search.problem.model.null):  # commands from before the record are unknown: masked
         parts = parts.past_the_unknown(reach)
-        search, base, found = _searched(parts.known, settings.max_effects, not_tried, found)
+        reduced = chi2_dof(search.problem, found.fit)
+        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, (found, reduced))
     chosen = _chosen(parts, search, base, found, settings, not_tried)
     return _conclude(model, record, settings, parts, chosen, said)
 
@@ -104,32 +107,25 @@ class _Chosen:
 
 
 def _searched(
-    problem: Problem, most: int, not_tried: Collection[Key], known: Explanation | None = None
-) -> tuple[Search, Fit, Explanation]:
-    """A search on the problem, the model as declared, and what explains it best; begun from what is `known`."""
+    problem: Problem, most: int, not_tried: Collection[Key], watch: Watch,
+    known: tuple[Explanation, float] | None = None,
+) -> tuple[Search, Fit, Explanation]:  # fmt: skip
+    """A search on the problem, the model as declared, and what explains it best; begun from what is `known`.
+
+    What is known comes with its chi^2/dof where it was found. A search that is stopped ends with its best so far.
+    """
     sought = coarse(problem)
     base = fit(sought, sought.model.null, initial_states(sought), [], {})
-    search = Search(sought, list_starts(sought, not_tried))
-    found = select(search, base, most) if known is None else carried_over(search, base, known, most)
-    rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
-    return search, base, preferred(search, found, most)
-
-
-def _parts(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> tuple[Parts, tuple[str, ...]]:
-    """The folds as problems, and what is to be said of them."""
-    compiled = cached_supermodel(model, record.measured, settings.effects)
-    sigma = noise_floor(record)
-    for name, value in settings.noise.items():
-        if name in record.measured:
-            sigma[record.measured.index(name)] = value
-    ahead = settings.horizon_s + 0.5 * settings.window_s
-    traces, share = settings.held_out_traces, settings.held_out_share
-    windows, folds, length = cut_in_folds(record, settings.window_s, traces, share, ahead)
-    said = (_SHORT.format(length, settings.window_s),) if length < settings.window_s else ()
-    every = settled(build_problem(compiled, record, windows, sigma))
-    known = folds.fit | folds.choose
-    parts = Parts(*(every.on(windows.pick(mask)) for mask in (known, folds.fit, folds.choose, folds.confirm)))
-    return parts.past_the_unknown(every.reach(compiled.null)), said  # reach of delays that the model declares
+    search = Search(sought, list_starts(sought, not_tried), watch=watch)
+    try:
+        found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
+        rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
+        return search, base, preferred(search, found, most)
+    except Stopped:
+        pass
+    except KeyboardInterrupt:
+        watch.interrupted()
+    return search, base, best_so_far(search, base, most)
 
 
 def _chosen(
@@ -146,7 +142,13 @@ def _chosen(
     if found.members and not at_floor:
         together = math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
         trial = Trial(coarse(parts.fit), coarse(parts.choose, JUDGED_ROWS, together), settings.horizon_s)
-        carried = transferable(search, sparse, found, trial, settings.max_effects)
+        try:
+            stopped = bool(search.watch.stopped)
+            carried = None if stopped else transferable(search, sparse, found, trial, settings.max_effects)
+        except Stopped:
+            carried = None
+        except KeyboardInterrupt:
+            search.watch.interrupted()
         agree = carried is not None and carried.agrees
         if carried is not None:
             search, found = carried.search, carried.chosen
@@ -185,7 +187,7 @@ def _conclude(
         candidates=answer.candidate_scores(search, search.empty(chosen.sparse), chosen.barred),
         collinear=answer.collinear_table(collinear_pairs(search, search.empty(chosen.sparse)), EXACTLY_COLLINEAR),
         folds=FoldStretches(*(_stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
-        warnings=(*said, *_warnings(kept_held, kept, horizon)),
+        warnings=(*said, *_warnings(search.watch, kept_held, kept, horizon)),
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),
@@ -199,7 +201,9 @@ def _evidence(known: Problem, confirm: Problem, chosen: _Chosen, old: HeldOut, n
     found, full, agree = chosen.kept, chosen.full, chosen.agree
     share = excess_share(old, new, known.sigma)
     wanted = bool(found.members) and needed(full, found, confirm, new)
-    if found.members and chosen.at_floor and not (wanted and new.ratio <= HELD_OUT_QUALITY):
+    if found.members and chosen.search.watch.stopped:  # nothing compared the halves yet
+        agree = folds_agree(known, found, full.steps, independent_share(known, found.fit))
+    elif found.members and chosen.at_floor and not (wanted and new.ratio <= HELD_OUT_QUALITY):
         agree = folds_agree(known, found, full.steps, 1.0)
     before, after = (chi2_dof(known, at) for at in (chosen.base, found.fit))
     return Evidence(before, after, old, new, share, agree, wanted)
@@ -208,6 +212,8 @@ def _evidence(known: Problem, confirm: Problem, chosen: _Chosen, old: HeldOut, n
 def _rivals(chosen: _Chosen) -> list[Rival]:
     """What explains the data as well, each set once."""
     search, found = chosen.search, chosen.found
+    if search.watch.stopped:
+        return once(as_good(search, found))
     others = rivals(search, found)
     if chosen.carried is not None:  # what fits as well need not carry over as well
         others = [r for r in others if r.exact] + [Rival(e, False) for e in chosen.carried.rivals]
@@ -232,8 +238,10 @@ def _stretches(windows: Windows, t: Floats, names: list[str]) -> tuple[tuple[str
     return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, k in joined)
 
 
-def _warnings(held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, ...]:
+def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, ...]:
     said = []
+    if watch.stopped:
+        said.append(f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects that were fitted.")
     if not kept.fit.converged:
         said.append("The last fit had not settled: take its numbers with care.")
     if horizon_s > 0 and held.horizon is None:

@@ -31,6 +31,7 @@ class DiagnosisSettings:
         held_out_traces: names of traces that confirm; if empty, `held_out_share` of the record does.
         held_out_share: share of traces or of windows that confirms, and of those that choose (at most half of the
             rest).
+        budget_s: CPU seconds that searching may take; the best answer so far stands then. None: what it needs.
     """
 
     window_s: float = 1.0
@@ -40,6 +41,7 @@ class DiagnosisSettings:
     max_effects: int = 3
     held_out_traces: tuple[str, ...] = ()
     held_out_share: float = 0.25
+    budget_s: float | None = None
 
 
 @dataclass(frozen=True)

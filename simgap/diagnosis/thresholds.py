@@ -102,6 +102,14 @@ LOOK_BACK_S, LOOK_BACK_SAMPLES = 0.2, 10
 COVERED_ERRORS = 2.0
 """Coefficients of two folds agree within this many standard errors of their difference."""
 
+MASKING_TELLS = 0.5
+"""Off the noise floor, masking what was commanded before the record is worth a search of its own only if it lowers
+chi^2/dof of what was found to this share: with a wrong first window it falls twentyfold and more, else by a few per
+cent, and the search costs as much again (tests/diagnosis/test_watch.py)."""
+
+TOLD_EVERY_S = 5.0
+"""Progress is told at each better answer, and after so many seconds."""
+
 WORTH_SAYING = 0.1
 """What would take away a smaller share of the error that is left is not told of. Judgement."""
 
