@@ -10,7 +10,7 @@ from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
 from simgap.gap.function import GapFunction
 from simgap.io.atomic import write_text
-from simgap.io.controller_file import load_controller
+from simgap.io.controller_file import load_controller, load_controller_of
 from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import load_gap
 from simgap.io.pages import need_template, render
@@ -124,7 +124,7 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         bound=gap.function,
         samples=read_parquet(inputs.samples),
         syntheses={kind: read_json(path) for kind, path in inputs.syntheses.items()},
-        controllers={kind: load_controller(path) for kind, path in inputs.controllers.items()},
+        controllers={kind: load_controller_of(path, context) for kind, path in inputs.controllers.items()},
         validation=read_json(inputs.validation),
         traces=split(read_parquet(inputs.traces), context.states, context.inputs),
         diagnosis=read_json(found.document) if found is not None else None,
