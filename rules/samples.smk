@@ -18,6 +18,31 @@ def shards(wildcards):
     return [f"{folder}/shard-{shard}.parquet" for shard in range(count)]
 
 
+# What a person would want to know before anything runs. It goes first, and its failure ends the run; nothing depends on it,
+# because Snakemake looks for changes only behind jobs that need not run.
+rule check:
+    input:
+        case=correction,
+    output:
+        "results/{case}/check/check.json",
+    log:
+        "results/{case}/logs/check.log",
+    benchmark:
+        "results/{case}/benchmarks/check.tsv"
+    priority: 100
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("check"),
+        code=code("check"),
+    message:
+        "{wildcards.case}: model file, engine, cells and costs"
+    shell:
+        "simgap check {params.case:q} --out {output:q} --log {log:q}"
+
+
 rule grid:
     input:
         case=correction,

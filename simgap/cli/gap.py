@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from simgap.cli.options import Borders, CasePath, Grid, Log, Out, Shards, State, app, start_log
+
+
+@app.command()
+def check(
+    case: CasePath,
+    out: Annotated[Path | None, typer.Option(help="File for what was found (JSON).")] = None,
+    log: Log = None,
+) -> None:
+    """Check a case before anything runs: model file, engine, cells, and what every stage will cost."""
+    from rich.console import Console
+
+    from simgap.cli.checked import show
+    from simgap.stages import check as stage
+
+    start_log(log)
+    if log is None:  # the findings are shown below
+        logging.getLogger("simgap").setLevel(logging.ERROR)
+    show(Console(), stage.run(case, out, log))
 
 
 @app.command()

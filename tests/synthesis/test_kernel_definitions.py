@@ -188,7 +188,9 @@ def test_a_box_counts_where_it_has_no_hole(cells, periodic):
     table = np.zeros(table_size(shape, n), np.int32)
     count_holes(inside.reshape(-1), shape, n, table)
     lower = rng.integers(-2, 4, (300, n))
-    boxes = np.concatenate([lower, lower + rng.integers(0, 3, (300, n))], axis=1).astype(np.int32)
+    wide = rng.integers(0, 3, (300, n))
+    wide[:60, list(periodic)] += np.array(cells)[list(periodic)] - 1  # nearly a turn, a turn, and more
+    boxes = np.concatenate([lower, lower + wide], axis=1).astype(np.int32)
     given, ok = boxes.copy(), np.empty(300, np.uint8)
     flat = boxes.reshape(-1)
     clip_boxes(shape, n, flat, 0, 300, ok)
@@ -204,7 +206,7 @@ def test_a_box_counts_where_it_has_no_hole(cells, periodic):
 
 @pytest.mark.parametrize("error", [None, np.array([0.0, 0.0, 0.2])])
 def test_swept_cells_hold_every_point_of_a_box_at_every_heading(error):
-    grid = Grid(Box([0.0, 0.0, -np.pi], [10.0, 10.0, np.pi]), [20, 20, 8], (2,))
+    grid = Grid(Box([0.0, 0.0, -np.pi], [10.0, 10.0, np.pi]), [200, 200, 8], (2,))
     lower, upper = np.array([[-0.1, -0.2]]), np.array([[0.9, 0.25]])
     swept, off = planar_swept_cells(grid, lower, upper, error=error), 0.0 if error is None else 0.2
     rng = np.random.default_rng(6)
@@ -214,8 +216,8 @@ def test_swept_cells_hold_every_point_of_a_box_at_every_heading(error):
         corner = np.array(list(itertools.product([-0.1, 0.9], [-0.2, 0.25])))
         for a, b in corner:
             moved = np.stack([np.cos(theta) * a - np.sin(theta) * b, np.sin(theta) * a + np.cos(theta) * b], axis=1)
-            for start in (1e-6, 0.5 - 1e-6):  # in a cell of width 0.5
-                k = np.floor((moved + start) / 0.5)
+            for start in (1e-6, 0.05 - 1e-6):  # in a cell of width 0.05
+                k = np.floor((moved + start) / 0.05)
                 assert np.all(k >= swept.lower[layer, 0, :2])
                 assert np.all(k <= swept.upper[layer, 0, :2])
 
@@ -226,3 +228,17 @@ def test_cells_within_and_meeting_at_faces_and_across_a_seam():
     assert np.argwhere(within).tolist() == [[1, 0], [1, 3]]
     meeting = cells_meeting(grid, Box([1.0, 3.5], [2.5, 4.5])).reshape(4, 4)
     assert np.argwhere(meeting).tolist() == [[1, 0], [1, 3], [2, 0], [2, 3]]
+
+
+@pytest.mark.parametrize("hole", range(4))
+def test_a_box_of_a_full_turn_meets_every_cell_of_it(hole):
+    inside = np.ones((2, 4), np.uint8)
+    inside[:, hole] = 0
+    shape = layout((2, 4), (1,))
+    table, ok = np.zeros(table_size(shape, 2), np.int32), np.empty(1, np.uint8)
+    count_holes(inside.reshape(-1), shape, 2, table)
+    for first, last in ((0, 3), (1, 4), (-1, 3), (2, 9), (-5, -1)):
+        box = np.array([0, first, 1, last], np.int32)
+        clip_boxes(shape, 2, box, 0, 1, ok)
+        drop_boxes_with_holes(table, shape, 2, box, 0, 1, ok)
+        assert not ok[0]
