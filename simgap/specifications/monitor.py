@@ -33,6 +33,7 @@ class Run:
     stuck: bool
     seen: Floats
     clearance: Floats | None = None
+    memory: Ints | None = None
 
     def until(self, steps: int) -> Run:
         """Its first steps."""
