@@ -83,7 +83,7 @@ class Opponent:
 
     Attributes:
         plants: it. judge: of its runs. held: whether its steps are held against gamma; the disturbance is gamma itself.
-        together: runs side by side.
+        together: most runs side by side.
     """
 
     plants: Plants
@@ -100,14 +100,15 @@ def campaign(
     budget: int,
     rng: np.random.Generator,
 ) -> Campaign:
-    """Attack until `budget` steps are made; `starts(n)` draws n states, (n, nx)."""
+    """Attack until `budget` steps are made, by every rule at least once; `starts(n)` draws n states, (n, nx)."""
     out, rules, value = Campaign(), scene.rules(), law.solution.value
     most = opponent.judge.steps if value is None else int(value.max()) + 1
     steps = min(most, LENGTH) if value is None else most
+    together = min(opponent.together, -(-budget // (len(rules) * steps)))
     turn = 0
-    while out.steps < budget:
+    while out.steps < budget or turn < len(rules):
         rule = rules[turn % len(rules)]
-        runs = play(opponent.plants, law, scene, rule, opponent.judge.space, starts(opponent.together), steps, rng)
+        runs = play(opponent.plants, law, scene, rule, opponent.judge.space, starts(together), steps, rng)
         _count(out, opponent, rule, runs, steps)
         turn += 1
         if turn >= len(rules) and out.steps == 0:

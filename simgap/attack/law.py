@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +53,11 @@ class Law:
         corners = np.array(list(itertools.product(*signs)), dtype=float) * self.error
         return np.unique(np.concatenate([np.zeros((1, len(self.error))), corners]), axis=0)
 
+    @cached_property
+    def _ended(self) -> Flags:
+        """Measured cells at which a run is over, (cells,): asked for once, because it looks at all of them."""
+        return self.solution.ended if self.solution.target is not None else np.zeros(self.solution.grid.size, np.bool_)
+
     def first(self, count: int) -> Ints:
         """The memory of `count` runs before their first sample."""
         return np.full(count, self.solution.first, dtype=np.int64)
@@ -84,5 +88,4 @@ class Law:
         known = cells >= 0
         rows = np.where(known, cells * s.memory + memory, 0)
         admitted = unpack(s.mask[rows], len(self.inputs)) & known[:, None]
-        over: Any = np.zeros(len(y), np.bool_) if s.target is None else s.ended[np.where(known, cells, 0)] & known
-        return admitted, over
+        return admitted, self._ended[np.where(known, cells, 0)] & known

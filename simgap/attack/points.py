@@ -51,7 +51,7 @@ class PointSearch:
         self.q, self.budget, self.rng = question, budget, rng
         self.found = Searched()
         self.width = question.box.hi - question.box.lo
-        self._near = _neighbours(question.inputs)
+        self._near = neighbours(question.inputs)
         self._axes = [j for j in range(question.box.size) if j not in question.free]
 
     @property
@@ -178,7 +178,7 @@ def _take(x: Floats, m: Ints, shares: Floats, first: int, count: int) -> tuple[F
     return x[rows].copy(), m[rows].copy(), shares[rows].copy()
 
 
-def _neighbours(inputs: Floats) -> Ints:
+def neighbours(inputs: Floats) -> Ints:
     """For each input those nearest to it, two for each component, each component in shares of its range: (M, k)."""
     scale = np.maximum(inputs.max(axis=0) - inputs.min(axis=0), 1e-300)
     count = min(2 * inputs.shape[1], len(inputs) - 1)

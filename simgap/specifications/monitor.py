@@ -33,7 +33,6 @@ class Run:
     stuck: bool
     seen: Floats
     clearance: Floats | None = None
-    memory: Ints | None = None
 
     def until(self, steps: int) -> Run:
         """Its first steps."""

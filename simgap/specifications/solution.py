@@ -45,23 +45,6 @@ class Solution:
         flags: NDArray[np.bool_] = np.any(self.mask.reshape(self.grid.size, -1), axis=1)
         return flags
 
-    # SHIM
-    @property
-    def first(self):
-        return self.memory - 1 if self.memory > 1 else 0
-
-    @property
-    def late(self):
-        return self.memory > 1
-
-    @property
-    def ended(self):
-        return self.target & ~self.served
-
-    def at_first(self, nodes):
-        return nodes
-    # SHIM END
-
     @property
     def useful(self) -> bool:
         """Whether a run can start anywhere but where it ends at once."""
