@@ -100,18 +100,18 @@ class Judge:
 def strays(certificate: Solution, run: Run) -> int:
     """Steps of a run after which it is not where the certificate says.
 
-    Towards a target: the level at what is measured falls with every step, and stays 0 once it is. To stay: the state
-    is in a winning cell. A controller that remembers the pending input has no such set of states: it is held by having
-    an input at every sample, without which a run is stuck.
+    Towards a target: the level of what is measured and remembered falls with every step, and stays 0 once it is. To
+    stay: the state is in a winning cell; a controller that remembers the pending input has no such set of states, and is
+    held by having an input at every sample, without which a run is stuck.
     """
-    if certificate.memory > 1:
-        return 0
     grid, value = certificate.grid, certificate.value
     if value is None:
         cells = grid.index(run.x)
-        return int((~np.where(cells >= 0, certificate.winning[cells], False))[1:].sum())
+        lost = ~np.where(cells >= 0, certificate.winning[cells], False)
+        return int(lost[1:].sum()) if certificate.memory == 1 else 0
     cells = grid.index(run.seen)
-    levels = np.where(cells >= 0, value[cells], -1)
+    nodes = cells * certificate.memory + (0 if run.memory is None else run.memory)
+    levels = np.where(cells >= 0, value[nodes], -1)
     before, after = levels[:-1], levels[1:]
     kept = (after >= 0) & ((after < before) | ((before == 0) & (after == 0)))
     return int((~kept).sum())

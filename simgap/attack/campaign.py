@@ -137,6 +137,4 @@ def _count(out: Campaign, opponent: Opponent, rule: str, runs: list[Run], steps:
         if not outcome.kept:
             out.violations += 1
             if len(out.broken) < KEPT:
-                out.broken.append(
-                    BrokenRun(rule, outcome.end, verdict.run, outside[rows], d[rows], lo[rows], hi[rows])
-                )
+                out.broken.append(BrokenRun(rule, outcome.end, verdict.run, outside[rows], d[rows], lo[rows], hi[rows]))

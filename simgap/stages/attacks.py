@@ -83,14 +83,10 @@ def question(context: Context, simulator: Simulator, gap: GapFunction) -> Questi
         following = simulator.rollouts(x, u)
         return following, following
 
-    return Question(
-        successors, context.plant.sampled.step, gap.bounds, context.box, context.input_set, gap.domain.free
-    )
+    return Question(successors, context.plant.sampled.step, gap.bounds, context.box, context.input_set, gap.domain.free)
 
 
-def _histories(
-    context: Context, robot: Simulator, gap: GapFunction, job: Job, rng: np.random.Generator
-) -> Searched:
+def _histories(context: Context, robot: Simulator, gap: GapFunction, job: Job, rng: np.random.Generator) -> Searched:
     hidden = context.need(context.case.hidden_state, "hidden_state")
     search = HistorySearch(history_question(context, robot, gap, hidden.length), job.evaluations, rng)
     return search.run(*job.known)
@@ -148,7 +144,5 @@ def _loops(
         "simulator": campaign(
             Opponent(plant, judge, True, TOGETHER if memoryless else 1), law, scene, starts, job.steps, rng
         ),
-        "disturbance": campaign(
-            Opponent(disturbed, judge, False, TOGETHER), law, modelled, starts, job.steps, rng
-        ),
+        "disturbance": campaign(Opponent(disturbed, judge, False, TOGETHER), law, modelled, starts, job.steps, rng),
     }
