@@ -1,8 +1,17 @@
-# Controllers for the model with and without its gap, the closed loop that tells them apart, and its recording.
+# Controllers for the model with and without its gap, the closed loop that tells them apart, the adversary, the recording.
 
 
 def gap_option(wildcards, input):
     return ["--gap", input.gap] if wildcards.kind == "gap" else []
+
+
+def own_shards(wildcards):
+    """The roll-outs that the case's own bound was made of."""
+    point = own_point(case_of(wildcards))
+    folder = f"results/{simulated(wildcards.case)}/rollouts/{point}"
+    return [
+        f"{folder}/shard-{k}.parquet" for k in range(shard_count(case_of(wildcards)))
+    ]
 
 
 rule synthesis:
@@ -58,6 +67,39 @@ rule validation:
     shell:
         "simgap validation {params.case:q} --nominal {input.nominal:q} --robust {input.robust:q} --gap {input.gap:q}"
         " --out {output.summary:q} --traces {output.traces:q} --workers {threads} --log {log:q}"
+
+
+rule audit:
+    input:
+        case=correction,
+        gap=lambda w: f"{gap_folder(w)}/gap.json",
+        robust="results/{case}/synthesis/gap/controller.npz",
+        rollouts=lambda w: own_shards(w),
+        fresh=lambda w: f"results/{simulated(w.case)}/fresh/samples.parquet",
+        after=ancient("results/{case}/validation/validation.json"),
+    output:
+        counts="results/{case}/audit/audit.json",
+        margins="results/{case}/audit/margins.parquet",
+    log:
+        "results/{case}/logs/audit.log",
+    benchmark:
+        "results/{case}/benchmarks/audit.tsv"
+    threads: 2
+    resources:
+        mem_mb=3000,
+        runtime=60,
+    params:
+        case=lambda w: case_path(w.case),
+        witness=lambda w: f"results/{w.case}/audit/witness.json",
+        reads=reads("audit"),
+        code=code("audit"),
+        shards=lambda w, input: flagged("--rollouts", input.rollouts),
+    message:
+        "{wildcards.case}: an adversary against bound and controller, {threads} processes"
+    shell:
+        "simgap audit {params.case:q} --gap {input.gap:q} --controller {input.robust:q} {params.shards:q}"
+        " --fresh {input.fresh:q} --out {output.counts:q} --margins {output.margins:q} --witness {params.witness:q}"
+        " --workers {threads} --log {log:q}"
 
 
 rule trace:

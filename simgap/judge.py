@@ -100,9 +100,9 @@ class Judge:
 def strays(certificate: Solution, run: Run) -> int:
     """Steps of a run after which it is not where the certificate says.
 
-    Towards a target: the level of what is measured and remembered falls with every step, and stays 0 once it is. To
-    stay: the state is in a winning cell; a controller that remembers the pending input has no such set of states, and is
-    held by having an input at every sample, without which a run is stuck.
+    Towards a target: the level of what is measured and remembered falls with every step, and stays 0 once it is.
+    To stay: the state is in a winning cell; a controller that remembers the pending input has no such set, and is held
+    by having an input at every sample, without which a run is stuck.
     """
     grid, value = certificate.grid, certificate.value
     if value is None:

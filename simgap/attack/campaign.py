@@ -60,7 +60,8 @@ class Campaign:
         """The counts as plain data."""
         return {
             "runs": self.runs, "steps": self.steps, "violations": self.violations,
-            "steps_outside_gamma": self.outside_gamma, "ends": dict(sorted(self.ends.items())), "steps_by_rule": self.by,
+            "steps_outside_gamma": self.outside_gamma, "ends": dict(sorted(self.ends.items())),
+            "steps_by_rule": self.by,
         }  # fmt: skip
 
     @staticmethod

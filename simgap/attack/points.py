@@ -34,6 +34,7 @@ class Question:
             one.
         step: the nominal map. bounds: of the gap, (n, nx), (n, nu) -> two (n, nx).
         box: X; inputs: U, (M, nu); free: axes on which nothing depends.
+        places: (n, nx) states to look at under every input; corners, edges and faces of X if not given.
     """
 
     successors: Callable[[Floats, Floats], tuple[Floats, Floats]]
@@ -42,6 +43,7 @@ class Question:
     box: Box
     inputs: Floats
     free: tuple[int, ...] = ()
+    places: Floats | None = None
 
 
 class PointSearch:
@@ -89,14 +91,15 @@ class PointSearch:
 
     def _beginnings(self, x: Floats, m: Ints) -> tuple[Floats, Ints, Floats]:
         """Known bad steps and the border of X under all inputs, worst first; no more than a share of the budget."""
-        edge, count = border(self.q.box, self.q.free), len(self.q.inputs)
+        places, count = self.q.places, len(self.q.inputs)
+        edge = border(self.q.box, self.q.free) if places is None else places
         x = np.concatenate([x, np.repeat(edge, count, axis=0)])
         m = np.concatenate([m, np.tile(np.arange(count), len(edge))])
         most = int(BEGINNING * self.budget)
         if len(x) > most:
             rows = np.sort(self.rng.choice(len(x), most, replace=False))
             x, m = x[rows], m[rows]
-        shares = self.evaluate(x, m, "known bad steps and border of X")
+        shares = self.evaluate(x, m, "worst known steps, border of X, switching surfaces")
         order = np.argsort(-shares, kind="stable")
         return x[order], m[order], shares[order]
 

@@ -41,7 +41,7 @@ class WorstStarts:
         return points_of_cells(self._grid, chosen, np.where(pinned, 2.0 * sign - 1.0, place))
 
 
-def _largest(cells: NDArray[np.int64], field: Floats) -> NDArray[np.int64]:
+def _largest(cells: NDArray[np.int64], field: NDArray[np.float32]) -> NDArray[np.int64]:
     """Cells whose number is among the largest."""
     limit = np.quantile(field, 1.0 - NARROWEST, method="lower")
     return cells[field >= limit]

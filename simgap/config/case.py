@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from simgap.config.audit import AuditSection
 from simgap.config.base import Section
 from simgap.config.domain import DomainSection
 from simgap.config.gap import GapSection
@@ -39,6 +40,7 @@ class Case(Section):
     sensing: SensingSection | None = Field(None, description="What the controller knows of the state.")
     synthesis: SynthesisSection | None = Field(None, description="What the controller is asked for.")
     validation: ValidationSection | None = Field(None, description="The closed loop that checks it.")
+    audit: AuditSection | None = Field(None, description="The adversary's budget against bound and controller.")
     measured: MeasuredSection | None = Field(None, description="Recordings of the real thing.")
 
     @model_validator(mode="after")
