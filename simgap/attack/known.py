@@ -1,4 +1,4 @@
-"""Where searches over the gap begin: the worst steps among the samples that the bound was made of and the fresh ones."""
+"""Where searches over the gap begin: the worst steps of the samples that made the bound, and of fresh ones."""
 
 from __future__ import annotations
 

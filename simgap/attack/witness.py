@@ -68,12 +68,12 @@ class Witness:
             UserError: a file that is no witness of a case with that many states and inputs.
         """
         try:
-            words = [str(data[name]) for name in ("kind", "plant", "what", "rule")]
+            kind, plant, what, rule = (str(data[name]) for name in ("kind", "plant", "what", "rule"))
             inputs = np.array(data["inputs"], dtype=np.float64).reshape(-1, nu)
             states, measured = (np.array(data[n], dtype=np.float64).reshape(-1, nx) for n in ("states", "measured"))
             d, lo, hi = (np.array(data[n], dtype=np.float64) for n in ("d", "lo", "hi"))
         except (KeyError, TypeError, ValueError):
-            words = []
-        if not words or words[0] not in (STEP, RUN) or (len(inputs) == 0 and words[0] == STEP) or len(states) == 0:
+            kind = ""
+        if kind not in (STEP, RUN) or (len(inputs) == 0 and kind == STEP) or len(states) == 0:
             raise UserError("not a witness of this case", remedy="Give a witness.json that the audit wrote.")
-        return Witness(*words, inputs, states, measured, d, lo, hi)
+        return Witness(kind, plant, what, rule, inputs, states, measured, d, lo, hi)

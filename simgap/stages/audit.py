@@ -78,14 +78,9 @@ def run(case_path: Path, inputs: Inputs, out: Outputs, workers: int = 2, engine_
     record = provenance("audit", context.case, context.folder, {"audit": section.seed})
     witnesses = _witnesses(context, found, loops)
     content = counts(found, loops, context.states) | {"margins": summary(context, margins), "provenance": record}
-    if margins is not None:
-        columns = {"factor": margins.factor} | {f"extra_{n}": margins.extra[:, j] for j, n in enumerate(context.states)}
-        units = {f"extra_{n}": context.units[n] for n in context.states}
-    else:
-        columns, units = {"factor": np.empty(0, np.float32)}, {}
     if witnesses:
         _keep(context, case_path, bound, witnesses[0], out.witness)
-    write_parquet(out.margins, table(columns, units, {"case": context.case.name}, record))
+    _write_margins(context, margins, out.margins, record)
     write_json(out.counts, content | {"witnesses": [w.what for w in witnesses]})
     log.info("%s", _said(content))
     if content["violations"] and not tolerated(context.case):
@@ -93,6 +88,15 @@ def run(case_path: Path, inputs: Inputs, out: Outputs, workers: int = 2, engine_
             f"the adversary broke it: {_said(content)}; the first: {witnesses[0].what}",
             f"`simgap replay {out.witness.name}` shows it. {_remedy(found)}",
         )
+
+
+def _write_margins(context: Context, margins: Margins | None, path: Path, record: Mapping[str, Any]) -> None:
+    """A row a cell; none where there are no margins."""
+    columns: dict[str, Any] = {"factor": np.empty(0, np.float32)}
+    if margins is not None:
+        columns = {"factor": margins.factor} | {f"extra_{n}": margins.extra[:, j] for j, n in enumerate(context.states)}
+    units = {f"extra_{n}": context.units[n] for n in context.states}
+    write_parquet(path, table(columns, units, {"case": context.case.name}, record))
 
 
 def _remedy(found: Searched) -> str:
