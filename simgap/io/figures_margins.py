@@ -24,13 +24,14 @@ def plane_figure(grid: Grid, factor: Floats, extra: Floats, states: Sequence[str
     """
     import matplotlib.pyplot as plt
 
-    titles = ["all states, factor", *(f"{n} alone, {pretty_unit(units.get(n, ''))}".rstrip(", ") for n in states)]
-    figure, axes = plt.subplots(1, 3, figsize=(1.3 * style.WIDTH, 4.0), sharex=True, sharey=True)
+    titles = ["factor on gamma", *(f"added to {n} alone ({pretty_unit(units.get(n, ''))})" for n in states)]
+    figure, axes = plt.subplots(1, 3, figsize=(1.4 * style.WIDTH, 4.2), sharex=True, sharey=True)
     for axis, title, values in zip(axes, titles, (factor, *extra.T), strict=True):
         picture = _layer(axis, grid, values.reshape(grid.cells), _scale(values))
         axis.set_title(title)
         axis.set_xlabel(axis_label(states[0], units))
-        figure.colorbar(picture, ax=axis, orientation="horizontal", shrink=0.95)
+        bar = figure.colorbar(picture, ax=axis, orientation="horizontal", shrink=0.95)
+        bar.ax.minorticks_off()
     axes[0].set_ylabel(axis_label(states[1], units))
     return figure
 
@@ -54,7 +55,7 @@ def slices_figure(grid: Grid, factor: Floats, states: Sequence[str], units: Mapp
         axis.set_xlabel(axis_label(states[0], units))
     for axis in axes[:, 0]:
         axis.set_ylabel(axis_label(states[1], units))
-    figure.colorbar(picture, ax=axes, label=FACTOR, shrink=0.8)
+    figure.colorbar(picture, ax=axes, label=FACTOR, shrink=0.8).ax.minorticks_off()
     return figure
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.geometry import Grid
+from simgap.geometry import Floats, Grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,17 @@ class Solution:
     def useful(self) -> bool:
         """Whether a run can start anywhere but where it ends at once."""
         return bool((self.winning & self.at_first(self.served)).any())
+
+    def levels(self, seen: Floats, memory: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
+        """Worst-case steps to the target at what is measured (n, nx) and remembered (n,): (n,), -1 where losing.
+
+        Without `memory`, at that of a start.
+        """
+        cells = self.grid.index(seen)
+        if self.value is None:
+            return np.full(len(cells), -1)
+        rows = cells * self.memory + (self.first if memory is None else memory)
+        return np.where(cells >= 0, self.value[rows], -1).astype(np.int64)
 
     def at_first(self, nodes: NDArray[Any]) -> NDArray[Any]:
         """What nodes (cells * memory,) have at the memory of a start: -> (cells,)."""

@@ -43,11 +43,7 @@ class Toward(Monitor):
     def levels(self, run: Run) -> Ints:
         """Worst-case steps to the target at each sample, from what was measured and remembered: (k + 1,), -1 where
         losing."""
-        cells, value = self.solution.grid.index(run.seen), self.solution.value
-        if value is None:
-            return np.full(len(cells), -1)
-        rows = cells * self.solution.memory + (0 if run.memory is None else run.memory)
-        return np.where(cells >= 0, value[rows], -1).astype(np.int64)
+        return self.solution.levels(run.seen, run.memory)
 
     def arrived(self, seen: Floats) -> bool:
         """Whether what is measured (nx,) is the end of a run, whatever is pending."""

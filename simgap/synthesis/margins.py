@@ -31,7 +31,7 @@ from simgap.synthesis.product import Kernel, image
 from simgap.synthesis.tables import reduced_cells
 
 Floats = NDArray[np.float64]
-LARGEST_FACTOR = 1000.0
+LARGEST_FACTOR = 1e6
 """Factors are looked for up to here; a margin that reaches it is at least that."""
 RESOLUTION = 1e-3
 """Relative accuracy of a margin, which is rounded down."""
