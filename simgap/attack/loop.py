@@ -33,7 +33,7 @@ def play(
     n, nx = starts.shape
     record = _Record(n, nx, steps, law)
     x, memory, acting = starts.copy(), law.first(n), law.first(n) if law.solution.late else np.full(n, -1)
-    alive = np.arange(n)
+    alive, last = np.arange(n), np.full(n, -1)
     plants.reset(starts)
     for k in range(steps):
         options = law.options(space.wrapped(x[alive]), memory[alive])
@@ -46,7 +46,8 @@ def play(
         record.seen[k, alive] = x[alive] + law.corners[options.corner[going][np.arange(len(m)), m]]
         now, memory[alive] = law.applied(memory[alive], m)
         acting[alive] = memory[alive] if law.solution.late else now
-        x[alive], near = plants.advance(x[alive], law.inputs[now])
+        x[alive], near = plants.advance(x[alive], law.inputs[now], last[alive])
+        last[alive] = now
         record.add(k, alive, x[alive], now, memory[alive], near)
     return record.runs()
 

@@ -15,7 +15,7 @@ from simgap.simulators.base import Simulator
 from simgap.specifications.monitor import Monitor
 
 Ints = NDArray[np.int64]
-Bounds = Callable[[Floats, Floats], tuple[Floats, Floats]]
+Bounds = Callable[[Floats, Floats, Ints], tuple[Floats, Floats]]
 Step = Callable[[Floats, Floats], Floats]
 
 
@@ -25,8 +25,11 @@ class Plants(Protocol):
     def reset(self, x: Floats) -> None:
         """Put them at states (n, nx)."""
 
-    def advance(self, x: Floats, u: Floats) -> tuple[Floats, Floats | None]:
-        """From states (n, nx), where they are, under inputs (n, nu): -> states (n, nx), clearance of the paths (n,)."""
+    def advance(self, x: Floats, u: Floats, before: Ints) -> tuple[Floats, Floats | None]:
+        """From states (n, nx), where they are, under inputs (n, nu): -> states (n, nx), clearance of the paths (n,).
+
+        `before` (n,) are the numbers of the inputs that acted last, -1 at rest.
+        """
 
 
 class RolledOut:
@@ -38,8 +41,8 @@ class RolledOut:
     def reset(self, x: Floats) -> None:
         """Nothing is to be put anywhere; x (n, nx)."""
 
-    def advance(self, x: Floats, u: Floats) -> tuple[Floats, Floats | None]:
-        """See `Plants`; (n, nx), (n, nu)."""
+    def advance(self, x: Floats, u: Floats, before: Ints) -> tuple[Floats, Floats | None]:
+        """See `Plants`; (n, nx), (n, nu), (n,)."""
         return self._simulator.rollouts(x, u), None
 
 
@@ -53,8 +56,8 @@ class OneByOne:
         """Put the simulator at x, (1, nx)."""
         self._simulator.reset(x[0])
 
-    def advance(self, x: Floats, u: Floats) -> tuple[Floats, Floats | None]:
-        """See `Plants`; (1, nx), (1, nu)."""
+    def advance(self, x: Floats, u: Floats, before: Ints) -> tuple[Floats, Floats | None]:
+        """See `Plants`; (1, nx), (1, nu), (1,)."""
         following = self._simulator.advance(u[0])[None]
         path = getattr(self._simulator, "path", None)
         if path is None or not self._monitor.measures_clearance:
@@ -75,9 +78,9 @@ class WorstDisturbance:
     def reset(self, x: Floats) -> None:
         """Nothing is to be put anywhere; x (n, nx)."""
 
-    def advance(self, x: Floats, u: Floats) -> tuple[Floats, Floats | None]:
-        """See `Plants`; (n, nx), (n, nu). The box says nothing of the path, so clearance is that of the samples."""
-        predicted, (lo, hi) = self._step(x, u), self._bounds(x, u)
+    def advance(self, x: Floats, u: Floats, before: Ints) -> tuple[Floats, Floats | None]:
+        """See `Plants`; (n, nx), (n, nu), (n,). Clearance is that of the samples: the box says nothing of the path."""
+        predicted, (lo, hi) = self._step(x, u), self._bounds(x, u, before)
         corners = np.stack(
             [predicted + np.where(c, hi, lo) for c in itertools.product((False, True), repeat=x.shape[1])]
         )

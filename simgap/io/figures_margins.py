@@ -46,7 +46,8 @@ def slices_figure(grid: Grid, factor: Floats, states: Sequence[str], units: Mapp
     figure, axes = plt.subplots(
         rows, columns, figsize=(style.WIDTH, 2.75 * rows + 0.5), sharex=True, sharey=True, squeeze=False
     )
-    shown, scale, picture = factor.reshape(grid.cells), _scale(factor), None
+    shown, scale = factor.reshape(grid.cells), _scale(factor)
+    picture: Any = None
     for axis, k in zip(axes.ravel(), layers, strict=False):
         picture = _layer(axis, grid, shown[:, :, k], scale, "equal")
         third = grid.box.lo[2] + grid.h[2] * (2 * k + 1)

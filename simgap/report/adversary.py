@@ -31,8 +31,8 @@ def sentence(m: Material) -> str:
     loops = m.audit["closed_loop"]
     steps = sum(loop["steps"] for loop in loops.values())
     return (
-        f"Under attack: {m.audit['violations']:,} violations in {m.audit['evaluations']:,} searched steps of the simulator "
-        f"and {steps:,} closed-loop steps under the worst admissible inputs."
+        f"Under attack: {m.audit['violations']:,} violations in {m.audit['evaluations']:,} searched steps of the "
+        f"simulator and {steps:,} closed-loop steps under the worst admissible inputs."
     )
 
 

@@ -133,7 +133,7 @@ def _loops(
     plant: Any = RolledOut(simulator) if memoryless else OneByOne(simulator, monitor)
     scene = Scene(predict, use if memoryless else None, danger, inputs, solution.late)
     modelled = Scene(predict, None, danger, inputs, solution.late)
-    disturbed = WorstDisturbance(model.step, lambda x, u: gap.bounds(space.wrapped(x), u), danger, monitor, rng)
+    disturbed = WorstDisturbance(model.step, lambda x, u, before: gap.bounds(space.wrapped(x), u), danger, monitor, rng)
 
     worst = WorstStarts(solution, danger, job.margin)
 
