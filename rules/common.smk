@@ -34,6 +34,7 @@ wildcard_constraints:
     state="[^/]+",
     shard="[0-9]+",
     kind="nominal|gap",
+    depth="audit|audit-deep",
 
 
 def base(name):

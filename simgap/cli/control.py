@@ -54,6 +54,7 @@ def audit(
     out: Out,
     margins: Annotated[Path, typer.Option(help="File for the margins of every cell (Parquet).")],
     witness: Annotated[Path, typer.Option(help="File for what breaks the promise, if anything does (JSON).")],
+    times: Annotated[int, typer.Option(min=1, help="Times the budget of the case.")] = 1,
     workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
     log: Log = None,
 ) -> None:
@@ -62,7 +63,7 @@ def audit(
 
     start_log(log)
     files = stage.Inputs(bound, controller, rollouts, fresh)
-    stage.run(case, files, stage.Outputs(out, margins, witness), workers, log)
+    stage.run(case, files, stage.Outputs(out, margins, witness), workers, log, times)
 
 
 @app.command()

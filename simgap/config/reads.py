@@ -30,11 +30,13 @@ _CHAINS = ("hidden_state.length", "hidden_state.chain_length")
 _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
+    "check": (*_WHOLE, "budget"),
     "grid": ("name", "plant.states", "plant.inputs", "domain.X", "domain.U", "hidden_state.previous"),
     "rollouts": (*_SIMULATED, "grid.shards", *_HISTORIES),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
+    "borders": (*_SIMULATED, "plant", "gap.seed", "hidden_state"),
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
-    "scp": (*_MODEL, *_FIT, *_COUNTED),
+    "scp": (*_MODEL, *_FIT, *_COUNTED, "simulator.effects", "simulator.urdf"),  # where the simulator switches
     "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, *_COUNTED),
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),

@@ -57,8 +57,10 @@ class Outputs:
     witness: Path
 
 
-def run(case_path: Path, inputs: Inputs, out: Outputs, workers: int = 2, engine_log: Path | None = None) -> None:
-    """Attack, count, and write what was found.
+def run(
+    case_path: Path, inputs: Inputs, out: Outputs, workers: int = 2, engine_log: Path | None = None, times: int = 1
+) -> None:
+    """Attack with `times` the budget of the case, count, and write what was found.
 
     Raises:
         BrokenPromise: one step outside gamma or one broken run, unless the case tolerates a share of the steps.
@@ -70,7 +72,7 @@ def run(case_path: Path, inputs: Inputs, out: Outputs, workers: int = 2, engine_
         bound = load_gap(inputs.gap, context)
         solution = load_controller(inputs.controller).solution
         margins = _margins(context, bound.function, solution)
-        jobs = _jobs(context, section, bound, inputs, margins)
+        jobs = _jobs(context, section, bound, inputs, margins, times)
     with engine_pool(workers, engine_log) as pool:
         parts = _done(pool, jobs)
     found = Searched.joined([part for part, _ in parts])
@@ -110,11 +112,11 @@ def _done(pool: ProcessPoolExecutor, jobs: list[Job]) -> list[tuple[Searched, di
 
 
 def _jobs(
-    context: Context, section: AuditSection, bound: SavedGap, inputs: Inputs, margins: Margins | None
+    context: Context, section: AuditSection, bound: SavedGap, inputs: Inputs, margins: Margins | None, times: int
 ) -> list[Job]:
     """The parts; what is known goes to them in turns."""
     hidden = context.case.hidden_state
-    evaluations, steps = section.budget(hidden is not None)
+    evaluations, steps = (times * n for n in section.budget(hidden is not None))
     tables = [read_columns(path) for path in (*inputs.rollouts, inputs.fresh)]
     known: tuple[Any, ...] = (
         (worst_histories(context, bound.function, motion_of(context), tables, hidden.length),)

@@ -16,7 +16,7 @@ import yaml
 from simgap.cli import app
 
 ROOT = Path(__file__).parents[2]
-ROAD = {"grid", "rollouts", "fresh", "scp", "lipschitz", "gap"}
+ROAD = {"grid", "rollouts", "fresh", "borders", "scp", "lipschitz", "gap"}
 SMALL = {
     "domain": {
         "tau": 0.005,
@@ -29,6 +29,7 @@ SMALL = {
         "specification": {"kind": "invariance", "safe": {"x1": [0.0, 0.2], "x2": [-0.5, 0.5]}},
     },
     "validation": {"starts": 20, "steps": 100, "seed": 1},
+    "audit": {"evaluations": 5000, "steps": 1000},
 }
 
 
@@ -101,6 +102,8 @@ def test_everything_is_there(project):
         "summary.json",
         "trace/trace.rrd",
         "validation/traces.parquet",
+        "audit/audit.json",
+        "audit/margins.parquet",
         "gap/eps~0.02/gap.json",
     ):
         assert (results / name).stat().st_size > 0
@@ -120,6 +123,7 @@ def test_a_synthesis_key_reruns_no_rollout(project):
     project.case.write_text(original)
     assert jobs.get("synthesis") == 2
     assert jobs.get("validation") == 1
+    assert jobs.get("audit") == 1
     assert not ROAD & set(jobs)
 
 
@@ -155,7 +159,7 @@ def test_an_edited_core_reruns_the_stages_that_use_it(project, file, again):
     core.write_text(original + "\n# changed\n")
     jobs = project.planned()
     core.write_text(original)
-    assert {"grid", "rollouts", "fresh", "scp", "lipschitz"} & set(jobs) == again - {"gap"}
+    assert {"grid", "rollouts", "fresh", "borders", "scp", "lipschitz"} & set(jobs) == again - {"gap"}
     assert "gap" in jobs
 
 
@@ -163,9 +167,16 @@ def test_the_rule_graph_shows_the_road(project):
     done = project.snakemake("--rulegraph")
     names = dict(re.findall(r'(\d+)\[label = "(\w+)"', done.stdout))
     edges = {(names[a], names[b]) for a, b in re.findall(r"(\d+) -> (\d+)", done.stdout)}
-    road = ("grid", "rollouts", "scp", "gap", "synthesis", "validation", "report")
+    road = ("grid", "rollouts", "scp", "gap", "synthesis", "validation", "audit", "report")
     assert set(itertools.pairwise(road)) <= edges
-    assert {("rollouts", "lipschitz"), ("lipschitz", "gap"), ("fresh", "gap")} <= edges
+    assert {
+        ("rollouts", "lipschitz"),
+        ("lipschitz", "gap"),
+        ("fresh", "gap"),
+        ("rollouts", "audit"),
+        ("borders", "scp"),
+        ("borders", "gap"),
+    } <= edges
     assert not {("scp", "lipschitz"), ("lipschitz", "scp")} & edges
     commands = {command.name or command.callback.__name__ for command in app.registered_commands}
     for stage in road:
