@@ -11,8 +11,7 @@ from simgap.attack.seeds import worst_first
 from simgap.attack.share import share
 from simgap.gap.function import GapFunction
 from simgap.gap.points import Columns
-from simgap.gap.steps.samples import stacked, successors
-from simgap.gap.steps.tables import SEQUENCE, body_samples
+from simgap.gap.steps.tables import SEQUENCE, body_samples, stacked, successors
 from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Floats
 from simgap.plants.context import Context
