@@ -31,9 +31,9 @@ from simgap.synthesis.product import Kernel, image
 from simgap.synthesis.tables import reduced_cells
 
 Floats = NDArray[np.float64]
-LARGEST_FACTOR = 1e6
+LARGEST_FACTOR = 1e4
 """Factors are looked for up to here; a margin that reaches it is at least that."""
-RESOLUTION = 1e-3
+RESOLUTION = 2e-3
 """Relative accuracy of a margin, which is rounded down."""
 
 
@@ -143,7 +143,14 @@ def _grown(shape, n, table, lo, hi, by, size, header, work, spare):  # type: ign
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _largest(shape, n, table, lo, hi, by, best, most, header, work, spare):  # type: ignore[no-untyped-def]
-    """Largest size in (best, most] whose box fits, rounded down; `best` if none is larger by the resolution."""
+    """Largest size in (best, most] whose box fits, rounded down; `best` if none is larger by the resolution.
+
+    A `best` below 0 says that nothing is known to fit, not even the box itself.
+    """
+    if best < 0.0:
+        if not _fits(shape, n, table, lo, hi, header, work):
+            return best
+        best = 0.0
     step = max(best * (1.0 + RESOLUTION), most * 1e-9)
     if not _grown(shape, n, table, lo, hi, by, step, header, work, spare):
         return best
@@ -169,6 +176,7 @@ def _searcher(image_of_box: Kernel, gap: Kernel) -> Any:
         lo, hi, by = np.empty((count, n)), np.empty((count, n)), np.empty((count, n))
         box, ranges, low, high = np.empty((5, n)), np.empty((2, n)), np.empty(n), np.empty(n)
         work, spare, axis = np.empty(2 * n, np.int64), np.empty(2 * n), np.zeros(n)
+        liked = np.zeros(n + 1, np.int64)
         for r in range(cells.shape[0]):
             cell_box(cells[r], n, free, box[0], box[1])
             for m in range(count):
@@ -184,25 +192,25 @@ def _searcher(image_of_box: Kernel, gap: Kernel) -> Any:
                     flat += (cells[r, j] + rest[t, j]) * strides[j]
                 if not inside[flat]:
                     continue
-                for m in range(count):
-                    if not mask[flat, m >> 3] >> (m & 7) & 1:
-                        continue
-                    for j in range(n):
-                        shift = header[n + j] * rest[t, j]
-                        low[j], high[j] = lo[m, j] + shift, hi[m, j] + shift
-                    if not _fits(shape, n, table, low, high, header, work):
-                        continue
-                    if np.isnan(factor[flat]):
-                        factor[flat] = 1.0
-                        extra[flat, :] = 0.0
-                    args = (shape, n, table, low, high)
-                    more = (header, work, spare)
-                    most = LARGEST_FACTOR - 1.0
-                    factor[flat] = 1.0 + _largest(*args, by[m], factor[flat] - 1.0, most, *more)
-                    for j in range(n):
-                        axis[j] = 1.0
-                        width = header[n + j] * shape[0, j]
-                        extra[flat, j] = _largest(*args, axis, extra[flat, j], width, *more)
-                        axis[j] = 0.0
+                for q in range(n + 1):  # the factor, then each axis alone
+                    best = -1.0
+                    for turn in range(-1, count):
+                        m = liked[q] if turn < 0 else turn  # what served the last cell best rarely leaves more to find
+                        if (turn == liked[q]) or not mask[flat, m >> 3] >> (m & 7) & 1:
+                            continue
+                        for j in range(n):
+                            shift = header[n + j] * rest[t, j]
+                            low[j], high[j] = lo[m, j] + shift, hi[m, j] + shift
+                            axis[j] = by[m, j] if q == 0 else (1.0 if q - 1 == j else 0.0)
+                        most = LARGEST_FACTOR - 1.0 if q == 0 else header[n + q - 1] * shape[0, q - 1]
+                        found = _largest(shape, n, table, low, high, axis, best, most, header, work, spare)
+                        if found > best:
+                            best, liked[q] = found, m
+                        if best >= most:
+                            break
+                    if best >= 0.0 and q == 0:
+                        factor[flat] = 1.0 + best
+                    elif best >= 0.0:
+                        extra[flat, q - 1] = best
 
     return search
