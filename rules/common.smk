@@ -35,6 +35,7 @@ wildcard_constraints:
     state="[^/]+",
     shard="[0-9]+",
     kind="nominal|gap",
+    depth="audit|audit-deep",
 
 
 def base(name):

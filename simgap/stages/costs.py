@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from simgap.config.audit import AuditSection
 from simgap.config.case import Case
 from simgap.config.context import Context
 from simgap.errors import UserError
@@ -127,6 +128,11 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
             "validation", steps, "closed-loop steps" + " at most" * ends, START + steps * rollout, 2 * BYTES,
             "validation.starts", ends,
         )  # fmt: skip
+    if case.simulator is not None:
+        evaluations, attacked = (case.audit or AuditSection()).budget(case.hidden_state is not None)
+        asked = evaluations + attacked * (1 if case.hidden_state is not None else 1 + inputs // 4)
+        seconds = START + asked * rollout + PAIR * cells + attacked * inputs * PAIR
+        yield StageCost("audit", asked, "steps of an adversary", seconds, 2 * BYTES + 12.0 * cells, "audit.evaluations")
 
 
 def _inputs(case: Case) -> int:
