@@ -5,6 +5,7 @@
 #   snakemake --cores 2 paper                            what the paper's printed numbers allow
 #   snakemake --cores 2 full_table                       a robot's gap over every previous input (long)
 #   snakemake --cores 2 sensing                          the pendulum, measured with an error and a sample late
+#   snakemake --cores 2 sensing_robot                    the robot, measured with an error and a sample late
 #   snakemake --cores 2 mujoco                           the pendulum in another engine (extra `mujoco`)
 
 
@@ -24,6 +25,7 @@ localrules:
     all,
     full_table,
     sensing,
+    sensing_robot,
     mujoco,
 
 
@@ -47,6 +49,11 @@ rule full_table:
 rule sensing:
     input:
         pages("pendulum_sensing"),
+
+
+rule sensing_robot:
+    input:
+        pages("turtlebot_sensing"),
 
 
 rule mujoco:
