@@ -100,7 +100,7 @@ def transferable(search: Search, base: Fit, best: Explanation, trial: Trial, mos
     pool = [
         e for size in range(1, most + 1) for e in _best(wider, size, SETS_JUDGED) if e.fit.converged and _plausible(e)
     ]
-    shares = _shares(pool, base, trial, wider.steps)
+    shares = _both_ways(pool, base, trial, wider.steps)
     ranked = sorted(((s / SIMPLER_SHARE**e.count, e) for s, e in zip(shares, pool, strict=True)), key=lambda it: it[0])
     worth = independent_share(search.problem, best.fit)
     chosen, least, rivals = None, np.inf, []
@@ -116,6 +116,18 @@ def transferable(search: Search, base: Fit, best: Explanation, trial: Trial, mos
         return Carried(wider, chosen, tuple(rivals), True)
     real_ones = [e for _, e in ranked if not vanished(search, e, False)]
     return Carried(wider, real_ones[0], (), False) if real_ones else None
+
+
+def _both_ways(pool: Sequence[Explanation], base: Fit, trial: Trial, steps: dict[int, float]) -> list[float]:
+    """`_shares`; where the folds are traces of their own, RMS with that of the folds in each other's role.
+
+    Of two runs one may swing wider: what is fitted there and carries to the smaller need not carry back.
+    """
+    there = _shares(pool, base, trial, steps)
+    if np.isin(trial.fit.windows.trace, trial.choose.windows.trace).any():
+        return there
+    back = _shares(pool, base, Trial(trial.choose, trial.fit, trial.horizon_s), steps)
+    return [float(np.hypot(a, b) / np.sqrt(2.0)) for a, b in zip(there, back, strict=True)]
 
 
 def _shares(pool: Sequence[Explanation], base: Fit, trial: Trial, steps: dict[int, float]) -> list[float]:
