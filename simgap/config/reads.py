@@ -29,11 +29,12 @@ _JUDGED = ("synthesis.specification", *_TOLERATED)
 _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
-    "grid": ("name", "plant.states", "plant.inputs", "domain.X", "domain.U", "hidden_state.previous"),
+    "grid": ("name", "plant.states", "plant.inputs", "domain.X", "domain.U", "hidden_state.previous",
+        "hidden_state.classes"),  # fmt: skip
     "rollouts": (*_SIMULATED, "grid.shards", *_HISTORIES),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
-    "scp": (*_MODEL, *_FIT, *_COUNTED),
+    "scp": (*_MODEL, *_FIT, *_COUNTED, "hidden_state.classes"),
     "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, *_COUNTED),
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),

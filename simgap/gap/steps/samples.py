@@ -11,6 +11,7 @@ from simgap.config.pose import pose_axes
 from simgap.errors import UserError
 from simgap.gap.pairs import product
 from simgap.gap.points import Columns, Points, radius
+from simgap.gap.previous import PreviousClasses
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.steps.tables import AFTER_PREVIOUS, HISTORY, SEQUENCE, body_samples
 from simgap.gap.symmetry import nominal_motion
@@ -131,6 +132,19 @@ def check_histories(context: Context, points: Points, shards: Sequence[Columns])
 def steps_of(context: Context, shards: Sequence[Columns], part: str) -> BodySamples:
     """The steps of one part of a robot's shards, in order."""
     return joined([body_samples(context.case, rolled, part) for rolled in shards])
+
+
+def previous_classes(context: Context) -> PreviousClasses:
+    """The classes of the previous input that the case names.
+
+    Raises:
+        UserError: a class count for something that is no input, or more classes than values.
+    """
+    hidden = context.need(context.case.hidden_state, "hidden_state")
+    unknown = [name for name in hidden.classes if name not in context.inputs]
+    if unknown:
+        raise UserError(f"{unknown} are not inputs", key="hidden_state.classes", remedy=f"They are {context.inputs}.")
+    return PreviousClasses.of(context.input_set, [hidden.classes.get(name, 1) for name in context.inputs])
 
 
 def motion_of(context: Context) -> Floats:

@@ -9,7 +9,7 @@ from simgap.gap.dimension_fit import DimensionFit, fit_dimension
 from simgap.gap.hidden_fit import HullFit, fit_hull
 from simgap.gap.points import Columns, Points, remembers
 from simgap.gap.settings import GapSettings
-from simgap.gap.steps.samples import check_histories, dimension_samples, motion_of, steps_of
+from simgap.gap.steps.samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of
 from simgap.gap.steps.tables import AFTER_PREVIOUS, SEQUENCE
 from simgap.plants.context import Context
 
@@ -23,6 +23,6 @@ def scp(context: Context, points: Points, shards: Sequence[Columns], i: int) -> 
     if remembers(context.case):
         check_histories(context, points, shards)
         grid, sequences = steps_of(context, shards, AFTER_PREVIOUS), steps_of(context, shards, SEQUENCE)
-        return fit_hull(i, motion_of(context), grid, sequences, pose_axes(context))
+        return fit_hull(i, motion_of(context), grid, sequences, pose_axes(context), previous_classes(context))
     section = context.need(context.case.gap, "gap")
     return fit_dimension(dimension_samples(context, points, shards, i), GapSettings.of(section))
