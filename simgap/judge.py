@@ -100,18 +100,16 @@ class Judge:
 def strays(certificate: Solution, run: Run) -> int:
     """Steps of a run after which it is not where the certificate says.
 
-    Towards a target: the level at what is measured falls with every step, and stays 0 once it is. To stay: the state
-    is in a winning cell. A controller that remembers the pending input has no such set of states: it is held by having
-    an input at every sample, without which a run is stuck.
+    Towards a target: the level at what is measured and pending falls with every step, and stays 0 once it is. To stay:
+    the state is in a winning cell. A controller that remembers the pending input has no such set of states: it is held
+    by having an input at every sample, without which a run is stuck.
     """
-    if certificate.memory > 1:
-        return 0
     grid, value = certificate.grid, certificate.value
     if value is None:
         cells = grid.index(run.x)
-        return int((~np.where(cells >= 0, certificate.winning[cells], False))[1:].sum())
-    cells = grid.index(run.seen)
-    levels = np.where(cells >= 0, value[cells], -1)
+        lost = ~np.where(cells >= 0, certificate.winning[cells], False)
+        return 0 if certificate.late else int(lost[1:].sum())
+    levels = certificate.levels(run.seen, run.memory)
     before, after = levels[:-1], levels[1:]
     kept = (after >= 0) & ((after < before) | ((before == 0) & (after == 0)))
     return int((~kept).sum())

@@ -85,3 +85,15 @@ def test_a_held_target_is_never_left():
     solution = corridor([5, 4, 3, 2, 0, 0])
     assert strays(solution, along([3.5, 4.5, 5.5, 4.5], [1, 1, 0])) == 0
     assert strays(solution, along([3.5, 4.5, 3.5, 4.5], [1, 0, 1])) == 1
+
+
+def test_levels_are_those_of_the_cell_and_the_pending_input():
+    value = np.array([[5, 3], [4, 2], [3, 1], [2, 1], [1, 1], [0, 0]], np.int32)
+    mask = np.where(value > 0, 3, 0).astype(np.uint8).reshape(-1, 1)
+    nodes = value.reshape(-1)
+    late = Solution(GRID, value[:, 0] >= 0, mask, np.ones(6, bool), nodes, nodes == 0, 2, {}, 0, True)
+    run = along([1.5, 2.5, 3.5], [1, 1])
+    falls = Run(run.x, run.inputs, False, run.x, run.clearance, np.array([0, 0, 1]))  # 4, 3, 1
+    climbs = Run(run.x, run.inputs, False, run.x, run.clearance, np.array([1, 0, 0]))  # 2, 3, 2
+    assert (strays(late, falls), strays(late, climbs)) == (0, 1)
+    assert late.levels(run.x[:1]).tolist() == [4]

@@ -57,7 +57,8 @@ def draw_starts(controller: Controller, count: int, seed: int) -> Floats:
     """
     rng = np.random.default_rng(seed)
     solution, grid = controller.solution, controller.grid
-    moving = solution.winning if solution.target is None else solution.winning & (~solution.target | solution.served)
+    ends = np.zeros(grid.size, np.bool_) if solution.target is None else solution.at_first(solution.target)
+    moving = solution.winning & (~ends | solution.at_first(solution.served))
     cells = rng.choice(np.flatnonzero(moving), count)
     place = rng.uniform(-0.999, 0.999, (count, grid.box.size))
     corner = np.where(rng.integers(0, 2, place.shape), 1.0, -1.0)
