@@ -29,8 +29,15 @@ _JUDGED = ("synthesis.specification", *_TOLERATED)
 _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
-    "grid": ("name", "plant.states", "plant.inputs", "domain.X", "domain.U", "hidden_state.previous",
-        "hidden_state.classes"),  # fmt: skip
+    "grid": (
+        "name",
+        "plant.states",
+        "plant.inputs",
+        "domain.X",
+        "domain.U",
+        "hidden_state.previous",
+        "hidden_state.classes",
+    ),
     "rollouts": (*_SIMULATED, "grid.shards", *_HISTORIES),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),

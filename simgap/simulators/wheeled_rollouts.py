@@ -80,7 +80,7 @@ def repeated_histories(
 
 @contextmanager
 def last_steps_of(case: Case, folder: Path, inputs: Floats) -> Iterator[Callable[[Ints, Floats], BodySamples]]:
-    """A function of sequences of input numbers (n, L) and headings (n,): the last step of each, run from rest, n rows."""
+    """A function of sequences of input numbers (n, L) and headings (n,): the last step of each, run from rest."""
     with _robot(case, folder) as robot:
 
         def last_steps(sequences: Ints, headings: Floats) -> BodySamples:
