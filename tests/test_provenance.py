@@ -89,6 +89,9 @@ def test_sections_are_narrow(vary):
     assert not {"rollouts", "fresh", "rig"} & {stage for stage in READS if base[stage] != changed[stage]}
 
 
+FRICTION = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.01}}]
+
+
 @pytest.mark.parametrize(
     ("changes", "again"),
     [
@@ -99,12 +102,14 @@ def test_sections_are_narrow(vary):
         ({"gap.lipschitz": {"rough_limit": 0.2}}, {"gap"}),
         ({"gap.tolerated_probability": 0.01}, {"gap", "validation"}),
         ({"grid.eps": 0.1}, {"report"}),  # another point, whose files have other names
-        ({"plant.integrator": "rk4"}, {"scp", "lipschitz", "gap"}),
-        ({"domain.X.x1": [-0.1, 0.2]}, {"grid", "rollouts", "fresh", "scp", "lipschitz", "gap"}),
+        ({"plant.integrator": "rk4"}, {"borders", "scp", "lipschitz", "gap"}),
+        ({"domain.X.x1": [-0.1, 0.2]}, {"grid", "rollouts", "fresh", "borders", "scp", "lipschitz", "gap"}),
+        ({"simulator.substeps": 2}, {"rollouts", "fresh", "borders", "gap"}),
+        ({"simulator.effects": FRICTION}, {"rollouts", "fresh", "borders", "scp", "gap"}),
     ],
 )
 def test_each_stage_of_the_bound_reads_its_own_keys(vary, changes, again):
-    road = {"grid", "rollouts", "fresh", "scp", "lipschitz", "gap", "validation", "report"}
+    road = {"grid", "rollouts", "fresh", "borders", "scp", "lipschitz", "gap", "validation", "report"}
     assert {stage for stage in road if _digests(vary, {})[stage] != _digests(vary, changes)[stage]} >= again
     bound = road - {"validation", "report"}
     assert {s for s in bound if _digests(vary, {})[s] != _digests(vary, changes)[s]} == again & bound

@@ -29,6 +29,7 @@ _JUDGED = ("synthesis.specification", *_TOLERATED)
 _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
+    "check": (*_WHOLE, "budget"),
     "grid": (
         "name",
         "plant.states",
@@ -40,8 +41,9 @@ READS: Mapping[str, tuple[str, ...]] = {
     ),
     "rollouts": (*_SIMULATED, "grid.shards", *_HISTORIES),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
+    "borders": (*_SIMULATED, "plant", "gap.seed", "hidden_state"),
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
-    "scp": (*_MODEL, *_FIT, *_COUNTED, "hidden_state.classes"),
+    "scp": (*_MODEL, *_FIT, *_COUNTED, "hidden_state.classes", "simulator.effects", "simulator.urdf"),  # switching
     "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, *_COUNTED),
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),

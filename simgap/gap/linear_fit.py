@@ -18,7 +18,7 @@ from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import PaddedSide, SideFit, padded
-from simgap.gap.tiers import Tier, deterministic_tier, estimate_tier
+from simgap.gap.tiers import Tier, deterministic_tier, directed_words, estimate_tier
 
 Sides = dict[str, PaddedSide]
 
@@ -75,10 +75,18 @@ def fit_linear(samples: DimensionSamples, settings: GapSettings) -> LinearFit:
     design, blank = Design(basis, where.grid.centres(), where.inputs), blank_form(basis, where)
     upper, lower = samples.side(upper=True), samples.side(upper=False)
     asked = {"upper": [upper], "lower": [lower]} if settings.signed else {"both": [upper, lower]}
+    own = samples.directed
+    beside = {"upper": (True,), "lower": (False,), "both": (True, False)}
     fits = {
-        name: fit_side(SideProblem(design, targets, where.grid, where.free, samples.floor, blank), settings)
+        name: fit_side(
+            SideProblem(
+                design, targets, where.grid, where.free, samples.floor, blank, own,
+                [own.side(up) for up in beside[name]] if own is not None else (),
+            ),
+            settings,
+        )
         for name, targets in asked.items()
-    }
+    }  # fmt: skip
     return LinearFit(basis.terms, fits)
 
 
@@ -132,4 +140,7 @@ def _tiers(
             f"{n}: {max(s.padding for s in own.values()):.3g}" for n, own in zip(where.states, sides, strict=True)
         )
         extra = f"The padding uses the local slopes in each cell, less those of the fit; at most {pads}."
-    return deterministic_tier(settings.padding), estimate_tier(where.states, used, rough, extra)
+    directed = max(s.fit.directed for own in sides for s in own.values())
+    factors = [max(s.fit.factor for s in own.values()) for own in sides]
+    beside = directed_words(where.states, directed, factors)
+    return deterministic_tier(settings.padding), estimate_tier(where.states, used, rough, f"{extra} {beside}".strip())

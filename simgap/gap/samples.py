@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.gap.function import GapDomain
@@ -49,8 +50,35 @@ class SampleGrid:
 
 
 @dataclass(frozen=True, eq=False)
+class Directed:
+    """The gap of one dimension on borders of X and beside switching surfaces, where cell centres never lie.
+
+    Attributes:
+        x: (E, nx). fixed: (E, nx), which coordinates a border or a surface fixes.
+        lower, upper: (E, M), ends of the gap; equal where nothing spreads it.
+
+    Raises:
+        UserError: for shapes that do not fit or values that are not finite.
+    """
+
+    x: Floats
+    fixed: NDArray[np.bool_]
+    lower: Floats
+    upper: Floats
+
+    def __post_init__(self) -> None:
+        _check((len(self.x), self.lower.shape[-1]), {"on borders": self.lower, "on borders, upper": self.upper})
+
+    def side(self, upper: bool) -> Floats:
+        """(E, M) what one side has to cover: the upper end for `hi`, minus the lower one for `-lo`."""
+        return self.upper if upper else -self.lower
+
+
+@dataclass(frozen=True, eq=False)
 class DimensionSamples:
     """The signed gap of one dimension: d (N, M), and d_upper where hidden states of the simulator spread it.
+
+    `directed` are samples beside those of the grid.
 
     Raises:
         UserError: for shapes that do not fit or values that are not finite.
@@ -60,6 +88,7 @@ class DimensionSamples:
     i: int
     d: Floats
     d_upper: Floats | None = None
+    directed: Directed | None = None
 
     def __post_init__(self) -> None:
         _check((self.where.grid.size, len(self.where.inputs)), {"d": self.d, "d_upper": self.d_upper})
@@ -93,6 +122,7 @@ class GapSamples:
         grid, inputs, states, input_names, free: see `SampleGrid`.
         d: (N, M, nx). d_upper: the same shape where hidden states of the simulator spread the gap
             (then [d, d_upper] is its range), else None.
+        directed: for each dimension, samples beside those of the grid; none if empty.
 
     Raises:
         UserError: for shapes that do not fit or values that are not finite.
@@ -105,6 +135,7 @@ class GapSamples:
     input_names: tuple[str, ...]
     d_upper: Floats | None = None
     free: tuple[int, ...] = ()
+    directed: tuple[Directed, ...] = ()
 
     def __post_init__(self) -> None:
         shape = (self.grid.size, len(self.inputs), self.grid.box.size)
@@ -118,7 +149,7 @@ class GapSamples:
     def dimension(self, i: int) -> DimensionSamples:
         """The samples of one dimension."""
         upper = None if self.d_upper is None else self.d_upper[:, :, i]
-        return DimensionSamples(self.where, i, self.d[:, :, i], upper)
+        return DimensionSamples(self.where, i, self.d[:, :, i], upper, self.directed[i] if self.directed else None)
 
 
 def _check(shape: tuple[int, ...], given: dict[str, Floats | None]) -> None:
