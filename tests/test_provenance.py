@@ -12,6 +12,7 @@ from simgap.config.load import load_case
 from simgap.config.reads import READS
 from simgap.provenance import closure, code_digest, sections_digest, versions
 
+WHOLE = {"check", "diagnosis"}  # stages that read every key
 ENGINE = """
 from simgap.simulators.base import Engine
 from simgap.config.simulator import EngineSection
@@ -80,11 +81,11 @@ def test_the_closure_is_what_the_sources_say():
 
 def test_sections_are_narrow(vary):
     base = _digests(vary, {})
-    # the diagnosis copies the whole case into the corrected one, so it reads all of it
+    # a check looks at the whole case, and the diagnosis copies it into the corrected one
     changed = _digests(vary, {"synthesis.cells": [10, 10]})
-    assert {stage for stage in READS if base[stage] != changed[stage]} == {"synthesis", "diagnosis"}
+    assert {stage for stage in READS if base[stage] != changed[stage]} == {"synthesis", *WHOLE}
     changed = _digests(vary, {"validation.seed": 9})
-    assert {stage for stage in READS if base[stage] != changed[stage]} == {"validation", "diagnosis"}
+    assert {stage for stage in READS if base[stage] != changed[stage]} == {"validation", *WHOLE}
     changed = _digests(vary, {"plant.integrator": "rk4"})
     assert not {"rollouts", "fresh", "rig"} & {stage for stage in READS if base[stage] != changed[stage]}
 
@@ -117,7 +118,7 @@ def test_each_stage_of_the_bound_reads_its_own_keys(vary, changes, again):
 
 def test_which_padding_it_is_matters_to_the_program_where_it_is_inflate(vary):
     per_axis, paper = (_digests(vary, {"gap.padding": name}) for name in ("per_axis", "paper"))
-    assert {stage for stage in READS if per_axis[stage] != paper[stage]} == {"gap", "diagnosis"}
+    assert {stage for stage in READS if per_axis[stage] != paper[stage]} == {"gap", *WHOLE}
 
 
 def _digests(vary, changes):

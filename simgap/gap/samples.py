@@ -20,6 +20,7 @@ class SampleGrid:
     Attributes:
         grid: N cells that tile X; inputs: (M, nu); states, input_names: names in order.
         free: state axes on which the gap does not depend by a declared symmetry.
+        periodic: state axes along which it repeats itself with the width of X.
     """
 
     grid: Grid
@@ -27,11 +28,12 @@ class SampleGrid:
     states: tuple[str, ...]
     input_names: tuple[str, ...]
     free: tuple[int, ...] = ()
+    periodic: tuple[int, ...] = ()
 
     @property
     def domain(self) -> GapDomain:
         """X and U with their names."""
-        return GapDomain(self.states, self.input_names, self.grid.box, self.inputs, self.free)
+        return GapDomain(self.states, self.input_names, self.grid.box, self.inputs, self.free, self.periodic)
 
     @property
     def size(self) -> int:
@@ -119,7 +121,7 @@ class GapSamples:
     """The signed gap d = simulator - nominal at the cell centres of `grid` for every input.
 
     Attributes:
-        grid, inputs, states, input_names, free: see `SampleGrid`.
+        grid, inputs, states, input_names, free, periodic: see `SampleGrid`.
         d: (N, M, nx). d_upper: the same shape where hidden states of the simulator spread the gap
             (then [d, d_upper] is its range), else None.
         directed: for each dimension, samples beside those of the grid; none if empty.
@@ -135,6 +137,7 @@ class GapSamples:
     input_names: tuple[str, ...]
     d_upper: Floats | None = None
     free: tuple[int, ...] = ()
+    periodic: tuple[int, ...] = ()
     directed: tuple[Directed, ...] = ()
 
     def __post_init__(self) -> None:
@@ -144,7 +147,7 @@ class GapSamples:
     @cached_property
     def where(self) -> SampleGrid:
         """The samples without their values."""
-        return SampleGrid(self.grid, self.inputs, self.states, self.input_names, self.free)
+        return SampleGrid(self.grid, self.inputs, self.states, self.input_names, self.free, self.periodic)
 
     def dimension(self, i: int) -> DimensionSamples:
         """The samples of one dimension."""

@@ -70,7 +70,8 @@ def hidden_bound(
 def _robot(context: Context, hidden: HiddenStateSection, motion: Floats) -> Robot:
     pose = pose_axes(context)
     free = tuple(sorted(pose[:2]))
-    domain = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set, free)
+    names = tuple(context.states), tuple(context.inputs)
+    domain = GapDomain(*names, context.box, context.input_set, free, context.periodic)
     simulator = context.need(context.case.simulator, "simulator")
     between = simulator.between_poses(context.domain.tau, context.case.plant.gravity)
     return Robot(domain, motion, between, hidden.growth, previous_classes(context), pose)

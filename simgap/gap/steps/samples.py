@@ -47,7 +47,7 @@ def sample_grid(context: Context, points: Points) -> SampleGrid:
     same = points.states.shape == (grid.size, grid.box.size) and np.array_equal(points.inputs, context.input_set)
     if not same or not np.array_equal(points.states, grid.centres()):
         raise UserError("the grid was made for another case", remedy="Run the grid stage again, and those after it.")
-    return SampleGrid(grid, points.inputs, tuple(context.states), tuple(context.inputs))
+    return SampleGrid(grid, points.inputs, tuple(context.states), tuple(context.inputs), periodic=context.periodic)
 
 
 def dimension_samples(context: Context, points: Points, shards: Sequence[Columns], i: int) -> DimensionSamples:
