@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.previous import intervals
-from simgap.gap.thresholds import BEYOND_CONFIDENCE
+from simgap.gap.thresholds import BEYOND_CONFIDENCE, SMALL_INFLUENCE
 from simgap.geometry import Floats
 from simgap.simulators.body_samples import Ints
 
@@ -79,20 +79,21 @@ def check_fading(memory: Floats, size: Floats, states: Sequence[str], growth: fl
         size: (nx,) sup of the gap.
         states: names.
         growth: share of it that counts as lost.
-        noise: (nx,) by how much equal histories differ (contacts, headings): a rise within it is none.
+        noise: (nx,) by how much equal histories differ (contacts, headings): a rise within it is none, nor is one
+            within `SMALL_INFLUENCE` of the sup.
 
     Raises:
         BrokenPromise: naming the state and both numbers.
     """
     if len(memory) < 2:
         return
-    for name, influence, floor in zip(states, memory.T, noise, strict=True):
+    for name, influence, floor in zip(states, memory.T, np.maximum(noise, SMALL_INFLUENCE * size), strict=True):
         for age, (before, now) in enumerate(itertools.pairwise(influence.tolist()), 1):
             if now > max(before, floor):
                 raise BrokenPromise(
                     f"the influence of earlier inputs on {name} does not fall with their age: inputs more than {age} "
-                    f"samples back move it by {before:.3g}, more than {age + 1} back by {now:.3g}, and equal histories "
-                    f"differ by no more than {floor:.3g}",
+                    f"samples back move it by {before:.3g}, more than {age + 1} back by {now:.3g}; up to {floor:.3g} "
+                    "is what equal histories differ by, or negligible",
                     "The engine keeps or makes up more than inputs explain: let its contacts settle "
                     "(simulator.solver_iterations, simulator.substeps), or repeat more histories (symmetry.histories)",
                 )
