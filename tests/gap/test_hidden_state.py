@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.fresh_check import check_sequences
+from simgap.gap.acceptance import confirmed
+from simgap.gap.fresh_check import FreshCheck, check_sequences
 from simgap.gap.function import GapDomain
 from simgap.gap.hidden_bound import Robot, assemble_hulls
 from simgap.gap.hidden_fit import HistoryInfluence, HullFit, fit_hull
@@ -22,6 +23,7 @@ from simgap.gap.hidden_state import (
 )
 from simgap.gap.load import from_json
 from simgap.gap.previous import PreviousClasses
+from simgap.gap.tiers import Tier, deterministic_tier
 from simgap.geometry import Box
 from simgap.simulators.body_samples import REST, BodySamples
 
@@ -246,3 +248,15 @@ def test_sequences_are_counted_not_their_steps():
     path = check_sequences(np.full((20, 3), -1.0), excess[:, 2], np.arange(0, 20, 5), STATES)
     assert path.violations == 1
     assert path.worst["path"] == 0.5
+
+
+def test_no_tier_says_every_state_beside_violations():
+    tiers = [deterministic_tier("inflate"), Tier(2, "An estimate.")]
+    clean = FreshCheck(100, 0, {"x": 0}, {"x": 0.0}, 0.03, 0.95)
+    broken = FreshCheck(100, 2, {"x": 2}, {"x": 0.25}, 0.06, 0.95)
+    assert confirmed(tiers, clean) == tiers
+    stated = confirmed(tiers, broken)
+    assert "does not hold at every state: 2 of 100" in stated[0].text
+    assert "0.25 for x" in stated[0].text
+    assert all(tier.level != 1 for tier in stated)
+    assert stated[1:] == tiers[1:]

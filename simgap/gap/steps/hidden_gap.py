@@ -14,7 +14,7 @@ from simgap.config.case import Case
 from simgap.config.pose import pose_axes
 from simgap.config.wheeled import HiddenStateSection
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.acceptance import tolerate
+from simgap.gap.acceptance import confirmed, tolerate
 from simgap.gap.fresh_check import FreshCheck, check_sequences
 from simgap.gap.function import GapDomain
 from simgap.gap.hidden_bound import HiddenStateFit, Robot, assemble_hulls
@@ -112,7 +112,7 @@ def _content(
 ) -> dict[str, Any]:
     hidden = context.need(context.case.hidden_state, "hidden_state")
     tried = [] if again is None else [_attacked(again)]
-    function = fit.gap.with_tiers([*fit.gap.tiers, *tried, check.tier])
+    function = fit.gap.with_tiers([*confirmed(fit.gap.tiers, check), *tried, check.tier])
     lower, upper = fit.gap.class_lower, fit.gap.class_upper
     size, width = np.maximum(np.abs(lower), np.abs(upper)), upper - lower
     suprema = function.sup()
