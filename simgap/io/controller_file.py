@@ -91,8 +91,7 @@ def load_controller(path: Path | str) -> Controller:
         OSError,
         EOFError,
         MemoryError,  # a damaged header may ask for any size
-        NotImplementedError,
-        RecursionError,
+        RuntimeError,  # a flag that says encrypted or compressed some other way; a recursion without end
         zipfile.BadZipFile,
         zlib.error,
     ) as error:

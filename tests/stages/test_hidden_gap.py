@@ -23,6 +23,8 @@ SMALL = {
     "hidden_state.chain_length": 500,
     "hidden_state.search": 0,  # nothing was simulated, so there is no engine to search
     "symmetry.histories": 5,
+    "symmetry.tolerance": {"x": 0.02, "y": 0.02, "theta": 0.05},
+    "hidden_state.classes": {},
 }
 
 
