@@ -47,6 +47,8 @@ def report(
     corrected_nominal: Annotated[Path | None, typer.Option(help="Its controller for the nominal model.")] = None,
     corrected_robust: Annotated[Path | None, typer.Option(help="Its controller for the model with its gap.")] = None,
     printed: Annotated[Path | None, typer.Option(help="Values that the paper prints (YAML).")] = None,
+    audit: Annotated[Path | None, typer.Option(help="audit.json")] = None,
+    margins: Annotated[Path | None, typer.Option(help="Margins of every cell (Parquet).")] = None,
     log: Log = None,
 ) -> None:
     """Write the page of a case: pictures, tables and what the guarantee rests on."""
@@ -56,7 +58,9 @@ def report(
     controllers, syntheses = stage.by_kind(nominal, robust), stage.by_kind(nominal_summary, robust_summary)
     measured = stage.Measured(diagnosis, transitions) if diagnosis is not None else None
     later = stage.corrected_files(corrected, corrected_gap, corrected_summary, corrected_nominal, corrected_robust)
-    given = stage.Inputs(gaps, samples, controllers, syntheses, validation, traces, measured, later, printed)
+    given = stage.Inputs(
+        gaps, samples, controllers, syntheses, validation, traces, measured, later, printed, audit, margins
+    )
     stage.run(case, given, out, summary)
 
 

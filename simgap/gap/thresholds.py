@@ -21,3 +21,9 @@ BEYOND_CONFIDENCE = 0.95
 SMALL_INFLUENCE = 0.005
 """Share of the gap's sup below which a rise of the influence of older inputs with their age is no finding: the largest
 of some hundreds of differences is only known that well. An engine that lost contacts rose by a fiftieth."""
+
+MOST_BORDER_STATES = 50_000
+"""States that are listed on borders and beside surfaces at most; a lattice with more is thinned."""
+
+CHECK_LEVELS = 40
+"""Of the random lattice of states on borders that check a bound, along each axis: 160 states on faces in the plane."""
