@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.attack.memory import stepped
 from simgap.geometry import Floats
 from simgap.specifications.solution import Solution
 from simgap.synthesis.bits import unpack
@@ -62,15 +63,13 @@ class Law:
         """The memory of `count` runs before their first sample."""
         return np.full(count, self.solution.first, dtype=np.int64)
 
-    def pending(self, memory: Ints) -> Ints:
-        """Which inputs act at present where they act late: memories (n,) -> (n,)."""
-        kind = self.solution.kind
-        return memory if kind is None else memory // (int(kind.max()) + 1)
+    def acting(self, memory: Ints, last: Ints) -> Ints:
+        """The input that acts now whatever is chosen, where inputs are late; else the `last` one, (n,) each."""
+        return self.applied(memory, np.zeros_like(memory))[0] if self.solution.late else last
 
     def applied(self, memory: Ints, decided: Ints) -> tuple[Ints, Ints]:
         """Which inputs act now, and the memory afterwards: (n,), (n,) -> (n,), (n,)."""
-        applied, after = self.solution.step(memory, decided)
-        return np.asarray(applied), np.asarray(after)
+        return stepped(self.solution, memory, decided)
 
     def options(self, x: Floats, memory: Ints) -> Options:
         """At true states (n, nx) and memories (n,)."""
