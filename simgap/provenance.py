@@ -55,10 +55,16 @@ def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
 
 
 def sections_of(stage: str, case: Case) -> tuple[str, ...]:
-    """What a stage reads of a case: an engine that is not simgap's is given the case, and may read all of the plant."""
+    """What a stage reads of a case: an engine that is not simgap's is given the case, and may read all of the plant.
+
+    Equations may be those of the plant.
+    """
     engine = getattr(case.simulator, "engine", None)
-    foreign = engine is not None and engine not in plugins.BUILT_IN["engines"]
-    return (*READS[stage], "plant") if foreign and "simulator" in READS[stage] else READS[stage]
+    if engine is None or "simulator" not in READS[stage]:
+        return READS[stage]
+    if engine == "equations":
+        return (*READS[stage], "plant.symbolic")
+    return READS[stage] if engine in plugins.BUILT_IN["engines"] else (*READS[stage], "plant")
 
 
 def file_digest(path: Path) -> str:

@@ -15,7 +15,7 @@ from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import deterministic_tier, estimate_tier
+from simgap.gap.tiers import guarantee
 from simgap.geometry import Floats, Grid
 
 
@@ -92,8 +92,8 @@ def blocks_gap(
     rough = [
         fit.rough_share if inflated else known.grid.rough_share for fit, known in zip(fits, lipschitz, strict=True)
     ]
-    used = [known.grid.constants for known in lipschitz]
-    tiers = deterministic_tier("inflate" if inflated else "cells"), estimate_tier(where.states, used, rough)
+    used = [known.grid for known in lipschitz]
+    tiers = guarantee("inflate" if inflated else "cells", where.states, used, rough)
     return CellGap(where.domain, tiers, edges, nodes, lower, upper, np.zeros((nx, nx)))
 
 
@@ -107,13 +107,13 @@ def _reach(where: SampleGrid, settings: GapSettings, known: DimensionLipschitz) 
 
 def _locally_padded(samples: DimensionSamples, settings: GapSettings, up: bool) -> tuple[Floats, float]:
     """(N, M) target of one side, with its local padding if that is the case's, and the share of rough cells."""
-    from simgap.gap.lipschitz.local import LocalPadding
+    from simgap.gap.padding import local_padding
 
-    target = samples.side(up)
     if settings.padding != "inflate":
-        return target, 0.0
-    pad, share = LocalPadding(target, samples.where.grid, samples.where.free, samples.floor).of_target()
-    return target + pad, share
+        return samples.side(up), 0.0
+    local = local_padding(samples, up)
+    pad, share = local.of_target()
+    return local.target + pad, share
 
 
 def _counts(where: SampleGrid, settings: GapSettings) -> tuple[tuple[int, ...], bool]:

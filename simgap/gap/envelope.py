@@ -16,7 +16,7 @@ from simgap.gap.cells import CellGap
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import Tier, deterministic_tier, estimate_tier
+from simgap.gap.tiers import guarantee
 from simgap.geometry import Floats
 
 
@@ -65,7 +65,7 @@ def envelope_gap(
     edges = tuple(np.concatenate([[lo], e, [hi]]) for lo, e, hi in ends)
     slopes = np.stack([known.grid.constants for known in lipschitz])
     rough = [known.grid.rough_share for known in lipschitz]
-    tiers: tuple[Tier, ...] = (deterministic_tier("cells"), estimate_tier(where.states, list(slopes), rough))
+    tiers = guarantee("cells", where.states, [known.grid for known in lipschitz], rough)
     lower, upper = (np.stack([getattr(fit, side) for fit in fits], axis=-1) for side in ("lower", "upper"))
     return CellGap(where.domain, tiers, edges, nodes, lower, upper, slopes)
 

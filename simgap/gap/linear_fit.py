@@ -18,7 +18,7 @@ from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import PaddedSide, SideFit, padded
-from simgap.gap.tiers import Tier, deterministic_tier, estimate_tier
+from simgap.gap.tiers import Tier, guarantee
 
 Sides = dict[str, PaddedSide]
 
@@ -68,15 +68,15 @@ def blank_form(basis: Basis, where: SampleGrid) -> Form:
 
 def fit_linear(samples: DimensionSamples, settings: GapSettings) -> LinearFit:
     """Solve the scenario programs of one dimension: two sides, or one for both."""
-    from simgap.gap.padding import SideProblem, fit_side
+    from simgap.gap.padding import SideProblem, fit_side, local_padding
 
     where = samples.where
     basis = basis_of(where, settings)
     design, blank = Design(basis, where.grid.centres(), where.inputs), blank_form(basis, where)
-    upper, lower = samples.side(upper=True), samples.side(upper=False)
+    upper, lower = local_padding(samples, upper=True), local_padding(samples, upper=False)
     asked = {"upper": [upper], "lower": [lower]} if settings.signed else {"both": [upper, lower]}
     fits = {
-        name: fit_side(SideProblem(design, targets, where.grid, where.free, samples.floor, blank), settings)
+        name: fit_side(SideProblem(design, targets, samples.floor, blank), settings)
         for name, targets in asked.items()
     }
     return LinearFit(basis.terms, fits)
@@ -125,11 +125,10 @@ def _tiers(
     where: SampleGrid, settings: GapSettings, lipschitz: Sequence[DimensionLipschitz], sides: Sequence[Sides]
 ) -> tuple[Tier, ...]:
     rough = [max(s.rough_share for s in own.values()) for own in sides]
-    used = [known.grid.constants for known in lipschitz]
     extra = ""
     if settings.padding == "inflate":
         pads = "; ".join(
             f"{n}: {max(s.padding for s in own.values()):.3g}" for n, own in zip(where.states, sides, strict=True)
         )
         extra = f"The padding uses the local slopes in each cell, less those of the fit; at most {pads}."
-    return deterministic_tier(settings.padding), estimate_tier(where.states, used, rough, extra)
+    return guarantee(settings.padding, where.states, [known.grid for known in lipschitz], rough, extra)

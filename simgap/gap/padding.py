@@ -14,46 +14,82 @@ residual, from the samples themselves. The other two never enter the program and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from simgap.gap.design import Design
 from simgap.gap.forms import Form
+from simgap.gap.lipschitz.enclosed import EnclosedPadding
 from simgap.gap.lipschitz.local import LocalPadding
+from simgap.gap.samples import DimensionSamples
 from simgap.gap.scenario import solve_scenario
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import SideFit, numerical, with_coefficients
-from simgap.geometry import Floats, Grid
+from simgap.geometry import Floats
 
 _PASSES = 5
 
 
 @dataclass(frozen=True, eq=False)
 class SideProblem:
-    """What one side needs: targets [(N, M), ...] that q.p must cover, and where they were sampled."""
+    """What one side needs: targets that q.p must cover, each with its local paddings."""
 
     design: Design
-    targets: Sequence[Floats]
-    grid: Grid
-    free: tuple[int, ...]
+    local: Sequence[TargetPadding]
     floor: float
     blank: Form  # zero coefficients; carries the ranges of the basis
+
+    @property
+    def targets(self) -> list[Floats]:
+        """[(N, M), ...] values at the samples."""
+        return [padding.target for padding in self.local]
+
+
+class TargetPadding(Protocol):
+    """Paddings of one target t: estimated from samples, or enclosed where the gap is known in closed form."""
+
+    @property
+    def target(self) -> Floats:
+        """t at the samples, (N, M)."""
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Axes along which the gap may change."""
+
+    def of_target(self) -> tuple[Floats, float]:
+        """Padding of t itself: (N, M), and the share of rough cells."""
+
+    def of_residual(self, values: Floats, slope: Callable[[int], Floats], curvature: Floats) -> tuple[Floats, float]:
+        """Padding of t - q.p: (N, M), and the share of rough cells."""
+
+
+def local_padding(samples: DimensionSamples, upper: bool) -> TargetPadding:
+    """The paddings of what one side has to cover.
+
+    Raises:
+        UserError: a gap in closed form that cannot be enclosed.
+        BrokenPromise: samples that are not those of the closed form.
+    """
+    target = samples.side(upper)
+    if samples.ranges is not None:
+        return EnclosedPadding(target, samples.ranges, upper)
+    return LocalPadding(target, samples.where.grid, samples.where.free, samples.floor)
 
 
 def fit_side(problem: SideProblem, settings: GapSettings) -> SideFit:
     """Fit one side; with padding `inflate` the local paddings are part of the program."""
     if settings.padding == "inflate":
         return _inflate(problem, settings)
-    target = np.maximum.reduce(list(problem.targets))
+    target = np.maximum.reduce(problem.targets)
     result = solve_scenario(problem.design, target, settings.objective, settings.slack)
     return SideFit(result, 0.0, 0.0, result.worst_violation, 1, 0.0)
 
 
 def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
-    plain = np.maximum.reduce(list(problem.targets))
-    local = [LocalPadding(t, problem.grid, problem.free, problem.floor) for t in problem.targets]
+    plain, local = np.maximum.reduce(problem.targets), problem.local
     result = solve_scenario(problem.design, plain, settings.objective, settings.slack)
     goal = "sup" if settings.objective == "eta" else "mean"
     fits: list[tuple[float, SideFit]] = []

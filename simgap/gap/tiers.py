@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from simgap.gap.lipschitz.result import GridLipschitz
 from simgap.geometry import Floats
 
 
@@ -29,6 +30,24 @@ class Tier:
     def from_json(data: Mapping[str, Any]) -> Tier:
         """The inverse of `to_json`."""
         return Tier(int(data["tier"]), str(data["text"]))
+
+
+PROVEN = Tier(
+    1,
+    "The bound holds at every state of X and input of U, rounding included: simulator and model are both known as "
+    "equations, and slope and value of their difference are enclosed on every cell by interval arithmetic. No Lipschitz "
+    "constant is given or estimated.",
+)
+
+
+def guarantee(
+    padding: str, states: Sequence[str], lipschitz: Sequence[GridLipschitz], rough: Sequence[float], extra: str = ""
+) -> tuple[Tier, ...]:
+    """What a padded bound rests on; `rough` is each state's share of cells with a jump that a sample stands in for."""
+    if all(known.proven for known in lipschitz):
+        return (PROVEN,)
+    constants = [known.constants for known in lipschitz]
+    return deterministic_tier(padding), estimate_tier(states, constants, rough, extra)
 
 
 def deterministic_tier(padding: str) -> Tier:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
+from simgap.gap.lipschitz.enclosed import enclosed_constants
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz, LipschitzRow
 from simgap.gap.samples import DimensionSamples
@@ -17,12 +18,19 @@ _REACH = 3  # cells: pairs lie within this many cells of each other along every 
 def dimension_lipschitz(samples: DimensionSamples, settings: GapSettings) -> DimensionLipschitz:
     """What is known about the Lipschitz constant of one dimension; no basis and no padding enters.
 
+    Where the gap is known in closed form its slopes are enclosed, and the estimates stand beside for comparison.
+
     Raises:
-        UserError: with fewer than four cells along an axis that is not free.
+        UserError: with fewer than four cells along an axis that is not free, or a gap that cannot be enclosed.
     """
     where = samples.where
     found = estimate(samples.d, where.grid, where.free, samples.floor)
-    return DimensionLipschitz(found, compare_estimates(samples, found, settings), samples.largest)
+    rows = compare_estimates(samples, found, settings)
+    if samples.ranges is not None:
+        found = enclosed_constants(samples.ranges, where.grid.h)
+        note = "a bound: enclosed on every cell" if found.resolved else "a bound where there is no jump"
+        rows = (LipschitzRow("interval enclosure", found.euclidean, None, note), *rows)
+    return DimensionLipschitz(found, rows, samples.largest)
 
 
 def compare_estimates(
