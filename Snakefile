@@ -7,6 +7,8 @@
 #   snakemake --cores 2 sensing                          the pendulum, measured with an error and a sample late
 #   snakemake --cores 2 mujoco                           the pendulum in another engine (extra `mujoco`)
 
+#   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
+
 
 configfile: "configs/default.yaml"
 
@@ -25,6 +27,7 @@ localrules:
     full_table,
     sensing,
     mujoco,
+    proven,
 
 
 rule all:
@@ -52,3 +55,8 @@ rule sensing:
 rule mujoco:
     input:
         pages("pendulum_mujoco"),
+
+
+rule proven:
+    input:
+        pages("pendulum_proven"),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import CasePath, Log, Out, app, start_log
+from simgap.cli.options import CasePath, Log, Out, Shards, app, start_log
 
 
 @app.command()
@@ -24,6 +24,22 @@ def synthesis(
 
     start_log(log)
     stage.run(case, bound, out, summary, workers)
+
+
+@app.command()
+def twin(
+    case: CasePath,
+    shards: Shards,
+    fresh: Annotated[Path, typer.Option(help="Fresh samples.")],
+    out: Out,
+    traces: Annotated[Path | None, typer.Option(help="Traces that the validation kept (Parquet).")] = None,
+    log: Log = None,
+) -> None:
+    """Hold the simulator against the engine that it stands for, on every sample of the run."""
+    from simgap.stages import twin as stage
+
+    start_log(log)
+    stage.run(case, stage.Inputs(shards, fresh, traces), out, log)
 
 
 @app.command()

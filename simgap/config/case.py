@@ -16,6 +16,7 @@ from simgap.config.plugged import Plugged
 from simgap.config.sensing import SensingSection
 from simgap.config.simulator import EngineSection
 from simgap.config.synthesis import SynthesisSection
+from simgap.config.twin import TwinSection
 from simgap.config.validation import ValidationSection
 from simgap.config.wheeled import HiddenStateSection, SymmetrySection
 
@@ -39,6 +40,7 @@ class Case(Section):
     sensing: SensingSection | None = Field(None, description="What the controller knows of the state.")
     synthesis: SynthesisSection | None = Field(None, description="What the controller is asked for.")
     validation: ValidationSection | None = Field(None, description="The closed loop that checks it.")
+    twin: TwinSection | None = Field(None, description="Another engine that the simulator stands for.")
     measured: MeasuredSection | None = Field(None, description="Recordings of the real thing.")
 
     @model_validator(mode="after")

@@ -23,7 +23,7 @@ _FIT = (
 )  # fmt: skip
 _EXTREME_VALUE = tuple(f"gap.lipschitz.extreme_value{part}" for part in ("", "_blocks", "_pairs"))
 
-_RUN = ("domain", "simulator", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation")
+_RUN = ("domain", "simulator", "twin", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation")
 _TOLERATED = ("gap.tolerated_probability", "hidden_state.tolerated_probability")
 _JUDGED = ("synthesis.specification", *_TOLERATED)
 _WHOLE = ("name", "title", "plant", *_RUN, "measured")
@@ -38,11 +38,22 @@ READS: Mapping[str, tuple[str, ...]] = {
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
+    "twin": (*_SIMULATED, "twin"),
     "paper": _SIMULATED,
     "rig": _SIMULATED,
     "trace": ("name", "title", "plant", "domain", "synthesis.specification"),
     "diagnosis": _WHOLE,  # the corrected case is a copy of the whole
-    "report": ("name", "title", "plant", "domain", "simulator", "grid.eps", "synthesis.specification", "sensing"),
+    "report": (
+        "name",
+        "title",
+        "plant",
+        "domain",
+        "simulator",
+        "twin",
+        "grid.eps",
+        "synthesis.specification",
+        "sensing",
+    ),
 }
 
 EVERY_EFFECT = ("diagnosis", "report")

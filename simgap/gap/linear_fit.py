@@ -76,8 +76,7 @@ def fit_linear(samples: DimensionSamples, settings: GapSettings) -> LinearFit:
     upper, lower = local_padding(samples, upper=True), local_padding(samples, upper=False)
     asked = {"upper": [upper], "lower": [lower]} if settings.signed else {"both": [upper, lower]}
     fits = {
-        name: fit_side(SideProblem(design, targets, samples.floor, blank), settings)
-        for name, targets in asked.items()
+        name: fit_side(SideProblem(design, targets, samples.floor, blank), settings) for name, targets in asked.items()
     }
     return LinearFit(basis.terms, fits)
 

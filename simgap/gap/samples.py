@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from simgap.errors import UserError
+from simgap.gap.closed_form import CellRanges, ClosedFormGap
 from simgap.gap.function import GapDomain
-from simgap.gap.lipschitz.closed_form import CellRanges, ClosedFormGap
 from simgap.geometry import Floats, Grid
 
 

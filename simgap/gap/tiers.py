@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
-from simgap.gap.lipschitz.result import GridLipschitz
 from simgap.geometry import Floats
 
 
@@ -35,19 +34,30 @@ class Tier:
 PROVEN = Tier(
     1,
     "The bound holds at every state of X and input of U, rounding included: simulator and model are both known as "
-    "equations, and slope and value of their difference are enclosed on every cell by interval arithmetic. No Lipschitz "
-    "constant is given or estimated.",
+    "equations, and slope and value of their difference are enclosed on every cell by interval arithmetic. No "
+    "Lipschitz constant is given or estimated.",
 )
 
 
+class Slopes(Protocol):
+    """What is known about the slopes of one dimension."""
+
+    @property
+    def constants(self) -> Floats:
+        """Per axis, (nx,)."""
+
+    @property
+    def proven(self) -> bool:
+        """Whether they are bounds and no estimates."""
+
+
 def guarantee(
-    padding: str, states: Sequence[str], lipschitz: Sequence[GridLipschitz], rough: Sequence[float], extra: str = ""
+    padding: str, states: Sequence[str], slopes: Sequence[Slopes], rough: Sequence[float], extra: str = ""
 ) -> tuple[Tier, ...]:
     """What a padded bound rests on; `rough` is each state's share of cells with a jump that a sample stands in for."""
-    if all(known.proven for known in lipschitz):
+    if all(known.proven for known in slopes):
         return (PROVEN,)
-    constants = [known.constants for known in lipschitz]
-    return deterministic_tier(padding), estimate_tier(states, constants, rough, extra)
+    return deterministic_tier(padding), estimate_tier(states, [known.constants for known in slopes], rough, extra)
 
 
 def deterministic_tier(padding: str) -> Tier:

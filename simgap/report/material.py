@@ -30,7 +30,7 @@ class Material:
 
     Attributes:
         sweep: the content of every gap.json, largest eps first; gap: of the case's own eps; bound: the function in it.
-        syntheses, controllers: by kind, "nominal" and "gap".
+        syntheses, controllers: by kind, "nominal" and "gap". twin: how far the simulator is from what it stands for.
     """
 
     context: Context
@@ -45,3 +45,4 @@ class Material:
     diagnosis: Mapping[str, Any] | None
     corrected: Corrected | None
     printed: Mapping[str, Any]
+    twin: Mapping[str, Any] | None = None

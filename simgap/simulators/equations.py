@@ -1,4 +1,4 @@
-"""Equations as the simulator: the high-fidelity side in closed form, so that its gap can be enclosed and not estimated."""
+"""Equations as the simulator: the high-fidelity side in closed form, whose gap is enclosed and not estimated."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import sympy as sp
 from pydantic import Field
 
 from simgap.config.plant import Integrator, SymbolicPlant
@@ -16,6 +15,8 @@ from simgap.geometry import Floats
 from simgap.simulators.base import Engine
 
 if TYPE_CHECKING:
+    import sympy as sp
+
     from simgap.config.case import Case
     from simgap.effects.base import Effect
     from simgap.model.sampled import NominalModel
@@ -32,7 +33,7 @@ class EquationsSettings(EngineSection):
         None, description="The dynamics over the plant's states and inputs; the plant's own, as declared, if not given."
     )
     integrator: Integrator = Field(
-        description="How they are discretised; semi_implicit_euler as PyBullet does it, explicit_euler, rk4 or exact_arc."
+        description="How they are discretised: semi_implicit_euler (as PyBullet), explicit_euler, rk4 or exact_arc."
     )
 
 
@@ -69,6 +70,8 @@ class EquationsEngine(Engine):
         Raises:
             UserError: as `build`, and a map that is too large to be enclosed.
         """
+        import sympy as sp
+
         step = _substep(case, folder)
         rows: tuple[sp.Expr, ...] = step.f
         for _ in range(_section(case).substeps - 1):

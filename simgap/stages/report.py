@@ -55,6 +55,7 @@ class Inputs:
         validation, traces: validation.json and traces.parquet.
         diagnosis, corrected: what measured data said, and the case that it corrected, if there are any.
         printed: the values that the paper prints, if they are to stand beside.
+        twin: twin.json, if the simulator stands for another engine.
     """
 
     gaps: Sequence[Path]
@@ -66,6 +67,7 @@ class Inputs:
     diagnosis: Measured | None = None
     corrected: CorrectedFiles | None = None
     printed: Path | None = None
+    twin: Path | None = None
 
 
 def by_kind(nominal: Path, robust: Path) -> dict[str, Path]:
@@ -130,6 +132,7 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         diagnosis=read_json(found.document) if found is not None else None,
         corrected=_corrected(context, later, found, gap.function) if later is not None else None,
         printed=printed,
+        twin=read_json(inputs.twin) if inputs.twin is not None else None,
     )
 
 

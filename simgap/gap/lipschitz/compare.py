@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.enclosed import enclosed_constants
+from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz, LipschitzRow
 from simgap.gap.samples import DimensionSamples

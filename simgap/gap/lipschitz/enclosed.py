@@ -1,4 +1,4 @@
-"""How far the residual `e = t - q.p` of a fit may exceed its sample inside a cell, where the gap is known in closed form.
+"""How far the residual `e = t - q.p` of a fit may exceed its sample in a cell, for a gap known in closed form.
 
 t is the gap or its negative. With its slope over the cell in [a, b], the slope s of q.p at the centre and H >= |its
 second derivatives|, the mean value theorem for t and Taylor's for q.p give
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.gap.lipschitz.closed_form import CellRanges
+from simgap.gap.closed_form import CellRanges
 from simgap.gap.lipschitz.result import GridLipschitz
 from simgap.gap.thresholds import GATE
 from simgap.geometry import Floats
@@ -66,9 +66,9 @@ def enclosed_constants(known: CellRanges, h: Floats) -> GridLipschitz:
     A jump has none, and its axis counts as not resolved.
     """
     steepest = np.maximum(np.abs(known.slope_lo), np.abs(known.slope_hi))  # (N, M, nx)
-    jump = ~np.isfinite(steepest).all(axis=2)
+    jump = np.asarray(~np.isfinite(steepest).all(axis=2))
     constants = np.where(jump[..., None], 0.0, steepest).max(axis=(0, 1)) * (known.reach / h) * _OUTWARD
-    unbounded = ~np.isfinite(steepest).all(axis=(0, 1))
-    ratio = np.where(unbounded, 2.0 * GATE, 1.0)
+    bounded = np.isfinite(steepest).all(axis=(0, 1))
+    ratio = np.where(bounded, 1.0, 2.0 * GATE)
     largest = float((known.hi - known.lo)[jump].max(initial=0.0))
     return GridLipschitz(constants, constants, ratio, constants, float(jump.mean()), None, largest, proven=True)

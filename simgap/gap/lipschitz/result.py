@@ -62,7 +62,13 @@ class GridLipschitz:
         )
         box = None if data["rough_box"] is None else np.array(data["rough_box"], dtype=float)
         return GridLipschitz(
-            constants, slopes, ratio, smooth, float(data["rough_share"]), box, float(data["largest_jump"]),
+            constants,
+            slopes,
+            ratio,
+            smooth,
+            float(data["rough_share"]),
+            box,
+            float(data["largest_jump"]),
             bool(data["proven"]),
         )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from simgap.config.pose import pose_axes
 from simgap.errors import UserError
-from simgap.gap.lipschitz.closed_form import ClosedFormGap
+from simgap.gap.closed_form import ClosedFormGap
 from simgap.gap.pairs import product
 from simgap.gap.points import Columns, Points, radius
 from simgap.gap.samples import DimensionSamples, SampleGrid
