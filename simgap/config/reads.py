@@ -38,6 +38,7 @@ READS: Mapping[str, tuple[str, ...]] = {
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
+    "certify": (*_MODEL, "simulator", "synthesis", "sensing"),
     "twin": (*_SIMULATED, "twin"),
     "paper": _SIMULATED,
     "rig": _SIMULATED,

@@ -64,6 +64,8 @@ def test_steps_and_closed_form_are_the_steps_by_hand(vary, integrator, step, sub
     np.testing.assert_allclose(simulator.rollouts(x, u), expected, rtol=0, atol=1e-15)
     simulator.reset(x[0])
     np.testing.assert_allclose(simulator.advance(u[0]), expected[0], rtol=0, atol=1e-15)
+    if (integrator, substeps) == ("rk4", 3):
+        return  # its closed form is refused, see below
     rows = closed_form(case, path.parent)
     names = {s.name: s for row in rows for s in row.free_symbols}
     for k in range(3):
@@ -114,7 +116,7 @@ def test_what_equations_cannot_do_is_one_line(vary, changes, words):
 
 
 def test_a_map_too_large_to_enclose_is_refused(vary):
-    path = equations(vary, integrator="rk4", substeps=6)
+    path = equations(vary, integrator="rk4", substeps=3)
     with pytest.raises(UserError, match="too many to enclose"):
         closed_form(load_case(path), path.parent)
 
