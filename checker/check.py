@@ -59,7 +59,7 @@ def bound_rows(c: Certificate) -> list[tuple]:
 
 
 def cell_box(c: Certificate, index, part, parts: int, arithmetic) -> tuple[list, list]:
-    """Box and centre of part (k_1, ...) of `parts` along each axis of cells (one or arrays of them), with the margin."""
+    """Box and centre of part (k_1, ...) of `parts` along each axis of one cell or arrays of cells, with the margin."""
     box, mid = [], []
     for j, k in enumerate(index):
         width, slack = (c.hi[j] - c.lo[j]) / c.cells[j], margin(c, j)

@@ -11,7 +11,7 @@ and in the range of its values. `arithmetic` is the module `intervals` or `ratio
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import reduce
 from typing import Any
@@ -42,6 +42,8 @@ class Place:
     mid: list[Any]
     inputs: dict[str, Fraction]
     number: int
+    known: dict[int, tuple[Any, Enclosure]] = field(default_factory=dict)
+    """Enclosures of lists by identity, with the list, so that no other one can take its identity."""
 
     def range(self, e):
         """An enclosure of the expression on the box."""
@@ -52,6 +54,13 @@ class Place:
         return a.meet(found.box, total)
 
     def enclose(self, e) -> Enclosure:
+        if not isinstance(e, list):
+            return self._leaf(e)
+        if id(e) not in self.known:
+            self.known[id(e)] = e, self._operation(e)
+        return self.known[id(e)][1]
+
+    def _leaf(self, e) -> Enclosure:
         a = self.arithmetic
         if isinstance(e, str):
             if e in self.states:
@@ -62,15 +71,21 @@ class Place:
         if isinstance(e, int | Fraction) and not isinstance(e, bool):
             value = a.number(Fraction(e))
             return Enclosure(value, value, {})
-        if not isinstance(e, list) or len(e) < 2 or e[0] not in FUNCTIONS:
+        raise Malformed(f"{str(e)[:60]} is no expression")
+
+    def _operation(self, e) -> Enclosure:
+        if len(e) < 2 or e[0] not in FUNCTIONS:
             raise Malformed(f"{str(e)[:60]} is no expression")
         if e[0] == "by_input":
             return self.enclose(e[1 + self.number])
         if e[0] == "^":
             return self._power(self.enclose(e[1]), e[2])
         parts = [self.enclose(part) for part in e[1:]]
-        return {"+": self._sum, "*": self._product, "/": self._inverse, "sin": self._sin, "cos": self._cos,
-                "abs": self._abs, "min": self._extreme, "max": self._extreme, "hull": self._hull}[e[0]](parts, e[0])  # fmt: skip
+        rules = {
+            "+": self._sum, "*": self._product, "/": self._inverse, "sin": self._sin, "cos": self._cos,
+            "abs": self._abs, "min": self._extreme, "max": self._extreme, "hull": self._hull,
+        }  # fmt: skip
+        return rules[e[0]](parts, e[0])
 
     def _sum(self, parts, _):
         a = self.arithmetic

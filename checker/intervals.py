@@ -1,7 +1,8 @@
 """Interval arithmetic on arrays of doubles: an interval is a pair (lo, hi) of arrays, every result rounded outward.
 
-IEEE 754 rounds +, -, *, / to the nearest double, so the next double below (above) a computed end is a lower (upper) bound
-of the exact one. No library function but these four, `nextafter` and `rint` is trusted: sine and cosine are summed here.
+IEEE 754 rounds +, -, *, / to the nearest double, so the next double below (above) a computed end is a lower (upper)
+bound of the exact one. No library function but these four, `nextafter` and `rint` is trusted: sine and cosine are
+summed here.
 """
 
 from __future__ import annotations

@@ -33,8 +33,8 @@ class Policy(Protocol):
 
     @property
     def input_set(self) -> Floats: ...  # noqa: D102
-    def lookup(self, x: Floats, pending: Ints | int = 0) -> Ints:
-        """Chosen input numbers for measured states (n, nx): -> (n,), -1 where there is none."""
+    def lookup(self, x: Floats, pending: Ints | int) -> Ints:
+        """Chosen input numbers for measured states (n, nx) and pending inputs: -> (n,), -1 where there is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,21 +63,21 @@ def closed_loop(
     """Run from `start` (nx,) until `steps` samples, or until the monitor ends it or the controller has no input.
 
     `seen` (nx,) is the first measurement, `start` itself if not given. With one sample of latency the input decided
-    from a measurement acts one sample later; the first input is the one that the controller gives at `seen`. A run also
-    ends after a step whose path touches what the monitor watches, where the plant records its path.
+    from a measurement acts one sample later; until the first one does, the controller's `first` acts. A run also ends
+    after a step whose path touches what the monitor watches, where the plant records its path.
     """
     lookup, inputs = scalar_lookup(policy), policy.input_set
     exact = not np.any(sensing.error)
     plant.reset(start)
     x = np.array(start, dtype=np.float64)
     y = x if seen is None else seen
-    pending = lookup(y, getattr(policy, "memory", 1) - 1) if sensing.latency else 0  # "nothing is pending yet"
-    states, measured, applied = [x], [y], []
+    pending = int(getattr(policy, "first", 0))
+    states, measured, applied, known = [x], [y], [], [pending]
     watched = monitor.measures_clearance and getattr(plant, "path", None) is not None
     near = [monitor.clearance(x[None])] if watched else []
-    stuck = pending < 0
+    stuck = False
     for _ in range(steps):
-        if stuck or monitor.over(x, y):
+        if monitor.over(x, y):
             break
         decided = lookup(y, pending)
         if decided < 0:
@@ -89,13 +89,14 @@ def closed_loop(
         states.append(x)
         measured.append(y)
         applied.append(now)
+        known.append(pending)
         if watched:
             near.append(monitor.clearance(plant.path))  # type: ignore[attr-defined]
             if near[-1] <= 0.0:
                 break
     path, near_path = np.array(states), np.array(near) if watched else None
     seen_path = path if exact else np.array(measured)
-    return Run(path, np.array(applied, dtype=np.int64), stuck, seen_path, near_path)
+    return Run(path, np.array(applied, dtype=np.int64), stuck, seen_path, near_path, np.array(known, dtype=np.int64))
 
 
 def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:
@@ -104,7 +105,7 @@ def scalar_lookup(policy: Policy) -> Callable[[Floats, int], int]:
     if grid is None or choice is None:
         return lambda x, pending: int(policy.lookup(x[None], pending)[0])
     cell_of, memory = grid.finder(), int(getattr(policy, "memory", 1))
-    picked = choice.tolist()  # a list answers faster than an array, one element at a time
+    picked = memoryview(choice)  # it answers faster than an array, one element at a time, and copies nothing
 
     def find(x: Floats, pending: int) -> int:
         cell = cell_of(x)
@@ -126,21 +127,19 @@ def batch_loop(
     length, stuck = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=bool)
     x[0] = starts
     alive = np.arange(n)
-    delayed = int(getattr(policy, "memory", 1)) - 1
-    pending = policy.lookup(starts, delayed) if delayed else np.zeros(n, dtype=np.int64)  # "nothing is pending yet"
-    stuck |= pending < 0
-    alive = alive[~stuck]
+    first, late = int(getattr(policy, "first", 0)), bool(getattr(policy, "late", False))
+    pending = np.full((steps + 1, n), first, dtype=np.int64)
     for k in range(steps):
         alive = alive[~monitor.over_each(x[k, alive], x[k, alive])]
-        decided = policy.lookup(x[k, alive], pending[alive])
+        decided = policy.lookup(x[k, alive], pending[k, alive])
         stuck[alive[decided < 0]] = True
         alive, decided = alive[decided >= 0], decided[decided >= 0]
         if len(alive) == 0:
             break
-        now = pending[alive] if delayed else decided
-        pending[alive] = decided if delayed else 0
+        now = pending[k, alive] if late else decided
+        pending[k + 1, alive] = decided if late else 0
         x[k + 1, alive] = step(x[k, alive], policy.input_set[now])
         inputs[k, alive] = now
         length[alive] = k + 1
-    paths = [x[: length[i] + 1, i] for i in range(n)]
-    return [Run(path, inputs[: length[i], i], bool(stuck[i]), path) for i, path in enumerate(paths)]
+    paths = [(x[: n + 1, i], inputs[:n, i], pending[: n + 1, i]) for i, n in enumerate(length.tolist())]
+    return [Run(path, own, bool(stuck[i]), path, None, known) for i, (path, own, known) in enumerate(paths)]

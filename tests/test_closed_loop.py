@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from simgap.audit import Tally, split_by_run, steps_of
 from simgap.closed_loop import Sensing, batch_loop, closed_loop, scalar_lookup
 from simgap.geometry import Box, Grid
+from simgap.judge import Tally, split_by_run, steps_of
 from simgap.specifications.invariance import Inside
 from simgap.specifications.monitor import Run
 
@@ -26,11 +26,12 @@ class Integrator:
 class Table:
     """A grid policy like the saved controller's."""
 
-    def __init__(self, choice, memory=1, periodic=()):
+    def __init__(self, choice, memory=1, periodic=(), first=0):
         self.grid = Grid(Box([-1.0], [1.0]), [len(choice) // memory], periodic)
         self.choice, self.memory, self.input_set = np.array(choice), memory, INPUTS
+        self.first, self.late = first, memory > 1
 
-    def lookup(self, x, pending=0):
+    def lookup(self, x, pending):
         cells = self.grid.index(x)
         return np.where(cells >= 0, self.choice[cells * self.memory + pending], -1)
 
@@ -60,12 +61,13 @@ def test_a_run_stops_where_it_is_told():
 
 
 def test_latency_applies_the_decision_one_sample_later():
-    # rows of a cell: the three inputs that may be pending, then nothing pending; the last picks what acts first
-    policy = Table([2, 2, 2, 1, 2, 2, 2, 1], memory=4)
+    # rows of a cell: the three inputs that may be pending; input 1 acts until the first decision does
+    policy = Table([0, 2, 0, 0, 2, 0], memory=3, first=1)
     run = closed_loop(
         Integrator(), policy, np.array([0.0]), 3, Sensing(np.zeros(1), 1), np.random.default_rng(0), NEVER
     )
-    assert run.inputs.tolist() == [1, 2, 2]
+    assert run.inputs.tolist() == [1, 2, 0]
+    assert run.memory.tolist() == [1, 2, 0, 0]
 
 
 def test_measurements_stay_within_the_error_and_reach_its_corners():
@@ -83,7 +85,7 @@ def test_the_scalar_lookup_is_the_grids_own_on_every_bit(periodic):
     edges = policy.grid.box.lo + 2.0 * policy.grid.h * np.arange(38)
     points = np.concatenate([edges, np.nextafter(edges, 9), np.nextafter(edges, -9), rng.uniform(-1.2, 1.2, 500)])
     find = scalar_lookup(policy)
-    assert [find(np.array([p]), 0) for p in points] == policy.lookup(points[:, None]).tolist()
+    assert [find(np.array([p]), 0) for p in points] == policy.lookup(points[:, None], 0).tolist()
 
 
 def test_the_batch_is_the_loop():
@@ -98,12 +100,13 @@ def test_the_batch_is_the_loop():
 
 def test_the_batch_is_the_loop_with_latency_too():
     rng = np.random.default_rng(4)
-    policy = Table(rng.integers(0, 3, 4 * 6), memory=4)
+    policy = Table(rng.integers(0, 3, 3 * 6), memory=3, first=2)
     starts = rng.uniform(-1, 1, (30, 1))
     runs = batch_loop(lambda x, u: x + 0.1 * u, policy, starts, 20, NEAR)
     for start, run in zip(starts, runs, strict=True):
         late = Sensing(np.zeros(1), 1)
         alone = closed_loop(Integrator(), policy, start, 20, late, rng, NEAR)
+        assert np.array_equal(run.memory, alone.memory)
         assert np.array_equal(run.x, alone.x)
         assert np.array_equal(run.inputs, alone.inputs)
 

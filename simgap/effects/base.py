@@ -86,6 +86,13 @@ class Effect(ABC):
         """Where to begin from the fit of the effect that this one contains, and from one of its own starts."""
         return {**start, **contained}
 
+    def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
+        """Where the effect switches or changes faster than a grid may see: expressions, each 0 on one such surface.
+
+        They are over the names of the model's states and inputs; the gap is sampled on both sides. None by default.
+        """
+        return ()
+
     def memory_state(self, on: str) -> str | None:
         """Name of the state that carries what the effect remembers of the input `on`; None if no state does."""
         return None

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import sympy as sp
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
 from simgap.effects.quoted import Quoted
+from simgap.model.symbolic import SymbolicModel, symbol
 
 
 class CoulombFriction(CoordinateEffect):
@@ -20,6 +23,10 @@ class CoulombFriction(CoordinateEffect):
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-F_c sign(v)."""
         return -values["F_c"] * sp.sign(velocity)
+
+    def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
+        """Rest, where the force turns round."""
+        return (symbol(model.coordinate(on).velocity),)
 
     def phrase(self, on: str) -> str:
         """A person's name is written with a capital."""

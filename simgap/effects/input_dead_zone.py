@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import sympy as sp
 
 from simgap.effects.base import COMMAND, EffectParameter, Values
 from simgap.effects.commands import StaticInputEffect
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
+from simgap.model.symbolic import SymbolicModel, symbol
 
 
 class InputDeadZone(StaticInputEffect):
@@ -27,6 +30,10 @@ class InputDeadZone(StaticInputEffect):
         """u minus its part within +-width."""
         width = values["width"]
         return command - sp.Max(-width, sp.Min(command, width))
+
+    def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
+        """Both ends of the dead zone."""
+        return tuple(symbol(on) - sp.Float(side * values["width"]) for side in (-1.0, 1.0))
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """Its half width."""

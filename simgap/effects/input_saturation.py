@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import sympy as sp
 
@@ -10,6 +11,7 @@ from simgap.effects.base import COMMAND, EffectParameter, Values
 from simgap.effects.commands import StaticInputEffect
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
+from simgap.model.symbolic import SymbolicModel, symbol
 
 
 class InputSaturation(StaticInputEffect):
@@ -33,6 +35,12 @@ class InputSaturation(StaticInputEffect):
         """u cut to +-limit."""
         limit = values["limit"]
         return sp.Max(-limit, sp.Min(command, limit))
+
+    def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
+        """Both limits; none where the limit is infinite."""
+        if not math.isfinite(values["limit"]):
+            return ()
+        return tuple(symbol(on) - sp.Float(side * values["limit"]) for side in (-1.0, 1.0))
 
     def describe(self, on: str, quoted: Quoted) -> str:
         """Its limit."""

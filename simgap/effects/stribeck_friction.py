@@ -10,6 +10,9 @@ from simgap.effects.base import CoordinateEffect, EffectParameter, Values
 from simgap.effects.coulomb_friction import CoulombFriction
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
+from simgap.model.symbolic import SymbolicModel, symbol
+
+_FLANK = (0.25, 0.5, 1.0, 2.0)  # shares of the Stribeck speed between which the peak falls by exp(-4)
 
 
 class StribeckFriction(CoordinateEffect):
@@ -46,6 +49,12 @@ class StribeckFriction(CoordinateEffect):
         """-(F_c + (F_s - F_c) exp(-(v/v_s)^2)) sign(v)."""
         f_c, f_s, v_s = values["F_c"], values["F_s"], values["v_s"]
         return -(f_c + (f_s - f_c) * sp.exp(-((velocity / v_s) ** 2))) * sp.sign(velocity)
+
+    def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
+        """Rest, where the force turns round, and both flanks of the peak, which may be narrower than a cell."""
+        velocity = symbol(model.coordinate(on).velocity)
+        speeds = [share * values["v_s"] for share in _FLANK]
+        return (velocity, *(velocity - sp.Float(side * speed) for speed in speeds for side in (-1.0, 1.0)))
 
     def phrase(self, on: str) -> str:
         """A person's name is written with a capital."""

@@ -76,6 +76,11 @@ class DimensionSamples:
         _check((self.where.grid.size, len(self.where.inputs)), {"d": self.d, "d_upper": self.d_upper})
 
     @property
+    def ends(self) -> tuple[Floats, ...]:
+        """The gap, (N, M); both ends of its range where it has one."""
+        return (self.d,) if self.d_upper is None else (self.d, self.d_upper)
+
+    @property
     def floor(self) -> float:
         """Size of differences that may be rounding alone."""
         return float(self.where.rounding[self.i])

@@ -37,6 +37,8 @@ def save_controller(controller: Controller, path: Path | str) -> None:
         "periodic": list(grid.periodic),
         "rule": controller.rule,
         "memory": s.memory,
+        "first": s.first,
+        "late": s.late,
         "statistics": s.statistics,
         "provenance": controller.metadata,
     }
@@ -122,8 +124,10 @@ def _controller(about: Mapping[str, Any], arrays: Arrays) -> Controller:
         and np.isfinite(input_set).all(),
         f"its inputs are not a table of finite numbers with the columns {', '.join(inputs)}",
     )
-    memory, statistics = about["memory"], about["statistics"]
-    _require(type(memory) is int and memory in (1, len(input_set) + 1), f"memory {memory!r:.40} cannot be")
+    memory, first, late, statistics = (about[name] for name in ("memory", "first", "late", "statistics"))
+    _require(type(late) is bool, "it does not say whether its inputs act late")
+    _require(type(memory) is int and memory == (len(input_set) if late else 1), f"memory {memory!r:.40} cannot be")
+    _require(type(first) is int and 0 <= first < memory, f"it cannot begin with memory {first!r:.40}")
     _require(isinstance(statistics, dict) and isinstance(about["provenance"], dict), "its metadata is no mapping")
     mask = arrays["mask"]
     shape = (grid.size * memory, packed_width(len(input_set)))
@@ -136,8 +140,10 @@ def _controller(about: Mapping[str, Any], arrays: Arrays) -> Controller:
         mask=mask,
         free=_flags(arrays, "free", grid.size),
         value=arrays.get("value"),
-        target=_flags(arrays, "target", grid.size) if "target" in arrays else None,
+        target=_flags(arrays, "target", grid.size * memory) if "target" in arrays else None,
         memory=memory,
+        first=first,
+        late=late,
         statistics=statistics,
     )
     _check_sets(solution)
@@ -171,12 +177,12 @@ def _check_sets(s: Solution) -> None:
     """What every solution keeps: winning cells are allowed, have an input or are the end, and count down to it."""
     _require(not (s.winning & ~s.free).any(), "it wins cells that the specification forbids")
     _require((s.value is None) == (s.target is None), "it has a value function or a target, but not both")
-    done = np.zeros(s.grid.size, np.bool_) if s.target is None else s.target
-    start = s.mask.reshape(s.grid.size, s.memory, -1)[:, -1]  # the last memory is "nothing is pending yet"
-    _require(not (s.winning & ~done & ~start.any(axis=1)).any(), "it wins cells without an input")
+    done = np.zeros(len(s.mask), np.bool_) if s.target is None else s.target
+    began, served = s.at_first(done | s.served), s.served
+    _require(not (s.winning & ~began).any(), "it wins cells without an input")
     if s.value is not None:
-        _require(s.value.dtype == np.int32 and s.value.shape == (s.grid.size,), "its values are not one a cell")
+        _require(s.value.dtype == np.int32 and s.value.shape == (len(s.mask),), "its values are not one a node")
         # A measured cell may have a value without being won: winning are cells whose every measurement has one.
-        _require(np.array_equal(s.value >= 0, done | start.any(axis=1)), "its values and its inputs differ")
-        _require(not (s.winning & (s.value < 0)).any(), "its values and its winning cells differ")
+        _require(np.array_equal(s.value >= 0, done | served), "its values and its inputs differ")
+        _require(not (s.winning & (s.at_first(s.value) < 0)).any(), "its values and its winning cells differ")
         _require(not (done & (s.value < 0)).any(), "its target has no value")

@@ -104,8 +104,9 @@ def slices_figure(
     import matplotlib.pyplot as plt
 
     grid = controller.grid
-    field = controller.solution.value if values and controller.solution.value is not None else None
-    shades = np.where(controller.solution.winning, 0 if field is None else field, -1).reshape(grid.cells).astype(float)
+    solution = controller.solution
+    field = solution.at_first(solution.value) if values and solution.value is not None else None
+    shades = np.where(solution.winning, 0 if field is None else field, -1).reshape(grid.cells).astype(float)
     shades = np.ma.masked_less(shades, 0.0)
     layers = np.unique((np.arange(count) * grid.cells[2]) // count)
     columns = min(3, len(layers))

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap.geometry import Floats
 from simgap.io import figure_style as style
 from simgap.io.atomic import atomic
 from simgap.io.figure_style import COLOURS
@@ -25,6 +26,7 @@ from simgap.io.recording_log import TIMELINE, line, send
 from simgap.io.recording_phase import log_phase
 from simgap.io.recording_scene import log_scene
 from simgap.io.traces import SIMULATOR, TITLES, Trace, twin
+from simgap.synthesis.controller import Controller
 
 SERIES = (style.SKY, style.PURPLE, style.GREEN, style.YELLOW)
 
@@ -73,11 +75,20 @@ def _log_shown(recording: Any, content: Content, controller: str, trace: Trace) 
     policy = content.controllers[controller]
     if policy.solution.value is not None:
         line(recording, f"shown/{controller}/value", COLOURS[controller], 2.0, TITLES[controller])
-        send(recording, f"shown/{controller}/value", trace.t, policy.value(trace.x).astype(float))
+        t, steps = steps_to_target(policy, trace)
+        send(recording, f"shown/{controller}/value", t, steps)
     for when, text, level in events(content, controller, trace):
         recording.set_time(TIMELINE, duration=when)
         recording.log(f"shown/{controller}/events", rr.TextLog(text, level=level))
     recording.reset_time()
+
+
+def steps_to_target(policy: Controller, trace: Trace) -> tuple[Floats, Floats]:
+    """The value function along a run: times and steps, (n,) each, without the last where no pending input is known."""
+    if not policy.late:
+        return trace.t, policy.value(trace.x).astype(np.float64)
+    pending = np.argmin(np.abs(policy.input_set[None] - trace.u[:-1, None]).sum(axis=2), axis=1)
+    return trace.t[:-1], policy.value(trace.x[:-1], pending).astype(np.float64)
 
 
 def events(content: Content, controller: str, trace: Trace) -> list[tuple[float, str, str]]:

@@ -28,7 +28,12 @@ if TYPE_CHECKING:
     from simgap.simulators.commands import CommandPath
     from simgap.simulators.wheeled_plant import WheeledPlant
 
-CONTACT_BREAKING = 1e-3  # m; the default of 0.02 keeps stale contact points of a rolling wheel
+CONTACT_BREAKING = 0.2
+"""Distance at which a contact point is dropped, as a share of a shape's radius (so Bullet reads it): 7.6 mm for a wheel
+of 38 mm. Below a few mm a wheel that hops by a fraction of a millimetre loses its contact, falls freely for an engine
+step and turns the robot by up to some hundredths of a radian, at some headings and not at others."""
+SETTLED = 1e-8
+"""Sum of squares of the velocity changes, (m/s)^2, at which an iteration of the contact solver is the last."""
 
 
 class WheeledSettings(EngineSection):
@@ -45,6 +50,12 @@ class WheeledSettings(EngineSection):
     payload: float = Field(0.0, ge=0, description="Mass added to the base, its inertia scaled alike, kg.")
     substeps: int = Field(100, ge=1, description="Engine steps within tau.")
     poses: int = Field(20, ge=1, description="Poses recorded within tau, evenly spaced; divides substeps.")
+    solver_iterations: int = Field(
+        100,
+        ge=1,
+        description="Most iterations of the contact solver an engine step; too few make turns differ between headings, "
+        "because friction is solved along the axes of the world.",
+    )
     settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
     effects: tuple[AddedEffect, ...] = Field(
         (), description="Effects on the commands, delay and lag among them, and on the wheels' speeds."
@@ -114,6 +125,8 @@ class PyBulletWheeled(Engine, PathSimulator):
             deterministicOverlappingPairs=1,
             enableConeFriction=1,
             contactBreakingThreshold=CONTACT_BREAKING,
+            numSolverIterations=s.solver_iterations,
+            solverResidualThreshold=SETTLED,
         )
         floor = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
         p.changeDynamics(floor, -1, lateralFriction=s.floor_friction, restitution=0)

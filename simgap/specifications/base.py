@@ -49,7 +49,10 @@ class Game(Protocol):
         """The largest set of safe cells that some input keeps for ever: the greatest fixed point; (cells,) bool."""
 
     def reach(self, target: Mask, free: Mask) -> Solution:
-        """Cells that reach the target in bounded time through free cells: the least fixed point; both (cells,) bool."""
+        """Cells that reach the target in bounded time through free cells: the least fixed point; both (cells,) bool.
+
+        The target may be nodes (cells * memory,) of an `invariant` of the same game, its `served`.
+        """
 
 
 class Words(Section):
@@ -85,8 +88,9 @@ class Specification(Section, ABC):
     """Whether the swept boxes of a wheeled robot may do that instead, input by input."""
     holds: ClassVar[bool] = True
     """Whether a run must be held in a bounded set for ever, and not only go somewhere."""
-    carries_pending: ClassVar[bool] = False
-    """Whether a controller may carry a pending input with it: then its only operator is `Game.invariant`."""
+    on_true_cells: ClassVar[bool] = False
+    """Whether it may be solved on cells of the true state where sensing is not perfect, which wins more: then its only
+    operator is `Game.invariant`."""
     words: ClassVar[Words] = Words()
 
     @abstractmethod

@@ -27,7 +27,7 @@ class Invariance(Specification):
         min_length=1, description="For each state the interval to stay in; states not named keep all of X."
     )
 
-    carries_pending: ClassVar[bool] = True
+    on_true_cells: ClassVar[bool] = True
     words: ClassVar[Words] = Words(
         runs="Runs against the safe set",
         caption="One run of each controller in the simulator (in colour) and from the same start on the nominal model "

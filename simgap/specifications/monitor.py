@@ -24,6 +24,7 @@ class Run:
         x: (k + 1, nx) states, periodic ones not wrapped; seen: (k + 1, nx) what was measured of them.
         inputs: (k,) numbers of the inputs applied.
         stuck: whether the controller had no input at the last state.
+        memory: (k + 1,) what the controller remembered at each sample, the pending input; None for one without memory.
         clearance: (k + 1,) least distance to what must not be touched, at the start and then along each step; None
             where no path between samples was recorded.
     """
@@ -33,12 +34,14 @@ class Run:
     stuck: bool
     seen: Floats
     clearance: Floats | None = None
+    memory: Ints | None = None
 
     def until(self, steps: int) -> Run:
         """Its first steps."""
         near = None if self.clearance is None else self.clearance[: steps + 1]
+        known = None if self.memory is None else self.memory[: steps + 1]
         cut = self.stuck and steps == len(self.inputs)
-        return Run(self.x[: steps + 1], self.inputs[:steps], cut, self.seen[: steps + 1], near)
+        return Run(self.x[: steps + 1], self.inputs[:steps], cut, self.seen[: steps + 1], near, known)
 
 
 @dataclass(frozen=True, eq=False)

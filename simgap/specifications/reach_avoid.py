@@ -54,11 +54,12 @@ class Arriving(Toward):
 
     def over(self, x: Floats, seen: Floats) -> bool:
         """A run ends where the controller knows that it has arrived: (nx,), (nx,)."""
-        return self.level(seen) == 0
+        return self.arrived(seen)
 
     def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
         """The same for many runs: (n, nx), (n, nx) -> (n,)."""
-        return self.levels(seen) == 0
+        cells = self.solution.grid.index(seen)
+        return np.where(cells >= 0, self.solution.ended[cells], False)
 
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
         """Arrived, without an input, or still moving; levels (k + 1,)."""

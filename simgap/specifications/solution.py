@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.geometry import Grid
+from simgap.geometry import Floats, Grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,11 +19,14 @@ class Solution:
         grid: cells of the measured state.
         winning: (cells,) bool, where a run may start (cells of the true state); target cells included.
         mask: (cells * memory, ceil(M / 8)) uint8, bit m % 8 of byte m // 8 is input m; empty where a run ends.
-        value: worst-case steps to the target, (cells,) int32, -1 where losing; None where nothing is to be reached.
-        target: (cells,) bool, measured cells that are the goal: where a run ends, or stays; None where there is none.
+        value: worst-case steps to the target, (cells * memory,) int32, -1 where losing; None where nothing is to be
+            reached.
+        target: (cells * memory,) bool, nodes that are the goal: where a run ends, or stays; None where there is none.
         free: (cells,) bool, cells that the specification allows at all; winning fractions are of these.
-        memory: discrete states of the controller: 1, or M + 1 when it remembers the pending input (M: none yet).
+        memory: discrete states of the controller: 1, or M where it remembers which input acts until its next one does.
         statistics: counts such as passes, steps and admissible pairs, and the backend that was used.
+        first: memory before the first sample. late: whether the input that is remembered acts now and the chosen one a
+            sample later.
     """
 
     grid: Grid
@@ -33,6 +37,8 @@ class Solution:
     target: NDArray[np.bool_] | None = None
     memory: int = 1
     statistics: dict[str, int | str] = field(default_factory=dict)
+    first: int = 0
+    late: bool = False
 
     @property
     def fraction(self) -> float:
@@ -41,14 +47,37 @@ class Solution:
 
     @property
     def served(self) -> NDArray[np.bool_]:
-        """Measured cells at which the controller has an input, (cells,)."""
-        flags: NDArray[np.bool_] = np.any(self.mask.reshape(self.grid.size, -1), axis=1)
+        """Nodes (measured cell, memory) at which the controller has an input, (cells * memory,)."""
+        flags: NDArray[np.bool_] = np.any(self.mask, axis=1)
+        return flags
+
+    @property
+    def ended(self) -> NDArray[np.bool_]:
+        """Measured cells that are the goal whatever the memory, (cells,)."""
+        if self.target is None:
+            return np.zeros(self.grid.size, np.bool_)
+        flags: NDArray[np.bool_] = np.all(self.target.reshape(self.grid.size, self.memory), axis=1)
         return flags
 
     @property
     def useful(self) -> bool:
         """Whether a run can start anywhere but where it ends at once."""
-        return bool((self.winning & self.served).any())
+        return bool((self.winning & self.at_first(self.served)).any())
+
+    def levels(self, seen: Floats, memory: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
+        """Worst-case steps to the target at what is measured (n, nx) and remembered (n,): (n,), -1 where losing.
+
+        Without `memory`, at that of a start.
+        """
+        cells = self.grid.index(seen)
+        if self.value is None:
+            return np.full(len(cells), -1)
+        rows = cells * self.memory + (self.first if memory is None else memory)
+        return np.where(cells >= 0, self.value[rows], -1).astype(np.int64)
+
+    def at_first(self, nodes: NDArray[Any]) -> NDArray[Any]:
+        """What nodes (cells * memory,) have at the memory of a start: -> (cells,)."""
+        return nodes.reshape(self.grid.size, self.memory)[:, self.first]
 
     def followed_by(self, other: Solution) -> Solution:
         """This solution with the inputs of another one, on the same grid, in the target: what a run does from there."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -40,15 +40,15 @@ class Toward(Monitor):
         """Least distance to obstacles and walls along a path (k, nx)."""
         return self.surroundings.least(path)
 
-    def level(self, seen: Floats) -> int:
-        """Worst-case steps to the target at what is measured (nx,), negative where losing."""
-        cell = self._find(seen)
-        return self._values[cell] if cell >= 0 else -1
+    def levels(self, run: Run) -> Ints:
+        """Worst-case steps to the target at each sample, from what was measured and remembered: (k + 1,), -1 where
+        losing."""
+        return self.solution.levels(run.seen, run.memory)
 
-    def levels(self, seen: Floats) -> Ints:
-        """The same for many: (n, nx) -> (n,)."""
-        cells, value = self.solution.grid.index(seen), self.solution.value
-        return np.where(cells >= 0, -1 if value is None else value[cells], -1).astype(np.int64)
+    def arrived(self, seen: Floats) -> bool:
+        """Whether what is measured (nx,) is the end of a run, whatever is pending."""
+        cell = self._find(seen)
+        return cell >= 0 and self._ended[cell]
 
     def in_target(self, x: Floats) -> NDArray[np.bool_]:
         """Whether states are in the target's box: (n, nx) -> (n,); along periodic states in any of its copies."""
@@ -66,11 +66,11 @@ class Toward(Monitor):
         """Cut the run where it touches something, or ask how it ended."""
         if run.clearance is None:  # no path between samples was recorded
             near = self.surroundings.along_chords(run.x)
-            run = Run(run.x, run.inputs, run.stuck, run.seen, near)
+            run = replace(run, clearance=near)
         assert run.clearance is not None
         hit = first_touch(run.clearance) if len(run.inputs) else None
         run = run if hit is None else run.until(hit)
-        levels = self.levels(run.seen)
+        levels = self.levels(run)
         end, kept = (self.surroundings.touched, False) if hit is not None else self.ended(run, levels, steps)
         safe = (np.arange(len(run.x)) < len(run.x) - (hit is not None)) & self.unbroken(run, levels)
         figures = self.measured(run, levels, hit is not None)
@@ -111,6 +111,5 @@ class Toward(Monitor):
         return self.solution.grid.finder()
 
     @cached_property
-    def _values(self) -> list[int]:
-        value = self.solution.value
-        return [] if value is None else value.tolist()  # a list answers faster than an array, one element at a time
+    def _ended(self) -> list[bool]:
+        return self.solution.ended.tolist()  # a list answers faster than an array, one element at a time

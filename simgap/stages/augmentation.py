@@ -23,6 +23,7 @@ from simgap.geometry import Box, Grid
 from simgap.simulators.commands import CommandPath
 from simgap.specifications.base import specification_of
 from simgap.synthesis.bits import packed_width
+from simgap.synthesis.pending import LARGEST_NODES, bytes_of_nodes
 from simgap.synthesis.sensing import LARGEST_MASK
 
 LARGEST_ROLLOUTS = 2_000_000
@@ -129,13 +130,13 @@ def _one_sample(case: Case, delays: Mapping[str, float]) -> bool:
     """Whether every input's delay is nearest to one sample, and the controller can remember the pending input."""
     if case.domain is None or case.synthesis is None or set(delays) != set(case.plant.inputs):
         return False
-    if not specification_of(case).carries_pending:
-        return False
     near = all(0.5 <= d / case.domain.tau < 1.5 for d in delays.values())
     free = case.sensing is None or case.sensing.latency == case.sensing.known_delay
     inputs = _inputs(case)
-    bytes_needed = math.prod(case.synthesis.cells) * (inputs + 1) * packed_width(inputs)
-    return near and free and bytes_needed <= LARGEST_MASK
+    cells = math.prod(case.synthesis.cells)
+    if specification_of(case).on_true_cells:
+        return near and free and cells * inputs * packed_width(inputs) <= LARGEST_MASK
+    return near and free and bytes_of_nodes(cells, inputs) <= LARGEST_NODES
 
 
 def _inputs(case: Case) -> int:

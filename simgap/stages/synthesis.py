@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from simgap.config.pose import pose_axes
+from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.io.controller_file import save_controller
 from simgap.io.documents import write_json
@@ -26,6 +27,7 @@ from simgap.synthesis.intersample import excursion, rates
 from simgap.synthesis.swept import planar_swept_cells
 from simgap.synthesis.synthesise import Problem, synthesise
 
+FIRST_INPUT = 1e-9  # how far the first input may be from the one of U that it is
 PATH_POINTS = 20  # poses on the nominal path between two samples
 
 
@@ -91,8 +93,8 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     on_the_path = specification.between_samples and (bound is not None or section.nominal_between_samples)
     sensing = context.case.sensing
     error = space.vector(sensing.error) if sensing else None
-    boxes_do = on_the_path and specification.swept_boxes and not specification.carries_pending
-    swept = _swept(context, model, bound, error) if boxes_do else None
+    boxes_do = on_the_path and specification.swept_boxes and not specification.on_true_cells
+    swept = _swept(context, model, bound) if boxes_do else None
     flow = rates(context.plant.carried)
     spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and swept is None else np.zeros(model.nx)
     between, _ = excursion(flow, specification.region(space), context.input_set, model.tau, spread / model.tau)
@@ -106,25 +108,39 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
         gap_axes=[j for j in range(model.nx) if j not in gap.domain.free] if gap is not None else None,
         error=error,
         latency=sensing.latency if sensing else 0,
+        first=_first_input(context, sensing.first_input) if sensing and sensing.first_input else None,
         stray=between if on_the_path and swept is None else None,
     )
     if swept is not None:
-        problem = replace(problem, swept=planar_swept_cells(problem.grid, *swept, pose_axes(context)))
+        problem = replace(problem, swept=planar_swept_cells(problem.grid, *swept, pose_axes(context), error))
     return problem, between
 
 
-def _swept(
-    context: Context, model: NominalModel, bound: SavedGap | None, error: Floats | None
-) -> tuple[Floats, Floats] | None:
+def _first_input(context: Context, named: dict[str, float]) -> int:
+    """The number of the input that acts in the first sample where measurements come late.
+
+    Raises:
+        UserError: one that is not in U.
+    """
+    if sorted(named) != sorted(context.inputs):
+        raise UserError(
+            f"the first input names {', '.join(named)}",
+            key="sensing.first_input",
+            remedy=f"Give a value for each of {', '.join(context.inputs)}",
+        )
+    off = np.abs(context.input_set - [named[name] for name in context.inputs]).max(axis=1)
+    if off.min() > FIRST_INPUT:
+        raise UserError(f"{named} is not in U", key="sensing.first_input", remedy="Take one of the inputs of domain.U")
+    return int(np.argmin(off))
+
+
+def _swept(context: Context, model: NominalModel, bound: SavedGap | None) -> tuple[Floats, Floats] | None:
     """The swept box of each input, seen from the robot: measured with the gap, or of the nominal path without one.
 
-    None for a plant that is no wheeled robot, or whose heading is known with an error only, for which these boxes would
-    have to be turned: the clearance then covers what happens between samples.
+    None for a plant that is no wheeled robot: the clearance then covers what happens between samples.
     """
     symbolic = context.case.plant.symbolic
     if symbolic is None or symbolic.wheels is None:
-        return None
-    if error is not None and error[pose_axes(context)[2]] > 0:
         return None
     if bound is not None:
         return bound.swept

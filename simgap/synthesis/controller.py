@@ -2,6 +2,9 @@
 
     u = load_controller("controller.npz").input(x)          # simgap.io.controller_file
 
+A controller with a sample of latency is told which input acts now, by its number; `input(x, pending)` is what to apply
+one sample later. Without `pending` it is asked for the first time, while the input `first` acts.
+
 Every admissible input keeps the promise of the specification, so which of them is applied is a matter of taste. The
 default rule is `least_effort`: the input of smallest sum of squares, each input scaled by its largest magnitude, ties
 broken by the order of the input set. `middle` takes the median of the admissible inputs in that order.
@@ -56,8 +59,18 @@ class Controller:
 
     @property
     def memory(self) -> int:
-        """1, or M + 1 when the pending input is part of the controller's state."""
+        """1, or M where the pending input is part of the controller's state."""
         return self.solution.memory
+
+    @property
+    def first(self) -> int:
+        """The memory before the first sample: the input that acts in it, where there is latency."""
+        return self.solution.first
+
+    @property
+    def late(self) -> bool:
+        """Whether an input acts one sample after it is chosen."""
+        return self.solution.late
 
     @cached_property
     def choice(self) -> NDArray[np.int16]:
@@ -82,21 +95,26 @@ class Controller:
             )
         return self.grid.index(points)
 
-    def rows(self, x: ArrayLike, pending: ArrayLike = 0) -> Ints:
-        """Rows of `choice` and of the mask: measured states (n, nx), pending inputs (n,) -> (n,), -1 outside."""
-        known = np.asarray(pending)
+    def rows(self, x: ArrayLike, pending: ArrayLike | None = None) -> Ints:
+        """Rows of `choice` and of the mask: measured states (n, nx), pending inputs (n,) -> (n,), -1 outside.
+
+        Without `pending`, nothing has been chosen yet.
+        """
+        cells = self.cell(x)
+        known = np.asarray(self.first if pending is None else pending)
+        if known.dtype.kind not in "iu":
+            raise UserError(f"the pending input is the number of an input, not {pending!r:.60}")
         if not np.all((known >= 0) & (known < self.memory)):
             raise UserError(f"the pending input is a number from 0 to {self.memory - 1}, not {pending!r:.60}")
-        cells = self.cell(x)
         return np.where(cells >= 0, cells * self.memory + known, -1)
 
-    def lookup(self, x: ArrayLike, pending: ArrayLike = 0) -> Ints:
+    def lookup(self, x: ArrayLike, pending: ArrayLike | None = None) -> Ints:
         """Chosen input numbers: (n, nx), (n,) -> (n,), -1 where the controller has none."""
         rows = self.rows(x, pending)
         return np.where(rows >= 0, self.choice[rows], -1).astype(np.int64)
 
-    def input(self, x: ArrayLike, pending: int = 0) -> Floats:
-        """The input to apply at the measured state (nx,) -> (nu,).
+    def input(self, x: ArrayLike, pending: int | None = None) -> Floats:
+        """The input to apply at the measured state (nx,) -> (nu,), a sample later where there is latency.
 
         Raises:
             BrokenPromise: outside the winning domain, or in the target, where the task is done.
@@ -107,7 +125,7 @@ class Controller:
             raise BrokenPromise(f"the controller has no input at {np.asarray(x).tolist()}", "Ask `contains` first.")
         return self.input_set[m].copy()
 
-    def inputs(self, x: ArrayLike, pending: int = 0) -> Floats:
+    def inputs(self, x: ArrayLike, pending: int | None = None) -> Floats:
         """All admissible inputs at a measured state (nx,) -> (k, nu), k = 0 outside the winning domain."""
         row = int(self.rows(x, pending)[0])
         return self.input_set[unpack(self.solution.mask[row], len(self.input_set))] if row >= 0 else self.input_set[:0]
@@ -118,17 +136,16 @@ class Controller:
         return np.where(cells >= 0, self.solution.winning[cells], False)
 
     def in_target(self, x: ArrayLike) -> NDArray[np.bool_]:
-        """Whether measured states are in a target cell: (n, nx) -> (n,); never for invariance."""
-        cells = self.cell(x)
-        target = self.solution.target
-        return np.zeros(len(cells), np.bool_) if target is None else np.where(cells >= 0, target[cells], False)
+        """Whether measured states are in a target cell, whatever is pending: (n, nx) -> (n,); never for invariance."""
+        cells, ended = self.cell(x), self.solution.ended
+        return np.where(cells >= 0, ended[cells], False)
 
-    def value(self, x: ArrayLike) -> Ints:
-        """Worst-case steps to the target: (n, nx) -> (n,), -1 where losing or outside."""
+    def value(self, x: ArrayLike, pending: ArrayLike | None = None) -> Ints:
+        """Worst-case steps to the target: (n, nx), pending inputs (n,) -> (n,), -1 where losing or outside."""
         if self.solution.value is None:
             raise UserError("an invariance controller has no value function")
-        cells = self.cell(x)
-        return np.where(cells >= 0, self.solution.value[cells], -1).astype(np.int64)
+        rows = self.rows(x, pending)
+        return np.where(rows >= 0, self.solution.value[rows], -1).astype(np.int64)
 
 
 def least_effort(inputs: Floats) -> Ints:

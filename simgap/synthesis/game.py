@@ -1,8 +1,9 @@
 """The game on an abstraction: the operators that specifications are solved by, whatever the controller may measure.
 
 With a perfect measurement, and for whatever is to be reached, cells are of the measured state: a box of successors
-holds every state that may be measured there. What is only to be held is better solved on cells of the true state, with
-what the controller cannot tell apart taken into account afterwards (`sensing`); that also allows a sample of latency.
+holds every state that may be measured there. With a sample of latency a node is such a cell and the input that acts
+meanwhile (`pending`). What is only to be held is better solved on cells of the true state, with what the controller
+cannot tell apart taken into account afterwards (`sensing`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.invariance import invariance
+from simgap.synthesis.pending import Nodes, PendingGame
 from simgap.synthesis.reach import reach_avoid
 from simgap.synthesis.sensing import sensed_invariance
 from simgap.synthesis.windows import margins, window_and
@@ -55,7 +57,7 @@ class MeasuredGame:
         found = invariance(self.abstraction, None if safe.all() else safe, self.threads)
         return Solution(
             grid=self.grid,
-            winning=self._starts(found.winning),
+            winning=certified(found.winning, self.grid, self.error),
             mask=found.mask,
             free=safe,
             statistics={"passes": found.passes, "pairs": found.pairs},
@@ -66,7 +68,7 @@ class MeasuredGame:
         found = reach_avoid(self.abstraction, target, free, self.threads)
         return Solution(
             grid=self.grid,
-            winning=self._starts(found.winning),
+            winning=certified(found.winning, self.grid, self.error),
             mask=found.mask,
             free=free,
             value=found.value,
@@ -74,18 +76,86 @@ class MeasuredGame:
             statistics={"steps": found.steps, "backend": found.backend},
         )
 
-    def _starts(self, winning: Mask) -> Mask:
-        """True cells whose every measurement is in a winning cell; a measurement beyond the grid is in none."""
-        margin = margins(self.grid, self.error)
-        if not any(margin):
-            return winning
-        inside = winning.reshape(self.grid.cells).copy()
-        for j, m in enumerate(margin):
-            if m and j not in self.grid.periodic:
-                ends = np.moveaxis(inside, j, 0)
-                ends[:m], ends[-m:] = False, False
-        kept = window_and(winning.astype(np.uint32)[:, None], self.grid, margin)[:, 0] == 1
-        return np.asarray(kept & inside.reshape(-1))
+
+@dataclass(frozen=True, eq=False)
+class LateGame:
+    """The game on cells of the measured state and the input that acts until the one chosen there does.
+
+    Attributes:
+        space, stray: as for `MeasuredGame`; pending: its nodes; the boxes account for its `error`.
+        first: number of the input that acts in the first sample, before any measurement has arrived.
+    """
+
+    space: Space
+    pending: PendingGame
+    stray: Floats
+    first: int
+
+    @property
+    def grid(self) -> Grid:
+        """Cells of the measured state."""
+        return self.pending.grid
+
+    @property
+    def error(self) -> Floats:
+        """The measurement error, (nx,)."""
+        return self.pending.boxes[0].error
+
+    def invariant(self, safe: Mask) -> Solution:
+        """The largest set of nodes of the safe cells (cells,) bool that can be held."""
+        if any(a.swept is not None for a in self.pending.boxes):
+            raise BrokenPromise("swept boxes are not checked where a set is held", "Let the clearance cover them.")
+        return self._solution(self.pending.hold(safe), safe)
+
+    def reach(self, target: Mask, free: Mask) -> Solution:
+        """The least fixed point, levels and all inputs that go down a level.
+
+        `target` is a set of cells (cells,) or of nodes (cells * memory,), `free` of cells, bool.
+        """
+        goal = self.pending.nodes(target) if target.size == self.grid.size else _by_class(target, self.pending)
+        return self._solution(self.pending.reach(goal, free), free)
+
+    def _solution(self, found: Nodes, free: Mask) -> Solution:
+        memory = found.inside.size // self.grid.size
+        since = int(self.pending.kind[self.first])  # a plant that remembers has rested at this input
+        began = found.inside[since, :, self.first]
+        value = None if found.value is None else np.moveaxis(found.value, 0, 2).reshape(-1)
+        return Solution(
+            grid=self.grid,
+            winning=certified(began, self.grid, self.error),
+            mask=found.mask(),
+            free=free,
+            value=value,
+            target=None if value is None else value == 0,
+            memory=memory,
+            first=self.first * len(self.pending.boxes) + since,
+            late=True,
+            statistics={"rounds": found.rounds, "nodes": int(found.inside.sum())},
+        )
+
+
+def _by_class(nodes: Mask, game: PendingGame) -> Mask:
+    """Nodes in the order of a controller's rows as (classes, cells, M)."""
+    return np.moveaxis(nodes.reshape(game.grid.size, game.inputs, len(game.boxes)), 2, 0)
+
+
+def certified(winning: Mask, grid: Grid, error: Floats) -> Mask:
+    """True cells whose every measurement is in a winning cell (cells,); one beyond the grid is in none.
+
+    Args:
+        winning: measured cells, (cells,); grid: of both.
+        error: bound of |measured - true|, (nx,).
+    """
+    margin = margins(grid, error)
+    if not any(margin):
+        return winning
+    inside = winning.reshape(grid.cells).copy()
+    for j, m in enumerate(margin):
+        if m and j not in grid.periodic:
+            ends = np.moveaxis(inside, j, 0)
+            ends[:m], ends[-m:] = False, False
+    kept = window_and(winning.astype(np.uint32)[:, None], grid, margin)[:, 0] == 1
+    return np.asarray(kept & inside.reshape(-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +165,7 @@ class TrueGame:
     Attributes:
         space: the states; abstraction: without measurement error.
         blur: bound of the measurement error, (nx,); latency: whole samples between a measurement and its input.
-        stray, threads: as for `MeasuredGame`.
+        stray, threads: as for `MeasuredGame`; first: as for `LateGame`, without meaning where there is no latency.
     """
 
     space: Space
@@ -104,6 +174,7 @@ class TrueGame:
     latency: int
     stray: Floats
     threads: int = 1
+    first: int = 0
 
     @property
     def grid(self) -> Grid:
@@ -117,7 +188,7 @@ class TrueGame:
 
     def invariant(self, safe: Mask) -> Solution:
         """A controlled invariant set in (cells,) that measurements suffice to keep; sound, not always the largest."""
-        return sensed_invariance(self.abstraction, self.blur, self.latency, self.threads, safe)
+        return sensed_invariance(self.abstraction, self.blur, self.latency, self.threads, safe, self.first)
 
     def reach(self, target: Mask, free: Mask) -> Solution:
         """Not on these cells, whatever the sets, (cells,) bool each.
@@ -126,7 +197,7 @@ class TrueGame:
             UserError: always.
         """
         raise UserError(
-            "a specification that carries a pending input cannot reach anything yet",
+            "a specification that is solved on cells of the true state has nothing to reach",
             key="synthesis.specification",
-            remedy="Let its carries_pending be False.",
+            remedy="Let its on_true_cells be False.",
         )

@@ -6,10 +6,11 @@ controller does, it knows that the true state is in W, since it kept it there. S
     latency 0:  any input in   I(y) = AND of adm(k) over the cells k of W within the error of y,
     latency 1:  any input in   I(y, p) = AND of adm(k'') over the boxes of (k, p), k within the error of y, p in adm(k),
 
-where y is the measurement of the sample before and p the input applied since. If no I is empty, the true state stays in
-W for ever. Where one is empty, latency 0 drops the cells that share it from W, and latency 1 forbids p in them; both
-repeat from a maximal invariant set until nothing is empty. The result is sound; it need not be the largest, because
-such sets are not closed under union.
+where y is the measurement of the sample before and p the input applied since; in the first sample, before any
+measurement has arrived, p is an input that the case names. If no I is empty, the true state stays in W for ever. Where
+one is empty, latency 0 drops the cells that share it from W, and latency 1 forbids p in them; both repeat from a
+maximal invariant set until nothing is empty. The result is sound; it need not be the largest, because such sets are not
+closed under union.
 """
 
 from __future__ import annotations
@@ -49,6 +50,7 @@ def sensed_invariance(
     latency: int,
     threads: int = 1,
     allowed: NDArray[np.bool_] | None = None,
+    first: int = 0,
 ) -> Solution:
     """A controller for measurements within `error` (nx,) of the true state, `latency` 0 or 1 samples old.
 
@@ -58,11 +60,11 @@ def sensed_invariance(
         latency: whole samples.
         threads: rows are shared among this many threads.
         allowed: true cells to stay in, (cells,); all of them when None.
+        first: with latency 1, the input that acts in the first sample.
 
     Returns:
         Solution on a grid of measurements, larger than the abstraction's by the error. `winning` are cells of the true
-        state in which a run may start. With latency 1, `memory` is M + 1: the pending input, or M before the first one,
-        when the measurement is of the present state.
+        state in which a run may start. With latency 1, `memory` is M: the pending input.
 
     Raises:
         UserError: when the table of inputs would outgrow memory, or the latency is not supported.
@@ -70,15 +72,16 @@ def sensed_invariance(
     grid, inputs = abstraction.grid, len(abstraction.inputs)
     if latency not in (0, 1):
         raise UserError(f"a latency of {latency} samples is not supported", key="sensing.latency", remedy="Use 0 or 1")
-    if latency and grid.size * (inputs + 1) * packed_width(inputs) > LARGEST_MASK:
+    if latency and grid.size * inputs * packed_width(inputs) > LARGEST_MASK:
         raise UserError(
             f"{grid.size} cells with {inputs} pending inputs are too many for a controller with latency",
             key="synthesis.cells",
             remedy="Use fewer cells or inputs",
         )
     margin, safe = margins(grid, error), np.ones(grid.size, np.bool_) if allowed is None else allowed
-    solve = _with_latency if latency else _without_latency
-    return solve(abstraction, margin, threads, safe)
+    if latency:
+        return _with_latency(abstraction, margin, threads, safe, first)
+    return _without_latency(abstraction, margin, threads, safe)
 
 
 def _shared(sets: Words, inside: NDArray[np.bool_], grid: Grid, margin: tuple[int, ...], inputs: int) -> Words:
@@ -126,7 +129,9 @@ def _without_latency(
     )
 
 
-def _with_latency(abstraction: Abstraction, margin: tuple[int, ...], threads: int, free: NDArray[np.bool_]) -> Solution:
+def _with_latency(
+    abstraction: Abstraction, margin: tuple[int, ...], threads: int, free: NDArray[np.bool_], first: int
+) -> Solution:
     grid, inputs = abstraction.grid, len(abstraction.inputs)
     larger, full = padded(grid, margin), every_input(inputs)
     allowed = to_words(invariance(abstraction, free, threads).mask, inputs)
@@ -140,20 +145,16 @@ def _with_latency(abstraction: Abstraction, margin: tuple[int, ...], threads: in
         if np.array_equal(fine & allowed, allowed):
             break
         allowed &= fine
-    inside: NDArray[np.bool_] = np.any(allowed, axis=1)
-    first = _shared(allowed, inside, grid, margin, inputs)
-    start = inside & ~_unserved(first, _near(inside, grid, margin), grid, margin)
     possible = ~window_and(embed(~allowed, grid, larger, ~np.zeros_like(full)), larger, margin)
-    table = np.empty((larger.size, inputs + 1, len(full)), np.uint32)
-    table[:, :inputs] = after.reshape(larger.size, inputs, -1) * _unpack(possible, inputs)[:, :, None]
-    table[:, inputs] = first
-    mask = to_bytes(table.reshape(larger.size * (inputs + 1), -1), inputs)
+    table = after.reshape(larger.size, inputs, -1) * _unpack(possible, inputs)[:, :, None]
     return Solution(
         grid=larger,
-        winning=_flags(start, grid, larger),
-        mask=mask,
+        winning=_flags(_unpack(allowed, inputs)[:, first] == 1, grid, larger),
+        mask=to_bytes(table.reshape(larger.size * inputs, -1), inputs),
         free=_flags(free, grid, larger),
-        memory=inputs + 1,
+        memory=inputs,
+        first=first,
+        late=True,
         statistics={"rounds": rounds},
     )
 

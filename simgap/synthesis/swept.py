@@ -38,21 +38,28 @@ class SweptCells:
         return np.maximum(self.lower[layer], -2 * size), np.minimum(self.upper[layer], 2 * size)
 
 
-def planar_swept_cells(grid: Grid, lower: Floats, upper: Floats, pose: tuple[int, int, int] = (0, 1, 2)) -> SweptCells:
+def planar_swept_cells(
+    grid: Grid, lower: Floats, upper: Floats, pose: tuple[int, int, int] = (0, 1, 2), error: Floats | None = None
+) -> SweptCells:
     """From boxes in the robot's frame to cells, for every heading of a layer and every start in a cell.
+
+    Where cells are of a measured state, the box is the path's as seen from the measured place: the headings are those
+    that the robot may have, and a free cell keeps the error of its place from everything anyway (`Specification.free`).
 
     Args:
         grid: cells; pose: which axes are x, y and heading.
         lower, upper: (M, 2) box that holds the path of each input, the start at the origin included, m.
+        error: bound of the measurement error, (nx,); None for cells of the true state.
     """
     i, j, k = pose
-    width = 2.0 * grid.h
+    width, off = 2.0 * grid.h, 0.0 if error is None else float(error[k])
     low = np.zeros((grid.cells[k], len(lower), 3), np.int32)
     high = np.zeros_like(low)
     for layer in range(grid.cells[k]):
         t0 = grid.box.lo[k] + width[k] * layer
         for m in range(len(lower)):
-            x0, x1, y0, y1 = rotated_box(t0, t0 + width[k], lower[m, 0], upper[m, 0], lower[m, 1], upper[m, 1])
+            box = lower[m, 0], upper[m, 0], lower[m, 1], upper[m, 1]
+            x0, x1, y0, y1 = rotated_box(t0 - off, t0 + width[k] + off, *box)
             for axis, a, b in ((i, x0, x1), (j, y0, y1)):
                 low[layer, m, axis] = np.floor(a / width[axis] + SHRINK)
                 high[layer, m, axis] = np.ceil(1.0 + b / width[axis] - SHRINK) - 1

@@ -14,8 +14,10 @@ from simgap.specifications.base import Game, Specification
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction import Abstraction
-from simgap.synthesis.game import MeasuredGame, TrueGame
+from simgap.synthesis.controller import least_effort
+from simgap.synthesis.game import LateGame, MeasuredGame, TrueGame
 from simgap.synthesis.nominal import Model, nominal_abstraction
+from simgap.synthesis.pending import PendingGame
 from simgap.synthesis.product import Kernel
 from simgap.synthesis.refusals import hopeless_dimension, reason_for_empty
 from simgap.synthesis.swept import SweptCells
@@ -38,6 +40,7 @@ class Problem:
         error: bound of the measurement error per state, (nx,); None for a perfect measurement.
         latency: whole samples between a measurement and the input that uses it, 0 or 1.
         swept: cells that the path between samples may touch, for each input; None where clearance covers it.
+        first: number of the input that acts in the first sample where there is a latency; None for the least effort.
         stray: what the clearance has to cover of it, (nx,); None for a controller that looks at the samples only.
     """
 
@@ -52,6 +55,7 @@ class Problem:
     latency: int = 0
     swept: SweptCells | None = None
     stray: Floats | None = None
+    first: int | None = None
 
     @property
     def grid(self) -> Grid:
@@ -73,7 +77,7 @@ class Problem:
     @property
     def on_true_cells(self) -> bool:
         """Whether cells are of the true state: where that costs no soundness, and the specification allows it."""
-        return self.specification.carries_pending and self.blurred
+        return self.specification.on_true_cells and self.blurred
 
     def abstraction(self) -> Abstraction:
         """The abstraction of the model with its gap."""
@@ -82,23 +86,15 @@ class Problem:
         return replace(plain, swept=self.swept)
 
     def game(self, threads: int = 1) -> Game:
-        """The game that the specification is solved on.
-
-        Raises:
-            UserError: latency with a specification that cannot carry a pending input.
-        """
+        """The game that the specification is solved on."""
         nothing = np.zeros(self.space.size)
         stray = nothing if self.stray is None else self.stray
+        first = int(least_effort(self.inputs)[0]) if self.first is None else self.first
         if self.on_true_cells:
             error = nothing if self.error is None else np.asarray(self.error)
-            return TrueGame(self.space, self.abstraction(), error, self.latency, stray, threads)
-        if self.latency != 0:
-            raise UserError(
-                f"a controller that reaches a target cannot take a latency yet; the case states {self.latency} sample",
-                key="sensing.latency",
-                remedy="Set it to 0 and raise sensing.error by what a state can move in that time, or ask for "
-                "invariance.",
-            )
+            return TrueGame(self.space, self.abstraction(), error, self.latency, stray, threads, first)
+        if self.latency:
+            return LateGame(self.space, PendingGame.of(self.abstraction(), threads), stray, first)
         return MeasuredGame(self.space, self.abstraction(), stray, threads)
 
 
@@ -107,7 +103,7 @@ def synthesise(problem: Problem, threads: int = 1) -> Solution:
 
     Raises:
         UserError: empty winning domain, naming the dimension and the disturbance or spacing that caused it; a
-            specification that the grid cannot express; latency where the specification cannot carry a pending input.
+            specification that the grid cannot express; more cells and inputs than a latency allows.
     """
     solution = problem.specification.solve(problem.game(threads))
     if solution.useful:

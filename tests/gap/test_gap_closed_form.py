@@ -140,3 +140,12 @@ def test_coefficients_are_taken_as_the_numbers_that_they_are():
     assert gap.d[0].is_Rational
     assert gap.simulator[0] == XS[0] + sp.Rational(float(row - XS[0]))
     assert float(gap.d[0]) == float(row - XS[0]) - 0.3
+
+
+def test_a_rounded_argument_may_fall_on_the_other_side_of_a_jump():
+    from simgap.gap.enclosures import enclose
+
+    box = {XS[0]: (-0.2, 0.2)}
+    away, at, exactly = (enclose(parse(t, ["x1"]), box) for t in ("sign(x1 + 0.3)", "sign(x1 + 0.1)", "sign(x1)"))
+    assert (away.error < 1e-14, exactly.error < 1e-14) == (True, True)  # an argument that is a state is not rounded
+    assert at.error == 2.0

@@ -26,7 +26,9 @@ def reaching(memory=1):
     value = np.where(target, 0, np.where(winning, 1, -1)).astype(np.int32)
     mask = np.zeros((GRID.size, memory, 1), np.uint8)
     mask[2:-1] = 0b101
-    solution = Solution(GRID, winning, mask.reshape(-1, 1), free, value, target, memory, {"steps": 1})
+    nodes = np.repeat(value, memory), np.repeat(target, memory)
+    late = {"first": 1, "late": True} if memory > 1 else {}
+    solution = Solution(GRID, winning, mask.reshape(-1, 1), free, *nodes, memory, {"steps": 1}, **late)
     return Controller(INPUTS, ("x", "v"), ("u",), solution, "least_effort", {"seed": 0})
 
 
@@ -63,7 +65,7 @@ def refused(path, match):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("memory", [1, 4])
+@pytest.mark.parametrize("memory", [1, 3])
 def test_it_reads_back_the_same(tmp_path, memory):
     made, path = reaching(memory), tmp_path / "a.npz"
     save_controller(made, path)
@@ -71,6 +73,7 @@ def test_it_reads_back_the_same(tmp_path, memory):
     for name in ("winning", "mask", "free", "value", "target"):
         assert np.array_equal(getattr(read.solution, name), getattr(made.solution, name)), name
     assert (read.states, read.memory, read.grid.periodic) == (("x", "v"), memory, (1,))
+    assert (read.first, read.late) == (made.first, made.late) == ((1, True) if memory == 3 else (0, False))
     save_controller(read, tmp_path / "b.npz")
     assert path.read_bytes() == (tmp_path / "b.npz").read_bytes()
 
@@ -89,7 +92,11 @@ def test_the_package_offers_it_without_costing_anything_before(saved):
         ({"memory": 0}, {}, "memory 0 cannot be"),
         ({"memory": -1}, {}, "memory -1 cannot be"),
         ({"memory": True}, {}, "memory True cannot be"),
-        ({"memory": 4}, {}, "table of inputs has shape"),
+        ({"memory": 3}, {}, "memory 3 cannot be"),
+        ({"memory": 4}, {}, "memory 4 cannot be"),
+        ({"memory": 3, "late": True}, {}, "table of inputs has shape"),
+        ({"late": 1}, {}, "whether its inputs act late"),
+        ({"first": 1}, {}, "begin with memory 1"),
         ({}, {"input_set": np.array([[-1.0], [np.nan], [1.0]])}, "finite numbers with the columns u"),
         ({}, {"input_set": np.array([[-1.0], [0.0]])}, "admits inputs that do not exist"),
         ({}, {"input_set": np.zeros((3, 2))}, "finite numbers with the columns u"),
@@ -159,3 +166,5 @@ def test_what_is_no_state_gets_no_answer():
     for wrong in (1, -1):
         with pytest.raises(UserError, match="pending input is a number from 0 to 0"):
             controller.input([0.9, 0.0], wrong)
+    with pytest.raises(UserError, match=r"pending input is the number of an input, not 0\.0"):
+        controller.input([0.9, 0.0], 0.0)

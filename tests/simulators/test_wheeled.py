@@ -99,6 +99,30 @@ def test_the_previous_input_matters():
     assert forward[0, -1, 0] - backward[0, -1, 0] > 0.05
 
 
+TURNS = np.array([[0.5, -0.6], [0.35, 1.0], [0.5, 1.0]])
+BRAKING = np.array([[-0.45, 0.3]])
+AS_SHIPPED = {"substeps": 50, "poses": 25}
+
+
+def test_equal_histories_end_alike_at_every_heading_however_hard_the_robot_brakes():
+    """A wheel that loses its contact for a step turns the robot by .045 rad at this heading and not beside it."""
+    headings = (0.0, -1.82247, -1.8195, 1.0, np.pi / 2)
+    found = run(histories, *((TURNS, BRAKING, t, BRAKING[:0], AS_SHIPPED) for t in headings))
+    ends = np.array([paths[0, -1] for paths in found])
+    assert np.abs(ends - ends[0]).max(axis=0) == pytest.approx([0, 0, 0], abs=5e-4)
+
+
+def test_no_input_but_the_previous_one_matters_where_the_motors_settle_within_a_sample():
+    rng = np.random.default_rng(8)
+    older = rng.uniform([-0.5, -1.0], [0.5, 1.0], (12, 2, 2))
+    held = rng.uniform([-0.5, -1.0], [0.5, 1.0], (12, 2, 2))
+    jobs = [(h[:1], h[1:], 0.0, BRAKING[:0], AS_SHIPPED) for h in held]
+    longer = np.concatenate([older, held[:, :1]], axis=1)
+    jobs += [(o, h[1:], 0.0, BRAKING[:0], AS_SHIPPED) for o, h in zip(longer, held, strict=True)]
+    found = np.array(run(histories, *jobs))[:, 0, -1]
+    assert np.abs(found[:12] - found[12:]).max() < 5e-4
+
+
 def test_more_load_answers_more_slowly():
     x, u = np.zeros((1, 3)), np.array([[0.5, 0.0]])
     light, heavy = run(rollouts, (x, u, {}), (x, u, {"payload": 5.0}))

@@ -11,6 +11,7 @@ from simgap.errors import UserError
 from simgap.geometry import Box
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.model.sampled import NominalModel
+from simgap.specifications.invariance import Invariance
 from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
@@ -19,6 +20,8 @@ from simgap.synthesis.synthesise import Problem, synthesise
 
 SPACE = Space(("x", "y"), Box([0.0, 0.0], [4.0, 3.0]))
 ERROR = np.array([0.04, 0.03])
+WIDE = {"x": (2.4, 3.6), "y": (0.2, 1.4)}
+SAFE = {"x": (0.5, 3.5)}
 OBSTACLE, TARGET = {"x": (1.5, 2.0), "y": (0.0, 2.0)}, {"x": (3.0, 3.6), "y": (0.3, 0.9)}
 
 
@@ -39,15 +42,18 @@ def mover():
     return NominalModel((x, y), (u, v), (x + u / 5, y + v / 5), 1.0)
 
 
+@pytest.mark.parametrize("latency", [0, 1])
 @pytest.mark.parametrize(("kind", "name"), [(ReachAvoid, "reach_avoid"), (ReachAndStay, "reach_and_stay")])
-def test_no_true_state_is_where_it_must_not_be(mover, kind, name, tmp_path):
+def test_no_true_state_is_where_it_must_not_be(mover, kind, name, latency, tmp_path):
     inputs = np.array(list(itertools.product([-1.0, 0.0, 1.0], repeat=2)))
-    asked = kind(kind=name, obstacles=(OBSTACLE,), target=TARGET)
-    solution = synthesise(Problem(mover, asked, SPACE, (80, 60), inputs, error=ERROR))
+    asked = kind(kind=name, obstacles=(OBSTACLE,), target=WIDE if latency else TARGET)
+    cells = (87, 66) if latency else (80, 60)
+    solution = synthesise(Problem(mover, asked, SPACE, cells, inputs, error=ERROR, latency=latency))
     made = Controller(inputs, SPACE.states, ("u", "v"), solution, "least_effort", {"stage": "synthesis"})
     save_controller(made, tmp_path / "controller.npz")
     controller = load_controller(tmp_path / "controller.npz")
     assert np.array_equal(controller.choice, made.choice)
+    assert controller.input_set[controller.first].tolist() == [0.0, 0.0] if latency else controller.memory == 1
     monitor, rng = asked.monitor(SPACE, solution), np.random.default_rng(1)
     starts = SPACE.box.sample(rng, 400)
     starts = starts[controller.contains(starts)]
@@ -55,11 +61,32 @@ def test_no_true_state_is_where_it_must_not_be(mover, kind, name, tmp_path):
     near = 0.0
     for start in starts:
         seen = start + ERROR * rng.choice([-1.0, 1.0], 2)
-        run = closed_loop(Truth(), controller, start, 60, Sensing(ERROR), rng, monitor, seen)
+        run = closed_loop(Truth(), controller, start, 60, Sensing(ERROR, latency), rng, monitor, seen)
         verdict = monitor.judge(run, 60)
         assert verdict.outcome.kept, verdict.outcome
+        assert verdict.outcome.figures["climbs"] == 0
+        assert not latency or run.inputs[:1].tolist() in ([], [controller.first])
         near = max(near, float(np.abs(run.seen - run.x).max()))
     assert near == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("kind", ["reach_avoid", "invariance"])
+def test_a_first_question_is_answered_at_every_certified_start(mover, kind):
+    inputs = np.array(list(itertools.product([-1.0, 1.0, 0.0], repeat=2)))  # number 0 is not rest
+    asked = ReachAvoid(kind=kind, target=TARGET) if kind == "reach_avoid" else Invariance(kind=kind, safe=SAFE)
+    solution = synthesise(Problem(mover, asked, SPACE, (87, 66), inputs, error=ERROR, latency=1, first=5))
+    controller = Controller(inputs, SPACE.states, ("u", "v"), solution, "least_effort", {})
+    rng = np.random.default_rng(3)
+    starts = SPACE.box.sample(rng, 2000)
+    starts = starts[controller.contains(starts)]
+    assert len(starts) > 600
+    for start in starts:
+        seen = start + ERROR * rng.choice([-1.0, 1.0], 2)
+        if controller.in_target(seen)[0]:
+            continue
+        chosen = controller.input(seen)  # raises where there is none
+        assert chosen.tolist() in controller.inputs(seen, 5).tolist()
+        assert chosen.tolist() == controller.input(seen, 5).tolist()
 
 
 def test_a_target_smaller_than_the_error_is_refused(mover):

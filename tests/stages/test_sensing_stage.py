@@ -56,18 +56,21 @@ def test_the_promise_holds_for_measurements_a_sample_late(sensed, tmp_path):
     assert tally["steps"] == 20 * 200
 
 
-def test_a_target_with_latency_is_refused_in_one_line(vary, tmp_path, capsys):
-    changes = {"sensing": {"latency": 1}, "synthesis.cells": [20, 20, 12]}
-    speeds = {"v": {"values": [-0.2, 0.2]}, "w": {"values": [-0.5, 0.5]}}
-    path, out = vary("turtlebot", changes | {"domain.U": speeds}), tmp_path / "controller.npz"
-    files = ["--out", str(out), "--summary", str(tmp_path / "s.json"), "--log", str(tmp_path / "l")]
+@pytest.mark.parametrize(
+    ("first", "says"),
+    [({"u": 0.05}, "sensing.first_input: {'u': 0.05} is not in U"), ({"v": 0.2}, "the first input names v")],
+)
+def test_a_first_input_that_does_not_exist_is_refused_in_one_line(sensed, tmp_path, capsys, first, says):
+    content = yaml.safe_load(sensed.read_text())
+    content["sensing"]["first_input"] = first
+    sensed.write_text(yaml.safe_dump(content))
+    files = ["--out", str(tmp_path / "c.npz"), "--summary", str(tmp_path / "s.json"), "--log", str(tmp_path / "l")]
     with pytest.raises(SystemExit) as caught:
-        main(["synthesis", str(path), *files])
+        main(["synthesis", str(sensed), *files])
     assert caught.value.code == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert str(path) in line
-    assert "sensing.latency: a controller that reaches a target cannot take a latency yet" in line
-    assert not out.exists()
+    assert str(sensed) in line
+    assert says in line
 
 
 def test_sensing_that_leaves_nothing_says_so(sensed, tmp_path, capsys):

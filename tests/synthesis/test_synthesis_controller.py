@@ -176,9 +176,9 @@ def test_an_empty_domain_says_whether_gap_or_spacing_caused_it():
         synthesise(pendulum_problem(cells=(10, 5)))
 
 
-def test_latency_is_refused_for_reach():
-    with pytest.raises(UserError, match=r"sensing\.latency"):
-        synthesise(robot(latency=1))
+def test_a_latency_with_too_many_cells_and_inputs_is_refused_with_a_remedy():
+    with pytest.raises(UserError, match=r"synthesis\.cells: .*too many for a controller with latency.*Use fewer cells"):
+        synthesise(robot(cells=(500, 500, 100), latency=1))
 
 
 def test_the_motion_between_samples_is_bounded():

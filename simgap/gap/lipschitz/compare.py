@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from simgap.gap.lipschitz.enclosed import enclosed_constants
 from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import estimate
-from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz, LipschitzRow
+from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz, LipschitzRow, worse
 from simgap.gap.samples import DimensionSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Floats
@@ -18,13 +20,15 @@ _REACH = 3  # cells: pairs lie within this many cells of each other along every 
 def dimension_lipschitz(samples: DimensionSamples, settings: GapSettings) -> DimensionLipschitz:
     """What is known about the Lipschitz constant of one dimension; no basis and no padding enters.
 
-    Where the gap is known in closed form its slopes are enclosed, and the estimates stand beside for comparison.
+    Of a gap with a range both ends are estimated, and the worse of each number is taken: a side of the bound has to
+    follow its own end, and either may be the steep one. Where the gap is known in closed form its slopes are enclosed,
+    and the estimates stand beside for comparison.
 
     Raises:
         UserError: with fewer than four cells along an axis that is not free, or a gap that cannot be enclosed.
     """
     where = samples.where
-    found = estimate(samples.d, where.grid, where.free, samples.floor)
+    found = reduce(worse, [estimate(d, where.grid, where.free, samples.floor) for d in samples.ends])
     rows = compare_estimates(samples, found, settings)
     if samples.ranges is not None:
         found = enclosed_constants(samples.ranges, where.grid.h)
@@ -58,7 +62,7 @@ def compare_estimates(
 
 
 def _grid_pair_slopes(samples: DimensionSamples, moving: list[int], settings: GapSettings) -> Floats:
-    """Slopes of random pairs of samples with the same input: (blocks, pairs).
+    """Slopes of random pairs of samples with the same input, of a range the steeper end's: (blocks, pairs).
 
     One stream of random numbers serves the dimensions in order, so those of the dimensions before are drawn and left.
     """
@@ -76,6 +80,6 @@ def _grid_pair_slopes(samples: DimensionSamples, moving: list[int], settings: Ga
     second = np.where((second < 0) | (second >= cells), first - step, second)
     second = np.clip(second, 0, cells - 1)
     flat = [np.ravel_multi_index(tuple(np.moveaxis(k, -1, 0)), tuple(cells)) for k in (first, second)]
-    change = samples.d[flat[0], m] - samples.d[flat[1], m]
+    change = np.maximum.reduce([np.abs(d[flat[0], m] - d[flat[1], m]) for d in samples.ends])
     distance = np.linalg.norm((second - first) * 2.0 * where.grid.h, axis=-1)
-    return np.abs(change) / np.where(distance > 0.0, distance, np.inf)
+    return change / np.where(distance > 0.0, distance, np.inf)

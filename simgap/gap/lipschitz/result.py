@@ -73,6 +73,18 @@ class GridLipschitz:
         )
 
 
+def worse(a: GridLipschitz, b: GridLipschitz) -> GridLipschitz:
+    """Number by number the larger of two estimates: what holds for both; a box around both their rough cells."""
+    boxes = [box for box in (a.rough_box, b.rough_box) if box is not None]
+    hull = (
+        np.stack([np.min([lo for lo, _ in boxes], axis=0), np.max([hi for _, hi in boxes], axis=0)]) if boxes else None
+    )
+    constants, slopes, ratio, smooth = (
+        np.maximum(getattr(a, name), getattr(b, name)) for name in ("constants", "slopes", "ratio", "smooth")
+    )
+    return GridLipschitz(constants, slopes, ratio, smooth, max(a.rough_share, b.rough_share), hull, max(a.jump, b.jump))
+
+
 @dataclass(frozen=True)
 class LipschitzRow:
     """One estimate of the Euclidean constant: method, value, p-value of its goodness of fit (None: no fit), note."""

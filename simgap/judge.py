@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
 
@@ -14,8 +14,11 @@ from simgap.gap.function import GapFunction
 from simgap.geometry import Floats
 from simgap.model.sampled import NominalModel
 from simgap.specifications.monitor import Monitor, Outcome, Run, Verdict
+from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 
+LEFT = "left what is certified"
+"""How a run ends that did what was asked, but not by way of what the controller's certificate says."""
 BATCH = 100  # runs whose steps are held against the bound at once
 
 
@@ -45,6 +48,9 @@ class Judge:
     Attributes:
         space: the states; monitor: of the specification; steps: samples that a run has.
         inputs: U, (M, nu); model, gap: f and the bound that the controller was made for.
+        certificate: what a controller proves of this plant; a run that leaves it counts as a violation even if it comes
+            back. None for a controller that proves nothing of it: the specification alone is judged.
+        tolerant: whether the case tolerates steps outside gamma, so that a run with one is judged like that too.
     """
 
     space: Space
@@ -53,6 +59,8 @@ class Judge:
     inputs: Floats
     model: NominalModel
     gap: GapFunction
+    certificate: Solution | None = None
+    tolerant: bool = False
 
     def verdict(self, run: Run) -> Verdict:
         """How a run ended."""
@@ -68,6 +76,14 @@ class Judge:
         lo, hi = self.gap.bounds(x, u)
         return GapAudit(following - self.model.step(x, u), lo, hi)
 
+    def certified(self, verdict: Verdict, outside: int) -> Verdict:
+        """The verdict, or that of a run that left its certificate: steps outside gamma, or states it does not hold."""
+        if self.certificate is None or not verdict.outcome.kept or (outside and self.tolerant):
+            return verdict
+        if not outside and not strays(self.certificate, verdict.run):
+            return verdict
+        return replace(verdict, outcome=replace(verdict.outcome, end=LEFT, kept=False))
+
     def count(self, runs: Iterable[Run], keep: int) -> tuple[dict[str, Any], list[Verdict]]:
         """Judge and audit every run: -> figures as plain data, the `keep` runs to look at."""
         tally, kept = Tally(), list[Verdict]()
@@ -75,9 +91,28 @@ class Judge:
         while batch := [self.verdict(run) for run in islice(following, BATCH)]:
             outside = split_by_run(self.audit([v.run for v in batch]).outside, [v.run for v in batch])
             for verdict, count in zip(batch, outside, strict=True):
-                tally.add(verdict.outcome, count)
-                keep_some(kept, verdict, keep)
+                held = self.certified(verdict, count)
+                tally.add(held.outcome, count)
+                keep_some(kept, held, keep)
         return self.monitor.summary(tally.outcomes) | tally.to_json(), kept
+
+
+def strays(certificate: Solution, run: Run) -> int:
+    """Steps of a run after which it is not where the certificate says.
+
+    Towards a target: the level at what is measured and pending falls with every step, and stays 0 once it is. To stay:
+    the state is in a winning cell. A controller that remembers the pending input has no such set of states: it is held
+    by having an input at every sample, without which a run is stuck.
+    """
+    grid, value = certificate.grid, certificate.value
+    if value is None:
+        cells = grid.index(run.x)
+        lost = ~np.where(cells >= 0, certificate.winning[cells], False)
+        return 0 if certificate.late else int(lost[1:].sum())
+    levels = certificate.levels(run.seen, run.memory)
+    before, after = levels[:-1], levels[1:]
+    kept = (after >= 0) & ((after < before) | ((before == 0) & (after == 0)))
+    return int((~kept).sum())
 
 
 @dataclass

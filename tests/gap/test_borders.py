@@ -1,0 +1,122 @@
+"""Border and switching states against lists written from their definitions."""
+
+import itertools
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from simgap.gap.borders import BESIDE, critical_points
+from simgap.gap.function import GapDomain
+from simgap.gap.switching import kinks, switching_surfaces
+from simgap.geometry import Box
+from simgap.model.symbolic import symbol
+from simgap.stages.context import Context
+
+A, V, U = (symbol(name) for name in ("a", "v", "u"))
+
+
+def domain(lo=(-0.3, 0.0), hi=(0.2, 0.5), free=()):
+    return GapDomain(("a", "v"), ("u",), Box(lo, hi), np.array([[-1.0], [0.5]]), free)
+
+
+def rows(x):
+    return {tuple(row) for row in x.tolist()}
+
+
+def test_faces_edges_and_corners_on_the_lattice():
+    box = Box([0.0, 0.0, 0.0], [1.0, 2.0, 3.0])
+    cube = GapDomain(("a", "v", "w"), ("u",), box, np.zeros((1, 1)))
+    lattice = [np.array([0.5]), np.array([0.5, 1.5]), np.array([1.0])]
+    found = critical_points(cube, (), lattice)
+    ends = [(0.0, hi) for hi in (1.0, 2.0, 3.0)]
+    every = itertools.product(*((*own, *two) for own, two in zip(map(list, lattice), ends, strict=True)))
+    wanted = {x for x in every if any(value in two for value, two in zip(x, ends, strict=True))}
+    assert rows(found.x) == wanted
+    assert len(found.x) == len(wanted)
+    for x, fixed in zip(found.x.tolist(), found.fixed.tolist(), strict=True):
+        assert fixed == [value in two for value, two in zip(x, ends, strict=True)]
+
+
+def test_both_sides_of_rest_and_rest_itself_inside_and_on_the_border():
+    inside = critical_points(domain((-0.3, -0.5), (0.2, 0.4)), (V,), [np.array([0.1]), np.array([0.3])])
+    at = {v for a, v in rows(inside.x) if a == 0.1}
+    assert at == {-0.5, 0.4, -BESIDE * 0.9, 0.0, BESIDE * 0.9}
+    border = critical_points(domain(), (V,), [np.array([0.1]), np.array([0.3])])
+    assert {v for a, v in rows(border.x) if a == 0.1} == {0.0, BESIDE * 0.5, 0.5}
+
+
+def test_a_surface_that_leans_is_met_on_every_line_and_by_every_input():
+    surface = V - A - 0.2 + 0.1 * U
+    found = critical_points(domain(), (surface,)).x
+    values = np.array([[v - a - 0.2 + 0.1 * u for u in (-1.0, 0.5)] for a, v in found])
+    near = np.abs(values) <= 2.1 * BESIDE
+    for k in (0, 1):
+        hits = values[near[:, k], k]
+        assert len(hits) > 30
+        assert (hits < 0).any()
+        assert (hits > 0).any()
+
+
+def test_what_misses_X_or_depends_on_no_state_adds_nothing():
+    plain = critical_points(domain()).x
+    for surface in (V - 7.0, U - 0.3):
+        assert np.array_equal(critical_points(domain(), (surface,)).x, plain)
+
+
+def test_nothing_is_fixed_along_a_free_axis():
+    found = critical_points(domain(free=(0,)))
+    assert set(found.x[:, 0]) == {0.5 * (-0.3 + 0.2)}
+    assert not found.fixed[:, 0].any()
+
+
+def test_a_lattice_with_too_many_states_is_thinned_but_keeps_its_corners():
+    lattice = [np.linspace(-0.29, 0.19, 400), np.linspace(0.01, 0.49, 400)]
+    found = critical_points(domain(), (), lattice, most=200)
+    assert len(found.x) <= 200
+    assert set(itertools.product((-0.3, 0.2), (0.0, 0.5))) <= rows(found.x)
+
+
+def test_kinks_of_equations():
+    found = kinks([sp.sign(V) * 2 + sp.Abs(A - 1), sp.Max(A, V, evaluate=False)])
+    assert set(found) >= {V, A - 1}
+    assert A - V in found or V - A in found
+
+
+FRICTION = {
+    "coulomb_friction": ({"F_c": 0.01}, {0.0}),
+    "stribeck_friction": ({"F_c": 0.01, "F_s": 0.02, "v_s": 0.04},
+                          {0.0, 0.01, -0.01, 0.02, -0.02, 0.04, -0.04, 0.08, -0.08}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FRICTION)
+@pytest.mark.parametrize("side", ["simulator.effects", "plant.effects"])
+def test_a_case_with_friction_switches_at_rest(vary, name, side):
+    values, speeds = FRICTION[name]
+    context = Context.load(vary("pendulum", {side: [{"name": name, "on": "hinge", "parameters": values}]}))
+    speed = symbol("x2")
+    found = [float(sp.solve(e, speed)[0]) for e in switching_surfaces(context) if speed in e.free_symbols]
+    assert sorted(set(found)) == pytest.approx(sorted(speeds))
+
+
+def test_commands_and_end_stops_of_a_case(root, vary, tmp_path):
+    urdf = tmp_path / "stopped.urdf"
+    content = (root / "configs" / "models" / "pendulum.urdf").read_text()
+    urdf.write_text(content.replace('lower="-12.6" upper="12.6"', 'lower="-0.1" upper="0.15"'))
+    effects = [{"name": "input_dead_zone", "on": "u", "parameters": {"width": 0.2}},
+               {"name": "input_saturation", "on": "u", "parameters": {"limit": 0.9}}]  # fmt: skip
+    context = Context.load(vary("pendulum", {"plant.urdf": str(urdf), "simulator.effects": effects}))
+    found = switching_surfaces(context)
+    x1, u = symbol("x1"), symbol("u")
+    stops = sorted(float(sp.solve(e, x1)[0]) for e in found if x1 in e.free_symbols)
+    commands = sorted(float(sp.solve(e, u)[0]) for e in found if u in e.free_symbols)
+    assert stops == pytest.approx([-0.1, 0.15])
+    assert commands == pytest.approx([-0.9, -0.2, 0.2, 0.9])
+
+
+def test_a_smooth_case_has_no_surface_inside_X(vary):
+    context = Context.load(vary("pendulum", {}))
+    where = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set)
+    with_stops = critical_points(where, switching_surfaces(context))
+    assert np.array_equal(with_stops.x, critical_points(where).x)

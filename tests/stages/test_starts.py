@@ -1,0 +1,61 @@
+"""Closed-loop runs begin where they prove something: outside the target, on faces and corners too."""
+
+import numpy as np
+
+from simgap.geometry import Box, Grid
+from simgap.specifications.solution import Solution
+from simgap.stages.starts import draw_starts, within_cells
+from simgap.synthesis.controller import Controller
+
+GRID = Grid(Box([0.1, -0.3], [1.3, 0.7]), (12, 7))
+
+
+def controller(winning, target=None, held=False):
+    value = None if target is None else np.where(winning, np.where(target, 0, 1), -1).astype(np.int32)
+    served = winning if target is None or held else winning & ~target
+    mask = served.astype(np.uint8)[:, None]
+    solution = Solution(GRID, winning, mask, np.ones(GRID.size, bool), value, target)
+    return Controller(np.array([[0.0]]), ("a", "b"), ("u",), solution, "least_effort", {})
+
+
+def checkerboard():
+    return np.indices(GRID.cells).sum(axis=0).reshape(-1) % 2 == 0
+
+
+def test_every_start_is_in_a_winning_cell_whose_neighbours_lose():
+    own = controller(checkerboard())
+    starts = draw_starts(own, 4000, 3)
+    assert own.contains(starts).all()
+
+
+def test_faces_and_corners_are_among_the_starts():
+    starts = draw_starts(controller(checkerboard()), 4000, 3)
+    place = (starts - GRID.box.lo) / (2.0 * GRID.h)
+    on_face = np.abs(place - np.round(place)) < 1e-9
+    count = on_face.sum(axis=1)
+    assert 0.15 < (count == 1).mean() < 0.35
+    assert 0.15 < (count == 2).mean() < 0.35
+    low = np.abs(place - np.floor(place)) < 1e-9  # lower faces and, nudged inward, upper ones
+    assert 0.3 < low[on_face].mean() < 0.7
+
+
+def test_no_run_begins_in_the_target():
+    winning = np.ones(GRID.size, bool)
+    target = np.arange(GRID.size) >= GRID.size // 3  # most of what is won
+    own = controller(winning, target)
+    assert not own.in_target(draw_starts(own, 500, 1)).any()
+
+
+def test_a_target_that_is_to_be_held_is_started_from():
+    winning = np.ones(GRID.size, bool)
+    own = controller(winning, winning, held=True)
+    assert own.in_target(draw_starts(own, 50, 1)).all()
+
+
+def test_points_on_faces_are_their_cells_own():
+    rng = np.random.default_rng(5)
+    for cells in ((1000, 500), (37, 41)):
+        grid = Grid(Box([-np.pi, 1e-3], [np.pi, 7.1]), cells, (0,))
+        chosen = rng.integers(0, grid.size, 5000)
+        place = rng.choice([-1.0, 1.0], (5000, 2))
+        assert np.array_equal(grid.index(within_cells(grid, chosen, place)), chosen)

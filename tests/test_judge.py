@@ -1,0 +1,99 @@
+"""What counts as a violation of a controller that proves something, on runs made by hand."""
+
+import numpy as np
+import sympy as sp
+
+from simgap.gap.function import GapDomain
+from simgap.gap.symmetry import BodyFrameGap
+from simgap.geometry import Box, Grid
+from simgap.judge import LEFT, Judge, strays
+from simgap.model.sampled import NominalModel
+from simgap.specifications.invariance import Inside
+from simgap.specifications.monitor import Run
+from simgap.specifications.reach_avoid import Arriving
+from simgap.specifications.solution import Solution
+from simgap.specifications.space import Space
+from simgap.specifications.surroundings import Surroundings
+
+PI = np.pi
+BOX = Box([0.0, 0.0, -PI], [6.0, 1.0, PI])
+SPACE = Space(("x", "y", "t"), BOX, (2,), {}, (0, 1, 2))
+GRID = Grid(BOX, (6, 1, 1), (2,))
+INPUTS = np.array([[-1.0], [1.0]])
+
+
+def model():
+    x, y, t, v = sp.symbols("x y t v", real=True)
+    return NominalModel((x, y, t), (v,), (x + v, y, t), 1.0)
+
+
+def gap(size):
+    domain = GapDomain(("x", "y", "t"), ("v",), BOX, INPUTS, (0, 1))
+    return BodyFrameGap(domain, (), np.full((2, 3), -size), np.full((2, 3), size))
+
+
+def corridor(levels):
+    """Six cells in a row with levels towards the last one."""
+    value = np.array(levels, np.int32)
+    mask = np.where(value > 0, 3, 0).astype(np.uint8)[:, None]
+    return Solution(GRID, value >= 0, mask, np.ones(6, bool), value, value == 0)
+
+
+def along(xs, inputs):
+    x = np.column_stack([xs, np.full(len(xs), 0.5), np.zeros(len(xs))])
+    return Run(x, np.array(inputs), False, x, np.ones(len(xs)))
+
+
+def judged(solution, run, size, **more):
+    around = Surroundings.of(SPACE, (), BOX, np.zeros(3))
+    target = Box([5.0, -np.inf, -np.inf], [6.0, np.inf, np.inf])
+    judge = Judge(SPACE, Arriving(SPACE, target, around, solution), 20, INPUTS, model(), gap(size), **more)
+    return judge.count([run], 1)[0]
+
+
+def test_a_run_that_climbs_and_gets_there_all_the_same_is_a_violation():
+    solution = corridor([5, 4, 3, 2, 1, 0])
+    run = along([1.5, 2.5, 1.5, 2.5, 3.5, 4.5, 5.5], [1, 0, 1, 1, 1, 1])
+    assert judged(solution, run, 0.1)["runs_that_violated_it"] == 0  # a controller that proves nothing of this plant
+    figures = judged(solution, run, 0.1, certificate=solution)
+    assert figures["ends"] == {LEFT: 1}
+    assert figures["runs_that_violated_it"] == 1
+
+
+def test_a_run_with_a_step_outside_gamma_that_gets_there_is_a_violation():
+    solution = corridor([5, 4, 3, 2, 1, 0])
+    run = along([1.5, 2.5, 3.5, 4.9, 5.5], [1, 1, 1, 1])  # 0.4 m farther than the model, then 0.4 m less
+    figures = judged(solution, run, 0.1, certificate=solution)
+    assert (figures["steps_outside_gamma"], figures["runs_that_violated_it"]) == (2, 1)
+    assert judged(solution, run, 0.5, certificate=solution)["runs_that_violated_it"] == 0
+    # a case that tolerates a share of such steps judges the run by what it did
+    assert judged(solution, run, 0.1, certificate=solution, tolerant=True)["runs_that_violated_it"] == 0
+
+
+def test_a_run_that_leaves_the_winning_domain_and_comes_back_is_a_violation():
+    grid = Grid(Box([0.0], [4.0]), (4,))
+    winning = np.array([False, True, True, False])
+    solution = Solution(grid, winning, np.where(winning, 3, 0).astype(np.uint8)[:, None], np.ones(4, bool))
+    x = np.array([[1.5], [0.5], [1.5], [2.5]])
+    run = Run(x, np.array([0, 1, 1]), False, x)
+    assert Inside(Box([0.0], [4.0])).judge(run, 3).outcome.kept
+    assert strays(solution, run) == 1
+    assert strays(solution, Run(x[2:], np.array([1]), False, x[2:])) == 0
+
+
+def test_a_held_target_is_never_left():
+    solution = corridor([5, 4, 3, 2, 0, 0])
+    assert strays(solution, along([3.5, 4.5, 5.5, 4.5], [1, 1, 0])) == 0
+    assert strays(solution, along([3.5, 4.5, 3.5, 4.5], [1, 0, 1])) == 1
+
+
+def test_levels_are_those_of_the_cell_and_the_pending_input():
+    value = np.array([[5, 3], [4, 2], [3, 1], [2, 1], [1, 1], [0, 0]], np.int32)
+    mask = np.where(value > 0, 3, 0).astype(np.uint8).reshape(-1, 1)
+    nodes = value.reshape(-1)
+    late = Solution(GRID, value[:, 0] >= 0, mask, np.ones(6, bool), nodes, nodes == 0, 2, {}, 0, True)
+    run = along([1.5, 2.5, 3.5], [1, 1])
+    falls = Run(run.x, run.inputs, False, run.x, run.clearance, np.array([0, 0, 1]))  # 4, 3, 1
+    climbs = Run(run.x, run.inputs, False, run.x, run.clearance, np.array([1, 0, 0]))  # 2, 3, 2
+    assert (strays(late, falls), strays(late, climbs)) == (0, 1)
+    assert late.levels(run.x[:1]).tolist() == [4]
