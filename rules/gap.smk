@@ -29,6 +29,7 @@ rule scp:
         case=correction,
         grid=grid_files,
         rollouts=shards,
+        borders=borders,
     output:
         "results/{case}/gap/{point}/scp/{state}.json",
     log:
@@ -44,11 +45,12 @@ rule scp:
         reads=reads("scp"),
         code=code("scp"),
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
+        borders=lambda w, input: flagged("--borders", input.borders),
     message:
         "{wildcards.case}: scenario program of {wildcards.state}, {wildcards.point}"
     shell:
         "simgap scp {params.case:q} --state {wildcards.state:q} --grid {params.grid:q} {params.shards:q}"
-        " --out {output:q} --log {log:q}"
+        " {params.borders:q} --out {output:q} --log {log:q}"
 
 
 rule lipschitz:
@@ -87,6 +89,7 @@ rule gap:
         lipschitz=dimensions("lipschitz"),
         fresh=lambda w: f"results/{simulated(w.case)}/fresh/samples.parquet",
         calibration=calibration,
+        borders=borders,
     output:
         gap="results/{case}/gap/{point}/gap.json",
         samples="results/{case}/gap/{point}/samples.parquet",
@@ -106,8 +109,9 @@ rule gap:
         scp=lambda w, input: flagged("--scp", input.scp),
         lipschitz=lambda w, input: flagged("--lipschitz", input.lipschitz),
         drawn=lambda w, input: flagged("--calibration", input.calibration),
+        borders=lambda w, input: flagged("--borders", input.borders),
     message:
         "{wildcards.case}: dimensions put together, padded and checked on fresh samples, {wildcards.point}"
     shell:
         "simgap gap {params.case:q} --grid {params.grid:q} {params.shards:q} {params.scp:q} {params.lipschitz:q}"
-        " --fresh {input.fresh:q} {params.drawn:q} --out {output.gap:q} --samples {output.samples:q} --log {log:q}"
+        " --fresh {input.fresh:q} {params.drawn:q} {params.borders:q} --out {output.gap:q} --samples {output.samples:q} --log {log:q}"

@@ -6,8 +6,8 @@ TEMPLATES = digest(
 
 
 def pages(case):
-    """What a person looks at."""
-    names = ("report.html", "summary.json", "trace/trace.rrd")
+    """What a person looks at; what was checked before anything else first."""
+    names = ("check/check.json", "report.html", "summary.json", "trace/trace.rrd")
     return [f"results/{case}/{name}" for name in names]
 
 

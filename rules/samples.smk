@@ -18,6 +18,31 @@ def shards(wildcards):
     return [f"{folder}/shard-{shard}.parquet" for shard in range(count)]
 
 
+# What a person would want to know before anything runs. It goes first, and its failure ends the run; nothing depends on it,
+# because Snakemake looks for changes only behind jobs that need not run.
+rule check:
+    input:
+        case=correction,
+    output:
+        "results/{case}/check/check.json",
+    log:
+        "results/{case}/logs/check.log",
+    benchmark:
+        "results/{case}/benchmarks/check.tsv"
+    priority: 100
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("check"),
+        code=code("check"),
+    message:
+        "{wildcards.case}: model file, engine, cells and costs"
+    shell:
+        "simgap check {params.case:q} --out {output:q} --log {log:q}"
+
+
 rule grid:
     input:
         case=correction,
@@ -88,6 +113,35 @@ rule fresh:
         "{wildcards.case}: fresh random samples of the simulator"
     shell:
         "simgap fresh {params.case:q} --out {output:q} --workers {threads} --log {log:q}"
+
+
+rule borders:
+    input:
+        case=correction,
+    output:
+        "results/{case}/borders/{point}/samples.parquet",
+    log:
+        "results/{case}/logs/borders-{point}.log",
+    benchmark:
+        "results/{case}/benchmarks/borders-{point}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("borders"),
+        code=code("borders"),
+    message:
+        "{wildcards.case}: simulator on borders and beside switching surfaces, {wildcards.point}"
+    shell:
+        "simgap borders {params.case:q} --point {wildcards.point:q} --out {output:q} --log {log:q}"
+
+
+def borders(wildcards):
+    """The corrected model may switch where the case does not, so it has its own; a gap over histories has no border."""
+    if remembers(case_of(wildcards)):
+        return []
+    return f"results/{wildcards.case}/borders/{wildcards.point}/samples.parquet"
 
 
 rule calibration:

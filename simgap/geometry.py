@@ -89,7 +89,7 @@ class Grid:
     @property
     def size(self) -> int:
         """Number of cells."""
-        return int(np.prod(self.cells))
+        return math.prod(self.cells)
 
     def axis(self, j: int) -> Floats:
         """Cell centres along axis j, (cells[j],)."""

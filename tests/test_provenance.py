@@ -12,6 +12,7 @@ from simgap.config.load import load_case
 from simgap.config.reads import READS
 from simgap.provenance import closure, code_digest, sections_digest, versions
 
+WHOLE = {"check", "diagnosis"}  # stages that read every key
 ENGINE = """
 from simgap.simulators.base import Engine
 from simgap.config.simulator import EngineSection
@@ -80,13 +81,16 @@ def test_the_closure_is_what_the_sources_say():
 
 def test_sections_are_narrow(vary):
     base = _digests(vary, {})
-    # the diagnosis copies the whole case into the corrected one, so it reads all of it
+    # a check looks at the whole case, and the diagnosis copies it into the corrected one
     changed = _digests(vary, {"synthesis.cells": [10, 10]})
-    assert {stage for stage in READS if base[stage] != changed[stage]} == {"synthesis", "diagnosis"}
+    assert {stage for stage in READS if base[stage] != changed[stage]} == {"synthesis", *WHOLE}
     changed = _digests(vary, {"validation.seed": 9})
-    assert {stage for stage in READS if base[stage] != changed[stage]} == {"validation", "diagnosis"}
+    assert {stage for stage in READS if base[stage] != changed[stage]} == {"validation", *WHOLE}
     changed = _digests(vary, {"plant.integrator": "rk4"})
     assert not {"rollouts", "fresh", "rig"} & {stage for stage in READS if base[stage] != changed[stage]}
+
+
+FRICTION = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.01}}]
 
 
 @pytest.mark.parametrize(
@@ -99,12 +103,14 @@ def test_sections_are_narrow(vary):
         ({"gap.lipschitz": {"rough_limit": 0.2}}, {"gap"}),
         ({"gap.tolerated_probability": 0.01}, {"gap", "validation"}),
         ({"grid.eps": 0.1}, {"report"}),  # another point, whose files have other names
-        ({"plant.integrator": "rk4"}, {"scp", "lipschitz", "gap"}),
-        ({"domain.X.x1": [-0.1, 0.2]}, {"grid", "rollouts", "fresh", "scp", "lipschitz", "gap"}),
+        ({"plant.integrator": "rk4"}, {"borders", "scp", "lipschitz", "gap"}),
+        ({"domain.X.x1": [-0.1, 0.2]}, {"grid", "rollouts", "fresh", "borders", "scp", "lipschitz", "gap"}),
+        ({"simulator.substeps": 2}, {"rollouts", "fresh", "borders", "gap"}),
+        ({"simulator.effects": FRICTION}, {"rollouts", "fresh", "borders", "scp", "gap"}),
     ],
 )
 def test_each_stage_of_the_bound_reads_its_own_keys(vary, changes, again):
-    road = {"grid", "rollouts", "fresh", "scp", "lipschitz", "gap", "validation", "report"}
+    road = {"grid", "rollouts", "fresh", "borders", "scp", "lipschitz", "gap", "validation", "report"}
     assert {stage for stage in road if _digests(vary, {})[stage] != _digests(vary, changes)[stage]} >= again
     bound = road - {"validation", "report"}
     assert {s for s in bound if _digests(vary, {})[s] != _digests(vary, changes)[s]} == again & bound
@@ -112,7 +118,7 @@ def test_each_stage_of_the_bound_reads_its_own_keys(vary, changes, again):
 
 def test_which_padding_it_is_matters_to_the_program_where_it_is_inflate(vary):
     per_axis, paper = (_digests(vary, {"gap.padding": name}) for name in ("per_axis", "paper"))
-    assert {stage for stage in READS if per_axis[stage] != paper[stage]} == {"gap", "diagnosis"}
+    assert {stage for stage in READS if per_axis[stage] != paper[stage]} == {"gap", *WHOLE}
 
 
 def _digests(vary, changes):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import sys
 from typing import Any
@@ -10,7 +11,7 @@ import typer
 
 from simgap.cli import control, gap, measured, pages, tools
 from simgap.cli.options import app
-from simgap.errors import SimgapError
+from simgap.errors import SimgapError, excerpt
 
 __all__ = ["app", "main"]
 
@@ -32,6 +33,12 @@ def main(arguments: list[str] | None = None) -> None:
             logging.getLogger("simgap").error("%s", error)
         sys.stderr.write(f"simgap: {error}\n")
         status = error.exit_status
+    except OSError as error:
+        sys.stderr.write(f"simgap: {_of_the_system(error)}\n")
+        status = 1
+    except MemoryError:
+        sys.stderr.write("simgap: the memory of this machine does not suffice; `simgap check CASE` says what does\n")
+        status = 1
     except _USAGE as error:
         sys.stderr.write(f"simgap: {error} (simgap --help lists what there is)\n")
         status = 2
@@ -43,3 +50,18 @@ def main(arguments: list[str] | None = None) -> None:
             logging.getLogger("simgap").removeHandler(handler)
             handler.close()
     sys.exit(status)
+
+
+def _of_the_system(error: OSError) -> str:
+    """What the operating system refused, as one line: which file, why, what to do."""
+    remedies = {
+        errno.ENOSPC: "Free some space and run again: nothing is left half-written.",
+        errno.EDQUOT: "Free some space and run again: nothing is left half-written.",
+        errno.EACCES: "Give a place that you may write to.",
+        errno.EROFS: "Give a place that you may write to.",
+        errno.EEXIST: "A file stands where a folder is needed: give another place.",
+        errno.ENOTDIR: "A file stands where a folder is needed: give another place.",
+        errno.EISDIR: "A folder stands where a file is needed: give another place.",
+    }
+    where = f"{excerpt(error.filename)}: " if error.filename else ""
+    return f"{where}{error.strerror or excerpt(error)}. {remedies.get(error.errno or 0, '')}".rstrip()

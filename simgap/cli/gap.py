@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from simgap.cli.options import CasePath, Grid, Log, Out, Shards, State, app, start_log
+from simgap.cli.options import Borders, CasePath, Grid, Log, Out, Shards, State, app, start_log
+
+
+@app.command()
+def check(
+    case: CasePath,
+    out: Annotated[Path | None, typer.Option(help="File for what was found (JSON).")] = None,
+    log: Log = None,
+) -> None:
+    """Check a case before anything runs: model file, engine, cells, and what every stage will cost."""
+    from rich.console import Console
+
+    from simgap.cli.checked import show
+    from simgap.stages import check as stage
+
+    start_log(log)
+    if log is None:  # the findings are shown below
+        logging.getLogger("simgap").setLevel(logging.ERROR)
+    show(Console(), stage.run(case, out, log))
 
 
 @app.command()
@@ -57,6 +76,20 @@ def fresh(
 
 
 @app.command()
+def borders(
+    case: CasePath,
+    out: Out,
+    point: Annotated[str | None, typer.Option(help="eps~ and the radius of the balls that cover X.")] = None,
+    log: Log = None,
+) -> None:
+    """Run the simulator on the border of X and on both sides of switching surfaces."""
+    from simgap.stages import borders as stage
+
+    start_log(log)
+    stage.run(case, point, out, log)
+
+
+@app.command()
 def calibration(
     case: CasePath,
     out: Out,
@@ -71,12 +104,14 @@ def calibration(
 
 
 @app.command()
-def scp(case: CasePath, state: State, samples: Grid, shards: Shards, out: Out, log: Log = None) -> None:
+def scp(
+    case: CasePath, state: State, samples: Grid, shards: Shards, out: Out, borders: Borders = None, log: Log = None
+) -> None:
     """Solve the scenario program of one dimension of the gap."""
     from simgap.stages import scp as stage
 
     start_log(log)
-    stage.run(case, state, samples, shards, out)
+    stage.run(case, state, samples, shards, out, borders)
 
 
 @app.command()
@@ -98,6 +133,7 @@ def gap(
     checked: Annotated[Path, typer.Option("--fresh", help="Fresh samples to check the bound on.")],
     out: Out,
     samples: Annotated[Path, typer.Option(help="File for thinned samples, for pictures (Parquet).")],
+    borders: Borders = None,
     drawn: Annotated[Path | None, typer.Option("--calibration", help="Samples for a conformal bound.")] = None,
     log: Log = None,
 ) -> None:
@@ -105,4 +141,4 @@ def gap(
     from simgap.stages import gap as stage
 
     start_log(log)
-    stage.run(case, stage.Inputs(grid, shards, programs, slopes, checked, drawn), out, samples)
+    stage.run(case, stage.Inputs(grid, shards, programs, slopes, checked, drawn, borders), out, samples)

@@ -19,6 +19,9 @@ CasePath = Annotated[Path, typer.Argument(help="Case file (YAML).", show_default
 Out = Annotated[Path, typer.Option(help="File to write.", show_default=False)]
 Grid = Annotated[Path, typer.Option("--grid", help="Folder of a grid.", show_default=False)]
 Shards = Annotated[list[Path], typer.Option("--rollouts", help="Roll-out shards of the grid, in order.")]
+Borders = Annotated[
+    Path | None, typer.Option("--borders", help="Samples on borders and beside switching surfaces; not for a robot.")
+]
 State = Annotated[str, typer.Option(help="Which state.", show_default=False)]
 Log = Annotated[Path | None, typer.Option(help="File for the log of this stage; stderr if not given.")]
 

@@ -54,6 +54,11 @@ class Context:
         return self.need(self.case.domain, "domain")
 
     @property
+    def periodic(self) -> tuple[int, ...]:
+        """Axes of the states that wrap around."""
+        return tuple(self.states.index(name) for name in self.domain.periodic)
+
+    @property
     def states(self) -> list[str]:
         """Names of the states, in order."""
         return list(self.case.plant.states)

@@ -32,13 +32,21 @@ class InputSet(Section):
             raise ValueError(f"U is empty: max {self.max} is below min {self.min}")
         return self
 
+    @property
+    def count(self) -> int:
+        """How many values there are."""
+        if self.values is not None:
+            return len(self.values)
+        low, high, step = (float(v) for v in (self.min, self.max, self.step) if v is not None)
+        return int(np.floor((high - low) / step + 1e-9)) + 1
+
     def list(self) -> Floats:
         """The values in ascending order, (n,); decimal steps give the decimals a person would write."""
         if self.values is not None:
             return np.array(sorted(self.values))
-        low, high, step = (float(v) for v in (self.min, self.max, self.step) if v is not None)
-        n = int(np.floor((high - low) / step + 1e-9)) + 1
-        return np.round(low + step * np.arange(n), 12)
+        assert self.min is not None
+        assert self.step is not None
+        return np.round(self.min + self.step * np.arange(self.count), 12)
 
 
 class DomainSection(Section):

@@ -27,8 +27,8 @@ def load_case(path: Path) -> Case:
 def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
     """The plain content of a case file; with `extends`, on top of the case that it names.
 
-    A section that is given replaces that of the other case as a whole, `null` leaves it out. The other case stands in
-    the same folder, so that its relative paths hold.
+    Keys that are given are laid over those of the other case (`overlaid`). The other case stands in the same folder, so
+    that its relative paths hold.
 
     Raises:
         UserError: missing file, broken YAML, a base that is no case of the same folder or that leads back here.
@@ -49,7 +49,28 @@ def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
         raise UserError("a case cannot extend itself", file=path, key="extends")
     inherited = case_content(base, above)
     parse_case(inherited, base)  # a mistake in it is told with its own file
-    return {key: value for key, value in (inherited | content).items() if value is not None}
+    return overlaid(inherited, content)
+
+
+TAGS = ("engine", "kind")
+"""Keys that say which keys stand beside them."""
+
+
+def overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Keys of `above` on those of `below`: sections are merged key by key, a list or a number is replaced, `null`
+    leaves a key out. A section of another engine or kind replaces the whole section: its keys are others."""
+    merged = dict(below)
+    for key, value in above.items():
+        under = below.get(key)
+        if isinstance(value, dict) and isinstance(under, dict) and not _of_another_kind(under, value):
+            merged[key] = overlaid(under, value)
+        else:
+            merged[key] = value
+    return {key: value for key, value in merged.items() if value is not None}
+
+
+def _of_another_kind(under: dict[str, Any], value: dict[str, Any]) -> bool:
+    return any(tag in value and value[tag] != under.get(tag) for tag in TAGS)
 
 
 def parse_case(content: Any, path: Path, plugins_beside: Path | None = None) -> Case:
@@ -90,6 +111,9 @@ def _user_error(mistake: _Mistake, count: int, path: Path) -> UserError:
         problem, remedy = "this key is missing", "Add it."
     elif kind == "value_error":
         problem = problem.removeprefix("Value error, ")
+    elif key == "name" and kind == "string_pattern_mismatch":
+        problem = f"{excerpt(repr(first['input']))} is no name of a case: results are kept in a folder of that name"
+        remedy = "Use lower-case letters a to z, digits, - and _, beginning with a letter; `title` may hold anything."
     else:
         problem = f"{problem}, got {excerpt(repr(first['input']))}"
     if count > 1:

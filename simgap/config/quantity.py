@@ -27,3 +27,5 @@ def _to(unit: str) -> BeforeValidator:
 
 _NUMBER_OR_TEXT: dict[str, Any] = {"anyOf": [{"type": "number"}, {"type": "string"}]}
 Seconds = Annotated[float, _to("s"), WithJsonSchema(_NUMBER_OR_TEXT)]
+Hours = Annotated[float, _to("h"), WithJsonSchema(_NUMBER_OR_TEXT)]
+Gibibytes = Annotated[float, _to("GiB"), WithJsonSchema(_NUMBER_OR_TEXT)]

@@ -29,9 +29,11 @@ _JUDGED = ("synthesis.specification", *_TOLERATED)
 _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
+    "check": (*_WHOLE, "budget"),
     "grid": ("name", "plant.states", "plant.inputs", "domain.X", "domain.U", "hidden_state.previous"),
     "rollouts": (*_SIMULATED, "grid.shards", *_HISTORIES),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
+    "borders": (*_SIMULATED, "plant", "gap.seed", "hidden_state"),
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
     "scp": (*_MODEL, "simulator", *_FIT, *_COUNTED),
     "lipschitz": (*_MODEL, "simulator", "gap.seed", *_EXTREME_VALUE, *_COUNTED),

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.fresh_check import FreshCheck
+from simgap.gap.fresh_check import BorderCheck, FreshCheck
 from simgap.gap.function import GapFunction
 from simgap.gap.tiers import Tier
 
@@ -26,6 +26,20 @@ def tolerate(check: FreshCheck, probability: float, remedy: str) -> None:
         f"by up to {check.worst}",
         remedy,
     )
+
+
+def none_outside(check: BorderCheck) -> None:
+    """On borders and beside switching surfaces nothing is tolerated: these samples are not random.
+
+    Raises:
+        BrokenPromise: with the count and the largest excess.
+    """
+    if check.violations:
+        raise BrokenPromise(
+            f"gamma does not cover: {check.violations} of {check.samples} samples on borders of X and beside switching "
+            f"surfaces exceed it, by up to {check.worst}",
+            "Use a smaller eps.",
+        )
 
 
 def covering_remainder(function: GapFunction, remainder: Mapping[str, float]) -> GapFunction:

@@ -16,7 +16,7 @@ from simgap.gap.envelope import NodeFit, envelope_gap
 from simgap.gap.function import GapFunction, GapSuprema
 from simgap.gap.linear_fit import LinearFit, linear_gap
 from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.samples import SampleGrid
+from simgap.gap.samples import Directed, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import PaddedSide
 from simgap.gap.thresholds import GATE
@@ -77,9 +77,9 @@ class GapResult:
 
 def assemble(
     where: SampleGrid, settings: GapSettings, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
-    calibration: Calibration | None = None,
+    calibration: Calibration | None = None, directed: Sequence[Directed] = (),
 ) -> GapResult:  # fmt: skip
-    """The gap function of all dimensions, padded.
+    """The gap function of all dimensions, padded; `directed` are those samples of each dimension, for an envelope.
 
     Raises:
         UserError: fits of different kinds, or a conformal bound without calibration samples.
@@ -93,7 +93,7 @@ def assemble(
     if centres := [fit for fit in fits if isinstance(fit, CentreFit)]:
         function = conformal_gap(where, settings, centres, calibration)
     elif nodes := [fit for fit in fits if isinstance(fit, NodeFit)]:
-        function = envelope_gap(where, settings, nodes, lipschitz)
+        function = envelope_gap(where, settings, nodes, lipschitz, directed if where.known is None else ())
     elif blocks := [fit for fit in fits if isinstance(fit, BlockFit)]:
         function = blocks_gap(where, settings, blocks, lipschitz)
     else:

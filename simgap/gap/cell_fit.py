@@ -13,9 +13,9 @@ from simgap.errors import UserError
 from simgap.gap.cells import CellGap
 from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.samples import DimensionSamples, SampleGrid
+from simgap.gap.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import guarantee
+from simgap.gap.tiers import directed_words, guarantee
 from simgap.geometry import Floats, Grid
 
 
@@ -26,11 +26,14 @@ class BlockFit:
     Attributes:
         upper, lower: (blocks, M or 1), of d and of -d; padding `inflate` is in them, the others are not.
         rough_share: cells with a jump, as far as the local padding looked for them.
+        directed: samples on borders and beside switching surfaces that are in the tables, too. factor: see `SideFit`.
     """
 
     upper: Floats
     lower: Floats
     rough_share: float
+    directed: int = 0
+    factor: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
@@ -40,13 +43,15 @@ class BlockFit:
             "upper": self.upper.tolist(),
             "lower": self.lower.tolist(),
             "rough_share": self.rough_share,
+            "directed": self.directed,
+            "factor": self.factor,
         }
 
     @staticmethod
     def from_json(data: Mapping[str, Any]) -> BlockFit:
         """The inverse of `to_json`."""
         upper, lower = (np.array(data[side], dtype=float) for side in ("upper", "lower"))
-        return BlockFit(upper, lower, float(data["rough_share"]))
+        return BlockFit(upper, lower, float(data["rough_share"]), int(data["directed"]), float(data["factor"]))
 
 
 def fit_blocks(samples: DimensionSamples, settings: GapSettings) -> BlockFit:
@@ -59,15 +64,31 @@ def fit_blocks(samples: DimensionSamples, settings: GapSettings) -> BlockFit:
     """
     counts, per_input = _counts(samples.where, settings)
     member, _ = _blocks(samples.where.grid, counts)
-    tables, rough = {}, 0.0
+    tables, rough, factor, directed = {}, 0.0, 0.0, samples.beside
     for up in (True, False):
         padded, share = _locally_padded(samples, settings, up)
+        of_row = member
+        if directed is not None:
+            beside, risen = _beside(samples, directed, settings, up)
+            padded, factor = np.concatenate([padded, beside]), max(factor, risen)
+            of_row = np.concatenate([member, member[samples.where.grid.index(directed.x)]])
         if not per_input:
             padded = padded.max(axis=1, keepdims=True)
         tables[up] = np.full((int(np.prod(counts)), padded.shape[1]), -np.inf)
-        np.maximum.at(tables[up], member, padded)
+        np.maximum.at(tables[up], of_row, padded)
         rough = max(rough, share)
-    return BlockFit(tables[True], tables[False], rough)
+    return BlockFit(tables[True], tables[False], rough, 0 if directed is None else len(directed.x), factor)
+
+
+def _beside(samples: DimensionSamples, directed: Directed, settings: GapSettings, up: bool) -> tuple[Floats, float]:
+    """(E, M) target of a side beside the grid, padded along its surface with `inflate`; the factor of `SideFit`."""
+    from simgap.gap.lipschitz.local import Beside, LocalPadding
+
+    where, target, at = samples.where, samples.side(up), directed.side(up)
+    cells = where.grid.index(directed.x)
+    along, across = LocalPadding(target, where.grid, where.free, samples.floor).along(Beside(cells, directed.fixed))
+    factor = float(((at - target[cells]) / np.maximum(across, samples.floor)).max())
+    return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
 
 
 def blocks_gap(
@@ -93,7 +114,8 @@ def blocks_gap(
         fit.rough_share if inflated else known.grid.rough_share for fit, known in zip(fits, lipschitz, strict=True)
     ]
     used = [known.grid for known in lipschitz]
-    tiers = guarantee("inflate" if inflated else "cells", where.states, used, rough)
+    beside = directed_words(where.states, max(fit.directed for fit in fits), [fit.factor for fit in fits])
+    tiers = guarantee("inflate" if inflated else "cells", where.states, used, rough, beside)
     return CellGap(where.domain, tiers, edges, nodes, lower, upper, np.zeros((nx, nx)))
 
 
@@ -109,11 +131,11 @@ def _locally_padded(samples: DimensionSamples, settings: GapSettings, up: bool) 
     """(N, M) target of one side, with its local padding if that is the case's, and the share of rough cells."""
     from simgap.gap.padding import local_padding
 
+    target = samples.side(up)
     if settings.padding != "inflate":
-        return samples.side(up), 0.0
-    local = local_padding(samples, up)
-    pad, share = local.of_target()
-    return local.target + pad, share
+        return target, 0.0
+    pad, share = local_padding(samples, up).of_target()
+    return target + pad, share
 
 
 def _counts(where: SampleGrid, settings: GapSettings) -> tuple[tuple[int, ...], bool]:

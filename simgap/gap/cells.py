@@ -66,8 +66,8 @@ class CellGap(GapFunction):
         """The same bound with other guarantee tiers."""
         return replace(self, tiers=tuple(tiers))
 
-    def kernel(self) -> Kernel:
-        """See `GapFunction.kernel`; loops over the cells that the box touches."""
+    def _kernel(self) -> Kernel:
+        """See `GapFunction._kernel`; loops over the cells that the box touches."""
         inputs, limit_lo, limit_hi, edges, nodes, counts, slopes, lower, upper = self._tables()
 
         @njit(error_model="numpy")

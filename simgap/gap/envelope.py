@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from simgap.gap.cells import CellGap
 from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.samples import DimensionSamples, SampleGrid
+from simgap.gap.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import guarantee
+from simgap.gap.tiers import directed_words, guarantee
 from simgap.geometry import Floats
 
 
@@ -56,18 +56,49 @@ def fit_envelope(samples: DimensionSamples, settings: GapSettings) -> NodeFit:
 
 
 def envelope_gap(
-    where: SampleGrid, settings: GapSettings, fits: Sequence[NodeFit], lipschitz: Sequence[DimensionLipschitz]
-) -> CellGap:
-    """The tables of all dimensions side by side, with their slopes."""
+    where: SampleGrid, settings: GapSettings, fits: Sequence[NodeFit], lipschitz: Sequence[DimensionLipschitz],
+    directed: Sequence[Directed] = (),
+) -> CellGap:  # fmt: skip
+    """The tables of all dimensions side by side, with their slopes.
+
+    A cell whose envelope a sample on a border or beside a switching surface leaves is raised to cover it, with what
+    slopes allow along the surface until the next such sample.
+    """
     nodes = tuple(where.grid.axis(j)[k] for j, k in enumerate(_kept(where, settings)))
     middle = [0.5 * (n[:-1] + n[1:]) for n in nodes]
     ends = zip(where.grid.box.lo, middle, where.grid.box.hi, strict=True)
     edges = tuple(np.concatenate([[lo], e, [hi]]) for lo, e, hi in ends)
     slopes = np.stack([known.grid.constants for known in lipschitz])
     rough = [known.grid.rough_share for known in lipschitz]
-    tiers = guarantee("cells", where.states, [known.grid for known in lipschitz], rough)
     lower, upper = (np.stack([getattr(fit, side) for fit in fits], axis=-1) for side in ("lower", "upper"))
+    factors = []
+    for i, own in enumerate(directed):
+        numerical = float(where.rounding[i])
+        above, rise = _raised(upper[:, :, i], where, (nodes, edges), slopes[i], own, own.side(True), numerical)
+        below, fall = _raised(-lower[:, :, i], where, (nodes, edges), slopes[i], own, own.side(False), numerical)
+        if not settings.signed:
+            above = below = np.maximum(above, below)
+        upper[:, :, i], lower[:, :, i] = above, -below
+        factors.append(max(rise, fall))
+    beside = directed_words(where.states, len(directed[0].x) if directed else 0, factors)
+    tiers = guarantee("cells", where.states, [known.grid for known in lipschitz], rough, beside)
     return CellGap(where.domain, tiers, edges, nodes, lower, upper, slopes)
+
+
+def _raised(
+    top: Floats, where: SampleGrid, table: tuple[Sequence[Floats], Sequence[Floats]], slopes: Floats, own: Directed,
+    target: Floats, floor: float,
+) -> tuple[Floats, float]:  # fmt: skip
+    """Values at the nodes (nodes, M), raised where targets (E, M) leave their envelope; the factor of `SideFit`."""
+    nodes, edges = table
+    place = [np.clip(np.searchsorted(e, own.x[:, j], side="right") - 1, 0, len(e) - 2) for j, e in enumerate(edges)]
+    cell = np.ravel_multi_index(tuple(place), tuple(len(n) for n in nodes))
+    far = np.abs(own.x - np.stack([n[k] for n, k in zip(nodes, place, strict=True)], axis=1)) @ slopes
+    short = target - top[cell] - far[:, None]
+    along = np.where(own.fixed, 0.0, where.moving_half_widths) @ slopes
+    raised = top.copy()
+    np.maximum.at(raised, cell, np.where(short > 0.0, top[cell] + short + along[:, None] + floor / 16.0, top[cell]))
+    return raised, float(((short + far[:, None]) / np.maximum(far[:, None], floor)).max(initial=0.0))
 
 
 def _kept(where: SampleGrid, settings: GapSettings) -> list[NDArray[np.int64]]:

@@ -20,4 +20,5 @@ def fit_gap(samples: GapSamples, settings: GapSettings, calibration: Calibration
     parts = [samples.dimension(i) for i in range(len(samples.states))]
     lipschitz = [dimension_lipschitz(part, settings) for part in parts]
     check_resolved(samples.where, settings, lipschitz)
-    return assemble(samples.where, settings, [fit_dimension(p, settings) for p in parts], lipschitz, calibration)
+    fits = [fit_dimension(p, settings) for p in parts]
+    return assemble(samples.where, settings, fits, lipschitz, calibration, samples.directed)

@@ -54,11 +54,46 @@ class FreshCheck:
         )
 
 
+@dataclass(frozen=True)
+class BorderCheck:
+    """A bound held against samples on the border of X and on both sides of switching surfaces: directed, not random.
+
+    Attributes:
+        samples, violations: pairs of a state and an input, and those that violate in at least one dimension.
+        surfaces: switching surfaces of the case. worst: largest excess over the bound for each state, 0 if none.
+    """
+
+    samples: int
+    violations: int
+    surfaces: int
+    worst: dict[str, float]
+
+    @property
+    def tier(self) -> Tier:
+        """The count; it is no part of the statistical statement."""
+        surfaces = f" and on both sides of {self.surfaces} declared switching surfaces" if self.surfaces else ""
+        return Tier(
+            3,
+            f"Checked besides on {self.samples:,} samples on faces, edges and corners of X{surfaces}: "
+            f"{self.violations} outside. They are directed, not random, and no part of that probability.",
+        )
+
+
 def check_fresh(
     function: GapFunction, x: Floats, u: Floats, d: Floats, confidence: float = 0.95, d_upper: Floats | None = None
 ) -> FreshCheck:
-    """Count violations of lo <= d <= hi: (n, nx), (n, nu), (n, nx); `d_upper` where hidden states spread the gap."""
+    """Count violations of lo <= d <= hi: (n, nx), (n, nu), (n, nx); `d_upper` where hidden states spread the gap.
+
+    Raises:
+        UserError: samples outside of X x U, where there is no bound that they could confirm.
+    """
     lo, hi = function.bounds(x, u)
+    unbounded = int((~np.isfinite(lo) | ~np.isfinite(hi)).any(axis=1).sum())
+    if unbounded:
+        raise UserError(
+            f"{unbounded} of {len(x)} samples lie outside the X or U of the bound: they say nothing of it",
+            remedy="Run `fresh` again.",
+        )
     top = d if d_upper is None else d_upper
     excess = np.maximum(lo - d, top - hi)
     bad = ~(excess <= 0.0)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.gap.forms import MARGIN
+from simgap.gap.periodic import parts, periodic_kernel
 from simgap.gap.tiers import Tier
 from simgap.geometry import Box, Floats
 
@@ -30,6 +31,7 @@ class GapDomain:
     Attributes:
         states, inputs: names; box: X; input_set: (M, nu).
         free: state axes on which the gap does not depend by a declared symmetry; X is unbounded along them.
+        periodic: state axes along which plant and gap repeat themselves with the width of X.
     """
 
     states: tuple[str, ...]
@@ -37,6 +39,12 @@ class GapDomain:
     box: Box
     input_set: Floats
     free: tuple[int, ...] = ()
+    periodic: tuple[int, ...] = ()
+
+    @property
+    def wrapping(self) -> tuple[int, ...]:
+        """Periodic axes that matter."""
+        return tuple(j for j in self.periodic if j not in self.free)
 
     def limits(self) -> tuple[Floats, Floats]:
         """Lower and upper state limits with the rounding margin; infinite along free axes: (nx,) each."""
@@ -46,8 +54,9 @@ class GapDomain:
         return lo, hi
 
     def outside(self, xlo: Floats, xhi: Floats) -> NDArray[np.bool_]:
-        """Which boxes are not inside X: (n, nx), (n, nx) -> (n,)."""
+        """Which boxes are not inside X, repeated along periodic axes: (n, nx), (n, nx) -> (n,)."""
         lo, hi = self.limits()
+        lo[list(self.wrapping)], hi[list(self.wrapping)] = -np.inf, np.inf
         return np.any(~((xlo >= lo) & (xhi <= hi)), axis=1)
 
     def pinned(self, x: Floats) -> Floats:
@@ -67,6 +76,7 @@ class GapDomain:
             "inputs": list(self.inputs),
             "input_set": self.input_set.tolist(),
             "free": [self.states[j] for j in self.free],
+            "periodic": [self.states[j] for j in self.periodic],
         }
 
     @staticmethod
@@ -74,9 +84,9 @@ class GapDomain:
         """The inverse of `to_json`."""
         names = tuple(data["states"])
         lo, hi = zip(*data["states"].values(), strict=True)
-        free = tuple(names.index(s) for s in data["free"])
+        free, periodic = (tuple(names.index(s) for s in data[key]) for key in ("free", "periodic"))
         inputs = np.array(data["input_set"], dtype=float).reshape(-1, len(data["inputs"]))
-        return GapDomain(names, tuple(data["inputs"]), Box(lo, hi), inputs, free)
+        return GapDomain(names, tuple(data["inputs"]), Box(lo, hi), inputs, free, periodic)
 
 
 @dataclass(frozen=True)
@@ -111,11 +121,20 @@ class GapFunction(ABC):
         """The same bound with other guarantee tiers."""
 
     @abstractmethod
+    def _kernel(self) -> Kernel:
+        """`kernel` for boxes inside X: allocates nothing, writes -inf and inf for a box that is not inside X."""
+
     def kernel(self) -> Kernel:
         """A numba function (xlo (nx,), xhi (nx,), u (nu,), lo_out (nx,), hi_out (nx,)) -> None.
 
-        Writes the outward rounded infimum of lo and supremum of hi over the box; allocates nothing.
+        Writes the outward rounded infimum of lo and supremum of hi over the box. Along periodic axes a box may lie any
+        number of turns away from X or across its seam.
         """
+        own, axes = self._kernel(), self.domain.wrapping
+        if not axes:
+            return own
+        wrapped: Kernel = periodic_kernel(own, self.domain.box, axes)
+        return wrapped
 
     @abstractmethod
     def _content(self) -> dict[str, Any]:
@@ -126,11 +145,14 @@ class GapFunction(ABC):
 
         (-inf, inf) for a box that is not inside the domain.
         """
-        outside = self.domain.outside(xlo, xhi)
+        lo, hi = np.full(xlo.shape, np.inf), np.full(xhi.shape, -np.inf)
         box = self.domain.box
-        inner_lo = np.clip(self.domain.pinned(xlo), box.lo, box.hi)
-        inner_hi = np.clip(self.domain.pinned(xhi), box.lo, box.hi)
-        lo, hi = self._box_bounds(inner_lo, inner_hi, u)
+        for rows, a, b in parts(xlo, xhi, box, self.domain.wrapping):
+            inner_lo = np.clip(self.domain.pinned(a), box.lo, box.hi)
+            inner_hi = np.clip(self.domain.pinned(b), box.lo, box.hi)
+            low, high = self._box_bounds(inner_lo, inner_hi, u[rows])
+            lo[rows], hi[rows] = np.minimum(lo[rows], low), np.maximum(hi[rows], high)
+        outside = self.domain.outside(xlo, xhi)
         lo[outside], hi[outside] = -np.inf, np.inf
         return lo, hi
 

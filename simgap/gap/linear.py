@@ -71,8 +71,8 @@ class LinearGap(GapFunction):
         """The same bound with other guarantee tiers."""
         return replace(self, tiers=tuple(tiers))
 
-    def kernel(self) -> Kernel:
-        """See `GapFunction.kernel`: centred form with constant second derivatives and a constant for rounding."""
+    def _kernel(self) -> Kernel:
+        """See `GapFunction._kernel`: centred form with constant second derivatives and a constant for rounding."""
         nx, forms = len(self.domain.states), [*self.lower, *self.upper]
         run = compile_kernel(*_kernel_exprs(self.basis, forms))
         q = np.concatenate([[*f.coefficients, f.offset] for f in forms])

@@ -18,7 +18,7 @@ from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import PaddedSide, SideFit, padded
-from simgap.gap.tiers import Tier, guarantee
+from simgap.gap.tiers import Tier, directed_words, guarantee
 
 Sides = dict[str, PaddedSide]
 
@@ -68,16 +68,25 @@ def blank_form(basis: Basis, where: SampleGrid) -> Form:
 
 def fit_linear(samples: DimensionSamples, settings: GapSettings) -> LinearFit:
     """Solve the scenario programs of one dimension: two sides, or one for both."""
-    from simgap.gap.padding import SideProblem, fit_side, local_padding
+    from simgap.gap.padding import SideProblem, enclosed, fit_side
 
     where = samples.where
     basis = basis_of(where, settings)
     design, blank = Design(basis, where.grid.centres(), where.inputs), blank_form(basis, where)
-    upper, lower = local_padding(samples, upper=True), local_padding(samples, upper=False)
+    upper, lower = samples.side(upper=True), samples.side(upper=False)
     asked = {"upper": [upper], "lower": [lower]} if settings.signed else {"both": [upper, lower]}
+    own = samples.beside
+    beside = {"upper": (True,), "lower": (False,), "both": (True, False)}
     fits = {
-        name: fit_side(SideProblem(design, targets, samples.floor, blank), settings) for name, targets in asked.items()
-    }
+        name: fit_side(
+            SideProblem(
+                design, targets, where.grid, where.free, samples.floor, blank, own,
+                [own.side(up) for up in beside[name]] if own is not None else (), enclosed(samples, beside[name]),
+            ),
+            settings,
+        )
+        for name, targets in asked.items()
+    }  # fmt: skip
     return LinearFit(basis.terms, fits)
 
 
@@ -130,4 +139,8 @@ def _tiers(
             f"{n}: {max(s.padding for s in own.values()):.3g}" for n, own in zip(where.states, sides, strict=True)
         )
         extra = f"The padding uses the local slopes in each cell, less those of the fit; at most {pads}."
-    return guarantee(settings.padding, where.states, [known.grid for known in lipschitz], rough, extra)
+    directed = max(s.fit.directed for own in sides for s in own.values())
+    factors = [max(s.fit.factor for s in own.values()) for own in sides]
+    beside = directed_words(where.states, directed, factors)
+    slopes = [known.grid for known in lipschitz]
+    return guarantee(settings.padding, where.states, slopes, rough, f"{extra} {beside}".strip())

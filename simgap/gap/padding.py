@@ -8,6 +8,10 @@ Three ways, tightest first (t is what the side has to cover, e = t - q.p its res
 - per_axis: q.p covers the samples; `sum_j (L1_j + L2_j) h_j` is added.
 - paper: q.p covers the samples; `(L1 + L2) eps` is added, eps the half-diagonal of a cell (paper, eq. actual_gamma).
 
+Samples on the border of X and beside switching surfaces (`directed`) stand for the border and the surface around them:
+q.p must cover them with what e may move along the surface. Where the bound of the grid does so already, as that of a
+smooth gap does, it stays as it is; else the program is solved again with these samples in it.
+
 The first is why a scenario program is not done before its padding is known: the slopes that it takes are those of the
 residual, from the samples themselves. The other two never enter the program and are added after it (`side.padded`).
 """
@@ -15,7 +19,7 @@ residual, from the samples themselves. The other two never enter the program and
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -23,37 +27,58 @@ import numpy as np
 from simgap.gap.design import Design
 from simgap.gap.forms import Form
 from simgap.gap.lipschitz.enclosed import EnclosedPadding
-from simgap.gap.lipschitz.local import LocalPadding
-from simgap.gap.samples import DimensionSamples
+from simgap.gap.lipschitz.local import Beside, LocalPadding
+from simgap.gap.samples import DimensionSamples, Directed
 from simgap.gap.scenario import solve_scenario
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import SideFit, numerical, with_coefficients
-from simgap.geometry import Floats
+from simgap.geometry import Floats, Grid
 
 _PASSES = 5
 
 
 @dataclass(frozen=True, eq=False)
 class SideProblem:
-    """What one side needs: targets that q.p must cover, each with its local paddings."""
+    """What one side needs: targets [(N, M), ...] that q.p must cover, and where they were sampled.
+
+    `directed` are samples beside the grid, with their own targets [(E, M), ...] in the same order.
+    """
 
     design: Design
-    local: Sequence[TargetPadding]
+    targets: Sequence[Floats]
+    grid: Grid
+    free: tuple[int, ...]
     floor: float
     blank: Form  # zero coefficients; carries the ranges of the basis
+    directed: Directed | None = None
+    beside_targets: Sequence[Floats] = ()
+    enclosed: Sequence[EnclosedPadding] = ()  # of the targets, for a gap that is known in closed form
+
+    def local(self) -> list[LocalPadding]:
+        """Local paddings of the targets."""
+        return [LocalPadding(t, self.grid, self.free, self.floor) for t in self.targets]
+
+    def beside(self, directed: Directed) -> Beside:
+        """Where the samples beside the grid lie."""
+        return Beside(self.grid.index(directed.x), directed.fixed)
+
+    def joined(self) -> SideProblem:
+        """The problem whose design has the samples beside the grid as further rows."""
+        if self.directed is None:
+            return self
+        x = np.concatenate([self.design.x, self.directed.x])
+        return replace(self, design=Design(self.design.basis, x, self.design.u))
 
     @property
-    def targets(self) -> list[Floats]:
-        """[(N, M), ...] values at the samples."""
-        return [padding.target for padding in self.local]
+    def every_target(self) -> list[Floats]:
+        """Targets of all rows of the design."""
+        if len(self.design.x) == self.grid.size:
+            return list(self.targets)
+        return [np.concatenate(pair) for pair in zip(self.targets, self.beside_targets, strict=True)]
 
 
 class TargetPadding(Protocol):
     """Paddings of one target t: estimated from samples, or enclosed where the gap is known in closed form."""
-
-    @property
-    def target(self) -> Floats:
-        """t at the samples, (N, M)."""
 
     @property
     def axes(self) -> tuple[int, ...]:
@@ -66,6 +91,17 @@ class TargetPadding(Protocol):
         """Padding of t - q.p: (N, M), and the share of rough cells."""
 
 
+def enclosed(samples: DimensionSamples, sides: Sequence[bool]) -> tuple[EnclosedPadding, ...]:
+    """Paddings of the targets of upper (True) and lower sides where the gap is known in closed form, else none.
+
+    Raises:
+        UserError: a gap in closed form that cannot be enclosed.
+        BrokenPromise: samples that are not those of the closed form.
+    """
+    known = samples.ranges
+    return () if known is None else tuple(EnclosedPadding(samples.side(up), known, up) for up in sides)
+
+
 def local_padding(samples: DimensionSamples, upper: bool) -> TargetPadding:
     """The paddings of what one side has to cover.
 
@@ -73,36 +109,73 @@ def local_padding(samples: DimensionSamples, upper: bool) -> TargetPadding:
         UserError: a gap in closed form that cannot be enclosed.
         BrokenPromise: samples that are not those of the closed form.
     """
-    target = samples.side(upper)
-    if samples.ranges is not None:
-        return EnclosedPadding(target, samples.ranges, upper)
-    return LocalPadding(target, samples.where.grid, samples.where.free, samples.floor)
+    known = enclosed(samples, [upper])
+    if known:
+        return known[0]
+    return LocalPadding(samples.side(upper), samples.where.grid, samples.where.free, samples.floor)
 
 
 def fit_side(problem: SideProblem, settings: GapSettings) -> SideFit:
     """Fit one side; with padding `inflate` the local paddings are part of the program."""
+    alone = _solved(problem, settings)
+    if problem.directed is None:
+        return alone
+    short, factor = _shortfall(problem, problem.directed, settings, alone)
+    fit = alone if short <= 0.0 else _solved(problem.joined(), settings)
+    return replace(fit, directed=len(problem.directed.x), factor=factor)
+
+
+def _solved(problem: SideProblem, settings: GapSettings) -> SideFit:
     if settings.padding == "inflate":
         return _inflate(problem, settings)
-    target = np.maximum.reduce(problem.targets)
+    target = np.maximum.reduce(problem.every_target)
     result = solve_scenario(problem.design, target, settings.objective, settings.slack)
     return SideFit(result, 0.0, 0.0, result.worst_violation, 1, 0.0)
 
 
+def _shortfall(problem: SideProblem, directed: Directed, settings: GapSettings, fit: SideFit) -> tuple[float, float]:
+    """What the bound of the grid lacks at the samples beside it, and how they compare with what padded their cells.
+
+    The second number: the largest rise of the residual from the centre of a cell to such a sample, over what the slopes
+    allow across the surface (1 or less: they said the truth).
+    """
+    q, beside = fit.scenario.coefficients, problem.beside(directed)
+    form, values = with_coefficients(problem.blank, q), problem.design.product(q)
+    there = Design(problem.design.basis, directed.x, problem.design.u).product(q)
+    slopes = {j: problem.design.slope(q, j) for j in range(len(problem.grid.cells)) if j not in problem.free}
+    short, factor = -np.inf, 0.0
+    for own, at, target in zip(problem.local(), problem.beside_targets, problem.targets, strict=True):
+        along, across = own.along(beside, slopes.__getitem__, form.hessian_bound)
+        needed = at + (along if settings.padding == "inflate" else 0.0)
+        short = max(short, float((needed - there).max()) - fit.missing - numerical(form, problem.floor))
+        risen = (at - there) - (target - values)[beside.cells]
+        factor = max(factor, float((risen / np.maximum(across, problem.floor)).max()))
+    return short, factor
+
+
 def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
-    plain, local = np.maximum.reduce(problem.targets), problem.local
+    n, targets = problem.grid.size, problem.every_target
+    plain = np.maximum.reduce(targets)
+    estimated = problem.local()
+    local: Sequence[TargetPadding] = problem.enclosed or estimated
     result = solve_scenario(problem.design, plain, settings.objective, settings.slack)
     goal = "sup" if settings.objective == "eta" else "mean"
     fits: list[tuple[float, SideFit]] = []
     for count in range(1, _PASSES + 1):
         q = result.coefficients
         values, form = problem.design.product(q), with_coefficients(problem.blank, q)
-        slopes = {j: problem.design.slope(q, j) for j in local[0].axes}
-        pads = [padding.of_residual(values, slopes.__getitem__, form.hessian_bound) for padding in local]
-        padded = np.maximum.reduce([t + pad for t, (pad, _) in zip(problem.targets, pads, strict=True)])
-        missing = float((padded - values).max())
+        slopes = {j: problem.design.slope(q, j)[:n] for j in local[0].axes}
+        pads = [padding.of_residual(values[:n], slopes.__getitem__, form.hessian_bound) for padding in local]
         top = max(float(pad.max()) for pad, _ in pads)
         mean = float(np.mean([pad.mean() for pad, _ in pads]))
         rough = max(share for _, share in pads)
+        every = [pad for pad, _ in pads]
+        if problem.directed is not None and len(values) > n:
+            beside = problem.beside(problem.directed)
+            moved = [own.along(beside, slopes.__getitem__, form.hessian_bound)[0] for own in estimated]
+            every = [np.concatenate(pair) for pair in zip(every, moved, strict=True)]
+        padded = np.maximum.reduce([t + pad for t, pad in zip(targets, every, strict=True)])
+        missing = float((padded - values).max())
         reached = float(getattr(result, goal)) + (missing + numerical(form, problem.floor))
         fits.append((reached, SideFit(result, top, mean, missing, count, rough)))
         if abs(missing) <= 1e-2 * top or count == _PASSES:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.gap.closed_form import CellRanges, ClosedFormGap
@@ -20,6 +21,7 @@ class SampleGrid:
     Attributes:
         grid: N cells that tile X; inputs: (M, nu); states, input_names: names in order.
         free: state axes on which the gap does not depend by a declared symmetry.
+        periodic: state axes along which it repeats itself with the width of X.
         known: the gap as expressions where the simulator is known in closed form; None for a black box.
     """
 
@@ -28,12 +30,13 @@ class SampleGrid:
     states: tuple[str, ...]
     input_names: tuple[str, ...]
     free: tuple[int, ...] = ()
+    periodic: tuple[int, ...] = ()
     known: ClosedFormGap | None = None
 
     @property
     def domain(self) -> GapDomain:
         """X and U with their names."""
-        return GapDomain(self.states, self.input_names, self.grid.box, self.inputs, self.free)
+        return GapDomain(self.states, self.input_names, self.grid.box, self.inputs, self.free, self.periodic)
 
     @property
     def size(self) -> int:
@@ -60,8 +63,35 @@ class SampleGrid:
 
 
 @dataclass(frozen=True, eq=False)
+class Directed:
+    """The gap of one dimension on borders of X and beside switching surfaces, where cell centres never lie.
+
+    Attributes:
+        x: (E, nx). fixed: (E, nx), which coordinates a border or a surface fixes.
+        lower, upper: (E, M), ends of the gap; equal where nothing spreads it.
+
+    Raises:
+        UserError: for shapes that do not fit or values that are not finite.
+    """
+
+    x: Floats
+    fixed: NDArray[np.bool_]
+    lower: Floats
+    upper: Floats
+
+    def __post_init__(self) -> None:
+        _check((len(self.x), self.lower.shape[-1]), {"on borders": self.lower, "on borders, upper": self.upper})
+
+    def side(self, upper: bool) -> Floats:
+        """(E, M) what one side has to cover: the upper end for `hi`, minus the lower one for `-lo`."""
+        return self.upper if upper else -self.lower
+
+
+@dataclass(frozen=True, eq=False)
 class DimensionSamples:
     """The signed gap of one dimension: d (N, M), and d_upper where hidden states of the simulator spread it.
+
+    `directed` are samples beside those of the grid.
 
     Raises:
         UserError: for shapes that do not fit or values that are not finite.
@@ -71,6 +101,7 @@ class DimensionSamples:
     i: int
     d: Floats
     d_upper: Floats | None = None
+    directed: Directed | None = None
 
     def __post_init__(self) -> None:
         _check((self.where.grid.size, len(self.where.inputs)), {"d": self.d, "d_upper": self.d_upper})
@@ -79,6 +110,11 @@ class DimensionSamples:
     def ends(self) -> tuple[Floats, ...]:
         """The gap, (N, M); both ends of its range where it has one."""
         return (self.d,) if self.d_upper is None else (self.d, self.d_upper)
+
+    @property
+    def beside(self) -> Directed | None:
+        """`directed`, where the fit has to cover them for themselves; enclosures of a known gap cover them already."""
+        return self.directed if self.where.known is None else None
 
     @property
     def floor(self) -> float:
@@ -117,9 +153,10 @@ class GapSamples:
     """The signed gap d = simulator - nominal at the cell centres of `grid` for every input.
 
     Attributes:
-        grid, inputs, states, input_names, free: see `SampleGrid`.
+        grid, inputs, states, input_names, free, periodic: see `SampleGrid`.
         d: (N, M, nx). d_upper: the same shape where hidden states of the simulator spread the gap
             (then [d, d_upper] is its range), else None. known: see `SampleGrid`.
+        directed: for each dimension, samples beside those of the grid; none if empty.
 
     Raises:
         UserError: for shapes that do not fit or values that are not finite.
@@ -132,6 +169,8 @@ class GapSamples:
     input_names: tuple[str, ...]
     d_upper: Floats | None = None
     free: tuple[int, ...] = ()
+    periodic: tuple[int, ...] = ()
+    directed: tuple[Directed, ...] = ()
     known: ClosedFormGap | None = None
 
     def __post_init__(self) -> None:
@@ -141,12 +180,13 @@ class GapSamples:
     @cached_property
     def where(self) -> SampleGrid:
         """The samples without their values."""
-        return SampleGrid(self.grid, self.inputs, self.states, self.input_names, self.free, self.known)
+        names = self.states, self.input_names
+        return SampleGrid(self.grid, self.inputs, *names, self.free, self.periodic, self.known)
 
     def dimension(self, i: int) -> DimensionSamples:
         """The samples of one dimension."""
         upper = None if self.d_upper is None else self.d_upper[:, :, i]
-        return DimensionSamples(self.where, i, self.d[:, :, i], upper)
+        return DimensionSamples(self.where, i, self.d[:, :, i], upper, self.directed[i] if self.directed else None)
 
 
 def _check(shape: tuple[int, ...], given: dict[str, Floats | None]) -> None:

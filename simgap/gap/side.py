@@ -24,6 +24,8 @@ class SideFit:
         padding, padding_mean: largest and mean local padding over the cells where they are inside the program, else 0.
         missing: what q.p lacks to cover the (padded) targets at the samples.
         passes: programs solved. rough_share: cells with a jump, as far as the program looked for them.
+        directed: samples on borders and beside switching surfaces that were covered, too. factor: by how many times
+            what the slopes allow the residual rises from the centre of a cell to such a sample; at most 1 if they hold.
     """
 
     scenario: ScenarioResult
@@ -32,10 +34,12 @@ class SideFit:
     missing: float
     passes: int
     rough_share: float
+    directed: int = 0
+    factor: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
-        names = ("padding", "padding_mean", "missing", "passes", "rough_share")
+        names = ("padding", "padding_mean", "missing", "passes", "rough_share", "directed", "factor")
         own = {name: getattr(self, name) for name in names}
         return {"coefficients": self.scenario.coefficients.tolist(), "program": self.scenario.to_json(), **own}
 
@@ -44,7 +48,8 @@ class SideFit:
         """The inverse of `to_json`."""
         scenario = ScenarioResult.from_json(data["program"], np.array(data["coefficients"], dtype=float))
         padding, mean, missing, rough = (float(data[k]) for k in ("padding", "padding_mean", "missing", "rough_share"))
-        return SideFit(scenario, padding, mean, missing, int(data["passes"]), rough)
+        beside = int(data["directed"]), float(data["factor"])
+        return SideFit(scenario, padding, mean, missing, int(data["passes"]), rough, *beside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +74,7 @@ class PaddedSide:
         return {
             **self.fit.scenario.to_json(), "padding": self.padding, "padding_mean": self.padding_mean,
             "raised": self.raised, "passes": self.fit.passes, "lipschitz_of_basis": self.form.gradient_bound.tolist(),
-            "rough_share": self.rough_share,
+            "rough_share": self.rough_share, "directed": self.fit.directed, "directed_factor": self.fit.factor,
         }  # fmt: skip
 
 

@@ -70,8 +70,8 @@ class BodyFrameGap(GapFunction):
         """The same bound with other guarantee tiers."""
         return replace(self, tiers=tuple(tiers))
 
-    def kernel(self) -> Kernel:
-        """See `GapFunction.kernel`."""
+    def _kernel(self) -> Kernel:
+        """See `GapFunction._kernel`."""
         inputs, limit_lo, limit_hi, lower, upper, i, j, k = self._tables()
 
         @njit(error_model="numpy")

@@ -80,5 +80,20 @@ def estimate_tier(states: Sequence[str], lipschitz: Sequence[Floats], rough: Seq
     )
     jumps = [f"{100 * share:.2g} % of the cells for {s}" for s, share in zip(states, rough, strict=True) if share > 0]
     if jumps:
-        text += f" The gap jumps in {', '.join(jumps)}; there the spread of the neighbouring samples stands in."
+        text += (
+            f" The gap jumps in {', '.join(jumps)}; there the spread of the neighbouring samples stands in. It holds a "
+            "jump between two samples whole, and misses a peak narrower than a cell by any factor."
+        )
     return Tier(2, f"{text} {extra}".strip())
+
+
+def directed_words(states: Sequence[str], count: int, factors: Sequence[float]) -> str:
+    """What the samples on borders and beside switching surfaces showed; empty without them."""
+    if not count:
+        return ""
+    table = ", ".join(f"{factor:.2g} for {s}" for s, factor in zip(states, factors, strict=True))
+    return (
+        f"{count:,} states on the border of X and on both sides of the switching surfaces that the case declares are "
+        "covered besides. From the centre of its cell to one of them the gap rises by at most so many times what "
+        f"slopes allow: {table}. Where a surface is not declared, nothing limits that factor."
+    )

@@ -42,6 +42,8 @@ class CaseDomain(Protocol):
     @property
     def inputs(self) -> Sequence[str]: ...  # noqa: D102
     @property
+    def periodic(self) -> tuple[int, ...]: ...  # noqa: D102
+    @property
     def box(self) -> Box: ...  # noqa: D102
     @property
     def input_set(self) -> Floats: ...  # noqa: D102
@@ -66,6 +68,7 @@ def _same(found: GapDomain, wanted: CaseDomain) -> None:
     for what, one, other in (
         ("states", list(found.states), list(wanted.states)),
         ("inputs", list(found.inputs), list(wanted.inputs)),
+        ("periodic axes", list(found.periodic), list(wanted.periodic)),
         ("lower ends of X", found.box.lo.tolist(), wanted.box.lo.tolist()),
         ("upper ends of X", found.box.hi.tolist(), wanted.box.hi.tolist()),
     ):

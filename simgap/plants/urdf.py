@@ -178,6 +178,8 @@ def _drake_symbolic(plant: Any, order: list[str], rates: list[str]) -> tuple[sp.
     context = twin.CreateDefaultContext()
     for body in _moving(plant):
         name = body.name()
+        if not values[f"{name}.m"].value:
+            continue  # a frame of a sensor or a tool: no mass, so no inertia either
         m = parameter(f"{name}.m")
         com = np.array([parameter(f"{name}.c{a}") for a in _AXES])
         unit = UnitInertia_[Expression](*(parameter(f"{name}.{moment}") / m for moment in _MOMENTS))

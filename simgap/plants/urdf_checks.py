@@ -27,6 +27,7 @@ NUMBERS: Mapping[str, Mapping[str, int]] = {
 NOT_NEGATIVE = {("dynamics", "damping"), ("dynamics", "friction"), ("limit", "effort"), ("limit", "velocity")}
 POSITIVE = {("box", "size"), ("sphere", "radius"), ("cylinder", "radius"), ("cylinder", "length")}
 _NAMED = {"link", "joint"}
+_UNIT = 1e-3  # from length 1, of an axis that is rounded to three decimals
 _SLACK = 1e-9  # of the largest moment: decimals of a file are rounded
 
 
@@ -103,6 +104,9 @@ def _check_numbers(path: Path, part: ElementTree.Element, element: ElementTree.E
             _refuse(path, part, what, f"'{text}' is not positive", "Correct it.")
         if element.tag == "axis" and not any(values):
             _refuse(path, part, what, f"'{text}' has no direction", "Correct it.")
+        if element.tag == "axis" and abs(math.hypot(*values) - 1.0) > _UNIT:
+            told = f"'{text}' has length {math.hypot(*values):.6g}; PyBullet takes the length into the dynamics"
+            _refuse(path, part, what, told, "Scale it to length 1.")
 
 
 def _number(word: str) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -10,6 +11,8 @@ import numpy as np
 
 from simgap.config.simulator import EngineSection
 from simgap.geometry import Floats
+from simgap.plants.model_file import Link
+from simgap.simulators.traits import FileTraits
 
 if TYPE_CHECKING:  # a case names engines, and its sections are found through them
     import sympy as sp
@@ -51,6 +54,10 @@ class Simulator(ABC):
         following = self.rollouts(x, u)
         return following, following
 
+    def loaded(self) -> Mapping[str, Link]:
+        """Links of the model file as the engine computes with them, by name; empty for an engine without a file."""
+        return {}
+
     def close(self) -> None:  # noqa: B027 - most engines have nothing to release
         """Release the engine."""
 
@@ -65,6 +72,8 @@ class Engine(Simulator):
     """The keys of the case's section `simulator`."""
     distributions: ClassVar[tuple[str, ...]] = ()
     """Installed distributions that results depend on, such as ("mujoco",); their versions enter every hash."""
+    file_traits: ClassVar[FileTraits | None] = None
+    """What it does with a URDF in silence; None for an engine that loads none."""
 
     @classmethod
     @abstractmethod

@@ -8,11 +8,12 @@ what admissible commands can leave (the same for the same state, so that roll-ou
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from simgap.geometry import Floats
+from simgap.plants.model_file import Link
 from simgap.simulators.base import Simulator
 from simgap.simulators.commands import CommandMemory, CommandPath
 
@@ -37,6 +38,10 @@ class RememberingInputs(Simulator):
         self.engine = engine.engine
         self._engine, self._lags, self._steps = engine, tuple(lags), steps
         self._memory = [CommandMemory(path, tau) for path in paths]
+
+    def loaded(self) -> Mapping[str, Link]:
+        """Those of the engine."""
+        return self._engine.loaded()
 
     def reset(self, x: Floats) -> None:
         """Put the plant at x (nx,); what the inputs remember is random, and the same whenever x is the same."""

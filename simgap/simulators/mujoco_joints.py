@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -10,8 +11,10 @@ from pydantic import Field
 from simgap.config.simulator import Damping, EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
+from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf
 from simgap.simulators.joint_engine import JointEngine
+from simgap.simulators.traits import FileTraits
 
 if TYPE_CHECKING:
     from simgap.simulators.joints import JointPlant
@@ -30,6 +33,7 @@ class MuJoCoJoints(JointEngine):
 
     Settings = MuJoCoSettings
     distributions = ("mujoco",)
+    file_traits = FileTraits(stops=True)
 
     def __init__(self, plant: JointPlant, section: MuJoCoSettings) -> None:
         from simgap.simulators.joints import joint_forces
@@ -58,6 +62,15 @@ class MuJoCoJoints(JointEngine):
             raise UserError(f"not all of the joints {list(plant.joints)} are there", file=plant.urdf)
         self._q = [int(model.jnt_qposadr[j]) for j in joints]
         self._v = [int(model.jnt_dofadr[j]) for j in joints]
+
+    def loaded(self) -> Mapping[str, Link]:
+        """See `Simulator.loaded`; links on fixed joints are part of what they are fixed to."""
+        model = self._model
+        names = [model.body(k).name for k in range(1, model.nbody)]
+        return {
+            name: Link(float(model.body_mass[k]), np.sort(model.body_inertia[k]), np.array(model.body_ipos[k]))
+            for k, name in enumerate(names, 1)
+        }
 
     def reset(self, x: Floats) -> None:
         """Fresh data, then every joint's position and velocity: x (nx,)."""

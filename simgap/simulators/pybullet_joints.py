@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -10,8 +11,11 @@ from pydantic import Field
 from simgap.config.simulator import Damping, EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
+from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf
 from simgap.simulators.joint_engine import JointEngine
+from simgap.simulators.pybullet_links import links_of, without_mass
+from simgap.simulators.traits import FileTraits
 
 if TYPE_CHECKING:
     from simgap.simulators.joints import JointPlant
@@ -32,6 +36,7 @@ class PyBulletJoints(JointEngine):
 
     Settings = PyBulletSettings
     distributions = ("pybullet",)
+    file_traits = FileTraits(stops=True, damps_links=True, fastest=100.0)
 
     def __init__(self, plant: JointPlant, section: PyBulletSettings) -> None:
         import pybullet as p
@@ -64,10 +69,15 @@ class PyBulletJoints(JointEngine):
             if j >= 0:
                 index[p.getJointInfo(body, j, physicsClientId=client)[1].decode()] = j
                 p.setJointMotorControl2(body, j, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
+        without_mass(p, client, body, plant.urdf)
         missing = [name for name in plant.joints if name not in index]
         if missing:
             raise UserError(f"no joint called {missing}", file=plant.urdf, remedy=f"It has {sorted(index)}.")
         return body, tuple(index[name] for name in plant.joints)
+
+    def loaded(self) -> Mapping[str, Link]:
+        """See `Simulator.loaded`."""
+        return links_of(self._p, self._client, self._body)
 
     def reset(self, x: Floats) -> None:
         """Set every joint's position and velocity: x (nx,)."""

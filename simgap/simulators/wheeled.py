@@ -8,7 +8,7 @@ saved state that a history of inputs leaves behind. The same arguments give the 
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,8 +19,11 @@ from simgap.config.plant import AddedEffect
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
+from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf
 from simgap.simulators.base import Engine, PathSimulator
+from simgap.simulators.pybullet_links import links_of, without_mass
+from simgap.simulators.traits import FileTraits
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
@@ -71,6 +74,7 @@ class PyBulletWheeled(Engine, PathSimulator):
 
     Settings = WheeledSettings
     distributions = ("pybullet",)
+    file_traits = FileTraits(stops=True)
 
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:
@@ -140,12 +144,17 @@ class PyBulletWheeled(Engine, PathSimulator):
                 body, link, linearDamping=0, angularDamping=0, jointDamping=0, rollingFriction=0, spinningFriction=0,
                 restitution=0, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING,
             )  # fmt: skip
+        without_mass(p, p._client, body, self._plant.urdf)
         p.setCollisionFilterPair(body, floor, -1, -1, 0)  # the body hangs clear of the floor; asking costs a third
         if s.payload:
             mass, _, inertia = p.getDynamicsInfo(body, -1)[:3]
             scale = 1.0 + s.payload / mass
             p.changeDynamics(body, -1, mass=mass * scale, localInertiaDiagonal=[scale * i for i in inertia])
         return body, (index[s.left], index[s.right])
+
+    def loaded(self) -> Mapping[str, Link]:
+        """See `Simulator.loaded`."""
+        return links_of(self._p, self._p._client, self._body)
 
     def _settled_height(self) -> float:
         """Let the robot stand until its contacts carry it: height of its centre of mass, m."""

@@ -27,6 +27,7 @@ class Inputs:
     lipschitz: Sequence[Path]
     fresh: Path
     calibration: Path | None = None
+    borders: Path | None = None
 
 
 def run(case_path: Path, made: Inputs, out: Path, thinned: Path) -> None:
@@ -48,6 +49,7 @@ def run(case_path: Path, made: Inputs, out: Path, thinned: Path) -> None:
             Shards(made.rollouts),
             read_columns(made.fresh),
             read_columns(made.calibration) if made.calibration else None,
+            read_columns(made.borders) if made.borders else None,
         )
         bound = gap(context, content)
     log.info("%s", bound.check.tier.text)

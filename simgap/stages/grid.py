@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simgap.gap.points import own_point, state_names
+from simgap.gap.points import own_point, radius, remembers, state_names
 from simgap.gap.steps.grid import grid
 from simgap.io.samples import write_points
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
+from simgap.stages.costs import affordable, costs
 
 
 def run(case_path: Path, point: str | None, out: Path) -> None:
@@ -19,7 +20,10 @@ def run(case_path: Path, point: str | None, out: Path) -> None:
     """
     context = Context.load(case_path)
     with context.blame():
-        points = grid(context, point or own_point(context.case))
+        name = point or own_point(context.case)
+        eps = radius(name) if not remembers(context.case) else None
+        affordable(context, [cost for cost in costs(context, eps=eps) if cost.key.startswith(("grid", "hidden_state"))])
+        points = grid(context, name)
     states = state_names(context.case)
     units = context.units | {n: context.units[n.removeprefix("previous_")] for n in states}
     record = provenance("grid", context.case, context.folder, point=points.name)

@@ -61,7 +61,9 @@ def made_of(folder: Path, printed: Mapping[str, Any], pendulum: Path) -> dict[st
 
 def gap_domain(context: Context, free: tuple[int, ...]) -> GapDomain:
     """X and U of a case; `free` axes are those that the printed functions do not name."""
-    return GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set, free)
+    return GapDomain(
+        tuple(context.states), tuple(context.inputs), context.box, context.input_set, free, context.periodic
+    )
 
 
 def posed(context: Context, domain: GapDomain, gamma: dict[str, str]) -> Problem:

@@ -8,13 +8,16 @@ from pathlib import Path
 
 from simgap.gap.steps.scp import scp
 from simgap.io.documents import write_json
+from simgap.io.samples import read_columns
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
 from simgap.stages.made import Shards, blame_shards, dimension, points_of_case
 
 
-def run(case_path: Path, state: str, grid: Path, shards: Sequence[Path], out: Path) -> None:
-    """Fit the bound of one state from the roll-outs of a grid.
+def run(
+    case_path: Path, state: str, grid: Path, shards: Sequence[Path], out: Path, borders: Path | None = None
+) -> None:
+    """Fit the bound of one state from the roll-outs of a grid, and those on borders and beside switching surfaces.
 
     Raises:
         UserError: a state that the case does not have, damaged shards, settings that do not fit.
@@ -25,7 +28,7 @@ def run(case_path: Path, state: str, grid: Path, shards: Sequence[Path], out: Pa
         points = points_of_case(context, grid)
         log.info("%s of %d samples x %d inputs", state, len(points.states), len(points.inputs))
         began = time.perf_counter()
-        found = scp(context, points, Shards(shards), i)
+        found = scp(context, points, Shards(shards), i, read_columns(borders) if borders is not None else None)
     log.info("fitted in %.2f s, roll-outs read and compared with the nominal model", time.perf_counter() - began)
     record = provenance("scp", context.case, context.folder, point=points.name)
     write_json(out, {"state": state, **found.to_json(), "provenance": record})

@@ -22,6 +22,7 @@ from simgap.specifications.base import specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
+from simgap.stages.costs import affordable, costs
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.intersample import excursion, rates
 from simgap.synthesis.swept import planar_swept_cells
@@ -39,6 +40,7 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
     """
     context = Context.load(case_path)
     with context.blame():
+        affordable(context, [cost for cost in costs(context) if cost.stage == "synthesis"])
         problem, between = pose(context, gap_path)
         began = time.perf_counter()
         solution = synthesise(problem, threads)

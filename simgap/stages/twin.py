@@ -12,7 +12,7 @@ import numpy as np
 from simgap.config.case import Case
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.points import remembers
-from simgap.gap.steps.samples import stacked
+from simgap.gap.steps.tables import stacked
 from simgap.geometry import Floats
 from simgap.io.documents import write_json
 from simgap.io.parquet import read_parquet

@@ -148,3 +148,42 @@ def test_a_moving_link_without_inertia_is_refused(vary, root, tmp_path, capsys):
     error = capsys.readouterr().err
     assert "rod" in error
     assert "inertia" in error
+
+
+def test_extends_merges_keys_and_replaces_a_section_of_another_kind(vary):
+    base = vary("pendulum", {})
+    path = base.parent / "other.yaml"
+    path.write_text(
+        "name: other\nextends: pendulum.yaml\nsimulator: {damping: {linear: 0.1}}\nsynthesis: {cells: [10, 20]}\n"
+        "domain: {X: {x1: [-0.1, 0.1]}}\ngap: {basis: [1]}\n"
+    )
+    below, case = load_case(base), load_case(path)
+    assert case.simulator.damping.linear == 0.1
+    assert case.simulator.damping.angular == below.simulator.damping.angular
+    assert case.simulator.inertia == "engine"
+    assert case.synthesis.cells == (10, 20)
+    assert case.synthesis.specification == below.synthesis.specification
+    assert dict(case.domain.X) == {"x1": (-0.1, 0.1), "x2": below.domain.X["x2"]}
+    assert case.domain.U == below.domain.U
+    path.write_text("name: other\nextends: pendulum.yaml\nsimulator: {engine: mujoco, substeps: 2}\n")
+    case = load_case(path)
+    assert case.simulator.engine == "mujoco"
+    assert not hasattr(case.simulator, "inertia")
+    assert case.simulator.damping.angular == 0.0
+
+
+def test_a_name_that_is_none_says_what_one_is(vary):
+    with pytest.raises(UserError, match=r"'pändel' is no name of a case.*Use lower-case letters a to z"):
+        load_case(vary("pendulum", {"name": "pändel"}))
+
+
+def test_what_the_system_refuses_is_one_line(root, tmp_path, capsys):
+    in_the_way = tmp_path / "file"
+    in_the_way.touch()
+    for out in (in_the_way / "schema.json", in_the_way / "more" / "schema.json"):
+        with pytest.raises(SystemExit) as ended:
+            main(["schema", "--out", str(out)])
+        assert ended.value.code == 1
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1
+        assert "A file stands where a folder is needed" in told

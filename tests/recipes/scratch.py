@@ -44,12 +44,15 @@ def gap_of(case, states):
     simgap("grid", case, "--out", grid)
     simgap("rollouts", case, "--grid", grid, "--shard", 0, "--out", shard)
     simgap("fresh", case, "--out", fresh, "--workers", 1)
-    parts = []
+    parts, borders = [], ("--borders", out / "borders.parquet")
+    simgap("borders", case, "--out", borders[1])
     for stage in ("scp", "lipschitz"):
         for state in states:
             made = out / f"{stage}-{state}.json"
-            simgap(stage, case, "--state", state, *rolled, "--out", made)
+            simgap(stage, case, "--state", state, *rolled, *(borders if stage == "scp" else ()), "--out", made)
             parts += [f"--{stage}", made]
     result = out / "gap.json"
-    simgap("gap", case, *rolled, *parts, "--fresh", fresh, "--out", result, "--samples", out / "samples.parquet")
+    simgap(
+        "gap", case, *rolled, *parts, *borders, "--fresh", fresh, "--out", result, "--samples", out / "samples.parquet"
+    )
     return from_json(read_json(result))

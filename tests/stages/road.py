@@ -2,10 +2,15 @@
 
 from pathlib import Path
 
-from simgap.gap.points import own_point, shard_count
+import numpy as np
+
+from simgap.gap.pairs import product
+from simgap.gap.points import own_point, remembers, shard_count
+from simgap.gap.steps.border_rollouts import border_columns
+from simgap.gap.steps.borders import CHECK, FIT, border_states
 from simgap.gap.steps.tables import successor_columns, units
 from simgap.io.samples import write_columns
-from simgap.stages import gap, grid, lipschitz, rollouts, scp
+from simgap.stages import borders, gap, grid, lipschitz, rollouts, scp
 from simgap.stages.context import Context
 
 
@@ -27,13 +32,34 @@ def made_up(context: Context, path: Path, x, u, following, spread=None) -> Path:
     return path
 
 
+def made_up_borders(context: Context, path: Path, gap) -> Path:
+    """Roll-outs on borders and beside switching surfaces whose gap is `gap(x, u)`."""
+    point = own_point(context.case)
+    states = {part: border_states(context, point, part).x for part in (FIT, CHECK)}
+    x, u = product(np.concatenate([states[FIT], states[CHECK]]), context.input_set)
+    following = context.plant.sampled.step(x, u) + gap(x, u)
+    write_columns(path, border_columns(context.case, states, context.input_set, following), units(context.case), {}, {})
+    return path
+
+
+def beside(case: Path, folder: Path) -> Path | None:
+    """Samples on borders, if the gap of the case has any: those in the folder, else those of the simulator."""
+    found = folder / "borders.parquet"
+    if remembers(Context.load(case).case):
+        return None
+    if not found.exists():
+        borders.run(case, None, found)
+    return found
+
+
 def bound(case: Path, folder: Path, shards: list[Path], fresh: Path, out: Path, calibration: Path | None = None):
     """Scenario programs, Lipschitz constants and the bound of a case whose roll-outs are there."""
-    made = {}
+    made, on_borders = {}, beside(case, folder)
     for name, stage in (("scp", scp), ("lipschitz", lipschitz)):
         made[name] = []
         for state in Context.load(case).states:
             made[name].append(folder / name / f"{state}.json")
-            stage.run(case, state, folder / "grid", shards, made[name][-1])
-    inputs = gap.Inputs(folder / "grid", shards, made["scp"], made["lipschitz"], fresh, calibration)
+            more = (on_borders,) if stage is scp else ()
+            stage.run(case, state, folder / "grid", shards, made[name][-1], *more)
+    inputs = gap.Inputs(folder / "grid", shards, made["scp"], made["lipschitz"], fresh, calibration, on_borders)
     gap.run(case, inputs, out, folder / "thinned.parquet")

@@ -1,5 +1,7 @@
 """Controllers as files, specifications on cells, refusals in one line, motion between samples."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -8,6 +10,8 @@ from synthesis_plants import constant_gap, pendulum, unicycle
 
 from simgap.config.synthesis import SynthesisSection
 from simgap.errors import BrokenPromise, UserError
+from simgap.gap.function import GapDomain
+from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.model.sampled import NominalModel
@@ -211,3 +215,15 @@ def test_the_section_refuses_unknown_keys_and_upside_down_boxes():
     ):
         with pytest.raises(ValidationError):
             SynthesisSection.model_validate(bad)
+
+
+def test_an_error_of_the_heading_costs_the_layers_at_the_seam_no_more_than_others():
+    """A gap bound that knows no heading beyond +-pi left nothing there to win."""
+    inputs = np.array([(v, w) for v in (0.0, 0.3) for w in (-0.5, 0.0, 0.5)])
+    domain = GapDomain(("x", "y", "t"), ("v", "w"), ROBOT.box, inputs, (0, 1), (2,))
+    gap = BodyFrameGap(domain, (), np.full((6, 3), -0.02), np.full((6, 3), 0.02))
+    exact = robot(target=((4, 6), (4, 6)), cells=(60, 60, 24), error=np.array([0.0, 0.0, 0.03]))
+    problem = replace(exact, inputs=inputs, gap=gap.kernel(), gap_axes=[2])
+    wins = synthesise(problem).winning.reshape(problem.grid.cells).mean(axis=(0, 1))
+    assert wins.min() > 0.5
+    assert wins[[0, -1]].min() > 0.9 * wins[1:-1].min()

@@ -16,7 +16,7 @@ import yaml
 from simgap.cli import app
 
 ROOT = Path(__file__).parents[2]
-ROAD = {"grid", "rollouts", "fresh", "scp", "lipschitz", "gap"}
+ROAD = {"grid", "rollouts", "fresh", "borders", "scp", "lipschitz", "gap"}
 SMALL = {
     "domain": {
         "tau": 0.005,
@@ -155,7 +155,7 @@ def test_an_edited_core_reruns_the_stages_that_use_it(project, file, again):
     core.write_text(original + "\n# changed\n")
     jobs = project.planned()
     core.write_text(original)
-    assert {"grid", "rollouts", "fresh", "scp", "lipschitz"} & set(jobs) == again - {"gap"}
+    assert {"grid", "rollouts", "fresh", "borders", "scp", "lipschitz"} & set(jobs) == again - {"gap"}
     assert "gap" in jobs
 
 
@@ -165,7 +165,13 @@ def test_the_rule_graph_shows_the_road(project):
     edges = {(names[a], names[b]) for a, b in re.findall(r"(\d+) -> (\d+)", done.stdout)}
     road = ("grid", "rollouts", "scp", "gap", "synthesis", "validation", "report")
     assert set(itertools.pairwise(road)) <= edges
-    assert {("rollouts", "lipschitz"), ("lipschitz", "gap"), ("fresh", "gap")} <= edges
+    assert {
+        ("rollouts", "lipschitz"),
+        ("lipschitz", "gap"),
+        ("fresh", "gap"),
+        ("borders", "scp"),
+        ("borders", "gap"),
+    } <= edges
     assert not {("scp", "lipschitz"), ("lipschitz", "scp")} & edges
     commands = {command.name or command.callback.__name__ for command in app.registered_commands}
     for stage in road:

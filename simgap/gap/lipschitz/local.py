@@ -17,10 +17,19 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from simgap.gap.lipschitz.grid import Mask, as_grid, modes, moving_axes, rough_cells, steps, to_cells, turns, window
 from simgap.geometry import Floats, Grid
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Where samples beside the grid lie: their cells (E,), and which coordinates a border or surface fixes, (E, nx)."""
+
+    cells: NDArray[np.int64]
+    fixed: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,17 +62,42 @@ class LocalPadding:
         """Padding of t itself (q = 0): (N, M), and the share of rough cells."""
         return self.of_residual(np.zeros_like(self.target), lambda j: np.zeros((1, 1)), np.zeros((0, 0)))
 
+    def along(
+        self, beside: Beside, slope: Callable[[int], Floats] | None = None, curvature: Floats | None = None
+    ) -> tuple[Floats, Floats]:
+        """How far t - q.p may move from samples beside the grid: -> along their surface, across it; (E, M) each.
+
+        Along the surface they stand for half a cell on either side. What the residual does across it, between the
+        centre of their cell and themselves, they show; the second number is what the slopes there allow.
+        """
+        parts, bend = self._parts(slope or (lambda j: np.zeros((1, 1)))), self._bend(curvature)
+        rows = {j: part.reshape(self.target.shape)[beside.cells] for j, part in parts.items()}
+        moved, held = np.zeros((len(beside.cells), self.target.shape[1])), np.zeros((1, 1))
+        for j, own in rows.items():
+            moved = moved + np.where(beside.fixed[:, [j]], 0.0, own)
+            held = held + np.where(beside.fixed[:, [j]], own, 0.0)
+        return moved + bend, held + bend
+
+    def _bend(self, curvature: Floats | None) -> float:
+        moving = np.array([h if j in self.axes else 0.0 for j, h in enumerate(self.grid.h)])
+        return 0.5 * float(moving @ curvature @ moving) if curvature is not None and curvature.size else 0.0
+
+    def _parts(self, slope: Callable[[int], Floats]) -> dict[int, Floats]:
+        """What each axis adds to the padding, as `_field`."""
+        parts = {}
+        for j in self.axes:
+            expected = np.broadcast_to(slope(j) * 2.0 * self.grid.h[j], self.target.shape).reshape(self._field.shape)
+            step = steps(self._field, j, self.grid)
+            parts[j] = 0.5 * self._widest(to_cells(step, j, self.grid, expected) + self._turns[j])
+        return parts
+
     def of_residual(self, values: Floats, slope: Callable[[int], Floats], curvature: Floats) -> tuple[Floats, float]:
         """Padding of t - q.p, from q.p (N, M), its slopes there and H (nx, nx): (N, M) and the share of rough cells."""
-        grid, h = self.grid, self.grid.h
-        moving = np.array([h[j] if j in self.axes else 0.0 for j in range(len(h))])
-        bend = 0.5 * float(moving @ curvature @ moving) if curvature.size else 0.0
+        grid, bend = self.grid, self._bend(curvature)
         pad, own = np.zeros_like(self._field), np.zeros_like(self._field)
-        for j in self.axes:
-            step = steps(self._field, j, grid)
-            expected = np.broadcast_to(slope(j) * 2.0 * h[j], self.target.shape).reshape(self._field.shape)
-            pad += 0.5 * self._widest(to_cells(step, j, grid, expected) + self._turns[j])
-            own += 0.5 * np.abs(expected)
+        for j, part in self._parts(slope).items():
+            pad += part
+            own += np.broadcast_to(np.abs(slope(j)) * grid.h[j], self.target.shape).reshape(self._field.shape)
         pad += bend
         residual = self._field - values.reshape(self._field.shape)
         rough = self._rough | rough_cells(residual, grid, self.axes, self.floor, split=False)  # t has the jumps

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from simgap.gap.acceptance import covering_remainder, tolerate
+from simgap.errors import UserError
+from simgap.gap.acceptance import covering_remainder, none_outside, tolerate
 from simgap.gap.assemble import assemble
 from simgap.gap.conformal import Calibration
 from simgap.gap.dimension_fit import fit_from_json
@@ -16,9 +17,11 @@ from simgap.gap.fresh_check import FreshCheck, check_fresh
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.points import Columns, Points, radius, remembers
 from simgap.gap.settings import GapSettings
+from simgap.gap.steps.border_check import border_check
+from simgap.gap.steps.borders import MAKE_BORDERS, NO_BORDERS, directed_samples
 from simgap.gap.steps.hidden_gap import hidden_bound
-from simgap.gap.steps.samples import motion_of, read_back, sample_grid, stacked, steps_of, successors
-from simgap.gap.steps.tables import AFTER_PREVIOUS
+from simgap.gap.steps.samples import check_drawn, motion_of, read_back, sample_grid, steps_of
+from simgap.gap.steps.tables import AFTER_PREVIOUS, stacked, successors
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
 from simgap.plants.context import Context
@@ -45,6 +48,7 @@ class Made:
     Attributes:
         points: the grid. scp, lipschitz: saved results by state. shards: roll-outs, for pictures.
         fresh: samples that no fit has seen. calibration: samples of a conformal bound.
+        borders: samples on borders and beside switching surfaces; a case with hidden state has none.
     """
 
     points: Points
@@ -53,6 +57,7 @@ class Made:
     shards: Sequence[Columns]
     fresh: Columns
     calibration: Columns | None = None
+    borders: Columns | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,15 +87,22 @@ def gap(context: Context, made: Made) -> Bound:
     known = [read_back(DimensionLipschitz.from_json, made.lipschitz[n]) for n in names]
     step = context.plant.sampled.step
     drawn = Calibration(*_gaps(context, step, made.calibration)) if made.calibration else None
-    result = assemble(where, GapSettings.of(section), fits, known, drawn)
+    if made.borders is None:
+        raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
+    directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
+    result = assemble(where, GapSettings.of(section), fits, known, drawn, directed)
     x, u, d = _gaps(context, step, made.fresh)
+    check_drawn(context, x, u)
     check = check_fresh(result.function, x, u, d, section.confidence)
     tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
+    beside = border_check(context, made.points.name, made.borders, result.function)
+    if section.bound != "conformal":
+        none_outside(beside)
     memory = (REMEMBERED,) if made.shards and f"least_{names[0]}" in made.shards[0] else ()
-    tiers = [*result.function.tiers, *memory, check.tier]
+    tiers = [*result.function.tiers, *memory, check.tier, beside.tier]
     function = covering_remainder(result.function.with_tiers(tiers), section.remainder)
     content = result.to_json() | function.to_json()
-    content |= {"eps": radius(made.points.name), "fresh": asdict(check)}
+    content |= {"eps": radius(made.points.name), "fresh": asdict(check), "borders": asdict(beside)}
     return Bound(content, check, _thinned(context, step, where.size, made.shards))
 
 

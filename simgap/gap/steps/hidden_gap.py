@@ -42,7 +42,9 @@ def hidden_bound(
     check_symmetry(deviation, context.states, tolerance_of(context.states, symmetry.tolerance))
     pose = pose_axes(context)
     free = tuple(sorted(pose[:2]))
-    domain = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set, free)
+    domain = GapDomain(
+        tuple(context.states), tuple(context.inputs), context.box, context.input_set, free, context.periodic
+    )
     between = context.need(context.case.simulator, "simulator").between_poses(
         context.domain.tau, context.case.plant.gravity
     )

@@ -10,10 +10,10 @@ import numpy as np
 from simgap.config.pose import pose_axes
 from simgap.errors import UserError
 from simgap.gap.closed_form import ClosedFormGap
-from simgap.gap.pairs import product
+from simgap.gap.pairs import draw, product
 from simgap.gap.points import Columns, Points, radius
 from simgap.gap.samples import DimensionSamples, SampleGrid
-from simgap.gap.steps.tables import AFTER_PREVIOUS, HISTORY, SEQUENCE, body_samples
+from simgap.gap.steps.tables import AFTER_PREVIOUS, HISTORY, SEQUENCE, body_samples, stacked, successors
 from simgap.gap.symmetry import nominal_motion
 from simgap.geometry import Floats, Grid
 from simgap.plants.context import Context
@@ -38,11 +38,6 @@ def read_back(make: Callable[[Mapping[str, Any]], T], data: Mapping[str, Any]) -
         ) from None
 
 
-def stacked(columns: Columns, names: Sequence[str]) -> Floats:
-    """Columns side by side: -> (rows, len(names))."""
-    return np.stack([columns[name] for name in names], axis=-1)
-
-
 def sample_grid(context: Context, points: Points) -> SampleGrid:
     """The covering grid of a point, checked against its file.
 
@@ -53,7 +48,8 @@ def sample_grid(context: Context, points: Points) -> SampleGrid:
     same = points.states.shape == (grid.size, grid.box.size) and np.array_equal(points.inputs, context.input_set)
     if not same or not np.array_equal(points.states, grid.centres()):
         raise UserError("the grid was made for another case", remedy="Run the grid stage again, and those after it.")
-    return SampleGrid(grid, points.inputs, tuple(context.states), tuple(context.inputs), known=known_gap(context))
+    names = tuple(context.states), tuple(context.inputs)
+    return SampleGrid(grid, points.inputs, *names, periodic=context.periodic, known=known_gap(context))
 
 
 def known_gap(context: Context) -> ClosedFormGap | None:
@@ -94,6 +90,18 @@ def dimension_samples(context: Context, points: Points, shards: Sequence[Columns
     return DimensionSamples(where, i, lower, upper if spread else None)
 
 
+def check_drawn(context: Context, x: Floats, u: Floats) -> None:
+    """Whether fresh samples (n, nx), (n, nu) are the random ones that the case draws.
+
+    Raises:
+        UserError: if they are not; those of another X would confirm a bound where it does not hold.
+    """
+    section = context.need(context.case.gap, "gap")
+    states, inputs = draw(context.box, context.input_set, section.fresh_samples, section.seed)
+    if not (np.array_equal(states, x) and np.array_equal(inputs, u)):
+        raise UserError("the fresh samples are not those of this case", remedy="Run `fresh` again.")
+
+
 def check_rows(points: Points, first: int, x: Floats, u: Floats) -> None:
     """Whether rows (n, nx), (n, nu) are those of the grid from row `first` on.
 
@@ -109,13 +117,6 @@ def check_rows(points: Points, first: int, x: Floats, u: Floats) -> None:
             f"a shard is not one of the grid {points.name}, or the shards are out of order",
             remedy="Delete the shards of this grid and run again.",
         )
-
-
-def successors(rolled: Columns, name: str) -> tuple[Floats, Floats]:
-    """Least and largest successor of one state, (n,) each: one and the same array without memory of the inputs."""
-    if f"least_{name}" not in rolled:
-        return rolled[f"next_{name}"], rolled[f"next_{name}"]
-    return rolled[f"least_{name}"], rolled[f"largest_{name}"]
 
 
 def check_histories(context: Context, points: Points, shards: Sequence[Columns]) -> None:

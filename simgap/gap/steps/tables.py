@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,3 +53,15 @@ def body_samples(case: Case, columns: Columns, part: str | None = None) -> BodyS
     final = np.stack([columns[f"moved_{n}"][rows] for n in case.plant.states], axis=-1)
     extent = np.stack([columns[n][rows] for n in EXTENTS], axis=-1)
     return BodySamples(columns["input"][rows].astype(np.int64), final, extent)
+
+
+def stacked(columns: Columns, names: Sequence[str]) -> Floats:
+    """Columns side by side: -> (rows, len(names))."""
+    return np.stack([columns[name] for name in names], axis=-1)
+
+
+def successors(rolled: Columns, name: str) -> tuple[Floats, Floats]:
+    """Least and largest successor of one state, (n,) each: one and the same array without memory of the inputs."""
+    if f"least_{name}" not in rolled:
+        return rolled[f"next_{name}"], rolled[f"next_{name}"]
+    return rolled[f"least_{name}"], rolled[f"largest_{name}"]

@@ -1,0 +1,26 @@
+"""What `simgap check` prints."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from simgap.stages.check import Checked
+from simgap.stages.costs import duration, size
+
+
+def show(console: Console, checked: Checked) -> None:
+    """A table of what the stages cost, the cells an axis, and what the engine makes of the model file."""
+    if checked.costs:
+        table = Table("stage", "what", "CPU time, about", "memory, about", box=None)
+        for cost in checked.costs:
+            table.add_row(cost.stage, f"{cost.count:,} {cost.of}", duration(cost.seconds), size(cost.bytes))
+        console.print(table)
+    for what, cells in checked.cells.items():
+        console.print(f"cells of the {what}: {', '.join(f'{name} {count}' for name, count in cells.items())}")
+    for finding in checked.findings:
+        console.print(
+            f"{finding.key}: {finding.problem}. {finding.remedy}", soft_wrap=True, highlight=False, markup=False
+        )
+    if not checked.findings:
+        console.print("Nothing in the model file that the engine drops or changes.")

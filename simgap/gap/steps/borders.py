@@ -1,0 +1,77 @@
+"""Samples on the border of X and on both sides of switching surfaces: some for the fit, others to check the bound.
+
+Those of the fit lie on the lattice of the cell centres, those of the check on a random one. None of them is a random
+sample of X: they never enter the statistical statement.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simgap.errors import UserError
+from simgap.gap.borders import Borders, critical_points
+from simgap.gap.function import GapDomain
+from simgap.gap.pairs import product
+from simgap.gap.points import Columns, radius, remembers
+from simgap.gap.samples import Directed
+from simgap.gap.steps.tables import stacked, successors
+from simgap.gap.switching import switching_surfaces
+from simgap.geometry import Floats, Grid
+from simgap.plants.context import Context
+
+FIT, CHECK = "fit", "check"
+NO_BORDERS = "the samples on borders of X and beside switching surfaces are missing"
+MAKE_BORDERS = "Make them with `simgap borders` and give them as --borders."
+LEVELS = 40  # of a random lattice along each axis
+
+
+def border_states(context: Context, name: str, part: str) -> Borders:
+    """States for the fit or for the check, on the grid of that name.
+
+    Raises:
+        UserError: a simulator that remembers earlier inputs, whose gap is no function of X.
+    """
+    if remembers(context.case):
+        raise UserError("a gap taken over histories has no border of X", key="hidden_state")
+    box, grid = context.box, Grid.covering(context.box, radius(name))
+    domain = GapDomain(tuple(context.states), tuple(context.inputs), box, context.input_set)
+    if part == FIT:
+        lattice = [grid.axis(j) for j in range(box.size)]
+    else:  # fresh samples and means have streams of their own
+        rng = np.random.default_rng([context.need(context.case.gap, "gap").seed, 2])
+        lattice = [rng.uniform(lo, hi, LEVELS) for lo, hi in zip(box.lo, box.hi, strict=True)]
+    return critical_points(domain, switching_surfaces(context), lattice)
+
+
+def directed_samples(context: Context, name: str, rolled: Columns, i: int) -> Directed:
+    """The gap of dimension i at the states of the fit.
+
+    Raises:
+        UserError: a table of another case, or of another grid.
+    """
+    own = border_states(context, name, FIT)
+    _, _, lower, upper = border_gaps(context, rolled, FIT, own)
+    shape = (len(own.x), len(context.input_set))
+    return Directed(own.x, own.fixed, lower[:, i].reshape(shape), upper[:, i].reshape(shape))
+
+
+def border_gaps(context: Context, rolled: Columns, part: str, own: Borders) -> tuple[Floats, Floats, Floats, Floats]:
+    """States, inputs, and both ends of the gap of one part: (n, nx), (n, nu), (n, nx), (n, nx).
+
+    Raises:
+        UserError: a table of another case, or of another grid.
+    """
+    mine = {key: values[rolled["part"] == part] for key, values in rolled.items()} if "part" in rolled else {}
+    x, u = product(own.x, context.input_set)
+    known = {*context.states, *context.inputs} <= set(mine)
+    if not (
+        known and np.array_equal(stacked(mine, context.states), x) and np.array_equal(stacked(mine, context.inputs), u)
+    ):
+        raise UserError(
+            "the samples on borders and beside switching surfaces are those of another case",
+            remedy="Run `borders` again, and `scp` and `gap` after it.",
+        )
+    predicted = context.plant.sampled.step(x, u)
+    ends = [successors(mine, state) for state in context.states]
+    lower, upper = (np.stack([pair[k] for pair in ends], axis=1) - predicted for k in (0, 1))
+    return x, u, lower, upper

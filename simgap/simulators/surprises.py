@@ -1,0 +1,170 @@
+"""What an engine makes of a model file in silence: what it drops, replaces, completes or enforces.
+
+Two engines read one URDF as two robots. Some of it can be asked of the loaded engine (masses, centres of mass,
+moments of inertia); the rest, what it does with friction, limits and gears, is a trait of the engine that a test shows.
+Nothing here is refused: gamma covers what the simulator does. It is said, so that nobody takes it for the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgap.config.case import Case
+from simgap.geometry import Floats
+from simgap.plants.model_file import FileJoint, Link, ModelFile
+from simgap.simulators.traits import FileTraits
+
+SAME = 1e-3
+"""Relative difference up to which two numbers are the same: files round to that."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that a person would not expect: which key or part of the file, what happens, what can be done."""
+
+    key: str
+    problem: str
+    remedy: str
+
+
+def surprises(case: Case, traits: FileTraits, file: ModelFile, loaded: Mapping[str, Link]) -> list[Finding]:
+    """All findings for the model file that the engine loads.
+
+    Args:
+        case: with a simulator and a domain.
+        traits: of its engine; file: the model file that it loads; loaded: links as the engine computes with them.
+    """
+    found = [*_links(case, file, loaded), *_damping(case, traits, file)]
+    for name, joint in file.joints.items():
+        found += _joint(case, traits, name, joint)
+    return found
+
+
+def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[Finding]:
+    for name, own in loaded.items():
+        if name in file.bare and own.mass > 0:
+            yield Finding(
+                f"link '{name}'",
+                f"the file gives it no mass, the engine gives it {own.mass:g} kg",
+                "Add <inertial> to it.",
+            )
+        said = file.links.get(name)
+        if said is None:
+            continue
+        if _differ(own.mass, said.mass):
+            yield Finding(
+                f"link '{name}'", f"the engine computes with {own.mass:g} kg, the file says {said.mass:g} kg",
+                "Give simulator.urdf the mass that is meant.",
+            )  # fmt: skip
+        if _differ(own.com, said.com):
+            yield Finding(
+                f"link '{name}'",
+                f"the engine has its centre of mass at {_list(own.com)} m, the file at {_list(said.com)} m",
+                "Look at <inertial><origin>.",
+            )
+        if _differ(own.moments, said.moments):
+            by_key = getattr(case.simulator, "inertia", None) == "engine"
+            yield Finding(
+                "simulator.inertia" if by_key else f"link '{name}'",
+                f"the engine computes link '{name}' with the principal moments {_list(own.moments)} kg m^2, the file "
+                f"says {_list(said.moments)}",
+                "With `inertia: file` it takes the file's." if by_key else "Look at <inertia>.",
+            )
+
+
+def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Finding]:
+    own = getattr(case.simulator, "damping", None)
+    if own is None:
+        return
+    for name, joint in file.joints.items():
+        if _differ(joint.damping, own.joint):
+            yield Finding(
+                "simulator.damping.joint",
+                f"replaces the damping {joint.damping:g} that the file states for joint '{name}' by {own.joint:g}; the "
+                "nominal model keeps the file's",
+                f"Set it to {joint.damping:g} if the two should agree.",
+            )
+    if traits.damps_links and (own.linear or own.angular):
+        yield Finding(
+            "simulator.damping",
+            f"the engine damps every link by {own.linear:g} (linear) and {own.angular:g} (angular) 1/s, which no model "
+            "file says",
+            "Set both to 0, unless the engine as it comes is what you want to measure.",
+        )
+
+
+def _joint(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
+    place = f"joint '{name}'"
+    if joint.friction > 0:
+        yield Finding(
+            place, f"neither Drake nor the engine acts out its friction {joint.friction:g}",
+            "Declare coulomb_friction in simulator.effects, and in plant.effects if the model should know it.",
+        )  # fmt: skip
+    if joint.mimics is not None:
+        yield Finding(
+            place, f"the file lets it follow joint '{joint.mimics}', the engine lets it move on its own",
+            "Weld or remove it, or give it states.",
+        )  # fmt: skip
+    if joint.reflected:
+        yield Finding(
+            place, "the file states a gear or a rotor's inertia, which the engine drops",
+            "Add the reflected inertia to the link, or let gamma cover it.",
+        )  # fmt: skip
+    yield from _ranges(case, traits, name, joint)
+    yield from _efforts(case, name, joint)
+
+
+def _ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
+    assert case.domain is not None
+    for state, section in case.plant.states.items():
+        if section.joint != name:
+            continue
+        lo, hi = case.domain.X[state]
+        key, fastest = f"domain.X.{state}", max(abs(lo), abs(hi))
+        if section.quantity == "position" and joint.range is not None and traits.stops:
+            least, most = joint.range
+            if least <= most and (lo < least or hi > most):
+                yield Finding(
+                    key, f"reaches beyond the range [{least:g}, {most:g}] of joint '{name}', where the engine stops it "
+                    "and the nominal model does not",
+                    "Keep X inside the range, with room for one step.",
+                )  # fmt: skip
+        if section.quantity != "velocity":
+            continue
+        if joint.velocity is not None and fastest > joint.velocity:
+            yield Finding(
+                key, f"reaches {fastest:g}, joint '{name}' is said to be no faster than {joint.velocity:g}; neither "
+                "Drake nor the engine holds it there",
+                "Keep X within it, or correct the file.",
+            )  # fmt: skip
+        if traits.fastest is not None and fastest >= traits.fastest:
+            yield Finding(
+                key, f"reaches {fastest:g}, the engine cuts every joint's speed at {traits.fastest:g}",
+                "Keep X below it.",
+            )  # fmt: skip
+
+
+def _efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
+    assert case.domain is not None
+    for drive, section in case.plant.inputs.items():
+        if section.joint == name and joint.effort is not None:
+            most = float(np.abs(case.domain.U[drive].list()).max())
+            if most > joint.effort:
+                yield Finding(
+                    f"domain.U.{drive}",
+                    f"reaches {most:g}, joint '{name}' is said to take no more than {joint.effort:g}; neither Drake "
+                    "nor the engine cuts it there",
+                    "Keep U within it, or declare saturation in simulator.effects.",
+                )
+
+
+def _differ(a: Floats | float, b: Floats | float) -> bool:
+    size = max(float(np.abs(a).max()), float(np.abs(b).max()))
+    return bool(np.abs(np.asarray(a) - b).max() > SAME * size)
+
+
+def _list(values: Floats) -> str:
+    return "(" + ", ".join(f"{v:.4g}" for v in values) + ")"

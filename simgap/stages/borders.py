@@ -1,0 +1,34 @@
+"""Stage `borders`: the simulator on the border of X and beside switching surfaces, where random states never lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from simgap.gap.points import own_point
+from simgap.gap.steps.border_rollouts import roll_out_borders
+from simgap.gap.steps.borders import CHECK, FIT, border_states
+from simgap.gap.steps.tables import units
+from simgap.io.samples import write_columns
+from simgap.provenance import provenance
+from simgap.simulators.process import run_in_processes
+from simgap.stages.context import Context, log
+
+
+def run(case_path: Path, point: str | None, out: Path, engine_log: Path | None = None) -> None:
+    """Roll out the states of a point (the case's own if none is named) and write them.
+
+    Raises:
+        UserError: a case without simulator or with a hidden state, a point that it does not have.
+    """
+    context = Context.load(case_path)
+    with context.blame():
+        name = point or own_point(context.case)
+        states = {part: border_states(context, name, part).x for part in (FIT, CHECK)}
+        job = (context.case, context.folder, states, context.input_set)
+        ((columns, engine),) = run_in_processes(roll_out_borders, [job], log=engine_log)
+    section = context.need(context.case.gap, "gap")
+    record = provenance("borders", context.case, context.folder, {"lattice": section.seed}, engine=engine, point=name)
+    constants = {"case": context.case.name, "point": name, "engine": engine}
+    write_columns(out, columns, units(context.case), constants, record)
+    counts = ", ".join(f"{len(x)} for the {part}" for part, x in states.items())
+    log.info("wrote %d roll-outs on borders and beside switching surfaces (states: %s)", len(columns["part"]), counts)

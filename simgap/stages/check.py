@@ -1,0 +1,161 @@
+"""Stage `check`: what can be said of a case before anything long runs.
+
+It reads the case and its model file, loads the engine once in a process of its own, and asks it what it made of the
+file and how fast it steps.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgap import plugins
+from simgap.config.case import Case
+from simgap.errors import UserError
+from simgap.geometry import Grid
+from simgap.io.documents import write_json
+from simgap.plants.model_file import Link, ModelFile, read_model_file
+from simgap.provenance import provenance
+from simgap.simulators.base import Engine
+from simgap.simulators.process import run_in_processes
+from simgap.simulators.surprises import Finding, surprises
+from simgap.specifications.base import specification_of
+from simgap.specifications.space import Space
+from simgap.stages.context import Context, log
+from simgap.stages.costs import StageCost, affordable, costs
+
+TRIED = 0.2
+"""Seconds for which the engine is timed."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What `check` found.
+
+    Attributes:
+        costs: of each stage; cells: of the grid of samples and of the controller, an axis each, by state.
+        findings: what the engine makes of the model file in silence.
+    """
+
+    costs: list[StageCost]
+    cells: dict[str, dict[str, int]]
+    findings: list[Finding]
+
+
+def run(case_path: Path, out: Path | None = None, engine_log: Path | None = None) -> Checked:
+    """Check a case, and write what was found to `out` (JSON) if given.
+
+    Raises:
+        UserError: whatever a stage would refuse later: keys, joints, units, meshes, basis symbols, a specification that
+            does not fit X, and a cost beyond the budget of the case.
+    """
+    context = Context.load(case_path)
+    case = context.case
+    with context.blame():
+        if case.domain is not None:
+            affordable(context, costs(context))  # before anything that would build what is too large
+        file = model_file(context)
+        _ = context.plant.sampled if case.domain is not None else context.plant.declared
+        _specification(context)
+        _basis(context)
+        findings, rollout = of_engine(context, file, engine_log)
+        found = costs(context, rollout) if case.domain is not None else []
+        affordable(context, found)
+    result = Checked(found, _cells(context), findings)
+    for finding in findings:
+        log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)
+    if out is not None:
+        record = provenance("check", case, context.folder)
+        write_json(out, {"case": case.name, **asdict(result), "provenance": record})
+    return result
+
+
+def model_file(context: Context) -> ModelFile | None:
+    """The file that the simulator loads, its meshes there; the nominal model's where there is no simulator."""
+    section, own = context.case.simulator, context.case.plant.urdf
+    files = [name for name in (own, section.urdf if section is not None else None) if name is not None]
+    read = [read_model_file(context.folder / name) for name in files]
+    for file in read:
+        for mesh in file.meshes:
+            if mesh.startswith("package://"):
+                continue  # found through the paths of a ROS installation, if at all
+            if not (file.path.parent / mesh.removeprefix("file://")).is_file():
+                raise UserError(
+                    "the mesh does not exist", file=file.path, key=f"mesh '{mesh}'", remedy="Correct its path."
+                )
+    return read[-1] if read else None
+
+
+def _specification(context: Context) -> None:
+    if context.case.synthesis is None:
+        return
+    space, section = Space.of(context.case), context.case.synthesis
+    region = specification_of(context.case).region(space)
+    if len(section.cells) != region.size:
+        raise UserError(
+            f"{len(section.cells)} cell counts for {region.size} states", key="synthesis.cells",
+            remedy="Give one for each state, in order.",
+        )  # fmt: skip
+
+
+def _basis(context: Context) -> None:
+    """Symbols that do not exist are found here and not after the roll-outs."""
+    section = context.case.gap
+    if section is None or section.bound not in ("scenario", "conformal") or context.case.domain is None:
+        return
+    from simgap.gap.bases import Basis  # takes a second: only paid by cases that get this far
+
+    try:
+        terms = section.basis.listed(context.states, context.inputs, context.box)
+        _ = Basis(tuple(terms), tuple(context.states), tuple(context.inputs)).hessians
+    except UserError as error:
+        raise UserError(error.problem, key=error.key or "gap.basis", remedy=error.remedy) from None
+
+
+def of_engine(
+    context: Context, file: ModelFile | None, engine_log: Path | None = None
+) -> tuple[list[Finding], float | None]:
+    """Findings about the model file, and the seconds of a roll-out."""
+    case = context.case
+    if case.simulator is None or case.domain is None:
+        return [], None
+    kind = plugins.find("engines", case.simulator.engine, context.folder)
+    rng = np.random.default_rng(0)
+    x = context.box.sample(rng, 100)
+    values = [case.domain.U[name].list() for name in context.inputs]
+    u = np.stack([rng.choice(own, len(x)) for own in values], axis=1) if values else np.zeros((len(x), 0))
+    ((loaded, seconds),) = run_in_processes(ask_engine, [(case, context.folder, x, u)], log=engine_log)
+    traits = kind.file_traits if issubclass(kind, Engine) else None
+    if file is None or traits is None:
+        return [], seconds
+    return surprises(case, traits, file, loaded), seconds
+
+
+def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, Link], float]:
+    """In the engine's process: its links, and the seconds of a roll-out from states (n, nx) under inputs (n, nu)."""
+    from simgap.simulators.build import make_simulator
+
+    simulator = make_simulator(case, folder)
+    try:
+        done, began = 0, time.perf_counter()
+        while time.perf_counter() - began < TRIED:
+            simulator.rollouts(x[done % len(x)][None], u[done % len(x)][None])
+            done += 1
+        return simulator.loaded(), (time.perf_counter() - began) / done
+    finally:
+        simulator.close()
+
+
+def _cells(context: Context) -> dict[str, dict[str, int]]:
+    case = context.case
+    found: dict[str, dict[str, int]] = {}
+    if case.grid is not None and case.domain is not None and case.hidden_state is None:
+        found["samples"] = dict(zip(context.states, Grid.covering(context.box, case.grid.eps).cells, strict=True))
+    if case.synthesis is not None:
+        found["controller"] = dict(zip(context.states, case.synthesis.cells, strict=True))
+    return found

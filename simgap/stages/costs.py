@@ -1,0 +1,144 @@
+"""What the stages of a case will cost: counts are exact, bytes and seconds are estimates from measured rates.
+
+Bytes are of the arrays that a stage cannot do without; seconds are CPU seconds on one core of a machine of 2024. Both
+are right to a factor of two or three, which is enough to tell minutes from days.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from simgap.config.case import Case
+from simgap.config.context import Context
+from simgap.errors import UserError
+from simgap.geometry import Grid
+from simgap.specifications.base import specification_of
+
+START = 4.0
+"""CPU seconds that a stage takes to start: imports, the nominal model, compiled kernels read back."""
+BYTES = 2.5e8
+"""Memory of a stage with nothing in it."""
+ROLLOUT = 3e-5
+"""CPU seconds of an engine's step of a joint plant where the engine was not asked."""
+FIT, SLOPES, BOUND = 2e-6, 6e-6, 6e-6
+"""CPU seconds a sample, of `scp` and `lipschitz` (one state) and of `gap` (one state)."""
+PAIR = 3e-7
+"""CPU seconds a pair of cell and input, of a synthesis that ends."""
+SAMPLE_BYTES = 60
+"""Bytes a sample and state that the stages from roll-outs to the bound hold."""
+
+
+@dataclass(frozen=True)
+class StageCost:
+    """One stage: how many of what, CPU seconds, bytes, and the key that makes it cheaper.
+
+    `at_most` marks what usually ends earlier, and is not held against a budget.
+    """
+
+    stage: str
+    count: int
+    of: str
+    seconds: float
+    bytes: float
+    key: str
+    at_most: bool = False
+
+
+def costs(context: Context, rollout: float | None = None, eps: float | None = None) -> list[StageCost]:
+    """The stages of a case, in order.
+
+    Args:
+        context: of a case with a domain.
+        rollout: measured time of a roll-out of its simulator, s.
+        eps: radius of the balls that cover X where it is not the case's own.
+    """
+    return [*_samples(context, rollout or ROLLOUT, eps), *_control(context, rollout or ROLLOUT)]
+
+
+def affordable(context: Context, found: list[StageCost]) -> None:
+    """Hold every stage against the budget.
+
+    Raises:
+        UserError: the first that is beyond it, with the key that makes it cheaper.
+    """
+    budget = context.case.budget
+    for cost in found:
+        if cost.at_most:
+            continue
+        over_memory, over_time = cost.bytes > budget.bytes, cost.seconds > 3600.0 * budget.time
+        if over_memory or over_time:
+            needs = [f"about {size(cost.bytes)}"] * over_memory + [f"about {duration(cost.seconds)}"] * over_time
+            has = [size(budget.bytes)] * over_memory + [duration(3600.0 * budget.time)] * over_time
+            raise UserError(
+                f"{cost.count:,} {cost.of} need {' and '.join(needs)}; the budget is {' and '.join(has)}",
+                file=context.path,
+                key=cost.key,
+                remedy=f"Ask for less there, or raise budget.{'memory' if over_memory else 'time'}.",
+            )
+
+
+def _samples(context: Context, rollout: float, eps: float | None) -> Iterator[StageCost]:
+    case, nx = context.case, len(context.states)
+    if case.simulator is None:
+        return
+    if case.hidden_state is None:
+        if case.grid is None:
+            return
+        count = Grid.covering(context.box, eps or case.grid.eps).size * _inputs(case)
+        key, of, shards = "grid.eps", "samples of X x U", case.grid.shards
+    else:
+        hidden = case.hidden_state
+        count = math.prod(hidden.previous.values()) * _inputs(case) + hidden.chains * hidden.chain_length
+        key, of, shards = "hidden_state.previous", "roll-outs after earlier inputs", 2
+    held = BYTES + SAMPLE_BYTES * nx * count
+    yield StageCost("rollouts", count, of, START * shards + count * rollout, BYTES + (held - BYTES) / shards, key)
+    if case.gap is not None:
+        fresh = case.gap.fresh_samples if case.hidden_state is None else case.hidden_state.fresh_samples
+        more = BYTES + 16.0 * nx * fresh
+        yield StageCost("fresh", fresh, "fresh samples", START + fresh * rollout, more, "gap.fresh_samples")
+    for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
+        if case.gap is not None or case.hidden_state is not None:
+            yield StageCost(stage, count, of, nx * (START + count * rate), held, key)
+
+
+def _control(context: Context, rollout: float) -> Iterator[StageCost]:
+    case = context.case
+    if case.synthesis is None:
+        return
+    cells, inputs = math.prod(case.synthesis.cells), _inputs(case)
+    rows = inputs + 1 if case.sensing is not None and case.sensing.latency else 1
+    a_cell = 9 + 8 * len(context.states) + rows * math.ceil(inputs / 8)
+    seconds = START + PAIR * cells * inputs * rows
+    yield StageCost(
+        "synthesis", cells * inputs * rows, "pairs of cell and input", seconds, BYTES + a_cell * cells,
+        "synthesis.cells",
+    )  # fmt: skip
+    if case.validation is not None and case.simulator is not None:
+        steps, ends = 2 * case.validation.starts * case.validation.steps, not specification_of(case).holds
+        yield StageCost(
+            "validation", steps, "closed-loop steps" + " at most" * ends, START + steps * rollout, 2 * BYTES,
+            "validation.starts", ends,
+        )  # fmt: skip
+
+
+def _inputs(case: Case) -> int:
+    assert case.domain is not None
+    return math.prod(values.count for values in case.domain.U.values())
+
+
+def size(count: float) -> str:
+    """Bytes as a person says them."""
+    for unit, scale in (("TiB", 2**40), ("GiB", 2**30), ("MiB", 2**20)):
+        if count >= scale:
+            return f"{count / scale:.3g} {unit}"
+    return f"{count / 2**10:.3g} KiB"
+
+
+def duration(seconds: float) -> str:
+    """Seconds as a person says them."""
+    for unit, scale in (("years", 365.25 * 86400.0), ("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * scale:
+            return f"{seconds / scale:.3g} {unit}"
+    return f"{seconds:.3g} s"

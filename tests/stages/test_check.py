@@ -1,0 +1,214 @@
+"""`simgap check`: planted surprises of model files are found and are real, costs refuse before anything long runs."""
+
+import copy
+
+import numpy as np
+import pytest
+import yaml
+
+from simgap.config.load import load_case
+from simgap.errors import UserError
+from simgap.io.parquet import read_parquet
+from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import roll_out
+from simgap.stages import check, grid, synthesis
+from simgap.stages.context import Context
+
+LINK = """<link name="rod"><inertial><origin xyz="0 0 -0.5" rpy="0 0 0"/><mass value="1.0"/>
+<inertia ixx="0.0833" ixy="{ixy}" ixz="0" iyy="0.0833" iyz="0" izz="0.02"/></inertial>{visual}</link>"""
+URDF = (
+    """<?xml version="1.0"?><robot name="r"><link name="base"/>"""
+    + LINK
+    + """{more}<joint name="hinge" type="revolute"><parent link="base"/><child link="rod"/><origin xyz="0 0 0"/>
+<axis xyz="{axis}"/><limit {range} effort="{effort}" velocity="{velocity}"/>
+<dynamics damping="{damping}" friction="{friction}"/>{inside}</joint>{gear}</robot>"""
+)
+PLAIN = {
+    "ixy": 0, "visual": "", "more": "", "axis": "0 1 0", "range": 'lower="-12" upper="12"', "effort": 100,
+    "velocity": 1000, "damping": 0, "friction": 0, "inside": "", "gear": "",
+}  # fmt: skip
+TIP = """<link name="tip"/><joint name="fixed" type="fixed"><parent link="rod"/><child link="tip"/>
+<origin xyz="0 0 -1"/></joint>"""
+ARM = """<link name="arm"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+</link><joint name="other" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint>"""
+TWO = {
+    "plant.states": {
+        "q": {"joint": "hinge", "quantity": "position", "unit": "rad"},
+        "w": {"joint": "hinge", "quantity": "velocity", "unit": "rad/s"},
+        "p": {"joint": "other", "quantity": "position", "unit": "rad"},
+        "v": {"joint": "other", "quantity": "velocity", "unit": "rad/s"},
+    },
+    "domain.X": {"q": [-0.2, 0.2], "w": [-0.5, 0.5], "p": [-1, 1], "v": [-1, 1]},
+}
+GEAR = """<transmission name="t"><type>transmission_interface/SimpleTransmission</type>
+<joint name="hinge"/><actuator name="m"><mechanicalReduction>50</mechanicalReduction>
+</actuator></transmission>"""
+CASE = {
+    "name": "rod",
+    "plant": {
+        "urdf": "rod.urdf",
+        "states": {
+            "q": {"joint": "hinge", "quantity": "position", "unit": "rad"},
+            "w": {"joint": "hinge", "quantity": "velocity", "unit": "rad/s"},
+        },
+        "inputs": {"u": {"joint": "hinge", "unit": "N*m"}},
+    },
+    "domain": {"tau": 0.01, "X": {"q": [-0.2, 0.2], "w": [-0.5, 0.5]}, "U": {"u": {"min": -1, "max": 1, "step": 1}}},
+    "simulator": {"engine": "pybullet", "inertia": "file", "damping": {"linear": 0, "angular": 0, "joint": 0}},
+    "grid": {"eps": 0.1},
+    "gap": {"basis": ["q", "w", "u", 1]},
+}
+
+
+def written(folder, urdf=(), case=()):
+    """A case and its model file, varied: urdf replaces parts of the file, case dotted keys."""
+    (folder / "rod.urdf").write_text(URDF.format(**PLAIN).format(**PLAIN) if not urdf else _filled(urdf))
+    content = copy.deepcopy(CASE)
+    for key, value in dict(case).items():
+        *parents, last = key.split(".")
+        place = content
+        for part in parents:
+            place = place.setdefault(part, {})
+        place[last] = value
+    path = folder / "rod.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    return path
+
+
+def _filled(parts):
+    return URDF.format(**{**PLAIN, **dict(parts)})
+
+
+def step(path, x, u):
+    """One step in the engine itself: -> (n, 2)."""
+    ((out, _),) = run_in_processes(
+        roll_out, [(load_case(path), path.parent, np.atleast_2d(x).astype(float), np.array([[u]], dtype=float))]
+    )
+    return out[0]
+
+
+def findings(path):
+    """Without the nominal model, which takes Drake seconds to build."""
+    context = Context.load(path)
+    return check.of_engine(context, check.model_file(context))[0]
+
+
+def test_a_plain_file_has_no_surprise(tmp_path):
+    assert check.run(written(tmp_path)).findings == []
+
+
+SURPRISES = [
+    ("inertia", {}, {"simulator.inertia": "engine"}, "simulator.inertia", "principal moments"),
+    ("damping", {"damping": 0.3}, {}, "simulator.damping.joint", "replaces the damping 0.3"),
+    ("links", {}, {"simulator.damping": {"linear": 0.04}}, "simulator.damping", "damps every link"),
+    ("friction", {"friction": 0.5}, {}, "joint 'hinge'", "neither Drake nor the engine acts out its friction"),
+    ("stop", {"range": 'lower="-0.1" upper="0.1"'}, {}, "domain.X.q", "the engine stops it"),
+    ("locked", {"range": 'lower="0" upper="0"'}, {}, "domain.X.q", "the engine stops it"),
+    ("effort", {"effort": 0.5}, {}, "domain.U.u", "no more than 0.5"),
+    ("velocity", {"velocity": 0.1}, {}, "domain.X.w", "no faster than 0.1"),
+    ("fastest", {}, {"domain.X": {"q": [-0.2, 0.2], "w": [-150, 150]}, "grid.eps": 9}, "domain.X.w", "speed at 100"),
+    ("mimic", {"inside": '<mimic joint="other"/>', "more": ARM}, TWO, "joint 'hinge'", "follow joint 'other'"),
+    ("gear", {"gear": GEAR}, {}, "joint 'hinge'", "a gear or a rotor's inertia"),
+]
+
+
+@pytest.mark.parametrize(("name", "urdf", "case", "key", "said"), SURPRISES, ids=[s[0] for s in SURPRISES])
+def test_a_planted_surprise_is_found_alone(tmp_path, name, urdf, case, key, said):
+    (finding,) = findings(written(tmp_path, urdf, case))
+    assert finding.key == key
+    assert said in finding.problem
+    assert finding.remedy
+
+
+def test_what_is_said_of_the_engine_is_true_of_it(tmp_path):
+    """Each in PyBullet itself, against the plain file."""
+    plain = step(written(tmp_path), [0.1, 1.0], 1.0)
+    for same in ({"friction": 0.5}, {"effort": 0.1}, {"velocity": 0.5}, {"damping": 5.0}, {"gear": GEAR}):
+        assert np.array_equal(step(written(tmp_path, same), [0.1, 1.0], 1.0), plain), same
+    stopped = written(tmp_path, {"range": 'lower="-1" upper="0.1"'})
+    assert step(stopped, [0.1, 1.0], 1.0)[0] < plain[0] - 0.005
+    locked = written(tmp_path, {"range": 'lower="0" upper="0"'})
+    assert abs(step(locked, [0.1, 1.0], 1.0)[1]) < 1e-9
+    assert step(written(tmp_path), [0.1, 150.0], 0.0)[1] == pytest.approx(100.0)
+
+
+def test_a_frame_without_mass_weighs_nothing(tmp_path):
+    """PyBullet alone gives a link without <inertial> 1 kg and 1, 1, 1 kg m^2; sensors' frames are written like that."""
+    plain = step(written(tmp_path), [0.1, 0.5], 1.0)
+    with_frame = written(tmp_path, {"more": TIP})
+    assert np.abs(step(with_frame, [0.1, 0.5], 1.0) - plain).max() < 1e-12
+    assert findings(with_frame) == []
+
+
+def test_an_axis_of_another_length_is_refused(tmp_path):
+    """PyBullet alone takes a hinge with axis 0 2 0 for a hundred times the inertia."""
+    with pytest.raises(UserError, match="has length 2") as refused:
+        check.run(written(tmp_path, {"axis": "0 2 0"}))
+    assert refused.value.key == "joint 'hinge': <axis> xyz"
+
+
+def test_the_nominal_model_takes_frames_without_mass(tmp_path):
+    x, u = np.array([[0.1, 0.5]]), np.array([[1.0]])
+    plain = Context.load(written(tmp_path)).plant.sampled.step(x, u)
+    assert np.abs(Context.load(written(tmp_path, {"more": TIP})).plant.sampled.step(x, u) - plain).max() < 1e-15
+
+
+def test_a_missing_mesh_is_refused(tmp_path):
+    visual = '<visual><geometry><mesh filename="rod.stl"/></geometry></visual>'
+    with pytest.raises(UserError, match="the mesh does not exist"):
+        check.run(written(tmp_path, {"visual": visual}))
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"grid.eps": 1e-9}, "grid.eps"),
+        ({"grid.eps": 1e-5}, "grid.eps"),
+        ({"domain.U": {"u": {"min": -1, "max": 1, "step": 1e-12}}}, "grid.eps"),
+        (
+            {
+                "synthesis": {
+                    "cells": [1_000_000, 1_000_000],
+                    "specification": {"kind": "invariance", "safe": {"q": [0, 0.2]}},
+                }
+            },
+            "synthesis.cells",
+        ),
+        ({"budget": {"time": "1 min"}, "grid.eps": 2e-4}, "grid.eps"),
+        ({"budget": {"memory": "300 MiB"}, "grid.eps": 1e-3}, "grid.eps"),
+    ],
+)
+def test_what_costs_too_much_is_refused_with_its_key(tmp_path, changes, key):
+    with pytest.raises(UserError, match="the budget is") as refused:
+        check.run(written(tmp_path, case=changes))
+    assert refused.value.key == key
+    assert refused.value.file == tmp_path / "rod.yaml"
+
+
+def test_the_stages_refuse_it_too(tmp_path):
+    path = written(tmp_path, case={"grid.eps": 1e-9})
+    with pytest.raises(UserError, match="the budget is"):
+        grid.run(path, None, tmp_path / "grid")
+    with pytest.raises(UserError, match="the budget is"):
+        grid.run(written(tmp_path), "eps~1e-9", tmp_path / "grid")
+    specification = {"kind": "invariance", "safe": {"q": [0, 0.2], "w": [-0.5, 0.5]}}
+    large = {"synthesis": {"cells": [1_000_000, 1_000_000], "specification": specification}}
+    with pytest.raises(UserError, match="the budget is"):
+        synthesis.run(written(tmp_path, case=large), None, tmp_path / "controller.npz", tmp_path / "synthesis.json")
+    assert {p.name for p in tmp_path.iterdir()} == {"rod.yaml", "rod.urdf"}
+
+
+def test_a_symbol_of_the_basis_that_does_not_exist_is_found_before_the_rollouts(tmp_path):
+    with pytest.raises(UserError, match="'qq' names 'qq', which is not known") as refused:
+        check.run(written(tmp_path, case={"gap.basis": ["qq", 1]}))
+    assert refused.value.key == "gap.basis"
+
+
+def test_the_counts_are_those_of_the_stages(tmp_path):
+    path = written(tmp_path)
+    found = {cost.stage: cost for cost in check.run(path, tmp_path / "check.json").costs}
+    grid.run(path, None, tmp_path / "grid")
+    states, inputs = (read_parquet(tmp_path / "grid" / f"{name}.parquet").num_rows for name in ("states", "inputs"))
+    assert found["rollouts"].count == states * inputs == found["gap"].count
+    assert (tmp_path / "check.json").is_file()
