@@ -48,6 +48,7 @@ class EquationsEngine(Engine):
         self.nx, self.nu = step.nx, step.nu
         self._step, self._substeps = step, substeps
         self._x = np.zeros(step.nx)
+        step.step(np.zeros((1, step.nx)), np.zeros((1, step.nu)))  # compiled here, not in the first roll-out
 
     @classmethod
     def build(cls, case: Case, folder: Path) -> EquationsEngine:
