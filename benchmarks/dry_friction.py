@@ -24,6 +24,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 from simgap.diagnosis import diagnose as whole  # noqa: E402
+from simgap.diagnosis.parts_of import parts_of  # noqa: E402
 from simgap.diagnosis.reading.record import Record, Trace  # noqa: E402
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings  # noqa: E402
 from simgap.diagnosis.simulation.initial import initial_states  # noqa: E402
@@ -84,12 +85,12 @@ def fitted(problem: Problem, d: Diagnosis) -> np.ndarray:
 
 
 def one(kind: str, seed: int) -> dict[str, Any]:
-    """Diagnose one record and judge its held-out windows in both ways."""
+    """Diagnose one record and judge the windows that confirm in both ways."""
     model, record, hidden = make(kind, seed)
     begun = time.process_time()
     d = whole.diagnose(model, record, SETTINGS)
     cpu = time.process_time() - begun
-    held = whole._problems(model, record, SETTINGS)[1]
+    held = parts_of(model, record, SETTINGS)[0].confirm
     theta = fitted(held, d)
     states = judge(held, theta, 0.0).states
     found = {e.name: next(iter(e.parameters.values())) for e in d.effects}

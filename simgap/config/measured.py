@@ -138,6 +138,12 @@ class MeasuredSection(Section):
         default=(), description="Effects that may be tried; all of `simgap effects` if none is named."
     )
     max_effects: int = Field(default=3, ge=1, le=6, description="Largest number of effects in one explanation.")
+    budget_s: float | None = Field(
+        default=None,
+        gt=0,
+        description="CPU seconds that the search may take; then the best answer so far is judged, with a warning. What "
+        "it is may differ between machines. Without it the search takes what it needs.",
+    )
     confidence: float = Field(
         default=0.95, gt=0.5, lt=1, description="Coverage asked of the conformal bound on what no effect explains."
     )

@@ -3,28 +3,43 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.reading.noise import noise_floor
+from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.windows import Windows, held_out_mask, split_windows
-from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Judged
-from simgap.diagnosis.search.equivalence import Rival, collinear_pairs, rivals
+from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoldStretches, Judged, Key
+from simgap.diagnosis.search.barred import barred
+from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import list_starts
-from simgap.diagnosis.search.selection import carried_over, on_all, preferred, select
+from simgap.diagnosis.search.selection import best_so_far, carried_over, on_all, preferred, select
+from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.initial import initial_states
-from simgap.diagnosis.simulation.problem import Problem, build_problem
-from simgap.diagnosis.simulation.step_length import settled
-from simgap.diagnosis.simulation.supermodel import cached_supermodel
+from simgap.diagnosis.simulation.parts import Parts
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict import answer
-from simgap.diagnosis.verdict.judge import HeldOut, chi2_dof, excess, judge, judged, real, verdict
-from simgap.diagnosis.verdict.transfer import transferable
+from simgap.diagnosis.verdict.judge import (
+    Evidence,
+    HeldOut,
+    chi2_dof,
+    excess_share,
+    folds_agree,
+    judge,
+    judged,
+    needed,
+    real,
+    verdict,
+)
+from simgap.diagnosis.verdict.second_look import nearest, second_look
+from simgap.diagnosis.verdict.transfer import Carried, Trial, independent_share, transferable
 from simgap.effects import apply_effects
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
@@ -32,13 +47,20 @@ from simgap.model.symbolic import SymbolicModel
 Floats = NDArray[np.float64]
 
 
-def diagnose(model: SymbolicModel, record: Record, settings: DiagnosisSettings | None = None) -> Diagnosis:
+def diagnose(
+    model: SymbolicModel,
+    record: Record,
+    settings: DiagnosisSettings | None = None,
+    tell: Callable[[str], None] = lambda words: None,
+) -> Diagnosis:
     """Attribute what a model fails to predict to physical effects that it lacks.
 
     Args:
         model: continuous dynamics as declared; effects are sought on all its coordinates, inputs, sensors, parameters.
         record: measured traces in the model's units.
         settings: choices; the defaults if not given.
+        tell: told in words how far the search is. An interrupt (Ctrl-C) ends the search, and the best answer so far is
+            judged.
 
     Raises:
         UserError: no trace as long as a window, inputs that are not the model's, unknown effects.
@@ -46,107 +68,156 @@ def diagnose(model: SymbolicModel, record: Record, settings: DiagnosisSettings |
     settings = settings or DiagnosisSettings()
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
-    problem, held = _problems(model, record, settings)
-    search, base, found = _searched(problem, settings.max_effects)
-    reach = problem.reach(found.fit.theta)
-    if reach > problem.reach(problem.model.null):  # what was commanded before the record began is unknown: masked
-        alone = held is problem
-        problem = problem.past_the_unknown(reach)
-        held = problem if alone else held.past_the_unknown(reach)
-        search, base, found = _searched(problem, settings.max_effects, found)
-    return _conclude(model, record, settings, search, base, found, problem, held)
+    parts, said = parts_of(model, record, settings)
+    not_tried = barred(parts.known.model, record, settings.effects)
+    watch = Watch(settings.budget_s, tell)
+    search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
+    reach = parts.known.reach(found.fit.theta)
+    if reach > parts.known.reach(search.problem.model.null):  # commands from before the record are unknown: masked
+        parts = parts.past_the_unknown(reach)
+        reduced = chi2_dof(search.problem, found.fit)
+        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, (found, reduced))
+    chosen = _chosen(parts, search, base, found, settings, not_tried)
+    return _conclude(model, record, settings, parts, chosen, said)
 
 
-def _searched(problem: Problem, most: int, known: Explanation | None = None) -> tuple[Search, Fit, Explanation]:
-    """A search on the problem, the model as declared, and what explains it best; begun from what is `known`."""
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    """What fit and choose ended with.
+
+    Attributes:
+        search, sparse: the search, on fewer samples where there are many, and the model as declared there.
+        found: what it chose there; kept: the same on every sample.
+        full, base: a search on every sample, and the model as declared there.
+        carried: from the choice off the noise floor.
+        at_floor: whether the fit reaches the noise; agree: whether halves of the data give the same coefficients.
+        barred: candidates that were not tried, and why.
+    """
+
+    search: Search
+    sparse: Fit
+    found: Explanation
+    kept: Explanation
+    full: Search
+    base: Fit
+    carried: Carried | None
+    at_floor: bool
+    agree: bool
+    barred: Mapping[Key, str]
+
+
+def _searched(
+    problem: Problem, most: int, not_tried: Collection[Key], watch: Watch,
+    known: tuple[Explanation, float] | None = None,
+) -> tuple[Search, Fit, Explanation]:  # fmt: skip
+    """A search on the problem, the model as declared, and what explains it best; begun from what is `known`.
+
+    What is known comes with its chi^2/dof where it was found. A search that is stopped ends with its best so far.
+    """
     sought = coarse(problem)
     base = fit(sought, sought.model.null, initial_states(sought), [], {})
-    search = Search(sought, list_starts(sought))
-    found = select(search, base, most) if known is None else carried_over(search, base, known, most)
-    rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
-    return search, base, preferred(search, found, most)
+    search = Search(sought, list_starts(sought, not_tried), watch=watch)
+    try:
+        found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
+        rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
+        return search, base, preferred(search, found, most)
+    except Stopped:
+        pass
+    except KeyboardInterrupt:
+        watch.interrupted()
+    return search, base, best_so_far(search, base, most)
 
 
-def _problems(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> tuple[Problem, Problem]:
-    """What is fitted and what is held out."""
-    compiled = cached_supermodel(model, record.measured, settings.effects)
-    sigma = noise_floor(record)
-    for name, value in settings.noise.items():
-        if name in record.measured:
-            sigma[record.measured.index(name)] = value
-    windows = split_windows(record, settings.window_s)
-    held = held_out_mask(record, windows, settings.held_out_traces, settings.held_out_share, _together(settings))
-    every = settled(build_problem(compiled, record, windows, sigma))
-    reach = every.reach(compiled.null)  # of delays that the model declares
-    if held.all() or not held.any():
-        every = every.past_the_unknown(reach)
-        return every, every
-    fitted, judged_on = every.on(windows.pick(~held)), every.on(windows.pick(held))
-    return fitted.past_the_unknown(reach), judged_on.past_the_unknown(reach)
-
-
-def _together(settings: DiagnosisSettings) -> int:
-    """Neighbouring windows that a prediction over the horizon needs."""
-    return math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
+def _chosen(
+    parts: Parts, search: Search, sparse: Fit, found: Explanation, settings: DiagnosisSettings,
+    not_tried: Mapping[Key, str],
+) -> _Chosen:  # fmt: skip
+    """From what the search found to the set that is put to *confirm*, fitted on every sample of the other folds."""
+    known = parts.known
+    full = search if search.problem is known else Search(known, search.starts)
+    base = sparse if full is search else fit(known, known.model.null, initial_states(known), [], {})
+    kept = on_all(full, search, found, base)
+    at_floor = chi2_dof(known, kept.fit) <= FIT_QUALITY
+    agree, carried = True, None
+    if found.members and not at_floor:
+        together = math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
+        trial = Trial(coarse(parts.fit), coarse(parts.choose, JUDGED_ROWS, together), settings.horizon_s)
+        try:
+            stopped = bool(search.watch.stopped)
+            carried = None if stopped else transferable(search, sparse, found, trial, settings.max_effects)
+        except Stopped:
+            carried = None
+        except KeyboardInterrupt:
+            search.watch.interrupted()
+        agree = carried is not None and carried.agrees
+        if carried is not None:
+            search, found = carried.search, carried.chosen
+            kept = on_all(full, search, found, base)
+    return _Chosen(search, sparse, found, real(full, kept, at_floor), full, base, carried, at_floor, agree, not_tried)
 
 
 def _conclude(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings, search: Search, sparse: Fit, found: Explanation,
-    problem: Problem, held: Problem,
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts, chosen: _Chosen,
+    said: tuple[str, ...],
 ) -> Diagnosis:  # fmt: skip
-    """From what the search chose to the answer, on every sample."""
-    full = search if search.problem is problem else Search(problem, search.starts)
-    base = sparse if full is search else fit(problem, problem.model.null, initial_states(problem), [], {})
-    empty, chosen = full.empty(base), on_all(full, search, found, base)
-    old, new = (judge(held, at.theta, settings.horizon_s) for at in (base, chosen.fit))
-    at_floor = chi2_dof(problem, chosen.fit) <= FIT_QUALITY and new.ratio <= HELD_OUT_QUALITY
-    agree, carried = at_floor, None
-    if found.members and not at_floor:
-        fewer = search.problem if held is problem else coarse(held, JUDGED_ROWS, _together(settings))
-        carried = transferable(search, sparse, found, fewer, settings.horizon_s, settings.max_effects)
-        agree = carried is not None
-        if carried is not None:
-            search, found = carried.search, carried.chosen
-            chosen = on_all(full, search, found, base)
-            new = judge(held, chosen.fit.theta, settings.horizon_s)
-    kept_alone = real(full, chosen, at_floor)
-    if kept_alone is not chosen:
-        chosen, new = kept_alone, judge(held, kept_alone.fit.theta, settings.horizon_s)
-    share = _share(old, new, problem)
-    word = verdict(chi2_dof(problem, base), chi2_dof(problem, chosen.fit), new.ratio, chosen, share, agree)
+    """From what was chosen to the answer; here alone *confirm* is looked at."""
+    known, confirm, search, full, base = parts.known, parts.confirm, chosen.search, chosen.full, chosen.base
+    at, horizon = chosen.kept.fit, settings.horizon_s
+    old, new = (judge(confirm, theta, horizon) for theta in (base.theta, at.theta))
+    evidence = _evidence(known, confirm, chosen, old, new)
+    word, share = verdict(chosen.kept, evidence), evidence.share
     named = word in ("attributed", "partial")
-    kept, kept_held, kept_share = (chosen, new, share) if named else (empty, old, 1.0)
-    others = rivals(search, found) if named else []
-    if carried is not None:  # what fits as well need not carry over as well
-        others = [r for r in others if r.exact] + [Rival(e, False) for e in carried.rivals]
+    short = nearest(full, chosen.kept, evidence, chosen.at_floor, model) if word == "unexplained" else None
+    kept, kept_held = (chosen.kept, new) if named else (full.empty(base), old)
+    others = _rivals(chosen) if named else []
     names = [trace.name for trace in record.traces]
-    windows = answer.predictions(problem, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
-    if held is not problem:
-        windows += answer.predictions(held, names, (base, old.states), (kept.fit, kept_held.states), True)
+    windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
+    windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, kept_held.states), True)
+    again = chosen.found if named else search.empty(chosen.sparse)
+    tested = word in ("partial", "unexplained") and short is None
     return Diagnosis(
         verdict=word,
-        effects=answer.found_effects(full, kept, others, chi2_dof(problem, kept.fit), at_floor, model),
-        alternatives=answer.alternatives(found, others),
-        before=judged(problem, base, old, settings.horizon_s),
-        after=judged(problem, kept.fit, kept_held, settings.horizon_s),
-        floor=_floor(problem, kept_held, settings.horizon_s),
-        excess_share=kept_share,
-        sigma=dict(zip(record.measured, map(float, problem.sigma), strict=True)),
-        candidates=answer.candidate_scores(search, search.empty(sparse)),
-        collinear=answer.collinear_table(collinear_pairs(search, search.empty(sparse)), EXACTLY_COLLINEAR),
-        held_out=_stretches(held.windows, problem.t, names) if held is not problem else (),
-        warnings=_warnings(problem, held, kept, settings),
+        effects=answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model),
+        alternatives=answer.alternatives(chosen.found, others),
+        before=judged(known, base, old, horizon),
+        after=judged(known, kept.fit, kept_held, horizon),
+        floor=_floor(known, kept_held, horizon),
+        excess_share=share if named else 1.0,
+        sigma=dict(zip(record.measured, map(float, known.sigma), strict=True)),
+        candidates=answer.candidate_scores(search, search.empty(chosen.sparse), chosen.barred),
+        collinear=answer.collinear_table(collinear_pairs(search, search.empty(chosen.sparse)), EXACTLY_COLLINEAR),
+        folds=FoldStretches(*(_stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
+        warnings=(*said, *_warnings(search.watch, kept_held, kept, horizon)),
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),
+        nearest=short,
+        left_over=second_look(search, again, confirm, kept_held, horizon, model) if tested else None,
     )
 
 
-def _share(old: HeldOut, new: HeldOut, problem: Problem) -> float:
-    """Held-out excess after over before."""
-    floor = None if new.horizon is None else new.horizon.floor
-    was = excess(old, floor, problem.sigma)
-    return excess(new, floor, problem.sigma) / was if was > 0 else 1.0
+def _evidence(known: Problem, confirm: Problem, chosen: _Chosen, old: HeldOut, new: HeldOut) -> Evidence:
+    """What the verdict is made of."""
+    found, full, agree = chosen.kept, chosen.full, chosen.agree
+    share = excess_share(old, new, known.sigma)
+    wanted = bool(found.members) and needed(full, found, confirm, new)
+    if found.members and chosen.search.watch.stopped:  # nothing compared the halves yet
+        agree = folds_agree(known, found, full.steps, independent_share(known, found.fit))
+    elif found.members and chosen.at_floor and not (wanted and new.ratio <= HELD_OUT_QUALITY):
+        agree = folds_agree(known, found, full.steps, 1.0)
+    before, after = (chi2_dof(known, at) for at in (chosen.base, found.fit))
+    return Evidence(before, after, old, new, share, agree, wanted)
+
+
+def _rivals(chosen: _Chosen) -> list[Rival]:
+    """What explains the data as well, each set once."""
+    search, found = chosen.search, chosen.found
+    if search.watch.stopped:
+        return once(as_good(search, found))
+    others = rivals(search, found)
+    if chosen.carried is not None:  # what fits as well need not carry over as well
+        others = [r for r in others if r.exact] + [Rival(e, False) for e in chosen.carried.rivals]
+    return once([*others, *as_good(search, found)])
 
 
 def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:
@@ -157,7 +228,7 @@ def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:
 
 
 def _stretches(windows: Windows, t: Floats, names: list[str]) -> tuple[tuple[str, float, float], ...]:
-    """Held-out stretches, neighbouring windows of a trace joined."""
+    """Stretches of a fold, neighbouring windows of a trace joined."""
     joined: list[list[int]] = []
     for a, b, k in zip(windows.start.tolist(), windows.stop.tolist(), windows.trace.tolist(), strict=True):
         if joined and joined[-1][1] == a and joined[-1][2] == k:
@@ -167,12 +238,12 @@ def _stretches(windows: Windows, t: Floats, names: list[str]) -> tuple[tuple[str
     return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, k in joined)
 
 
-def _warnings(problem: Problem, held: Problem, kept: Explanation, settings: DiagnosisSettings) -> tuple[str, ...]:
+def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, ...]:
     said = []
-    if held is problem:
-        said.append("The record is a single window: nothing could be held out, the errors are of fitted data.")
+    if watch.stopped:
+        said.append(f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects that were fitted.")
     if not kept.fit.converged:
         said.append("The last fit had not settled: take its numbers with care.")
-    if settings.horizon_s > 0 and not len(held.windows):
-        said.append("No held-out stretch is as long as the horizon.")
+    if horizon_s > 0 and held.horizon is None:
+        said.append("No stretch of the fold that confirms is as long as the horizon: the errors are within windows.")
     return tuple(said)

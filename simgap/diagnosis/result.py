@@ -28,8 +28,10 @@ class DiagnosisSettings:
         noise: known noise of channels, state -> standard deviation; the others are estimated.
         effects: names of the effects that may be tried; all if empty.
         max_effects: largest number of effects in one explanation.
-        held_out_traces: names of traces that are never fitted; if empty, `held_out_share` of the record is taken.
-        held_out_share: share of traces or of windows that is never fitted.
+        held_out_traces: names of traces that confirm; if empty, `held_out_share` of the record does.
+        held_out_share: share of traces or of windows that confirms, and of those that choose (at most half of the
+            rest).
+        budget_s: CPU seconds that searching may take; the best answer so far stands then. None: what it needs.
     """
 
     window_s: float = 1.0
@@ -39,6 +41,7 @@ class DiagnosisSettings:
     max_effects: int = 3
     held_out_traces: tuple[str, ...] = ()
     held_out_share: float = 0.25
+    budget_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -75,14 +78,14 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Judged:
-    """Held-out error of one model.
+    """Error of one model on *confirm*, but for `chi2_dof`.
 
     Attributes:
         fit_rmse: windows with refitted initial states, state -> RMS error.
         horizon_s: h, s.
         horizon_rmse: E(h) with a causal initial state, state -> RMS error; empty if no held-out stretch is long enough.
-        chi2_dof: of the fitted windows.
-        held_out_ratio: held-out RMSE over noise, all channels together, initial states refitted.
+        chi2_dof: of the windows of *fit* and *choose*.
+        held_out_ratio: RMSE over noise on *confirm*, all channels together, initial states refitted.
     """
 
     fit_rmse: Mapping[str, float]
@@ -122,7 +125,7 @@ class WindowPrediction:
     """One window: samples, and predictions of the measured states before and after, initial state refitted in both.
 
     Attributes:
-        trace: name of the trace; held_out: whether it was never fitted.
+        trace: name of the trace; held_out: whether it is of *confirm*.
         t: (n,) s; measured, before, after: (n, k).
         states: (n, nx) states of the corrected model; inputs: (n, m) recorded inputs.
     """
@@ -137,6 +140,36 @@ class WindowPrediction:
     inputs: Floats
 
 
+@dataclass(frozen=True)
+class Nearest:
+    """What comes nearest where no effect is named: the share of the excess that it explains, why it falls short."""
+
+    effects: tuple[FoundEffect, ...]
+    share: float
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LeftOver:
+    """An effect that would take away a share of the error that is left, but is not named."""
+
+    effect: FoundEffect
+    share: float
+
+
+Stretches = tuple[tuple[str, float, float], ...]
+"""(trace, from, to) in s."""
+
+
+@dataclass(frozen=True)
+class FoldStretches:
+    """What each fold is made of."""
+
+    fit: Stretches
+    choose: Stretches
+    confirm: Stretches
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """The answer.
@@ -145,16 +178,19 @@ class Diagnosis:
         verdict: as in the table of verdicts.
         effects: what explains the residual (empty for `none` and `unexplained`).
         alternatives: whole sets that fit as well.
-        before, after: held-out error of the declared and of the corrected model.
+        before, after: error of the declared and of the corrected model.
         floor: what a perfect model would show with this noise (chi2_dof and held_out_ratio are 1).
         excess_share: excess of E(h) over the floor, after over before (1 if there was none).
         sigma: noise of each measured state.
         candidates: every effect tried.
         collinear: candidates that this excitation can hardly tell apart.
-        held_out: (trace, from, to) of stretches that were never fitted, s.
+        folds: what fitted, what chose among sets, and what the errors and the verdict are from.
         warnings: what a person should know.
         applied: the effects with their numbers; corrected: the declared model with them.
         windows: predictions for plots.
+        nearest: what comes nearest where the verdict is `unexplained`; None if nothing explains a tenth.
+        left_over: effects of the library that would take away a part of what is left; None if the fitted data are down
+            to their noise, so that there was nothing to test.
     """
 
     verdict: Verdict
@@ -167,8 +203,10 @@ class Diagnosis:
     sigma: Mapping[str, float]
     candidates: tuple[CandidateScore, ...]
     collinear: tuple[Collinear, ...]
-    held_out: tuple[tuple[str, float, float], ...]
+    folds: FoldStretches
     warnings: tuple[str, ...]
     applied: tuple[AppliedEffect, ...]
     corrected: SymbolicModel
     windows: tuple[WindowPrediction, ...]
+    nearest: Nearest | None = None
+    left_over: tuple[LeftOver, ...] | None = None

@@ -16,11 +16,19 @@ NEAR_TIE = 12.0
 AMBIGUOUS = 10.0
 """Sets of effects within this BIC of the chosen one cannot be told from it."""
 
+AS_GOOD = 2.0
+"""Sets within this BIC of the chosen one are listed whatever else speaks against them (Kass, Raftery (1995), J. Am.
+Stat. Assoc. 90(430): "not worth more than a bare mention")."""
+
 FIT_QUALITY = 1.15
 """Largest chi^2/dof of a model that reaches the noise floor."""
 
 HELD_OUT_QUALITY = 1.08
 """Largest held-out RMSE/sigma of a model that reaches the noise floor."""
+
+NO_MORE_THAN_NOISE = 0.999
+"""The model as declared is at the noise if chi^2 of *confirm* is below this quantile (or RMSE/sigma at most
+`HELD_OUT_QUALITY`): a short fold scatters by more than the second allows."""
 
 EXCESS_KEPT = 0.5
 """A partial explanation leaves at most this share of the held-out excess error."""
@@ -42,6 +50,12 @@ COLLINEAR = 0.99
 
 EXACTLY_COLLINEAR = 1.0 - 1e-6
 """Projected sensitivities with a larger correlation are the same direction."""
+
+VISIBLE_SHARE = 1e-14
+"""An effect is seen if more than this share of what it does to the readings (of its square) is not what other initial
+states would do. Of an offset of the position of a mass that slides freely 2e-19 was left and less (rounding; positions
+about 0 and about 1000 m), with a spring that swings it once in 15 minutes 3.5e-12 (a record of 10 s): tests/diagnosis/
+test_names.py."""
 
 SAME_PROMISE = 1e-5
 """Candidates whose promised drops of chi^2 differ by a smaller share are one direction, refitted once."""
@@ -79,11 +93,28 @@ BEAM, SETS_JUDGED = 4, 8
 BETTER_CHI2 = 0.1
 """A fit from another start replaces an earlier one if its chi^2 is lower by more than this."""
 
+SEVERAL_TRACES = 3
+"""From so many traces on, folds are whole traces (one each at least); fewer are cut into blocks of windows."""
+
 LOOK_BACK_S, LOOK_BACK_SAMPLES = 0.2, 10
 """What the causal start of an h-ahead prediction is estimated from: at least this long and this many samples."""
 
 COVERED_ERRORS = 2.0
 """Coefficients of two folds agree within this many standard errors of their difference."""
+
+MASKING_TELLS = 0.5
+"""Off the noise floor, masking what was commanded before the record is worth a search of its own only if it lowers
+chi^2/dof of what was found to this share: with a wrong first window it falls twentyfold and more, else by a few per
+cent, and the search costs as much again (tests/diagnosis/test_watch.py)."""
+
+TOLD_EVERY_S = 5.0
+"""Progress is told at each better answer, and after so many seconds."""
+
+WORTH_SAYING = 0.1
+"""What would take away a smaller share of the error that is left is not told of. Judgement."""
+
+LOOKED_AT = 3
+"""Most effects that what is left is tested against. Judgement: each costs a fit."""
 
 # What a look at the data warns of. Judgement; tests/diagnosis/test_survey.py and test_reading.py hold them against
 # recordings with such faults and without.

@@ -60,6 +60,8 @@ class Effect(ABC):
     """Whether what it does depends on the past beyond the plant's own state."""
     several_valleys: ClassVar[bool] = False
     """Whether fits begun at different starts end in different places: then each start is fitted."""
+    pulls_to_a_place: ClassVar[bool] = False
+    """Whether it pulls a coordinate back to one place: on an angle that winds on it is tried only if it is named."""
     excitation: ClassVar[str] = ""
     """What motion would tell it apart from another effect with the same words."""
     reading_remedy: ClassVar[str] = ""

@@ -10,6 +10,8 @@ import sympy as sp
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
+from simgap.model.symbolic import SymbolicModel
+from simgap.units import full_turn
 
 LEAST_PERIODS = 2  # one period a turn is an unbalanced arm: gravity_tilt and parameter_error
 MOST_PERIODS = 16
@@ -26,6 +28,11 @@ class Cogging(CoordinateEffect):
         EffectParameter("n", "1/{position}", "periods in a turn", null=1.0, lower=1.0, integer=True),
         EffectParameter("phase", "rad", "phase at q = 0", null=0.0, shape=True),
     )
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """The coordinates that turn: what slides has no periods in a turn."""
+        units = {v.name: v.unit for v in model.states}
+        return tuple(c.name for c in model.coordinates if full_turn(units[c.position]) is not None)
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """Sine and cosine as two linear coefficients, for each number of periods."""

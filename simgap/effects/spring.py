@@ -14,6 +14,7 @@ class Spring(CoordinateEffect):
     name = "spring"
     formula = "F = -k q"
     source = "Hooke's law"
+    pulls_to_a_place = True
     excitation = "swing wider: these differ with the angle"
     parameters = (EffectParameter("k", "{force}/{position}", "stiffness", null=0.0, lower=0.0),)
 

@@ -9,10 +9,37 @@ from typing import Any
 
 from simgap.diagnosis.reading.survey import Survey
 from simgap.diagnosis.reading.traces import Reading
-from simgap.diagnosis.result import Alternative, CandidateScore, Diagnosis, Estimate, FoundEffect, Judged
+from simgap.diagnosis.result import (
+    Alternative,
+    CandidateScore,
+    Diagnosis,
+    Estimate,
+    FoundEffect,
+    Judged,
+    LeftOver,
+    Nearest,
+    Stretches,
+)
 from simgap.diagnosis.verdict.remainder import Remainder
 from simgap.diagnosis.verdict.remainder_use import RemainderUse
 from simgap.diagnosis.verdict.words import verdict_sentence
+
+NUMBER_FROM = {
+    "effects": ("fit", "choose"),
+    "candidates": ("fit", "choose"),
+    "alternatives": ("fit", "choose"),
+    "indistinguishable": ("fit", "choose"),
+    "fit_quality.chi2_dof": ("fit", "choose"),
+    "verdict": ("fit", "choose", "confirm"),
+    "error": ("confirm",),
+    "explained_share": ("confirm",),
+    "nearest.explained_share": ("confirm",),
+    "left_over.share": ("confirm",),
+    "fit_quality.held_out_ratio": ("confirm",),
+    "remainder": ("confirm",),
+    "noise": ("fit", "choose", "confirm"),
+}
+"""Which folds a key of the document is from. A verdict asks *confirm* on top of the two that it was found on."""
 
 
 def document(
@@ -34,7 +61,9 @@ def document(
             "after": _error(found.after),
             "noise_floor": _error(found.floor),
         },
-        "held_out": _held_out(found, reading),
+        "held_out": _fold(found.folds.confirm, reading),
+        "folds": {name: _fold(getattr(found.folds, name), reading) for name in ("fit", "choose", "confirm")},
+        "number_from": {key: list(folds) for key, folds in NUMBER_FROM.items()},
         "data": [asdict(note) for note in reading.files],
         "candidates": [_candidate(c) for c in found.candidates],
         "warnings": [*reading.warnings, *look.warnings, *(w for w in found.warnings if w not in look.warnings)],
@@ -43,6 +72,10 @@ def document(
             "chi2_dof": {"before": found.before.chi2_dof, "after": found.after.chi2_dof},
             "held_out_ratio": {"before": found.before.held_out_ratio, "after": found.after.held_out_ratio},
         },
+        "nearest": _nearest(found.nearest),
+        "left_over": None
+        if found.left_over is None
+        else [_effect(o.effect) | {"share": o.share} for o in found.left_over],
         "alternatives": [_alternative(a) for a in found.alternatives],
         "indistinguishable": [
             {
@@ -60,6 +93,18 @@ def document(
     }
     content["sentence"] = verdict_sentence(content)
     return content
+
+
+def _nearest(n: Nearest | None) -> dict[str, Any] | None:
+    """What comes nearest where nothing is named."""
+    if n is None:
+        return None
+    return {"effects": [_effect(e) for e in n.effects], "explained_share": n.share, "reasons": list(n.reasons)}
+
+
+def _left_over(over: Sequence[LeftOver] | None) -> list[dict[str, Any]] | None:
+    """What would take away a part of the rest."""
+    return None if over is None else [_effect(o.effect) | {"share": o.share} for o in over]
 
 
 def _alternative(a: Alternative) -> dict[str, Any]:
@@ -93,19 +138,19 @@ def _error(j: Judged) -> dict[str, Any]:
     return {"fit_rmse": dict(j.fit_rmse), "horizon_s": j.horizon_s, "horizon_rmse": dict(j.horizon_rmse)}
 
 
-def _held_out(found: Diagnosis, reading: Reading) -> dict[str, Any]:
-    """Which traces, or which windows of them, were never fitted."""
-    whole = set(reading.held_out) | {t for t, _, _ in found.held_out if _covers(found, reading, t)}
+def _fold(stretches: Stretches, reading: Reading) -> dict[str, Any]:
+    """Which traces, or which windows of them, a fold is made of."""
+    whole = {t for t, _, _ in stretches if _covers(stretches, reading, t)}
     return {
         "traces": [t.name for t in reading.record.traces if t.name in whole],
-        "windows": [{"trace": t, "from": a, "to": b} for t, a, b in found.held_out if t not in whole],
+        "windows": [{"trace": t, "from": a, "to": b} for t, a, b in stretches if t not in whole],
     }
 
 
-def _covers(found: Diagnosis, reading: Reading, trace: str) -> bool:
-    """Whether the held-out stretches of a trace are all of it."""
+def _covers(stretches: Stretches, reading: Reading, trace: str) -> bool:
+    """Whether the stretches of a trace are all of it."""
     duration = next(t.duration for t in reading.record.traces if t.name == trace)
-    held = sum(b - a for t, a, b in found.held_out if t == trace)
+    held = sum(b - a for t, a, b in stretches if t == trace)
     return math.isclose(held, duration, rel_tol=0.05)
 
 

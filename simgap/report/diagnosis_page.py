@@ -19,10 +19,13 @@ from simgap.notation import joined
 TEMPLATE = "diagnosis.html.j2"
 MOST_OVERLAYS, WINDOWS_SHOWN = 2, 6
 MEANING = {
-    "none": "Before any correction the windows are predicted down to the noise, and no candidate gains enough.",
+    "none": (
+        "Before any correction the windows are predicted down to the noise, those of confirm too, and no candidate "
+        "gains enough."
+    ),
     "attributed": (
         f"With these effects the fit reaches the noise floor (chi²/dof at most {FIT_QUALITY}), and so do data that "
-        f"were never fitted (RMSE/σ at most {HELD_OUT_QUALITY})."
+        f"were never fitted (RMSE/σ of confirm at most {HELD_OUT_QUALITY}), which ask for each of them."
     ),
     "partial": (
         "The effects have their physical sign, agree between folds and take away at least half of the excess error on "
@@ -111,23 +114,20 @@ def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) ->
         title=title,
         figures=marked,
         meaning=MEANING[document["verdict"]],
-        held_out=_held_out(document["held_out"]),
+        folds={name: _fold(fold) for name, fold in document["folds"].items()},
         quality=_quality(document["fit_quality"]),
         ranking_note=RANKING,
     )
 
 
-def _held_out(held: Mapping[str, Any]) -> str:
-    parts = [*held["traces"]]
-    if held["windows"]:
-        spans = [f"{w['from']:.3g} to {w['to']:.3g} s of {w['trace']}" for w in held["windows"]]
-        parts += spans if len(spans) <= 6 else [*spans[:5], f"{len(spans) - 5} more stretches"]
-    return joined(parts) if parts else "nothing could be held out; these errors are of fitted data"
+def _fold(fold: Mapping[str, Any]) -> str:
+    spans = [f"{w['from']:.3g} to {w['to']:.3g} s of {w['trace']}" for w in fold["windows"]]
+    return joined([*fold["traces"], *(spans if len(spans) <= 6 else [*spans[:5], f"{len(spans) - 5} more stretches"])])
 
 
 def _quality(quality: Mapping[str, Any]) -> str:
     fit, held = quality["chi2_dof"], quality["held_out_ratio"]
     return (
-        f"chi²/dof of the fitted windows: {fit['before']:.4g} before, {fit['after']:.4g} after; "
-        f"held-out RMSE/σ: {held['before']:.4g} before, {held['after']:.4g} after."
+        f"chi²/dof of fit and choose: {fit['before']:.4g} before, {fit['after']:.4g} after; "
+        f"RMSE/σ of confirm: {held['before']:.4g} before, {held['after']:.4g} after."
     )

@@ -78,7 +78,7 @@ def run(
         for warning in (*reading.warnings, *look.warnings):
             log.warning("%s", warning)
         tell("searching for what the model lacks")
-        found = diagnose(model, record, _settings(section, reading, look))
+        found = diagnose(model, record, _settings(section, reading, look), tell)
     tell("bounding what is left, drawing, writing")
     content = conclude(context, section, found, reading, look, paths, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
@@ -127,6 +127,7 @@ def _settings(section: MeasuredSection, reading: Reading, look: Survey) -> Diagn
         max_effects=section.max_effects,
         held_out_traces=reading.held_out,
         held_out_share=section.held_out.fraction,
+        budget_s=section.budget_s,
     )
 
 

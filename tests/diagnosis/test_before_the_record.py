@@ -17,7 +17,7 @@ from simgap.diagnosis.search.explanations import Explanation
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
-from simgap.diagnosis.verdict.judge import verdict
+from simgap.diagnosis.verdict.judge import Evidence, HeldOut, verdict
 from simgap.effects import EFFECTS
 from simgap.effects.quoted import Quoted
 from tests.diagnosis.plants import block, point_pendulum
@@ -102,9 +102,23 @@ def test_a_fit_that_has_not_settled_is_no_more_than_partial():
     compiled = cached_supermodel(point_pendulum(1.0, 0.5, 1.0 / 3.0), ("angle",), NAMED)
     at = Fit(compiled.null, np.zeros((1, 2)), (0,), 1.0, np.eye(1), (), True)
     found = Explanation((compiled.candidates[0],), at, 1.0, True)
-    asked = {"before": 50.0, "after": 1.0, "ratio": 1.0, "share": 0.01, "agree": True}
-    assert verdict(found=found, **asked) == "attributed"
-    assert verdict(found=replace(found, fit=replace(at, converged=False)), **asked) == "partial"
-    assert (
-        verdict(found=replace(found, fit=replace(at, converged=False)), **asked | {"share": math.inf}) == "unexplained"
+    held = HeldOut(np.zeros((1, 2)), np.ones(1), 1.0, 100.0, 100, None)
+    asked = Evidence(before=50.0, after=1.0, declared=held, corrected=held, share=0.01, agree=True, needed=True)
+    unsettled = replace(found, fit=replace(at, converged=False))
+    assert verdict(found, asked) == "attributed"
+    assert verdict(unsettled, asked) == "partial"
+    assert verdict(unsettled, replace(asked, share=math.inf)) == "unexplained"
+
+
+@pytest.mark.parametrize("changed", [{"needed": False}, {"corrected": 1.2}])
+def test_what_confirms_must_ask_for_every_effect_and_be_down_to_its_noise(changed):
+    compiled = cached_supermodel(point_pendulum(1.0, 0.5, 1.0 / 3.0), ("angle",), NAMED)
+    found = Explanation(
+        (compiled.candidates[0],), Fit(compiled.null, np.zeros((1, 2)), (0,), 1.0, np.eye(1), (), True), 1.0, True
     )
+    held = HeldOut(np.zeros((1, 2)), np.ones(1), 1.0, 100.0, 100, None)
+    asked = Evidence(before=50.0, after=1.0, declared=held, corrected=held, share=0.01, agree=True, needed=True)
+    if "corrected" in changed:
+        changed = {"corrected": replace(held, ratio=changed["corrected"])}
+    assert verdict(found, replace(asked, **changed)) == "partial"
+    assert verdict(found, replace(asked, agree=False, **changed)) == "unexplained"

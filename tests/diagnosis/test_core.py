@@ -9,9 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.reading.folds import confirm_mask
 from simgap.diagnosis.reading.noise import noise_floor
 from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import held_out_mask, split_windows
+from simgap.diagnosis.reading.windows import split_windows
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.sensitivity import choose_step, linearise, slot_direction
 from simgap.errors import UserError
@@ -36,10 +37,10 @@ def test_windows_hold_every_sample_once_and_stay_within_traces():
     assert covered.tolist() == [*range(250), *range(280, 1281)]
     with pytest.raises(UserError, match=r"longest lasts 10 s"):
         split_windows(record, 100.0)
-    held = held_out_mask(record, windows, (), 0.25, 2)
+    held = confirm_mask(record, windows, (), 0.25, 2)
     assert 0.15 < held.mean() < 0.4
     with pytest.raises(UserError, match="t0, t1, t2"):
-        held_out_mask(record, windows, ("elsewhere",), 0.25)
+        confirm_mask(record, windows, ("elsewhere",), 0.25)
 
 
 def test_sensitivities_agree_with_the_variational_equations():
@@ -113,7 +114,7 @@ def test_the_corrected_model_predicts_at_the_floor():
     assert d.corrected.parameters["slide.viscous_friction.b"].value == pytest.approx(0.5, rel=0.02)
     assert d.after.held_out_ratio < 1.08 < d.before.held_out_ratio
     assert d.after.horizon_rmse["q"] < 1.5 * d.floor.horizon_rmse["q"] < d.before.horizon_rmse["q"]
-    assert d.held_out
+    assert d.folds.confirm
 
 
 def test_a_model_that_lacks_nothing_is_told_so():

@@ -10,6 +10,7 @@ from simgap.diagnosis.result import (
     Collinear,
     Diagnosis,
     Estimate,
+    FoldStretches,
     FoundEffect,
     Judged,
     WindowPrediction,
@@ -100,11 +101,16 @@ def diagnosis(model, data, verdict="attributed"):
         sigma={"q": 1e-3, "v": 1e-2},
         candidates=tuple(CandidateScore(n, "hinge", d, g, {}, "") for n, d, g in rows),
         collinear=(Collinear(("spring", "hinge"), ("parameter_error", "w"), 0.9994, "swing wider"),),
-        held_out=(("bench", 2.0, 3.0), ("bench", 6.0, 7.0)),
+        folds=FoldStretches(
+            fit=(("bench", 0.0, 2.0), ("bench", 3.0, 5.0), ("bench", 7.0, 9.0)),
+            choose=(("bench", 5.0, 6.0), ("bench", 9.0, 10.0)),
+            confirm=(("bench", 2.0, 3.0), ("bench", 6.0, 7.0)),
+        ),
         warnings=(),
         applied=effects,
         corrected=apply_effects(model, effects),
         windows=windows(data),
+        left_over=(),
     )
 
 

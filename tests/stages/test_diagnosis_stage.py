@@ -68,6 +68,13 @@ def test_the_document_has_the_keys_of_the_contract(written):
         "traces": [],
         "windows": [{"trace": "bench", "from": 2.0, "to": 3.0}, {"trace": "bench", "from": 6.0, "to": 7.0}],
     }
+    assert {fold: [w["from"] for w in d["folds"][fold]["windows"]] for fold in d["folds"]} == {
+        "fit": [0.0, 3.0, 7.0],
+        "choose": [5.0, 9.0],
+        "confirm": [2.0, 6.0],
+    }
+    assert d["number_from"]["error"] == d["number_from"]["remainder"] == ["confirm"]
+    assert d["number_from"]["effects"] == ["fit", "choose"]
     assert {"file", "sha256", "rows"} <= set(d["data"][0])
     assert {"name", "on", "score"} <= set(d["candidates"][0])
     assert isinstance(d["warnings"], list)
@@ -83,6 +90,7 @@ def test_the_page_stands_alone(written):
     assert page.count("<svg") >= 4
     outside = re.findall(r'(?:src|href)="(?!#)([^"]+)"', page)
     assert [link for link in outside if not link.startswith("http://www.w3.org")] == []
+    assert "from <em>confirm</em> alone: 2 to 3 s of bench and 6 to 7 s of bench" in page
     for heading in (
         "Before and after",
         "Measured against predicted",

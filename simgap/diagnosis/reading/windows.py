@@ -1,4 +1,4 @@
-"""Short windows of a record: which are fitted and which are held out."""
+"""Short windows of a record."""
 
 from __future__ import annotations
 
@@ -87,33 +87,3 @@ def split_windows(record: Record, seconds: float) -> Windows:
         )
     table = np.array(rows, dtype=np.int64)
     return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
-
-
-def held_out_mask(
-    record: Record, windows: Windows, traces: tuple[str, ...], share: float, block: int = 1
-) -> NDArray[np.bool_]:
-    """Which windows are never fitted: (w,).
-
-    Whole traces where they are named; else whole traces at the end of the record if there are four or more; else
-    blocks of `block` neighbouring windows spread evenly over the record, so that both sides see every kind of motion.
-
-    Raises:
-        UserError: if nothing would be left to fit, or nothing is held out by that name.
-    """
-    present = np.unique(windows.trace)
-    held = np.zeros(len(windows), dtype=bool)
-    if traces:
-        names = [trace.name for trace in record.traces]
-        held = np.array([names[k] in traces for k in windows.trace], dtype=bool)
-        if held.all() or not held.any():
-            word = "leaves nothing to fit" if held.all() else "names no trace that is as long as a window"
-            raise UserError(f"held_out {word}", remedy=f"Traces: {', '.join(names)}.")
-    elif len(present) >= 4:
-        held = np.isin(windows.trace, present[-max(1, round(share * len(present))) :])
-    elif len(windows) > 1:
-        block = max(1, min(block, round(share * len(windows))))
-        blocks = max(1, round(share * len(windows) / block))
-        for centre in (np.arange(blocks) + 0.5) * len(windows) / blocks:
-            begin = int(min(max(round(centre - 0.5 * block), 0), len(windows) - block))
-            held[begin : begin + block] = True
-    return held

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction, w
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import (
     AMBIGUOUS,
+    AS_GOOD,
     BIC_GAIN,
     COLLINEAR,
     EQUIVALENT_CHI2,
@@ -35,7 +37,7 @@ class Rival:
 
 
 def rivals(search: Search, chosen: Explanation) -> list[Rival]:
-    """All sets within `AMBIGUOUS` of the chosen one, best first.
+    """All sets within `AMBIGUOUS` of the chosen one, best first, each once.
 
     Each effect is replaced by others in turn, then whole sets by others whose sensitivities span the same space. A set
     that only adds effects to another one on the list is left out.
@@ -57,6 +59,20 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
         theta = _reset(search, chosen, members)
         search.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
     return _listed(search, chosen, {c.key for c in spanned})
+
+
+def as_good(search: Search, chosen: Explanation) -> list[Rival]:
+    """Sets that were fitted and are within `AS_GOOD` of the chosen one, best first; none that only adds to it."""
+    close = [
+        e for e in search.tried.values()
+        if e.physical and e.members and not chosen.keys <= e.keys and e.bic <= chosen.bic + AS_GOOD
+    ]  # fmt: skip
+    return [Rival(e, False) for e in sorted(close, key=lambda e: e.bic)]
+
+
+def once(listed: Iterable[Rival]) -> list[Rival]:
+    """The first of each set of effects."""
+    return list({r.explanation.keys: r for r in reversed(list(listed))}.values())[::-1]
 
 
 def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Rival]:
@@ -88,10 +104,12 @@ def _spanned(search: Search, chosen: Explanation) -> list[Candidate]:
         directions.append(column(at.theta, c, start, 0, small_amplitude(problem, at, c, start, index, search.starts)))
     if not own or not asked:
         return []
-    gram = _normalised(linearise(problem, at.theta, at.x0, directions).gram)
-    p = len(own)
+    linear = linearise(problem, at.theta, at.x0, directions)
+    gram, visible, p = _normalised(linear.gram), linear.visible, len(own)
     inside = []
     for j, c in enumerate(asked, start=p):
+        if not visible[j]:
+            continue
         weights = np.linalg.lstsq(gram[:p, :p], gram[:p, j], rcond=1e-9)[0]
         if float(weights @ gram[:p, j]) > EXACTLY_COLLINEAR**2:
             inside.append(c)
@@ -137,7 +155,7 @@ def collinear_pairs(search: Search, base: Explanation) -> list[tuple[Key, Key, f
     if not directions:
         return []
     linear = linearise(problem, at.theta, at.x0, directions)
-    seen = np.diag(linear.gram) > 1e-12
+    seen = linear.visible
     gram = np.abs(_normalised(linear.gram))
     pairs = [
         (asked[i].key, asked[j].key, min(float(gram[i, j]), 1.0))

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import Score, Starts, best_of_each, score
+from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, FIT_QUALITY, SAME_PROMISE
+from simgap.notation import joined
 
 Floats = NDArray[np.float64]
 Key = tuple[str, str]
@@ -58,6 +60,8 @@ class Search:
     tried: dict[tuple[frozenset[Key], tuple[float, ...]], Explanation] = field(default_factory=dict)
     scores: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
     every: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
+    unseen: dict[frozenset[Key], frozenset[Key]] = field(default_factory=dict)
+    watch: Watch = field(default_factory=Watch)
 
     def empty(self, base: Fit) -> Explanation:
         """The model as declared."""
@@ -119,7 +123,16 @@ class Search:
             new = Explanation(members, found, self.bic(found.chi2, count), physical)
             if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - BETTER_CHI2:
                 self.tried[key] = new
+            self.watch.step(self._best())
         return self.tried[key]
+
+    def _best(self) -> str:
+        """The best answer so far, in words."""
+        best = min((e for e in self.tried.values() if e.physical), key=lambda e: e.bic, default=None)
+        if best is None or not best.members:
+            return "the model as declared"
+        named = joined([c.effect.phrase(c.on) for c in best.members])
+        return f"{named} (chi²/dof {best.fit.chi2 / self.problem.size:.3g})"
 
     def _fitted(self, theta: Floats, x0: Floats, slots: list[int]) -> Fit:
         """Fit, and again if difference steps that suit the start do not suit the end (a peak that began flat)."""
@@ -137,7 +150,7 @@ class Search:
     def ranked(self, base: Explanation) -> list[Score]:
         """Scores of everything that could join the base, best first, one start for each candidate."""
         if base.keys not in self.scores:
-            every = score(self.problem, base.fit, self.steps, self.starts, base.keys)
+            every, self.unseen[base.keys] = score(self.problem, base.fit, self.steps, self.starts, base.keys)
             self.scores[base.keys], self.every[base.keys] = best_of_each(every), every
         return self.scores[base.keys]
 

@@ -17,6 +17,7 @@ from simgap.effects.base import CoordinateEffect
 from simgap.effects.start import Scales, Start
 
 Floats = NDArray[np.float64]
+Key = tuple[str, str]
 _RESPONSE = 0.001  # of the noise: a small step for derivatives
 _SECANT = (0.3, 2.0)  # how far from a secant's own size its estimate may be
 
@@ -32,19 +33,21 @@ class Score:
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """All starts of all candidates, with their amplitudes (kept between rounds)."""
+    """All starts of all candidates that may be tried, with their amplitudes (kept between rounds)."""
 
     items: tuple[tuple[Candidate, Start], ...]
     amplitudes: dict[int, float] = field(default_factory=dict)
 
 
-def list_starts(problem: Problem) -> Starts:
-    """The starts of every candidate at the scales of this record."""
+def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
+    """The starts of every candidate that is not barred, at the scales of this record."""
     model = problem.model.model
     interval = float(np.median(np.diff(problem.t)[np.diff(problem.t) > 0]))
     commands = dict(zip(model.input_names, np.abs(problem.u).max(axis=0), strict=True))
     items = []
     for c in problem.model.candidates:
+        if c.key in barred:
+            continue
         scales = Scales(interval)
         if isinstance(c.effect, InputEffect):
             scales = Scales(interval, command=float(commands[c.on]))
@@ -69,9 +72,11 @@ def _speed(problem: Problem, coordinate: str) -> float:
 
 
 def score(
-    problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, exclude: Collection[tuple[str, str]] = ()
-) -> list[Score]:
-    """Best start of every candidate, best first; candidates whose promise has the wrong sign are left out.
+    problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, exclude: Collection[Key] = ()
+) -> tuple[list[Score], frozenset[Key]]:
+    """Every start of every candidate, best first, and the candidates that these data cannot see at all.
+
+    Those, and starts whose promise has the wrong sign, are left out of the first.
 
     Args:
         problem: data and model.
@@ -90,8 +95,11 @@ def score(
         asked.append((c, start, range(len(directions), len(directions) + start.size)))
         directions += columns
     linear = linearise(problem, at.theta, at.x0, directions)
-    scores = []
+    scores, visible, seen = [], linear.visible, set()
     for c, start, columns_at in asked:
+        if not visible[list(columns_at)].any():
+            continue
+        seen.add(c.key)
         drop, coefficients = _promise(linear.gram, linear.gradient, len(own), list(columns_at))
         if start.amplitude is not None:
             if coefficients[0] <= 0.0:
@@ -101,7 +109,7 @@ def score(
         if drop > 0.0 and c.effect.physical(values):
             slots = dict(zip((p.symbol for p in c.effect.parameters), c.slots, strict=True))
             scores.append(Score(c, drop, {slots[s]: v for s, v in values.items()}))
-    return sorted(scores, key=lambda s: -s.drop)
+    return sorted(scores, key=lambda s: -s.drop), frozenset(c.key for c, _, _ in asked) - seen
 
 
 def best_of_each(scores: Sequence[Score]) -> list[Score]:

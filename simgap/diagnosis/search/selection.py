@@ -13,6 +13,7 @@ from simgap.diagnosis.thresholds import (
     EQUALS_PRUNED,
     FIRST_EFFECTS,
     FIT_QUALITY,
+    MASKING_TELLS,
     NEAR_TIE,
     SAME_BIC,
     SWAP_RIVALS,
@@ -107,17 +108,25 @@ def _swap(search: Search, current: Explanation) -> Explanation:
     return current
 
 
-def carried_over(search: Search, base: Fit, found: Explanation, most: int) -> Explanation:
-    """What was found on other windows, fitted on these; sought again if it does not reach the noise floor here.
+def best_so_far(search: Search, base: Fit, most: int) -> Explanation:
+    """The answer of a search that ended early: the best of what was fitted, if it is worth its parameters."""
+    empty = search.empty(base)
+    best = choose(e for e in search.tried.values() if e.physical and 0 < len(e.members) <= most)
+    return empty if best is None or empty.bic - best.bic < BIC_GAIN else best
+
+
+def carried_over(search: Search, base: Fit, found: Explanation, reduced: float, most: int) -> Explanation:
+    """What was found on other windows, fitted on these; sought again if that tells more here and is not down to noise.
 
     Args:
         search: a new search on these windows; base: the model as declared, fitted here.
-        found: what another search chose; most: largest number of effects.
+        found: what another search chose, and `reduced`, its chi^2/dof there; most: largest number of effects.
     """
     start = fit(search.problem, found.fit.theta, base.x0, [], {})
     here = _prune(search, search.explain(found.members, found.fit.theta, start))
     free = search.problem.size - search.problem.model.nx * len(search.problem.windows) - len(here.fit.slots)
-    return here if here.fit.chi2 <= FIT_QUALITY * max(free, 1) else select(search, base, most)
+    now = here.fit.chi2 / max(free, 1)
+    return here if now <= FIT_QUALITY or now > MASKING_TELLS * reduced else select(search, base, most)
 
 
 def on_all(full: Search, search: Search, found: Explanation, base: Fit) -> Explanation:

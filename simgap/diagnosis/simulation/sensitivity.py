@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.thresholds import VISIBLE_SHARE
 
 Floats = NDArray[np.float64]
 _ROWS_AT_ONCE = 60_000  # memory of a pass does not grow with the record
@@ -52,6 +53,13 @@ class Linearised:
     state_r: Floats
     state_b: Floats
     state_g: Floats
+
+    @property
+    def visible(self) -> NDArray[np.bool_]:
+        """(p,) whether a column is more than what the initial states can stand for, beyond rounding."""
+        left = np.diag(self.gram)
+        whole = left + np.sum(self.state_b**2, axis=(0, 1))
+        return np.asarray(left > VISIBLE_SHARE * whole)
 
     def foreseen(self, step: Floats) -> Floats:
         """chi^2 of each window after a parameter step, initial states moved along, if all were linear: (p,) -> (w,)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -64,8 +64,8 @@ def alternatives(found: Explanation, rivals: Sequence[Rival]) -> tuple[Alternati
     return tuple(Alternative(applied(r.explanation), r.explanation.bic - found.bic, r.exact) for r in rivals)
 
 
-def candidate_scores(search: Search, empty: Explanation) -> tuple[CandidateScore, ...]:
-    """Every candidate beside the model as declared, the most promising first."""
+def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, str]) -> tuple[CandidateScore, ...]:
+    """Every candidate beside the model as declared, the most promising first; `barred`: why some were not tried."""
     promised = {s.candidate.key: s.drop for s in search.ranked(empty)}
     alone: dict[Key, Explanation] = {}
     for single in search.tried.values():
@@ -77,6 +77,9 @@ def candidate_scores(search: Search, empty: Explanation) -> tuple[CandidateScore
     for c in search.problem.model.candidates:
         e: Explanation | None = alone.get(c.key)
         reason = "" if c.key in promised else "the data ask for the opposite sign or nothing at all"
+        if c.key in search.unseen[empty.keys]:
+            reason = "these data cannot see it"
+        reason = barred.get(c.key, reason)
         if e is not None and not e.physical:
             reason = "its best fit is not physical or vanishes"
         rows.append(

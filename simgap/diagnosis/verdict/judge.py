@@ -1,4 +1,4 @@
-"""Held-out judgement of a model, agreement of its coefficients between folds, and the verdict."""
+"""Judgement of a model on a fold that it was not fitted to, agreement of its coefficients, and the verdict."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2 as chi_squared
 
 from simgap.diagnosis.result import Judged, Verdict
 from simgap.diagnosis.search.confidence import degrees_of_freedom, standard_errors, vanishing
@@ -15,7 +16,14 @@ from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import COVERED_ERRORS, EXCESS_KEPT, FIT_QUALITY, FOLD_AGREEMENT, HELD_OUT_QUALITY
+from simgap.diagnosis.thresholds import (
+    COVERED_ERRORS,
+    EXCESS_KEPT,
+    FIT_QUALITY,
+    FOLD_AGREEMENT,
+    HELD_OUT_QUALITY,
+    NO_MORE_THAN_NOISE,
+)
 from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error
 
 Floats = NDArray[np.float64]
@@ -23,11 +31,19 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Held-out error of one parameter vector: windows with refitted initial states, and the causal horizon."""
+    """Error of one parameter vector on windows that it was not fitted to.
+
+    Attributes:
+        states: (w, nx) initial states, refitted; rmse: (k,) with them; ratio: RMSE over noise, all channels together.
+        chi2: with them; free: compared numbers less what the initial states took.
+        horizon: the causal error ahead; None if it was not asked for, or no stretch is long enough.
+    """
 
     states: Floats
     rmse: Floats
     ratio: float
+    chi2: float
+    free: int
     horizon: HorizonError | None
 
 
@@ -39,7 +55,9 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     unbiased = math.sqrt(max(1.0 - lost, 0.1))
     rmse = np.sqrt(np.mean(residual**2, axis=0)) * held.sigma / unbiased
     ratio = float(np.sqrt(np.mean(residual**2))) / unbiased
-    return HeldOut(at.x0, rmse, ratio, horizon_error(held, theta, horizon_s))
+    free = max(residual.size - held.model.nx * len(held.windows), 1)
+    ahead = horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
+    return HeldOut(at.x0, rmse, ratio, float(np.sum(residual**2)), free, ahead)
 
 
 def chi2_dof(problem: Problem, at: Fit) -> float:
@@ -60,6 +78,13 @@ def excess(held: HeldOut, floor: Floats | None, sigma: Floats) -> float:
     if held.horizon is None or floor is None:
         return math.sqrt(max(0.0, held.ratio**2 - 1.0))
     return float(np.sqrt(np.mean(np.maximum(held.horizon.rmse**2 - floor**2, 0.0) / sigma**2)))
+
+
+def excess_share(before: HeldOut, after: HeldOut, sigma: Floats) -> float:
+    """Excess after over before, above the same floor; 1 if there was none."""
+    floor = None if after.horizon is None else after.horizon.floor
+    was = excess(before, floor, sigma)
+    return excess(after, floor, sigma) / was if was > 0.0 else 1.0
 
 
 def real(search: Search, found: Explanation, at_floor: bool) -> Explanation:
@@ -101,20 +126,45 @@ def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], s
     return bool(np.all(near))
 
 
-def verdict(before: float, after: float, ratio: float, found: Explanation, share: float, agree: bool) -> Verdict:
-    """The table of verdicts.
+def needed(full: Search, found: Explanation, confirm: Problem, with_all: HeldOut) -> bool:
+    """Whether leaving out any of the effects, the others fitted again to the known data, is worse on *confirm*."""
+    if len(found.members) == 1:
+        kept = [full.problem.model.null]
+    else:
+        kept = [full.without(found, c).fit.theta for c in found.members]
+    return all(judge(confirm, theta, 0.0).chi2 > with_all.chi2 for theta in kept)
 
-    Args:
-        before, after: chi^2/dof of the declared and of the corrected model.
-        ratio: held-out RMSE over noise of the corrected model.
-        found: the chosen effects.
-        share: held-out excess after over before.
-        agree: whether the coefficients agree between folds.
 
-    A fit that has not settled is never more than `partial`.
+def at_noise(held: HeldOut) -> bool:
+    """Whether an error is no more than noise, as far as so few numbers can tell."""
+    return held.ratio <= HELD_OUT_QUALITY or held.chi2 <= float(chi_squared.ppf(NO_MORE_THAN_NOISE, held.free))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a verdict is made of.
+
+    Attributes:
+        before, after: chi^2/dof of the fitted windows, of the declared and of the corrected model.
+        declared, corrected: error on *confirm*; share: excess of the one over the other there.
+        agree: whether the coefficients agree between halves of the fitted data.
+        needed: whether *confirm* asks for each effect.
     """
+
+    before: float
+    after: float
+    declared: HeldOut
+    corrected: HeldOut
+    share: float
+    agree: bool
+    needed: bool
+
+
+def verdict(found: Explanation, evidence: Evidence) -> Verdict:
+    """The table of verdicts; a fit that has not settled is never more than `partial`."""
     if not found.members:
-        return "none" if before <= FIT_QUALITY else "unexplained"
-    if after <= FIT_QUALITY and ratio <= HELD_OUT_QUALITY and found.fit.converged:
+        return "none" if evidence.before <= FIT_QUALITY and at_noise(evidence.declared) else "unexplained"
+    at_floor = evidence.after <= FIT_QUALITY and evidence.corrected.ratio <= HELD_OUT_QUALITY
+    if at_floor and found.fit.converged and evidence.needed:
         return "attributed"
-    return "partial" if share <= EXCESS_KEPT and found.physical and agree else "unexplained"
+    return "partial" if evidence.share <= EXCESS_KEPT and found.physical and evidence.agree else "unexplained"

@@ -1,37 +1,49 @@
-"""Choice among explanations when none reaches the noise floor: the one that carries over to data never fitted.
+"""Choice among explanations when none reaches the noise floor: the one that carries over from *fit* to *choose*.
 
 Real plants keep something that no effect explains. Its residual is large and smooth, so that samples are not
 independent and BIC at the noise level would add effects without end. BIC is therefore taken at the size of that
-residual and at its number of independent samples, and among its best sets the held-out causal error decides: gain,
-inertia and dry friction can stand for each other within one trace, but only the right one carries over to another.
+residual and at its number of independent samples, and among its best sets, fitted to *fit* alone, the causal error on
+*choose* decides: gain, inertia and dry friction can stand for each other within one trace, but only the right one
+carries over to another. What is chosen is then fitted to both; *confirm* is not seen here.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis.search.explanations import Explanation, Search
-from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import grow
+from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BEAM, EXCESS_KEPT, PLAUSIBLE_RATIO, SETS_JUDGED, SIMPLER_SHARE
-from simgap.diagnosis.verdict.judge import HeldOut, chi2_dof, excess, folds_agree, judge, vanished
+from simgap.diagnosis.thresholds import BEAM, PLAUSIBLE_RATIO, SETS_JUDGED, SIMPLER_SHARE
+from simgap.diagnosis.verdict.judge import chi2_dof, excess_share, folds_agree, judge, vanished
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
+class Trial:
+    """What sets compete on: fitted to `fit`, judged on `choose`, `horizon_s` ahead."""
+
+    fit: Problem
+    choose: Problem
+    horizon_s: float
+
+
+@dataclass(frozen=True, eq=False)
 class Carried:
-    """An explanation that carries over to held-out data, what it does there, and others that do as well."""
+    """An explanation that carries over, fitted to both folds, others that do as well, whether halves agree on it."""
 
     search: Search
     chosen: Explanation
-    held_out: HeldOut
     rivals: tuple[Explanation, ...]
+    agrees: bool
 
 
 def independent_share(problem: Problem, at: Fit) -> float:
@@ -74,13 +86,11 @@ def _plausible(e: Explanation) -> bool:
     return all(1.0 / PLAUSIBLE_RATIO <= abs(r) <= PLAUSIBLE_RATIO for r in ratios)
 
 
-def transferable(
-    search: Search, base: Fit, best: Explanation, held: Problem, horizon_s: float, most: int
-) -> Carried | None:
-    """The explanation that at least halves the held-out excess and agrees between folds, or None.
+def transferable(search: Search, base: Fit, best: Explanation, trial: Trial, most: int) -> Carried | None:
+    """Among the best sets by BIC the one with the smallest causal excess on *choose*, or None if all vanish.
 
-    Among the best sets by BIC, the smallest held-out causal excess wins; one more parameter must lower it
-    to `SIMPLER_SHARE`.
+    One more parameter must lower the excess to `SIMPLER_SHARE`. Sets whose coefficients agree between halves of the
+    data come first.
     """
     wider = rescaled(search, best)
     grow(wider, wider.empty(base), most)
@@ -90,24 +100,31 @@ def transferable(
     pool = [
         e for size in range(1, most + 1) for e in _best(wider, size, SETS_JUDGED) if e.fit.converged and _plausible(e)
     ]
-    before = judge(held, base.theta, horizon_s)
-    ranked: list[tuple[float, Explanation, HeldOut]] = []
+    shares = _shares(pool, base, trial, wider.steps)
+    ranked = sorted(((s / SIMPLER_SHARE**e.count, e) for s, e in zip(shares, pool, strict=True)), key=lambda it: it[0])
+    worth = independent_share(search.problem, best.fit)
+    chosen, least, rivals = None, np.inf, []
+    for score, e in ranked:
+        if chosen is not None and (score > least / SIMPLER_SHARE or e.count > chosen.count):
+            continue
+        if not vanished(search, e, False) and folds_agree(search.problem, e, search.steps, worth):
+            if chosen is None:
+                chosen, least = e, score
+            else:
+                rivals.append(e)
+    if chosen is not None:
+        return Carried(wider, chosen, tuple(rivals), True)
+    real_ones = [e for _, e in ranked if not vanished(search, e, False)]
+    return Carried(wider, real_ones[0], (), False) if real_ones else None
+
+
+def _shares(pool: Sequence[Explanation], base: Fit, trial: Trial, steps: dict[int, float]) -> list[float]:
+    """Excess on *choose* of each set, fitted to *fit* alone, over that of the model as declared."""
+    before = judge(trial.choose, base.theta, trial.horizon_s)
+    start = fit(trial.fit, base.theta, initial_states(trial.fit), [], {})
+    shares = []
     for e in pool:
-        after = judge(held, e.fit.theta, horizon_s)
-        floor = None if after.horizon is None else after.horizon.floor
-        was = excess(before, floor, held.sigma)
-        share = excess(after, floor, held.sigma) / was if was > 0 else 1.0
-        if share <= EXCESS_KEPT:
-            ranked.append((share / SIMPLER_SHARE**e.count, e, after))
-    ranked.sort(key=lambda item: item[0])
-    share = independent_share(search.problem, best.fit)
-    agreeing = [
-        item
-        for item in ranked
-        if not vanished(search, item[1], False) and folds_agree(search.problem, item[1], search.steps, share)
-    ]
-    if not agreeing:
-        return None
-    chosen, after = agreeing[0][1:]
-    rivals = [e for score, e, _ in agreeing[1:] if score <= agreeing[0][0] / SIMPLER_SHARE and e.count <= chosen.count]
-    return Carried(wider, chosen, after, tuple(rivals))
+        there = fit(trial.fit, e.fit.theta, start.x0, [], {})
+        after = judge(trial.choose, fit(trial.fit, e.fit.theta, there.x0, e.fit.slots, steps).theta, trial.horizon_s)
+        shares.append(excess_share(before, after, trial.choose.sigma))
+    return shares

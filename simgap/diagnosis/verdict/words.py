@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from simgap.effects import effect
@@ -59,7 +59,22 @@ def _remainder(document: Document) -> str:
     h = error["horizon_s"]
     sizes = joined([f"{x:.2g}{_of(document, s)}" for s, x in error["horizon_rmse"].items()])
     covered = _covered(document.get("remainder"))
-    return f"An error of {sizes} is left {h:g} s ahead that nothing in the library explains{covered}."
+    left = f"An error of {sizes} is left {h:g} s ahead"
+    over = document.get("left_over", ())
+    if over is None:
+        why = " on the data that confirm, while the fitted ones are down to their noise: look for what changed"
+    elif over:
+        why = f"; {_also(over)}"
+    else:
+        why = " that nothing in the library explains"
+    return f"{left}{why}{covered}."
+
+
+def _also(over: Sequence[Mapping[str, Any]]) -> str:
+    """Effects that would take away a part of what is left."""
+    parts = joined([f"{describe(e)} would take away {100 * e['share']:.0f} % of it" for e in over[:1]])
+    others = joined([phrase(e) for e in over[1:]])
+    return f"{parts}{f' (or {others}, less)' if others else ''}, but is not established"
 
 
 def _covered(remainder: Mapping[str, Any] | None) -> str:
@@ -77,11 +92,19 @@ def _of(document: Document, state: str) -> str:
 
 
 def _unexplained(document: Document) -> str:
+    seek = "a force that was not measured, a column that is not what the case says, or a mechanism outside the library"
+    near, over = document.get("nearest"), document.get("left_over")
+    if near is not None:
+        found = joined([describe(e) for e in near["effects"]])
+        verb, them = ("explains", "it") if len(near["effects"]) == 1 else ("together explain", "them")
+        return (
+            f"{found[0].upper()}{found[1:]} {verb} {100 * near['explained_share']:.0f} % of the excess error, "
+            f"which is not enough to name {them}: {joined(near['reasons'])}. Look for {seek}."
+        )
+    if over:
+        return f"No effect of the library stands up on the data that confirm; {_also(over)}. Look for {seek}."
     best = document["candidates"][0] if document["candidates"] else None
     text = "No effect of the library explains the difference between model and data"
     if best is not None:
         text += f" (the nearest is {phrase(best)}, which is not enough)"
-    return (
-        f"{text}: look for a force that was not measured, a column that is not what the case says, "
-        f"or a mechanism outside the library."
-    )
+    return f"{text}: look for {seek}."

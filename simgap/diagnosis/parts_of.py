@@ -1,0 +1,35 @@
+"""From a model and a record to the problems of the three folds."""
+
+from __future__ import annotations
+
+from simgap.diagnosis.reading.folds import cut_in_folds
+from simgap.diagnosis.reading.noise import noise_floor
+from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.simulation.parts import Parts
+from simgap.diagnosis.simulation.problem import build_problem
+from simgap.diagnosis.simulation.step_length import settled
+from simgap.diagnosis.simulation.supermodel import cached_supermodel
+from simgap.model.symbolic import SymbolicModel
+
+_SHORT = (
+    "The record is short: windows of {:.3g} s instead of {:g} s, so that fit, choose and confirm have some each; "
+    "a longer one says more."
+)
+
+
+def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> tuple[Parts, tuple[str, ...]]:
+    """The folds as problems, and what is to be said of them."""
+    compiled = cached_supermodel(model, record.measured, settings.effects)
+    sigma = noise_floor(record)
+    for name, value in settings.noise.items():
+        if name in record.measured:
+            sigma[record.measured.index(name)] = value
+    ahead = settings.horizon_s + 0.5 * settings.window_s
+    traces, share = settings.held_out_traces, settings.held_out_share
+    windows, folds, length = cut_in_folds(record, settings.window_s, traces, share, ahead)
+    said = (_SHORT.format(length, settings.window_s),) if length < settings.window_s else ()
+    every = settled(build_problem(compiled, record, windows, sigma))
+    known = folds.fit | folds.choose
+    parts = Parts(*(every.on(windows.pick(mask)) for mask in (known, folds.fit, folds.choose, folds.confirm)))
+    return parts.past_the_unknown(every.reach(compiled.null)), said  # reach of delays that the model declares

@@ -1,0 +1,27 @@
+"""The problems of the three folds: fit and choose, together what the search knows, and confirm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from simgap.diagnosis.simulation.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """One record as four problems.
+
+    Attributes:
+        known: the windows of `fit` and of `choose`, which the search sees.
+        fit, choose: effects fitted to the one are judged on the other, where sets of them compete.
+        confirm: windows that are judged once, at the end.
+    """
+
+    known: Problem
+    fit: Problem
+    choose: Problem
+    confirm: Problem
+
+    def past_the_unknown(self, reach_s: float) -> Parts:
+        """The same without the samples on which commands from before the record may still act."""
+        return Parts(*(p.past_the_unknown(reach_s) for p in (self.known, self.fit, self.choose, self.confirm)))

@@ -1,0 +1,94 @@
+"""A search with a budget, with progress, and interrupted; and when masking is worth a search of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.search import selection
+from simgap.diagnosis.search.watch import Stopped, Watch
+from tests.diagnosis.plants import block
+
+DT, LATE = 0.01, 0.05
+EFFECTS = ("viscous_friction", "input_delay", "spring", "input_bias")
+
+
+def _record(extra: float = 0.0, late: float = 0.0, before: float = 0.0) -> Record:
+    """A mass of 2 with viscous friction 0.8, commands that act `late`, `before` the record a constant one."""
+    traces, steps = [], 10
+    for seed in (1, 2, 3):
+        rng = np.random.default_rng(seed)
+        t = np.arange(0.0, 6.0, DT)
+        waves = zip(rng.uniform(0.5, 1.5, 3), (0.4, 0.9, 1.7), rng.uniform(0, 6, 3), strict=True)
+        u = np.asarray(sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in waves))
+        q, v, out, shift = 0.2, 0.1, [], round(late / DT)
+        for k, now in enumerate(t):
+            out.append(q)
+            felt = u[k - shift] if k >= shift else before
+            for i in range(steps):
+                push = extra * np.sin(2 * np.pi * 3.1 * (now + i * DT / steps))
+                v += DT / steps * (felt + push - 0.8 * v) / 2.0
+                q += DT / steps * v
+        y = np.array(out)[:, None] + 1e-4 * rng.standard_normal((len(t), 1))
+        traces.append(Trace(f"run{seed}", t, y, u[:, None]))
+    return Record(tuple(traces), ("q",), ("u",))
+
+
+def test_a_budget_ends_the_search_and_the_best_so_far_is_judged():
+    said: list[str] = []
+    settings = DiagnosisSettings(effects=EFFECTS, budget_s=1e-3)
+    d = diagnose(block(), _record(), settings, said.append)
+    assert [e.name for e in d.effects] == ["viscous_friction"]
+    assert d.verdict == "attributed"
+    assert any("budget_s" in w and "best of 1 sets" in w for w in d.warnings)
+    assert len(said) == 1
+
+
+def test_progress_names_the_step_and_the_best_answer_so_far():
+    said: list[str] = []
+    d = diagnose(block(), _record(), DiagnosisSettings(effects=EFFECTS), said.append)
+    assert d.verdict == "attributed"
+    assert not any("best of" in w for w in d.warnings)
+    assert said[0].startswith("1 sets of effects fitted")
+    assert "best so far: viscous friction at the slide (chi²/dof 1" in said[-1]
+
+
+def test_an_interrupted_search_reports_its_best():
+    said: list[str] = []
+
+    def interrupt(words: str) -> None:
+        said.append(words)
+        if len(said) == 1:
+            raise KeyboardInterrupt
+
+    d = diagnose(block(), _record(extra=0.2), DiagnosisSettings(effects=EFFECTS), interrupt)
+    assert any("interrupted" in w for w in d.warnings)
+    assert [e.name for e in d.effects] == ["viscous_friction"]
+    assert d.verdict == "partial"
+
+
+def test_a_watch_stops_once():
+    watch = Watch(budget_s=-1.0)
+    with pytest.raises(Stopped):
+        watch.step("nothing")
+    watch.step("nothing")  # what follows is bounded and runs to its end
+    assert watch.sets == 2
+
+
+@pytest.mark.parametrize(("extra", "before", "again"), [(0.25, 0.0, False), (0.0, 3.0, False), (0.05, 5.0, True)])
+def test_masking_is_searched_anew_only_if_it_tells_more(monkeypatch, extra, before, again):
+    """Off the noise floor a second search costs as much as the first, and finds the same where the rest is the rest."""
+    calls: list[float] = []
+    select = selection.select
+
+    def counted(search, base, most):
+        calls.append(base.chi2)
+        return select(search, base, most)
+
+    monkeypatch.setattr(selection, "select", counted)
+    d = diagnose(block(), _record(extra, LATE, before), DiagnosisSettings(effects=EFFECTS, max_effects=2))
+    assert {e.name for e in d.effects} == {"viscous_friction", "input_delay"}
+    assert bool(calls) == again
