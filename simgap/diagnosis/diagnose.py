@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.reading.windows import stretches
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoldStretches, Judged, Key
 from simgap.diagnosis.search.barred import barred
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
@@ -26,6 +26,7 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict import answer
+from simgap.diagnosis.verdict.concentration import concentrated
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
@@ -173,7 +174,7 @@ def _conclude(
     names = [trace.name for trace in record.traces]
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, kept_held.states), True)
-    again = chosen.found if named else search.empty(chosen.sparse)
+    empty = search.empty(chosen.sparse)
     tested = word in ("partial", "unexplained") and short is None
     return Diagnosis(
         verdict=word,
@@ -184,15 +185,18 @@ def _conclude(
         floor=_floor(known, kept_held, horizon),
         excess_share=share if named else 1.0,
         sigma=dict(zip(record.measured, map(float, known.sigma), strict=True)),
-        candidates=answer.candidate_scores(search, search.empty(chosen.sparse), chosen.barred),
-        collinear=answer.collinear_table(collinear_pairs(search, search.empty(chosen.sparse)), EXACTLY_COLLINEAR),
-        folds=FoldStretches(*(_stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
+        candidates=answer.candidate_scores(search, empty, chosen.barred),
+        collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
+        folds=FoldStretches(*(stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
         warnings=(*said, *_warnings(search.watch, kept_held, kept, horizon)),
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),
         nearest=short,
-        left_over=second_look(search, again, confirm, kept_held, horizon, model) if tested else None,
+        left_over=second_look(search, chosen.found if named else empty, confirm, kept_held, horizon, model)
+        if tested
+        else None,
+        concentrated=concentrated(confirm, names, old, new),
     )
 
 
@@ -225,17 +229,6 @@ def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:
     sigma = dict(zip(names, map(float, problem.sigma), strict=True))
     ahead = {} if held.horizon is None else dict(zip(names, map(float, held.horizon.floor), strict=True))
     return Judged(sigma, horizon_s, ahead, 1.0, 1.0)
-
-
-def _stretches(windows: Windows, t: Floats, names: list[str]) -> tuple[tuple[str, float, float], ...]:
-    """Stretches of a fold, neighbouring windows of a trace joined."""
-    joined: list[list[int]] = []
-    for a, b, k in zip(windows.start.tolist(), windows.stop.tolist(), windows.trace.tolist(), strict=True):
-        if joined and joined[-1][1] == a and joined[-1][2] == k:
-            joined[-1][1] = b
-        else:
-            joined.append([a, b, k])
-    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, k in joined)
 
 
 def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, ...]:

@@ -157,6 +157,23 @@ class LeftOver:
     share: float
 
 
+@dataclass(frozen=True)
+class Concentrated:
+    """Where a small part of the time on *confirm* carries most of the squared error that is left.
+
+    Attributes:
+        stretches: the places; error_share: of the squared error there.
+        excess_share_without: excess of E(h) after over before, without what overlaps them.
+        median_before, median_after: state -> median of the errors h ahead, all of them.
+    """
+
+    stretches: Stretches
+    error_share: float
+    excess_share_without: float
+    median_before: Mapping[str, float]
+    median_after: Mapping[str, float]
+
+
 Stretches = tuple[tuple[str, float, float], ...]
 """(trace, from, to) in s."""
 
@@ -191,6 +208,7 @@ class Diagnosis:
         nearest: what comes nearest where the verdict is `unexplained`; None if nothing explains a tenth.
         left_over: effects of the library that would take away a part of what is left; None if the fitted data are down
             to their noise, so that there was nothing to test.
+        concentrated: where the error is, if a small part of the time carries most of it.
     """
 
     verdict: Verdict
@@ -210,3 +228,4 @@ class Diagnosis:
     windows: tuple[WindowPrediction, ...]
     nearest: Nearest | None = None
     left_over: tuple[LeftOver, ...] | None = None
+    concentrated: Concentrated | None = None

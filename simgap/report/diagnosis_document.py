@@ -12,6 +12,7 @@ from simgap.diagnosis.reading.traces import Reading
 from simgap.diagnosis.result import (
     Alternative,
     CandidateScore,
+    Concentrated,
     Diagnosis,
     Estimate,
     FoundEffect,
@@ -35,6 +36,7 @@ NUMBER_FROM = {
     "explained_share": ("confirm",),
     "nearest.explained_share": ("confirm",),
     "left_over.share": ("confirm",),
+    "concentrated": ("confirm",),
     "fit_quality.held_out_ratio": ("confirm",),
     "remainder": ("confirm",),
     "noise": ("fit", "choose", "confirm"),
@@ -76,6 +78,7 @@ def document(
         "left_over": None
         if found.left_over is None
         else [_effect(o.effect) | {"share": o.share} for o in found.left_over],
+        "concentrated": _concentrated(found.concentrated),
         "alternatives": [_alternative(a) for a in found.alternatives],
         "indistinguishable": [
             {
@@ -100,6 +103,18 @@ def _nearest(n: Nearest | None) -> dict[str, Any] | None:
     if n is None:
         return None
     return {"effects": [_effect(e) for e in n.effects], "explained_share": n.share, "reasons": list(n.reasons)}
+
+
+def _concentrated(c: Concentrated | None) -> dict[str, Any] | None:
+    """Where the error is."""
+    if c is None:
+        return None
+    return {
+        "stretches": [{"trace": t, "from": a, "to": b} for t, a, b in c.stretches],
+        "error_share": c.error_share,
+        "explained_share_without": 1.0 - c.excess_share_without,
+        "median": {"before": dict(c.median_before), "after": dict(c.median_after)},
+    }
 
 
 def _left_over(over: Sequence[LeftOver] | None) -> list[dict[str, Any]] | None:

@@ -87,3 +87,14 @@ def split_windows(record: Record, seconds: float) -> Windows:
         )
     table = np.array(rows, dtype=np.int64)
     return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
+
+
+def stretches(windows: Windows, t: Floats, names: list[str]) -> tuple[tuple[str, float, float], ...]:
+    """(trace, from, to) in s, neighbouring windows of a trace joined; t: (n,) s, names: of the traces."""
+    joined: list[list[int]] = []
+    for a, b, k in zip(windows.start.tolist(), windows.stop.tolist(), windows.trace.tolist(), strict=True):
+        if joined and joined[-1][1] == a and joined[-1][2] == k:
+            joined[-1][1] = b
+        else:
+            joined.append([a, b, k])
+    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, k in joined)

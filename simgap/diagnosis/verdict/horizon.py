@@ -20,11 +20,18 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class HorizonError:
-    """Per channel: rmse E(h), floor F(h), both (k,); `starts` is how many predictions they are the RMS of."""
+    """Predictions h ahead.
+
+    Attributes:
+        rmse: E(h), floor: F(h), (k,) each.
+        error: (n, k) of each prediction; begin, end: (n,) samples where it began and where it was judged.
+    """
 
     rmse: Floats
     floor: Floats
-    starts: int
+    error: Floats
+    begin: Ints
+    end: Ints
 
 
 def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonError | None:
@@ -43,7 +50,8 @@ def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonErr
     start = fit(at, theta, initial_states(at), [], {}).x0
     whole = problem.on(Windows(base, end, first, at.windows.trace))
     error = whole.residuals(theta, start)[whole.rows[1:] - 1] * problem.sigma
-    return HorizonError(np.sqrt(np.mean(error**2, axis=0)), _floor(at, whole, theta, start), len(base))
+    floor = _floor(at, whole, theta, start)
+    return HorizonError(np.sqrt(np.mean(error**2, axis=0)), floor, error, middle - 1, end - 1)
 
 
 def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:

@@ -23,7 +23,11 @@ def phrase(found: Mapping[str, Any]) -> str:
 
 
 def verdict_sentence(document: Document) -> str:
-    """What was found, what it explains, and what cannot be told apart."""
+    """What was found, what it explains, what cannot be told apart, and where the error is if it is in one place."""
+    return f"{_answer(document)}{_where(document.get('concentrated'))}"
+
+
+def _answer(document: Document) -> str:
     verdict, effects = document["verdict"], document["effects"]
     if verdict == "none":
         return f"The model explains these data down to their noise: no effect is missing.{_blind(document)}"
@@ -40,6 +44,17 @@ def verdict_sentence(document: Document) -> str:
     if verdict == "partial":
         text += f" {_remainder(document)}"
     return text
+
+
+def _where(c: Mapping[str, Any] | None) -> str:
+    """The places that carry most of the error, and what the answer is worth without them."""
+    if c is None:
+        return ""
+    spans = [f"{s['from']:.3g} to {s['to']:.3g} s of {s['trace']}" for s in c["stretches"]]
+    where = joined(spans if len(spans) <= 3 else [*spans[:3], f"{len(spans) - 3} more"])
+    share = min(max(c["explained_share_without"], 0.0), 1.0)
+    without = f"; without them the effects explain {100 * share:.0f} %" if share > 0.0 else ""
+    return f" {100 * c['error_share']:.0f} % of what is left lies at {where} (a push?){without}."
 
 
 def _doubt(effect: Mapping[str, Any]) -> str:
