@@ -35,8 +35,8 @@ READS: Mapping[str, tuple[str, ...]] = {
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
     "borders": (*_SIMULATED, "plant", "gap.seed", "hidden_state"),
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
-    "scp": (*_MODEL, "simulator", *_FIT, *_COUNTED),
-    "lipschitz": (*_MODEL, "simulator", "gap.seed", *_EXTREME_VALUE, *_COUNTED),
+    "scp": (*_MODEL, *_FIT, *_COUNTED, "simulator.effects", "simulator.urdf"),  # where the simulator switches
+    "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, *_COUNTED),
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
@@ -58,6 +58,9 @@ READS: Mapping[str, tuple[str, ...]] = {
         "sensing",
     ),
 }
+
+CLOSED_FORM = ("scp", "lipschitz")
+"""Stages that read all of the simulator where its engine may know it in closed form."""
 
 EVERY_EFFECT = ("diagnosis", "report")
 """Stages that try or describe effects which the case does not name."""

@@ -128,4 +128,7 @@ def test_own_equations_of_a_plant_are_part_of_what_its_roll_outs_read(vary):
     black_box, known = load_case(vary("pendulum", {})), load_case(equations(vary))
     assert "plant.symbolic" not in sections_of("rollouts", black_box)
     assert "plant.symbolic" in sections_of("rollouts", known)
+    for stage in ("scp", "lipschitz"):  # they enclose the gap of equations, and take a black box from its roll-outs
+        assert "simulator" in sections_of(stage, known)
+        assert "simulator" not in sections_of(stage, black_box)
     assert yaml.safe_load(known.model_dump_json())["simulator"]["equations"]["dynamics"] == EQUATIONS["dynamics"]
