@@ -4,6 +4,7 @@
 #   snakemake --cores 2 --configfile configs/sweeps/eps.yaml   more points of a sweep; what is there is kept
 #   snakemake --cores 2 paper                            what the paper's printed numbers allow
 #   snakemake --cores 2 full_table                       a robot's gap over every previous input (long)
+#   snakemake --cores 2 audit_deep                       the adversary, ten times as hard, on cases that remember (long)
 #   snakemake --cores 2 sensing                          the pendulum, measured with an error and a sample late
 #   snakemake --cores 2 mujoco                           the pendulum in another engine (extra `mujoco`)
 
@@ -24,6 +25,7 @@ include: "rules/paper.smk"
 
 localrules:
     all,
+    audit_deep,
     full_table,
     sensing,
     mujoco,
@@ -42,6 +44,16 @@ rule full_table:
     input:
         [
             f"results/{case}/gap/{EVERY_HISTORY}/gap.json"
+            for case in CASES
+            if remembers(LOADED[case])
+        ],
+
+
+# The adversary with ten times the budget of a plain run, against cases that remember.
+rule audit_deep:
+    input:
+        [
+            f"results/{case}/audit-deep/audit.json"
             for case in CASES
             if remembers(LOADED[case])
         ],

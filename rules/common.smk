@@ -7,6 +7,7 @@ from snakemake.exceptions import WorkflowError
 
 from simgap.config.load import load_case
 from simgap.config.reads import READS
+from simgap.config.rig import case_of_rig
 from simgap.errors import SimgapError
 from simgap.gap.points import (
     EVERY_HISTORY,
@@ -34,6 +35,7 @@ wildcard_constraints:
     state="[^/]+",
     shard="[0-9]+",
     kind="nominal|gap",
+    depth="audit|audit-deep",
 
 
 def base(name):

@@ -1,8 +1,20 @@
-# Controllers for the model with and without its gap, the closed loop that tells them apart, and its recording.
+# Controllers for the model with and without its gap, the closed loop that tells them apart, the adversary, the recording.
+
+
+DEEP = 10  # times the budget of a plain run
 
 
 def gap_option(wildcards, input):
     return ["--gap", input.gap] if wildcards.kind == "gap" else []
+
+
+def known_samples(wildcards):
+    """The samples that the case's own bound was made of: roll-outs and borders."""
+    case, point = case_of(wildcards), own_point(case_of(wildcards))
+    folder = f"results/{simulated(wildcards.case)}/rollouts/{point}"
+    borders = f"results/{wildcards.case}/borders/{point}/samples.parquet"
+    shards = [f"{folder}/shard-{k}.parquet" for k in range(shard_count(case))]
+    return shards if remembers(case) else [*shards, borders]
 
 
 rule synthesis:
@@ -58,6 +70,41 @@ rule validation:
     shell:
         "simgap validation {params.case:q} --nominal {input.nominal:q} --robust {input.robust:q} --gap {input.gap:q}"
         " --out {output.summary:q} --traces {output.traces:q} --workers {threads} --log {log:q}"
+
+
+rule audit:
+    input:
+        case=correction,
+        gap=lambda w: f"{gap_folder(w)}/gap.json",
+        robust="results/{case}/synthesis/gap/controller.npz",
+        rollouts=known_samples,
+        fresh=lambda w: f"results/{simulated(w.case)}/fresh/samples.parquet",
+        after=ancient("results/{case}/validation/validation.json"),
+    output:
+        counts="results/{case}/{depth}/audit.json",
+        margins="results/{case}/{depth}/margins.parquet",
+    log:
+        "results/{case}/logs/{depth}.log",
+    benchmark:
+        "results/{case}/benchmarks/{depth}.tsv"
+    threads: 2
+    resources:
+        mem_mb=3000,
+        runtime=60,
+    params:
+        case=lambda w: case_path(w.case),
+        witness=lambda w: f"results/{w.case}/{w.depth}/witness.json",
+        times=lambda w: DEEP if w.depth == "audit-deep" else 1,
+        reads=reads("audit"),
+        code=code("audit"),
+        shards=lambda w, input: flagged("--rollouts", input.rollouts),
+    message:
+        "{wildcards.case}: an adversary against bound and controller ({wildcards.depth}), {threads} processes"
+    shell:
+        "simgap audit {params.case:q} --gap {input.gap:q} --controller {input.robust:q} {params.shards:q}"
+        " --fresh {input.fresh:q} --out {output.counts:q} --margins {output.margins:q} --witness {params.witness:q}"
+        " --times {params.times}"
+        " --workers {threads} --log {log:q}"
 
 
 def own_shards(wildcards):

@@ -10,6 +10,24 @@ def rig_file(case):
     return path if path.is_file() else None
 
 
+def rig_case(wildcards):
+    """The case whose simulator is the rig, and its folder: the one that the rig file names, which may be another."""
+    named = case_of_rig(rig_file(wildcards.case))
+    return load_case(named), named.parent
+
+
+def rig_reads(wildcards):
+    """What the rig reads of its case, as a hash."""
+    case, folder = rig_case(wildcards)
+    return sections_digest(case, sections_of("rig", case), folder)
+
+
+def rig_code(wildcards):
+    """The code that moves the rig, plug-ins of its case included, as a hash."""
+    of = rig_case(wildcards)
+    return digest([code_digest("rig", *of), versions("rig", *of)])
+
+
 def own_recordings(case):
     """The bytes of the case's own recordings, by name; simgap finds them in the case and tells of one that is missing.
 
@@ -47,8 +65,8 @@ rule rig:
     params:
         rig=lambda w: rig_file(w.case),
         content=lambda w: file_digest(rig_file(w.case)),
-        reads=reads("rig"),
-        code=code("rig"),
+        reads=rig_reads,
+        code=rig_code,
     message:
         "{wildcards.case}: moving and recording the rig"
     shell:

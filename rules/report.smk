@@ -85,6 +85,8 @@ rule report:
         robust_summary="results/{case}/synthesis/gap/synthesis.json",
         validation="results/{case}/validation/validation.json",
         traces="results/{case}/validation/traces.parquet",
+        audit="results/{case}/audit/audit.json",
+        margins="results/{case}/audit/margins.parquet",
         twin=twin_file,
         diagnosis=measured_file("diagnosis.json"),
         transitions=measured_file("transitions.parquet"),
@@ -118,7 +120,8 @@ rule report:
         "simgap report {params.case:q} {params.gaps:q} --samples {input.samples:q}"
         " --nominal {input.nominal:q} --nominal-summary {input.nominal_summary:q}"
         " --robust {input.robust:q} --robust-summary {input.robust_summary:q}"
-        " --validation {input.validation:q} --traces {input.traces:q} --printed {input.printed:q} {params.more:q}"
+        " --validation {input.validation:q} --traces {input.traces:q} --printed {input.printed:q}"
+        " --audit {input.audit:q} --margins {input.margins:q} {params.more:q}"
         " --out {output.page:q} --summary {output.summary:q} --log {log:q}"
 
 

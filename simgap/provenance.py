@@ -88,7 +88,13 @@ def plugins_of(stage: str, case: Case | None) -> list[tuple[str, str]]:
     asked = [(u.group, u.name) for u in (used(case) if case is not None else ())]
     asked += [("effects", name) for name in _effects(stage, case)]
     copied = stage == "diagnosis"  # the corrected case takes copies of the files along
-    return [(g, n) for g, n in asked if plugins.DOORS.get(g) in reached or (copied and ".py:" in n)]
+    # over hidden states an engine's settings are asked how far its paths stray, and their methods stand in its file
+    asks = case is not None and case.hidden_state is not None and "simulator" in READS.get(stage, ())
+    return [
+        (g, n)
+        for g, n in asked
+        if plugins.DOORS.get(g) in reached or (copied and ".py:" in n) or (asks and g == "engines")
+    ]
 
 
 def _effects(stage: str, case: Case | None) -> list[str]:

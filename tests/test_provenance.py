@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import yaml
@@ -10,6 +11,7 @@ import yaml
 from simgap import plugins, provenance
 from simgap.config.load import load_case
 from simgap.config.reads import READS
+from simgap.config.rig import case_of_rig
 from simgap.provenance import closure, code_digest, sections_digest, versions
 
 WHOLE = {"check", "diagnosis"}  # stages that read every key
@@ -201,3 +203,27 @@ def test_cases_and_hashes_take_no_engine_and_no_algebra(root):
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_over_hidden_states_the_bound_depends_on_its_engine(root):
+    """How far a path strays between recorded poses is a method of the engine's settings, which stand in its file."""
+    cases = root / "configs" / "cases"
+    assert "engines: pybullet_wheeled" in used(cases / "turtlebot.yaml", "gap")
+    assert not any(u.startswith("engines") for u in used(cases / "pendulum.yaml", "gap"))
+    assert not any(u.startswith("engines") for u in used(cases / "turtlebot.yaml", "synthesis"))
+
+
+def test_a_rig_is_hashed_by_the_case_that_its_file_names(vary, tmp_path):
+    """A rig of another case's simulator depends on that simulator, and not on the case that bears its name."""
+    (tmp_path / "other").mkdir()
+    moved = vary("pendulum", {"simulator.substeps": 7})
+    moved.rename(tmp_path / "other" / "theirs.yaml")
+    own = vary("pendulum", {})
+    rig = tmp_path / "pendulum.yaml.rig"
+    rig.write_text("case: other/theirs.yaml\nexcitation: {amplitude: 1.0}\nnoise: {x1: 0.001}\n")
+    named = case_of_rig(rig)
+    assert named == tmp_path / "other" / "theirs.yaml"
+    digests = [sections_digest(load_case(p), READS["rig"], p.parent) for p in (named, own)]
+    assert digests[0] != digests[1]
+    rules = (Path(__file__).parents[1] / "rules" / "diagnosis.smk").read_text()
+    assert "reads=rig_reads" in rules.partition("rule rig:")[2].partition("shell:")[0]

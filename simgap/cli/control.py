@@ -58,3 +58,37 @@ def validation(
 
     start_log(log)
     stage.run(case, nominal, robust, bound, out, traces, workers, log)
+
+
+@app.command()
+def audit(
+    case: CasePath,
+    bound: Annotated[Path, typer.Option("--gap", help="gap.json")],
+    controller: Annotated[Path, typer.Option(help="Controller made for the model with its gap.")],
+    rollouts: Shards,
+    fresh: Annotated[Path, typer.Option(help="Fresh samples (Parquet).")],
+    out: Out,
+    margins: Annotated[Path, typer.Option(help="File for the margins of every cell (Parquet).")],
+    witness: Annotated[Path, typer.Option(help="File for what breaks the promise, if anything does (JSON).")],
+    times: Annotated[int, typer.Option(min=1, help="Times the budget of the case.")] = 1,
+    workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
+    log: Log = None,
+) -> None:
+    """Let an adversary attack the bound and the controller; one violation fails."""
+    from simgap.stages import audit as stage
+
+    start_log(log)
+    files = stage.Inputs(bound, controller, rollouts, fresh)
+    stage.run(case, files, stage.Outputs(out, margins, witness), workers, log, times)
+
+
+@app.command()
+def replay(
+    witness: Annotated[Path, typer.Argument(help="witness.json of an audit.", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="Recording for Rerun to write.")] = None,
+) -> None:
+    """Simulate again what an audit found, and print it step by step."""
+    from simgap.stages import replay as stage
+
+    start_log(None)
+    typer.echo(stage.run(witness, out))

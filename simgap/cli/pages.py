@@ -48,6 +48,8 @@ def report(
     corrected_robust: Annotated[Path | None, typer.Option(help="Its controller for the model with its gap.")] = None,
     twin: Annotated[Path | None, typer.Option(help="twin.json, if the simulator stands for another engine.")] = None,
     printed: Annotated[Path | None, typer.Option(help="Values that the paper prints (YAML).")] = None,
+    audit: Annotated[Path | None, typer.Option(help="audit.json")] = None,
+    margins: Annotated[Path | None, typer.Option(help="Margins of every cell (Parquet).")] = None,
     log: Log = None,
 ) -> None:
     """Write the page of a case: pictures, tables and what the guarantee rests on."""
@@ -57,7 +59,9 @@ def report(
     controllers, syntheses = stage.by_kind(nominal, robust), stage.by_kind(nominal_summary, robust_summary)
     measured = stage.Measured(diagnosis, transitions) if diagnosis is not None else None
     later = stage.corrected_files(corrected, corrected_gap, corrected_summary, corrected_nominal, corrected_robust)
-    given = stage.Inputs(gaps, samples, controllers, syntheses, validation, traces, measured, later, printed, twin)
+    given = stage.Inputs(
+        gaps, samples, controllers, syntheses, validation, traces, measured, later, printed, audit, margins, twin
+    )
     stage.run(case, given, out, summary)
 
 

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from simgap.config.audit import AuditSection
 from simgap.config.base import Section
 from simgap.config.budget import BudgetSection
 from simgap.config.domain import DomainSection
@@ -41,6 +42,7 @@ class Case(Section):
     sensing: SensingSection | None = Field(None, description="What the controller knows of the state.")
     synthesis: SynthesisSection | None = Field(None, description="What the controller is asked for.")
     validation: ValidationSection | None = Field(None, description="The closed loop that checks it.")
+    audit: AuditSection | None = Field(None, description="The adversary's budget against bound and controller.")
     twin: TwinSection | None = Field(None, description="Another engine that the simulator stands for.")
     budget: BudgetSection = Field(BudgetSection(), description="What a run may cost before it is refused.")
     measured: MeasuredSection | None = Field(None, description="Recordings of the real thing.")

@@ -23,9 +23,13 @@ _FIT = (
 )  # fmt: skip
 _EXTREME_VALUE = tuple(f"gap.lipschitz.extreme_value{part}" for part in ("", "_blocks", "_pairs"))
 
-_RUN = ("domain", "simulator", "twin", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation")
+_RUN = (
+    "domain", "simulator", "twin", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation",
+    "audit",
+)  # fmt: skip
 _TOLERATED = ("gap.tolerated_probability", "hidden_state.tolerated_probability")
 _JUDGED = ("synthesis.specification", *_TOLERATED)
+_CHAINS = ("hidden_state.length", "hidden_state.chain_length")
 _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
@@ -40,6 +44,7 @@ READS: Mapping[str, tuple[str, ...]] = {
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
+    "audit": ("name", "plant", "domain", "simulator", *_JUDGED, *_CHAINS, "sensing", "validation.steps", "audit"),
     "certify": (*_MODEL, "simulator", "synthesis", "sensing"),
     "twin": (*_SIMULATED, "twin"),
     "paper": _SIMULATED,

@@ -38,6 +38,15 @@ class Rig(Section):
     seed: int = Field(0, ge=0, description="Seed of phases and noise.")
 
 
+def case_of_rig(path: Path) -> Path:
+    """The case file that a rig file names: its simulator is the rig, whatever the rig file itself is called.
+
+    Raises:
+        UserError: missing file, unknown, missing or wrong key.
+    """
+    return path.parent / load_rig(path).case
+
+
 def load_rig(path: Path) -> Rig:
     """Read a rig file.
 

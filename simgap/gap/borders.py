@@ -16,6 +16,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from simgap.gap.function import GapDomain
+from simgap.gap.thresholds import MOST_BORDER_STATES
 from simgap.geometry import Floats
 from simgap.model.symbolic import symbol
 
@@ -40,7 +41,10 @@ class Borders:
 
 
 def critical_points(
-    domain: GapDomain, surfaces: Sequence[sp.Expr] = (), lattice: Sequence[Floats] | None = None, most: int = 50_000
+    domain: GapDomain,
+    surfaces: Sequence[sp.Expr] = (),
+    lattice: Sequence[Floats] | None = None,
+    most: int = MOST_BORDER_STATES,
 ) -> Borders:
     """Faces, edges and corners of X, and every surface with both its sides, for use with every input of U.
 

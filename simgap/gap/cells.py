@@ -51,7 +51,7 @@ class CellGap(GapFunction):
         return mesh @ self.slopes.T * _SLACK
 
     def sup(self) -> dict[str, GapSuprema]:
-        """Suprema over all cells and inputs."""
+        """Suprema over all cells and inputs; on a face that cells share, the hull of their bounds may be wider."""
         reach = self._reach()[:, None, :]
         lo, hi = self.lower - reach, self.upper + reach
         size = np.maximum(np.abs(lo), np.abs(hi)).max(axis=(0, 1)) * _SLACK

@@ -17,3 +17,9 @@ NOMINAL_TOLERANCE = 1e-9
 
 BEYOND_CONFIDENCE = 0.95
 """Of the limit beyond the largest excess of random sequences, in the bound over hidden state; the usual level."""
+
+MOST_BORDER_STATES = 50_000
+"""States that are listed on borders and beside surfaces at most; a lattice with more is thinned."""
+
+CHECK_LEVELS = 40
+"""Of the random lattice of states on borders that check a bound, along each axis: 160 states on faces in the plane."""

@@ -6,13 +6,14 @@ import hashlib
 import json
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io.atomic import atomic
@@ -96,6 +97,42 @@ def load_controller(path: Path | str) -> Controller:
         zlib.error,
     ) as error:
         raise UserError(f"not a controller file ({error!s:.120})", file=path, remedy=REMEDY) from None
+
+
+class CaseNames(Protocol):
+    """What a controller must be made for: a stage's context has it."""
+
+    @property
+    def case(self) -> Case: ...  # noqa: D102
+    @property
+    def states(self) -> Sequence[str]: ...  # noqa: D102
+    @property
+    def inputs(self) -> Sequence[str]: ...  # noqa: D102
+    @property
+    def input_set(self) -> NDArray[np.float64]: ...  # noqa: D102
+
+
+def load_controller_of(path: Path | str, wanted: CaseNames) -> Controller:
+    """Read the controller of a case.
+
+    Raises:
+        UserError: what `load_controller` refuses, and a controller of another case, named, or of another U.
+    """
+    found = load_controller(path)
+    made_for = found.metadata.get("case")
+    for what, one, other in (
+        ("case", made_for, wanted.case.name),
+        ("states", list(found.states), list(wanted.states)),
+        ("inputs", list(found.input_names), list(wanted.inputs)),
+    ):
+        if one != other:
+            raise UserError(
+                f"the controller is of another case: its {what} is {one}, that of this case {other}", file=path,
+                remedy=REMEDY,
+            )  # fmt: skip
+    if not np.array_equal(found.input_set, wanted.input_set):
+        raise UserError(f"the controller of '{made_for}' is of another U than this case has", file=path, remedy=REMEDY)
+    return found
 
 
 def _checksum(arrays: Arrays) -> NDArray[np.uint8]:

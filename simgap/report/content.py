@@ -7,7 +7,7 @@ from typing import Any
 
 from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR
 from simgap.notation import pretty_unit
-from simgap.report import tables
+from simgap.report import adversary, tables
 from simgap.report.material import Material
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
@@ -35,6 +35,8 @@ def content(m: Material) -> dict[str, Any]:
         "between": between_samples(m),
         "hidden": tables.hidden_state(m),
         "validation": m.validation,
+        "adversary": adversary.section(m),
+        "margins": m.audit["margins"] if m.audit is not None else None,
         "diagnosis": tables.diagnosis(m),
         "corrected": tables.corrected(m),
         "sources": tables.sources(m),
@@ -46,7 +48,8 @@ def verdict(m: Material) -> dict[str, Any]:
     tallies = m.validation["controllers"]
     robust, nominal = tallies[ROBUST][SIMULATOR], tallies[NOMINAL][SIMULATOR]
     kept, runs = robust["runs_that_kept_the_specification"], robust["runs"]
-    good = kept == runs and robust["steps_outside_gamma"] == 0
+    attacked = m.audit["violations"] if m.audit is not None else 0
+    good = kept == runs and robust["steps_outside_gamma"] == 0 and not attacked
     words = specification_of(m.context.case).words
     return {
         "good": good,
@@ -57,6 +60,7 @@ def verdict(m: Material) -> dict[str, Any]:
         "winning": f"The gap-aware controller wins {m.syntheses[ROBUST]['winning_fraction']:.3f} of the "
         f"{words.allowed} with the gap taken into account; the nominal model "
         f"alone would promise {m.syntheses[NOMINAL]['winning_fraction']:.3f}.",
+        "adversary": adversary.sentence(m),
         "tolerated": m.gap.get("fresh", {}).get("violations", 0),
     }
 
@@ -146,6 +150,8 @@ def summary(m: Material, page: Mapping[str, Any]) -> dict[str, Any]:
         "winning_cells": {kind: s["winning_cells"] for kind, s in m.syntheses.items()},
         "closed_loop": m.validation["controllers"],
         "between_samples": page["between"],
+        "audit": adversary.figures(m),
+        "margins": page["margins"],
         "guarantee": m.gap["guarantee"],
         "diagnosis": page["diagnosis"]["verdict"] if page["diagnosis"] else None,
         **({"twin": {k: m.twin[k] for k in ("engine", "samples", "largest")}} if m.twin is not None else {}),

@@ -7,9 +7,11 @@ import io
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from simgap.config.context import Context
 from simgap.io import figure_style as style
-from simgap.io import figures_arena, figures_domains, figures_gap, figures_traces
+from simgap.io import figures_arena, figures_domains, figures_gap, figures_margins, figures_traces
 from simgap.io.parquet import stack
 from simgap.io.recording_content import PlanarScene
 from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, shown
@@ -19,8 +21,8 @@ from simgap.report.tables import is_signed, sweep
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 
-NAMES = ("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected")
-DENSE = ("bound", "inputs")  # too many paths for SVG
+NAMES = ("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected", "margins")
+DENSE = ("bound", "inputs", "margins")  # too many paths for SVG
 
 
 def embedded(figure: Any) -> str:
@@ -37,7 +39,7 @@ def draw(m: Material) -> tuple[dict[str, Any], dict[str, str]]:
 
     figures: dict[str, Any] = dict.fromkeys(NAMES, "")
     with style.figure_style():
-        made = {**_bound(m), "sweep": _sweep(m), **_loop(m)}
+        made = {**_bound(m), "sweep": _sweep(m), **_loop(m), "margins": _margins(m)}
         if m.corrected is not None and len(m.context.states) == 2:
             made["corrected"] = figures_domains.domains_figure(m.corrected.controllers, [], m.context.units)
         for name, figure in made.items():
@@ -87,6 +89,18 @@ def _loop(m: Material) -> dict[str, Any]:
     if any(len(s) for s in steps.values()):
         out["times"] = figures_arena.times_figure(steps, context.domain.tau)
     return out
+
+
+def _margins(m: Material) -> Any:
+    """Maps of the one-step margins over two or three states; None where they are not known."""
+    grid, states = m.controllers[ROBUST].grid, m.context.states
+    if m.margins is None or m.margins.num_rows != grid.size or not 2 <= len(states) <= 3:
+        return None
+    factor = m.margins["factor"].to_numpy().astype(np.float64)
+    if len(states) == 3:
+        return figures_margins.slices_figure(grid, factor, states, m.context.units)
+    extra = stack(m.margins, [f"extra_{n}" for n in states]).astype(np.float64)
+    return figures_margins.plane_figure(grid, factor, extra, states, m.context.units)
 
 
 def surroundings(context: Context, axes: tuple[int, int] = (0, 1)) -> Callable[[Any], None]:

@@ -31,6 +31,7 @@ class Material:
     Attributes:
         sweep: the content of every gap.json, largest eps first; gap: of the case's own eps; bound: the function in it.
         syntheses, controllers: by kind, "nominal" and "gap". twin: how far the simulator is from what it stands for.
+        audit: what the adversary did; margins: table of the one-step margins of every cell; None without an audit.
     """
 
     context: Context
@@ -45,4 +46,6 @@ class Material:
     diagnosis: Mapping[str, Any] | None
     corrected: Corrected | None
     printed: Mapping[str, Any]
+    audit: Mapping[str, Any] | None = None
+    margins: Any = None
     twin: Mapping[str, Any] | None = None

@@ -10,9 +10,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from simgap.config.audit import AuditSection
 from simgap.config.case import Case
 from simgap.config.context import Context
 from simgap.errors import UserError
+from simgap.gap.thresholds import CHECK_LEVELS, MOST_BORDER_STATES
 from simgap.geometry import Grid
 from simgap.specifications.base import specification_of
 
@@ -98,6 +100,11 @@ def _samples(context: Context, rollout: float, eps: float | None) -> Iterator[St
         fresh = case.gap.fresh_samples if case.hidden_state is None else case.hidden_state.fresh_samples
         more = BYTES + 16.0 * nx * fresh
         yield StageCost("fresh", fresh, "fresh samples", START + fresh * rollout, more, "gap.fresh_samples")
+    if case.hidden_state is None:
+        ends = Grid.covering(context.box, eps or case.grid.eps).cells if case.grid is not None else ()
+        own, checked = (math.prod(c + 2 for c in n) - math.prod(n) for n in (ends, [CHECK_LEVELS] * nx))
+        beside = (min(own, MOST_BORDER_STATES) + min(checked, MOST_BORDER_STATES)) * _inputs(case)
+        yield StageCost("borders", beside, "samples on borders of X", START + beside * rollout, 2 * BYTES, "grid.eps")
     for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
         if case.gap is not None or case.hidden_state is not None:
             yield StageCost(stage, count, of, nx * (START + count * rate), held, key)
@@ -121,6 +128,11 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
             "validation", steps, "closed-loop steps" + " at most" * ends, START + steps * rollout, 2 * BYTES,
             "validation.starts", ends,
         )  # fmt: skip
+    if case.simulator is not None:
+        evaluations, attacked = (case.audit or AuditSection()).budget(case.hidden_state is not None)
+        asked = evaluations + attacked * (1 if case.hidden_state is not None else 1 + inputs // 4)
+        seconds = START + asked * rollout + PAIR * cells + attacked * inputs * PAIR
+        yield StageCost("audit", asked, "steps of an adversary", seconds, 2 * BYTES + 12.0 * cells, "audit.evaluations")
 
 
 def _inputs(case: Case) -> int:

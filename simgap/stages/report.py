@@ -10,7 +10,7 @@ from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
 from simgap.gap.function import GapFunction
 from simgap.io.atomic import write_text
-from simgap.io.controller_file import load_controller
+from simgap.io.controller_file import load_controller, load_controller_of
 from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import load_gap
 from simgap.io.pages import need_template, render
@@ -55,6 +55,7 @@ class Inputs:
         validation, traces: validation.json and traces.parquet.
         diagnosis, corrected: what measured data said, and the case that it corrected, if there are any.
         printed: the values that the paper prints, if they are to stand beside.
+        audit, margins: audit.json and margins.parquet, if the adversary has been there.
         twin: twin.json, if the simulator stands for another engine.
     """
 
@@ -67,6 +68,8 @@ class Inputs:
     diagnosis: Measured | None = None
     corrected: CorrectedFiles | None = None
     printed: Path | None = None
+    audit: Path | None = None
+    margins: Path | None = None
     twin: Path | None = None
 
 
@@ -126,12 +129,14 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         bound=gap.function,
         samples=read_parquet(inputs.samples),
         syntheses={kind: read_json(path) for kind, path in inputs.syntheses.items()},
-        controllers={kind: load_controller(path) for kind, path in inputs.controllers.items()},
+        controllers={kind: load_controller_of(path, context) for kind, path in inputs.controllers.items()},
         validation=read_json(inputs.validation),
         traces=split(read_parquet(inputs.traces), context.states, context.inputs),
         diagnosis=read_json(found.document) if found is not None else None,
         corrected=_corrected(context, later, found, gap.function) if later is not None else None,
         printed=printed,
+        audit=read_json(inputs.audit) if inputs.audit is not None else None,
+        margins=read_parquet(inputs.margins) if inputs.margins is not None else None,
         twin=read_json(inputs.twin) if inputs.twin is not None else None,
     )
 

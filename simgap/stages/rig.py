@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from simgap.config.case import Case
-from simgap.config.rig import Rig, load_rig
+from simgap.config.rig import Rig, case_of_rig, load_rig
 from simgap.errors import UserError
 from simgap.excitation import multisine
 from simgap.geometry import Floats
@@ -24,7 +24,7 @@ def run(rig_path: Path, out: Path, engine_log: Path | None = None) -> None:
         UserError: a rig that names states which the case does not have.
     """
     rig = load_rig(rig_path)
-    context = Context.load(rig_path.parent / rig.case)
+    context = Context.load(case_of_rig(rig_path))
     unknown = [name for name in rig.noise if name not in context.states]
     if unknown:
         raise UserError(f"{unknown} are not states", file=rig_path, key="noise", remedy=f"States: {context.states}.")

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgap.config.validation import ValidationSection
 from simgap.errors import UserError
-from simgap.geometry import Floats, Grid
+from simgap.geometry import Floats, points_of_cells
 from simgap.stages.context import Context
 from simgap.synthesis.controller import Controller
-
-LARGEST_NUDGE = 16
-"""Rounds in which a point on a face is moved into its cell by ever more units in the last place; it takes two."""
 
 
 def starts(context: Context, section: ValidationSection, controller: Controller) -> Floats:
@@ -64,21 +60,4 @@ def draw_starts(controller: Controller, count: int, seed: int) -> Floats:
     corner = np.where(rng.integers(0, 2, place.shape), 1.0, -1.0)
     face = np.arange(grid.box.size) == rng.integers(0, grid.box.size, count)[:, None]
     where = rng.integers(0, 4, count)[:, None]  # 0 and 1: inside, 2: on one face, 3: at a corner
-    return within_cells(grid, cells, np.where((where == 3) | ((where == 2) & face), corner, place))
-
-
-def within_cells(grid: Grid, cells: NDArray[np.int64], place: Floats) -> Floats:
-    """Points of flat cells (n,) at `place` (n, nx) from -1 to 1 along each axis: (n, nx).
-
-    Upper faces belong to the next cell. A point there is moved inward by as little as makes it the cell's own.
-    """
-    k = np.stack(np.unravel_index(cells, grid.cells), axis=-1)
-    centres = grid.box.lo + grid.h * (2.0 * k + 1.0)
-    x = np.asarray(centres + grid.h * place)
-    unit = np.spacing(np.maximum(np.abs(grid.box.lo), np.abs(grid.box.hi)))  # near 0 x has finer ones than its cell
-    for nudge in range(LARGEST_NUDGE):
-        astray = (grid.index(x) != cells)[:, None] & (np.abs(place) > 1.0 - 1e-12)
-        if not astray.any():
-            return x
-        x = np.where(astray, x - np.sign(place) * nudge * unit, x)
-    raise RuntimeError("a point on the face of a cell cannot be told from the cell beside it")
+    return points_of_cells(grid, cells, np.where((where == 3) | ((where == 2) & face), corner, place))

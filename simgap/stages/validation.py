@@ -14,7 +14,7 @@ from simgap.closed_loop import Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
 from simgap.errors import BrokenPromise
 from simgap.geometry import Floats
-from simgap.io.controller_file import load_controller
+from simgap.io.controller_file import load_controller, load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
 from simgap.io.parquet import write_parquet
@@ -55,7 +55,7 @@ def run(
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
     for kind, path in ((NOMINAL, nominal), (ROBUST, robust)):
-        controller = load_controller(path)
+        controller = load_controller_of(path, context)
         with context.blame():
             begin = starts(context, section, controller)
             monitor = specification.monitor(space, controller.solution)

@@ -4,6 +4,7 @@ import hashlib
 import json
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 import simgap
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
-from simgap.io.controller_file import load_controller, save_controller
+from simgap.io.controller_file import load_controller, load_controller_of, save_controller
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
 
@@ -168,3 +169,27 @@ def test_what_is_no_state_gets_no_answer():
             controller.input([0.9, 0.0], wrong)
     with pytest.raises(UserError, match=r"pending input is the number of an input, not 0\.0"):
         controller.input([0.9, 0.0], 0.0)
+
+
+class Asked:
+    """A case as `load_controller_of` asks for it."""
+
+    def __init__(self, name="c", states=("a", "b"), inputs=("u",), input_set=((-1.0,), (0.0,), (1.0,))):
+        self.case = SimpleNamespace(name=name)
+        self.states, self.inputs, self.input_set = list(states), list(inputs), np.array(input_set)
+
+
+def test_a_controller_of_another_case_is_refused_by_name(tmp_path):
+    grid = Grid(Box([0.0, 0.0], [1.0, 1.0]), (2, 2))
+    solution = Solution(grid, np.ones(4, bool), np.full((4, 1), 7, np.uint8), np.ones(4, bool))
+    made = Controller(INPUTS, ("a", "b"), ("u",), solution, "least_effort", {"case": "c"})
+    path = tmp_path / "controller.npz"
+    save_controller(made, path)
+    assert load_controller_of(path, Asked()).states == ("a", "b")
+    for other, words in (
+        (Asked(name="d"), "its case is c, that of this case d"),
+        (Asked(states=("a", "v")), r"its states is \['a', 'b'\]"),
+        (Asked(input_set=((-1.0,), (0.0,), (2.0,))), "'c' is of another U"),
+    ):
+        with pytest.raises(UserError, match=words):
+            load_controller_of(path, other)

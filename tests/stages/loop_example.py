@@ -163,7 +163,14 @@ def _controller(grid, inputs, states, input_names, kind, box):
         distance = np.ceil(5 * np.hypot(4 - centres[:, 0], 4 - centres[:, 1])).astype(np.int32)
         more = {"value": np.where(winning, np.where(target, 0, distance), -1).astype(np.int32), "target": target}
     solution = Solution(grid=grid, mask=mask, winning=winning, free=np.ones(grid.size, bool), **more)
-    return Controller(inputs, states, input_names, solution, "least_effort", RECORD)
+    return Controller(
+        inputs,
+        states,
+        input_names,
+        solution,
+        "least_effort",
+        RECORD | {"case": "robot" if box.size == 3 else "pendulum"},
+    )
 
 
 def _trace(case, kind, plant, run, safe, inputs, states, input_names, gap, tau, steps, bad):

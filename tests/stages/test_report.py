@@ -195,6 +195,53 @@ def test_measured_transitions_are_held_against_the_bound_that_was_given(pendulum
     assert shares["eps~0.0056"]["share"] == 0.0
 
 
+def test_the_adversary_stands_beside_the_random_samples(pendulum, tmp_path):
+    folder, case = pendulum
+    cells = 20 * 10
+    loop = {"runs": 7, "steps": 1234, "violations": 0, "steps_outside_gamma": 0, "ends": {"stayed": 7},
+            "steps_by_rule": {"nearest to losing": 1234}}  # fmt: skip
+    quantiles = {"least": 1.5, "five_percent": 2.25, "median": 31.0}
+    audit = {
+        "evaluations": 5678, "steps": 1234, "violations": 0, "witnesses": [],
+        "gap": {"violations": 0, "evaluations_by_search": {"climbing": 5678}, "largest_share": -0.25,
+                "worst": {"x1": -0.2, "x2": 0.5}},
+        "closed_loop": {"simulator": loop, "disturbance": loop | {"steps": 4321}},
+        "margins": {"cells": 150, "factor": quantiles, "largest_looked_for": 1e6,
+                    "extra": {"x1": quantiles, "x2": quantiles}},
+        "provenance": example.RECORD,
+    }  # fmt: skip
+    rng = np.random.default_rng(0)
+    columns = {name: np.where(rng.random(cells) < 0.2, np.nan, 1 + rng.random(cells)).astype(np.float32)
+               for name in ("factor", "extra_x1", "extra_x2")}  # fmt: skip
+    write_parquet(tmp_path / "margins.parquet", pa.table(columns))
+
+    def told(content):
+        write_json(tmp_path / "audit.json", content)
+        more = {"audit": tmp_path / "audit.json", "margins": tmp_path / "margins.parquet"}
+        given = Inputs(**example.arguments(folder), **more)
+        report.run(case, given, tmp_path / "report.html", tmp_path / "summary.json")
+        return page(tmp_path), example.read_json(tmp_path / "summary.json")
+
+    shown, summary = told(audit)
+    assert shown.figures == 5  # and the map of the margins
+    assert (
+        "Under attack: 0 violations in 5,678 searched steps of the simulator and 5,555 closed-loop steps" in shown.text
+    )
+    assert (
+        "The worst step found (at x1 = -0.2 rad, x2 = 0.5 rad/s) lies 0.25 of the bound's width inside it."
+        in shown.text
+    )
+    assert "promise kept" in shown.text
+    assert summary["audit"] == {
+        "evaluations": 5678, "steps": 1234, "steps_against_the_disturbance": 4321, "violations": 0,
+        "largest_share": -0.25, "witnesses": [],
+    }  # fmt: skip
+    assert summary["margins"]["factor"]["five_percent"] == 2.25
+    shown, summary = told(audit | {"violations": 2, "witnesses": ["a step lies outside"]})
+    assert "promise broken" in shown.text
+    assert summary["promise_kept"] is False
+
+
 def test_the_index_links_every_case(pendulum, robot, tmp_path):
     summaries = []
     for name, folder in (("pendulum", pendulum[0]), ("robot", robot)):

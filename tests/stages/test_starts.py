@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from simgap.geometry import Box, Grid
+from simgap.geometry import Box, Grid, points_of_cells
 from simgap.specifications.solution import Solution
-from simgap.stages.starts import draw_starts, within_cells
+from simgap.stages.starts import draw_starts
 from simgap.synthesis.controller import Controller
 
 GRID = Grid(Box([0.1, -0.3], [1.3, 0.7]), (12, 7))
@@ -58,4 +58,4 @@ def test_points_on_faces_are_their_cells_own():
         grid = Grid(Box([-np.pi, 1e-3], [np.pi, 7.1]), cells, (0,))
         chosen = rng.integers(0, grid.size, 5000)
         place = rng.choice([-1.0, 1.0], (5000, 2))
-        assert np.array_equal(grid.index(within_cells(grid, chosen, place)), chosen)
+        assert np.array_equal(grid.index(points_of_cells(grid, chosen, place)), chosen)

@@ -29,6 +29,7 @@ SMALL = {
         "specification": {"kind": "invariance", "safe": {"x1": [0.0, 0.2], "x2": [-0.5, 0.5]}},
     },
     "validation": {"starts": 20, "steps": 100, "seed": 1},
+    "audit": {"evaluations": 5000, "steps": 1000},
 }
 
 
@@ -101,6 +102,8 @@ def test_everything_is_there(project):
         "summary.json",
         "trace/trace.rrd",
         "validation/traces.parquet",
+        "audit/audit.json",
+        "audit/margins.parquet",
         "gap/eps~0.02/gap.json",
     ):
         assert (results / name).stat().st_size > 0
@@ -120,6 +123,7 @@ def test_a_synthesis_key_reruns_no_rollout(project):
     project.case.write_text(original)
     assert jobs.get("synthesis") == 2
     assert jobs.get("validation") == 1
+    assert jobs.get("audit") == 1
     assert not ROAD & set(jobs)
 
 
@@ -163,12 +167,13 @@ def test_the_rule_graph_shows_the_road(project):
     done = project.snakemake("--rulegraph")
     names = dict(re.findall(r'(\d+)\[label = "(\w+)"', done.stdout))
     edges = {(names[a], names[b]) for a, b in re.findall(r"(\d+) -> (\d+)", done.stdout)}
-    road = ("grid", "rollouts", "scp", "gap", "synthesis", "validation", "report")
+    road = ("grid", "rollouts", "scp", "gap", "synthesis", "validation", "audit", "report")
     assert set(itertools.pairwise(road)) <= edges
     assert {
         ("rollouts", "lipschitz"),
         ("lipschitz", "gap"),
         ("fresh", "gap"),
+        ("rollouts", "audit"),
         ("borders", "scp"),
         ("borders", "gap"),
     } <= edges

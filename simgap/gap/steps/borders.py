@@ -16,13 +16,13 @@ from simgap.gap.points import Columns, radius, remembers
 from simgap.gap.samples import Directed
 from simgap.gap.steps.tables import stacked, successors
 from simgap.gap.switching import switching_surfaces
+from simgap.gap.thresholds import CHECK_LEVELS
 from simgap.geometry import Floats, Grid
 from simgap.plants.context import Context
 
 FIT, CHECK = "fit", "check"
 NO_BORDERS = "the samples on borders of X and beside switching surfaces are missing"
 MAKE_BORDERS = "Make them with `simgap borders` and give them as --borders."
-LEVELS = 40  # of a random lattice along each axis
 
 
 def border_states(context: Context, name: str, part: str) -> Borders:
@@ -39,7 +39,7 @@ def border_states(context: Context, name: str, part: str) -> Borders:
         lattice = [grid.axis(j) for j in range(box.size)]
     else:  # fresh samples and means have streams of their own
         rng = np.random.default_rng([context.need(context.case.gap, "gap").seed, 2])
-        lattice = [rng.uniform(lo, hi, LEVELS) for lo, hi in zip(box.lo, box.hi, strict=True)]
+        lattice = [rng.uniform(lo, hi, CHECK_LEVELS) for lo, hi in zip(box.lo, box.hi, strict=True)]
     return critical_points(domain, switching_surfaces(context), lattice)
 
 

@@ -1,0 +1,439 @@
+"""The faults of `mutants.py`: file, what goes wrong, the text that stands there, what replaces it, who must notice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+INTERVALS = ("tests/model/test_interval_definitions.py",)
+KERNELS = ("tests/synthesis/test_kernel_definitions.py",)
+BOUNDS = ("tests/gap/test_bound_definitions.py",)
+SETS = ("tests/specifications/test_margins_of_sets.py",)
+BORDERS = ("tests/gap/test_borders.py",)
+RANGES = ("tests/gap/test_gap_ranges.py",)
+SYMMETRY = ("tests/gap/test_symmetry.py",)
+COMPILED = (RANGES,)
+"""Tests whose code asks for compiled kernels; none of their mutants is in a kernel."""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One fault: in `file` the text `old`, which stands there once, becomes `new`; `tests` must fail."""
+
+    file: str
+    fault: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+
+
+def _of(
+    file: str, tests: tuple[str, ...], *faults: tuple[str, str, str] | tuple[str, str, str, tuple[str, ...]]
+) -> list[Mutant]:
+    made = []
+    for fault in faults:
+        own = fault[3] if len(fault) == 4 else tests
+        made.append(Mutant(f"simgap/{file}", fault[0], fault[1], fault[2], own))
+    return made
+
+
+MUTANTS: list[Mutant] = [
+    *_of(
+        "model/interval.py",
+        INTERVALS,
+        ("sums are not rounded outward", "return widen(a[0] + b[0], a[1] + b[1])", "return a[0] + b[0], a[1] + b[1]"),
+        (
+            "products are not rounded outward",
+            "return widen(min(min(p, q), min(r, s)), max(max(p, q), max(r, s)))",
+            "return min(min(p, q), min(r, s)), max(max(p, q), max(r, s))",
+        ),
+        ("a product's lower end looks at two corners", "min(min(p, q), min(r, s))", "min(p, s)"),
+        ("a product's upper end looks at two corners", "max(max(p, q), max(r, s))", "max(p, s)"),
+        ("inverses are not rounded outward", "return widen(1.0 / a[1], 1.0 / a[0])", "return 1.0 / a[1], 1.0 / a[0]"),
+        (
+            "an inverse ignores a zero on its end",
+            "if a[0] <= 0.0 <= a[1]:\n        return -np.inf",
+            "if a[0] < 0.0 < a[1]:\n        return -np.inf",
+        ),
+        ("an even power forgets that it turns at 0", "small = 0.0 if a[1] >= 0.0 else -a[1]", "small = abs(a[1])"),
+        ("powers are not rounded outward", "slack = (n + 1) * _LIBM", "slack = 0.0"),
+        (
+            "roots are not rounded outward",
+            "lo, hi = widen(math.sqrt(max(a[0], 0.0)), math.sqrt(max(a[1], 0.0)))",
+            "lo, hi = math.sqrt(max(a[0], 0.0)), math.sqrt(max(a[1], 0.0))",
+        ),
+        (
+            "library functions are not rounded outward",
+            "return lo - (abs(lo) * _LIBM + _TINY), hi + (abs(hi) * _LIBM + _TINY)",
+            "return lo, hi",
+        ),
+        (
+            "a sine misses its top",
+            "if _holds(a, 0.5 * _PI):\n        hi = 1.0",
+            "if _holds(a, 1.5 * _PI):\n        hi = 1.0",
+        ),
+        (
+            "a sine misses its bottom",
+            "if _holds(a, -0.5 * _PI):\n        lo = -1.0",
+            "if _holds(a, 0.5 * _PI):\n        lo = -1.0",
+        ),
+        ("a cosine misses its top", "if _holds(a, 0.0):\n        hi = 1.0", "if _holds(a, _PI):\n        hi = 1.0"),
+        (
+            "a cosine misses its bottom",
+            "if _holds(a, _PI):\n        lo = -1.0",
+            "if _holds(a, 0.0):\n        lo = -1.0",
+        ),
+        ("sin(x)/x is not negative enough", "return -0.2173,", "return -0.21,"),
+        ("a tangent misses one pole", "_holds(a, 0.5 * _PI) or ", ""),
+        ("a size forgets the negative end", "return 0.0, max(-a[0], a[1])", "return 0.0, a[1]"),
+        (
+            "the larger of two takes the smaller upper end",
+            "return max(a[0], b[0]), max(a[1], b[1])",
+            "return max(a[0], b[0]), min(a[1], b[1])",
+        ),
+        (
+            "a hull of branches takes the first upper end",
+            "return min(a[0], b[0]), max(a[1], b[1])",
+            "return min(a[0], b[0]), a[1]",
+        ),
+    ),
+    *_of(
+        "synthesis/frame.py",
+        KERNELS,
+        ("the rounding pad of cells is dropped", "grow = data[4 * n + j] + data[5 * n + j]", "grow = data[4 * n + j]"),
+        (
+            "a cell is not widened by the measurement error",
+            "grow = data[4 * n + j] + data[5 * n + j]",
+            "grow = data[5 * n + j]",
+        ),
+        (
+            "a cell is widened on one side alone",
+            "hi[j] = min(left + data[n + j] + grow,",
+            "hi[j] = min(left + data[n + j],",
+        ),
+        (
+            "the rounding pad of posts is dropped",
+            "data[n + i], data[4 * n + i] + data[5 * n + i]",
+            "data[n + i], data[4 * n + i]",
+        ),
+        (
+            "a post ignores the next measurement's error",
+            "data[n + i], data[4 * n + i] + data[5 * n + i]",
+            "data[n + i], data[5 * n + i]",
+        ),
+        (
+            "a post's lower end is not widened",
+            "np.floor((lo - grow - origin) / width)",
+            "np.floor((lo - origin) / width)",
+        ),
+        (
+            "a post's upper end is not widened",
+            "np.floor((hi + grow - origin) / width)",
+            "np.floor((hi - origin) / width)",
+        ),
+        ("infinite posts become cells", "if not (-largest < lo and hi < largest):", "if not (-largest < lo):"),
+    ),
+    *_of(
+        "synthesis/product.py",
+        KERNELS,
+        ("a group's gap ignores its last cell", "index[n - 1] += extra\n", "index[n - 1] += extra - 1\n"),
+        (
+            "a group's gap starts at its second cell",
+            "cell_box(index, n, data, lo, spare)",
+            "cell_box(index + 1, n, data, lo, spare)",
+        ),
+        ("slopes of one sign spread nothing", "spread += max(-a, b) * r", "spread += max(a, b) * r"),
+        (
+            "the image's upper end has no spread",
+            "hi[i] = value[i][1] + spread * (1.0 + 2.0**-48)",
+            "hi[i] = value[i][1]",
+        ),
+        (
+            "the image's lower end has no spread",
+            "lo[i] = value[i][0] - spread * (1.0 + 2.0**-48)",
+            "lo[i] = value[i][0]",
+        ),
+        (
+            "a tabulated gap moves its upper end by the lower",
+            "out[row, m, 1] += work[3, i]",
+            "out[row, m, 1] += work[2, i]",
+        ),
+        ("offsets are counted from the face, not the centre", "axis[i] = -0.5 * axis[n + i]", "axis[i] = 0.0"),
+    ),
+    *_of(
+        "synthesis/windows.py",
+        KERNELS,
+        ("sensing windows do not wrap", "other %= cells", "other = min(max(other, 0), cells - 1)"),
+        ("sensing windows miss their last cell", "range(-margin, margin + 1)", "range(-margin, margin)"),
+        ("margins are rounded down", "int(np.ceil(e / (2.0 * h) + 1e-9))", "int(np.floor(e / (2.0 * h) + 1e-9))"),
+        (
+            "an error on a face does not reach the next cell",
+            "int(np.ceil(e / (2.0 * h) + 1e-9))",
+            "int(np.ceil(e / (2.0 * h) - 1e-9))",
+        ),
+        ("measurements beyond X are not padded on both sides", "[c + 2 * int(p) for", "[c + int(p) for"),
+    ),
+    *_of(
+        "synthesis/holes.py",
+        KERNELS,
+        (
+            "a box across the seam leaves the count",
+            "total += np.int32(1) - inside[source + (i3 if i3 < c[3] else i3 - c[3])]",
+            "total += np.int32(1) - inside[source + (i3 if i3 < c[3] else 0)]",
+        ),
+        ("a box that leaves below is kept", "if lo < 0 or hi >= cells:", "if hi >= cells:"),
+        ("a box that leaves above is kept", "if lo < 0 or hi >= cells:", "if lo < 0 or hi > cells:"),
+        (
+            "a box of a full turn loses its last cell",
+            "boxes[at], boxes[at + n] = 0, cells - 1",
+            "boxes[at], boxes[at + n] = 0, cells - 2",
+        ),
+        ("flat boxes miss their last row", "np.uint64(boxes[at + 2] + 1) * s0", "np.uint64(boxes[at + 2]) * s0"),
+        ("solid boxes miss their last layer", "np.uint64(boxes[at + 5] + 1)", "np.uint64(boxes[at + 5])"),
+        (
+            "boxes of four axes miss their last cells",
+            "else boxes[at + n + j] + 1) * shape[3, j]",
+            "else boxes[at + n + j]) * shape[3, j]",
+        ),
+    ),
+    *_of(
+        "synthesis/swept.py",
+        KERNELS,
+        (
+            "swept boxes ignore the heading's error",
+            "rotated_box(t0 - off, t0 + width[k] + off, *box)",
+            "rotated_box(t0, t0 + width[k], *box)",
+        ),
+        (
+            "swept boxes look at one heading of a layer",
+            "rotated_box(t0 - off, t0 + width[k] + off, *box)",
+            "rotated_box(t0 - off, t0 + off, *box)",
+        ),
+        (
+            "swept cells forget the width of the start's cell",
+            "np.ceil(1.0 + b / width[axis] - SHRINK) - 1",
+            "np.ceil(b / width[axis] - SHRINK) - 1",
+        ),
+    ),
+    *_of(
+        "synthesis/intersample.py",
+        SETS,
+        ("a path strays for a quarter of the sampling time", "0.5 * tau * speed", "0.25 * tau * speed"),
+        ("what the real plant adds between samples is left out", ".max(axis=0) + added", ".max(axis=0)"),
+        ("rates are bounded at the samples alone", "(region.lo - reach, region.hi + reach)", "(region.lo, region.hi)"),
+        ("rates backwards do not count", "np.maximum(np.abs(low), np.abs(high))", "np.abs(high)"),
+    ),
+    *_of(
+        "specifications/reaching.py",
+        SETS,
+        (
+            "the target ignores the sensing error",
+            "lo, hi = box.lo + game.error, box.hi - game.error",
+            "lo, hi = box.lo, box.hi",
+        ),
+        (
+            "free cells ignore the sensing error",
+            "self.free(game.space, game.grid, game.stray + game.error)",
+            "self.free(game.space, game.grid, game.stray)",
+        ),
+        (
+            "free cells ignore the path between samples",
+            "self.free(game.space, game.grid, game.stray + game.error)",
+            "self.free(game.space, game.grid, game.error)",
+        ),
+        (
+            "walls need no clearance",
+            "lo, hi = grid.box.lo + keep, grid.box.hi - keep",
+            "lo, hi = grid.box.lo, grid.box.hi - keep",
+        ),
+        ("obstacles do not grow", "cells_meeting(grid, grown(box, keep))", "cells_meeting(grid, box)"),
+    ),
+    *_of(
+        "specifications/regions.py",
+        KERNELS,
+        ("cells that stick out lie within", "(low >= lo) & (high <= hi)", "(low >= lo) & (low <= hi)"),
+        ("cells that are met by a part are free", "(high > lo) & (low < hi)", "(low > lo) & (low < hi)"),
+        (
+            "no copy across the seam",
+            "copies = (near - period, near, near + period)",
+            "copies = (near, near, near + period)",
+        ),
+    ),
+    *_of(
+        "gap/cells.py",
+        BOUNDS,
+        ("tables are not rounded outward", "slack = 2.0**-48 * (abs(low) + abs(high) + reach) + 1e-300", "slack = 0.0"),
+        (
+            "tables grow towards one side of the node alone",
+            "max(abs(p - nodes[last + k]), abs(q - nodes[last + k]))",
+            "abs(p - nodes[last + k])",
+        ),
+        (
+            "tables forget their slopes above",
+            "hi[i] = max(hi[i], high + reach + slack)",
+            "hi[i] = max(hi[i], high + slack)",
+        ),
+        (
+            "tables forget their slopes below",
+            "lo[i] = min(lo[i], low - reach - slack)",
+            "lo[i] = min(lo[i], low - slack)",
+        ),
+        (
+            "a face counts for the cell above it alone",
+            'np.searchsorted(axis, a - margin, side="left") - 1',
+            'np.searchsorted(axis, a + margin, side="left") - 1',
+        ),
+        (
+            "tables end before the last touched cell",
+            'np.searchsorted(axis, b + margin, side="right") - 1',
+            'np.searchsorted(axis, a + margin, side="right") - 1',
+        ),
+        (
+            "suprema of tables stop at the nodes",
+            "lo, hi = self.lower - reach, self.upper + reach",
+            "lo, hi = self.lower, self.upper",
+        ),
+    ),
+    *_of(
+        "gap/hidden_fit.py",
+        BOUNDS,
+        ("the heading deviation is not added", "raised = margin + deviation.largest", "raised = margin"),
+        (
+            "the margin of random sequences is not added",
+            "raised = margin + deviation.largest",
+            "raised = deviation.largest",
+        ),
+        ("paths between recorded poses are not added", ") + between_poses)", "))"),
+        (
+            "sequences below the hull do not count",
+            "np.maximum(np.maximum(lower[sequences.m] - d, d - upper[sequences.m]), 0.0)",
+            "np.maximum(d - upper[sequences.m], 0.0)",
+        ),
+    ),
+    *_of(
+        "gap/hidden_state.py",
+        BOUNDS,
+        ("hulls keep their first upper end", "np.maximum.at(hi, m, values)", "np.maximum.at(hi, m[:1], values[:1])"),
+        (
+            "the influence of older inputs has a sign",
+            "np.abs(responses - responses[-1]).max(axis=1)",
+            "(responses - responses[-1]).max(axis=1)",
+        ),
+        ("nothing is extrapolated beyond the largest excess", "* r / (1.0 - r))", "* 0.0)"),
+    ),
+    *_of(
+        "gap/symmetry.py",
+        BOUNDS,
+        (
+            "heading bounds are not rounded outward",
+            "slack = 2.0**-48 * (abs(lower[m, k]) + abs(upper[m, k])) + 1e-300",
+            "slack = 0.0",
+        ),
+        (
+            "deviations between headings have a sign",
+            "off = np.abs(turned - reference[None])",
+            "off = turned - reference[None]",
+        ),
+    ),
+    *_of(
+        "gap/rotation.py",
+        SYMMETRY,
+        (
+            "a turned box misses its farthest point",
+            "    if np.floor(hi / (2.0 * np.pi) + 1e-12) >= np.ceil(lo / (2.0 * np.pi) - 1e-12):\n        high = 1.0",
+            "    if False:\n        high = 1.0",
+        ),
+        ("a turned box has three corners", "for corner in range(4):", "for corner in range(3):"),
+    ),
+    *_of(
+        "gap/lipschitz/grid.py",
+        BOUNDS,
+        ("slopes look ahead alone", "return np.maximum(np.abs(ahead), np.abs(behind))", "return np.abs(ahead)"),
+        ("the change of slope is left out", "local = (first + turns(step, j, grid, axes)) / s", "local = first / s"),
+    ),
+    *_of(
+        "gap/lipschitz/result.py",
+        BOUNDS,
+        (
+            "the first end of a range decides its slopes",
+            "np.maximum(getattr(a, name), getattr(b, name)) for name in",
+            "getattr(a, name) for name in",
+        ),
+    ),
+    *_of(
+        "gap/lipschitz/compare.py",
+        RANGES,
+        (
+            "slopes are those of the lower end",
+            "for d in samples.ends]\n    found",
+            "for d in samples.ends[:1]]\n    found",
+        ),
+    ),
+    *_of(
+        "gap/samples.py",
+        RANGES,
+        (
+            "the upper side covers the lower end",
+            "return np.ascontiguousarray(values if upper else -values)",
+            "return np.ascontiguousarray(self.d if upper else -values)",
+        ),
+    ),
+    *_of(
+        "gap/lipschitz/local.py",
+        RANGES,
+        (
+            "local padding leaves the change of slope out",
+            "to_cells(step, j, self.grid, expected) + self._turns[j])",
+            "to_cells(step, j, self.grid, expected))",
+        ),
+    ),
+    *_of(
+        "gap/side.py",
+        RANGES,
+        ("the padding per axis is not added", "raised = reach + fit.missing", "raised = fit.missing"),
+        (
+            "the gap's own constants are left out",
+            "reach = float((lipschitz.constants + form.gradient_bound) @ h)",
+            "reach = float(form.gradient_bound @ h)",
+        ),
+    ),
+    *_of(
+        "gap/envelope.py",
+        BOUNDS,
+        (
+            "an envelope's upper side starts from the lower end",
+            "upper = (samples.d if samples.d_upper is None else samples.d_upper)[flat] + numerical",
+            "upper = samples.d[flat] + numerical",
+        ),
+    ),
+    *_of(
+        "gap/fresh_check.py",
+        BOUNDS,
+        ("samples below the bound are not counted", "excess = np.maximum(lo - d, top - hi)", "excess = top - hi"),
+        (
+            "the upper end of a range is not held against the bound",
+            "top = d if d_upper is None else d_upper",
+            "top = d",
+        ),
+        (
+            "Clopper-Pearson forgets a violation",
+            "betaincinv(violations + 1, n - violations,",
+            "betaincinv(max(violations, 1), n - violations,",
+        ),
+    ),
+    *_of(
+        "split_conformal.py",
+        BOUNDS,
+        ("the rank is that of n scores", "math.ceil((n + 1) * level)", "math.ceil(n * level)"),
+    ),
+    *_of(
+        "gap/borders.py",
+        BORDERS,
+        ("X has no upper faces", "np.array([domain.box.lo[j], domain.box.hi[j]])", "np.array([domain.box.lo[j]])"),
+        (
+            "surfaces have one side",
+            "parts += [_along(domain, function, j, every, fixed) for j in function.axes]",
+            "parts += []",
+        ),
+        ("rest is missed by a rounding error", "np.where((left <= 0.0) & (right >= 0.0), 0.0, root)", "root + 1e-18"),
+    ),
+]

@@ -1,0 +1,141 @@
+"""All closed-loop attacks on one plant: every rule in turn from the worst starts, each run judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from simgap.attack.law import Law
+from simgap.attack.loop import play
+from simgap.attack.plants import Plants
+from simgap.attack.rules import Scene
+from simgap.attack.share import KEPT
+from simgap.geometry import Floats
+from simgap.judge import Judge, split_by_run
+from simgap.specifications.monitor import Run
+
+LENGTH = 200
+"""Samples of a run that is to stay: more starts find more than longer runs, which end in the same few corners."""
+
+
+@dataclass(frozen=True, eq=False)
+class BrokenRun:
+    """A run that breaks what the controller promises.
+
+    Attributes:
+        rule: by which inputs were chosen; end: how it ended; run: it. outside: steps outside gamma, (k,) bool.
+        d, lo, hi: (k, nx) gap and bound of each step; not numbers where the plant is the model with its disturbance.
+    """
+
+    rule: str
+    end: str
+    run: Run
+    outside: Any
+    d: Floats
+    lo: Floats
+    hi: Floats
+
+
+@dataclass
+class Campaign:
+    """Counts over the runs against one plant.
+
+    Attributes:
+        runs, steps: made; violations: runs that broke the promise; outside_gamma: steps.
+        ends: runs by their end; by: steps by rule. broken: the first few broken runs.
+    """
+
+    runs: int = 0
+    steps: int = 0
+    violations: int = 0
+    outside_gamma: int = 0
+    ends: dict[str, int] = field(default_factory=dict)
+    by: dict[str, int] = field(default_factory=dict)
+    broken: list[BrokenRun] = field(default_factory=list)
+
+    def to_json(self) -> dict[str, Any]:
+        """The counts as plain data."""
+        return {
+            "runs": self.runs, "steps": self.steps, "violations": self.violations,
+            "steps_outside_gamma": self.outside_gamma, "ends": dict(sorted(self.ends.items())),
+            "steps_by_rule": self.by,
+        }  # fmt: skip
+
+    @staticmethod
+    def joined(parts: Sequence[Campaign]) -> Campaign:
+        """Campaigns side by side."""
+        out = Campaign()
+        for part in parts:
+            for name in ("runs", "steps", "violations", "outside_gamma"):
+                setattr(out, name, getattr(out, name) + getattr(part, name))
+            for name in ("ends", "by"):
+                own, other = getattr(out, name), getattr(part, name)
+                setattr(out, name, {k: own.get(k, 0) + other.get(k, 0) for k in (*own, *other)})
+            out.broken += part.broken[: KEPT - len(out.broken)]
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Opponent:
+    """A plant to attack the controller on.
+
+    Attributes:
+        plants: it. judge: of its runs. held: whether its steps are held against gamma; the disturbance is gamma itself.
+        together: most runs side by side.
+    """
+
+    plants: Plants
+    judge: Judge
+    held: bool
+    together: int
+
+
+def campaign(
+    opponent: Opponent,
+    law: Law,
+    scene: Scene,
+    starts: Callable[[int], Floats],
+    budget: int,
+    rng: np.random.Generator,
+) -> Campaign:
+    """Attack until `budget` steps are made, by every rule at least once; `starts(n)` draws n states, (n, nx)."""
+    out, rules, value = Campaign(), scene.rules(), law.solution.value
+    most = opponent.judge.steps if value is None else int(value.max()) + 1
+    steps = min(most, LENGTH) if value is None else most
+    together = min(opponent.together, -(-budget // (len(rules) * steps)))
+    turn = 0
+    while out.steps < budget or turn < len(rules):
+        rule = rules[turn % len(rules)]
+        runs = play(opponent.plants, law, scene, rule, opponent.judge.space, starts(together), steps, rng)
+        _count(out, opponent, rule, runs, steps)
+        turn += 1
+        if turn >= len(rules) and out.steps == 0:
+            break  # every run is over where it begins
+    return out
+
+
+def _count(out: Campaign, opponent: Opponent, rule: str, runs: list[Run], steps: int) -> None:
+    judge = opponent.judge
+    verdicts = [judge.monitor.judge(run, steps) for run in runs]
+    kept = [v.run for v in verdicts]
+    if opponent.held:
+        audit = judge.audit(kept)
+        outside, d, lo, hi = audit.outside, audit.d, audit.lo, audit.hi
+    else:
+        count = sum(len(run.inputs) for run in kept)
+        outside = np.zeros(count, np.bool_)
+        d = lo = hi = np.full((count, judge.space.size), np.nan)
+    ends = np.cumsum([0, *(len(run.inputs) for run in kept)])
+    for i, (verdict, count) in enumerate(zip(verdicts, split_by_run(outside, kept), strict=True)):
+        outcome, rows = judge.certified(verdict, count).outcome, slice(ends[i], ends[i + 1])
+        out.runs, out.steps = out.runs + 1, out.steps + outcome.steps
+        out.outside_gamma += count
+        out.ends[outcome.end] = out.ends.get(outcome.end, 0) + 1
+        out.by[rule] = out.by.get(rule, 0) + outcome.steps
+        if not outcome.kept:
+            out.violations += 1
+            if len(out.broken) < KEPT:
+                out.broken.append(BrokenRun(rule, outcome.end, verdict.run, outside[rows], d[rows], lo[rows], hi[rows]))

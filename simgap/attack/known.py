@@ -1,0 +1,62 @@
+"""Where searches over the gap begin: the worst steps of the samples that made the bound, and of fresh ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.attack.seeds import worst_first
+from simgap.attack.share import share
+from simgap.gap.function import GapFunction
+from simgap.gap.points import Columns
+from simgap.gap.steps.tables import SEQUENCE, body_samples, stacked, successors
+from simgap.gap.symmetry import BodyFrameGap
+from simgap.geometry import Floats
+from simgap.plants.context import Context
+
+Ints = NDArray[np.int64]
+WORST = 2_000  # states; HISTORIES: sequences
+HISTORIES = 200
+
+
+def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -> tuple[Floats, Ints]:
+    """States (n, nx) and input numbers (n,) of the worst steps of some tables of roll-outs, worst first."""
+    x, u, shares = np.empty((0, len(context.states))), np.empty((0, len(context.inputs))), np.empty(0)
+    for table in tables:
+        own_x, own_u = stacked(table, context.states), stacked(table, context.inputs)
+        ends = [successors(table, name) for name in context.states]
+        predicted = context.plant.sampled.step(own_x, own_u)
+        least, largest = (np.stack([pair[k] for pair in ends], axis=1) - predicted for k in (0, 1))
+        own = share(least, largest, *gap.bounds(own_x, own_u))
+        rows = worst_first(context.box, own_x, own, WORST)
+        x, u = np.concatenate([x, own_x[rows]]), np.concatenate([u, own_u[rows]])
+        shares = np.concatenate([shares, own[rows]])
+    order = worst_first(context.box, x, shares, WORST)
+    return x[order], numbers(context.input_set, u[order])
+
+
+def numbers(inputs: Floats, u: Floats) -> Ints:
+    """Which inputs of U (M, nu) these are, (n, nu) -> (n,)."""
+    return np.argmin(((u[:, None] - inputs[None]) ** 2).sum(axis=2), axis=1).astype(np.int64)
+
+
+def worst_histories(context: Context, gap: GapFunction, motion: Floats, tables: Sequence[Columns], length: int) -> Ints:
+    """Input numbers of the worst steps of random sequences, each with the `length` before it: (n, length + 1).
+
+    A table's rows are steps one after the other; one without a column `part` holds sequences alone.
+    """
+    hidden = context.need(context.case.hidden_state, "hidden_state")
+    sequences, shares = np.empty((0, length + 1), np.int64), np.empty(0)
+    for table in tables:
+        own = body_samples(context.case, table, SEQUENCE if "part" in table else None)
+        if len(own.m) == 0 or not isinstance(gap, BodyFrameGap):
+            continue
+        d = own.final - motion[own.m]
+        found = share(d, d, gap.lower[own.m], gap.upper[own.m])
+        late = np.flatnonzero(np.arange(len(own.m)) % hidden.chain_length >= length)
+        rows = late[np.argsort(-found[late], kind="stable")[:HISTORIES]]
+        sequences = np.concatenate([sequences, own.m[rows[:, None] + np.arange(-length, 1)]])
+        shares = np.concatenate([shares, found[rows]])
+    return sequences[np.argsort(-shares, kind="stable")[:HISTORIES]]

@@ -1,0 +1,190 @@
+"""Search for the worst step of a simulator whose gap is a function of state and input.
+
+Climbers move along axes and at random, each with a step of its own that halves when nothing near is worse, and begin
+again elsewhere when it is small (a pattern search with restarts: Hooke & Jeeves 1961). Part of the budget goes to
+differential evolution (Storn & Price 1997, SciPy), which needs no good place to begin. All work on batches, so that the
+cost is that of the simulator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.attack.seeds import border, pinned_to_border
+from simgap.attack.share import Searched, Step, share
+from simgap.geometry import Box, Floats
+
+Ints = NDArray[np.int64]
+CLIMBERS = 64
+LARGEST_STEP, SMALLEST_STEP = 0.1, 1e-7  # shares of the width of X
+EVOLVED = 0.15  # share of the budget
+BEGINNING = 0.3  # most of the budget that goes to looking at the places to begin
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is asked of the simulator.
+
+    Attributes:
+        successors: least and largest successors of states (n, nx) under inputs (n, nu), two (n, nx); equal if there is
+            one.
+        step: the nominal map. bounds: of the gap, (n, nx), (n, nu) -> two (n, nx).
+        box: X; inputs: U, (M, nu); free: axes on which nothing depends.
+        places: (n, nx) states to look at under every input; corners, edges and faces of X if not given.
+    """
+
+    successors: Callable[[Floats, Floats], tuple[Floats, Floats]]
+    step: Callable[[Floats, Floats], Floats]
+    bounds: Callable[[Floats, Floats], tuple[Floats, Floats]]
+    box: Box
+    inputs: Floats
+    free: tuple[int, ...] = ()
+    places: Floats | None = None
+
+
+class PointSearch:
+    """A search with a budget; `found` is what it brings home."""
+
+    def __init__(self, question: Question, budget: int, rng: np.random.Generator) -> None:
+        self.q, self.budget, self.rng = question, budget, rng
+        self.found = Searched()
+        self.width = question.box.hi - question.box.lo
+        self._near = neighbours(question.inputs)
+        self._axes = [j for j in range(question.box.size) if j not in question.free]
+
+    @property
+    def left(self) -> int:
+        """Evaluations left."""
+        return self.budget - self.found.evaluations
+
+    def run(self, x: Floats, m: Ints) -> Searched:
+        """Spend the budget, beginning at states (n, nx) and inputs (n,) that are known to be bad, worst first."""
+        self.evolve(int(EVOLVED * self.budget))
+        x, m, shares = self._beginnings(x, m)
+        self._climb(x, m, shares)
+        return self.found
+
+    def evaluate(self, x: Floats, m: Ints, kind: str) -> Floats:
+        """Shares of steps: (n, nx), (n,) -> (n,); those beyond the budget are not taken and count as -inf."""
+        count = min(len(x), max(self.left, 0))
+        out = np.full(len(x), -np.inf)
+        if count == 0:
+            return out
+        x, m = x[:count], m[:count]
+        u = self.q.inputs[m]
+        least, largest = self.q.successors(x, u)
+        predicted = self.q.step(x, u)
+        least, largest = least - predicted, largest - predicted
+        lo, hi = self.q.bounds(x, u)
+        out[:count] = share(least, largest, lo, hi)
+
+        def step(k: int) -> Step:
+            d = np.where(largest[k] - hi[k] >= lo[k] - least[k], largest[k], least[k])
+            return Step(float(out[k]), x[k].copy(), u[k].copy(), d, lo[k].copy(), hi[k].copy())
+
+        self.found.see(kind, out[:count], step)
+        return out
+
+    def _beginnings(self, x: Floats, m: Ints) -> tuple[Floats, Ints, Floats]:
+        """Known bad steps and the border of X under all inputs, worst first; no more than a share of the budget."""
+        places, count = self.q.places, len(self.q.inputs)
+        edge = border(self.q.box, self.q.free) if places is None else places
+        x = np.concatenate([x, np.repeat(edge, count, axis=0)])
+        m = np.concatenate([m, np.tile(np.arange(count), len(edge))])
+        most = int(BEGINNING * self.budget)
+        if len(x) > most:
+            rows = np.sort(self.rng.choice(len(x), most, replace=False))
+            x, m = x[rows], m[rows]
+        shares = self.evaluate(x, m, "worst known steps, border of X, switching surfaces")
+        order = np.argsort(-shares, kind="stable")
+        return x[order], m[order], shares[order]
+
+    def _climb(self, x: Floats, m: Ints, shares: Floats) -> None:
+        """Climbers from these, in order, then from random places."""
+        taken = CLIMBERS
+        own_x, own_m, own = _take(x, m, shares, 0, CLIMBERS)
+        if len(own) < CLIMBERS:
+            more_x, more_m = self._random(CLIMBERS - len(own))
+            own_x, own_m = np.concatenate([own_x, more_x]), np.concatenate([own_m, more_m])
+            own = np.concatenate([own, self.evaluate(more_x, more_m, "climbing")])
+        size = np.full(CLIMBERS, LARGEST_STEP)
+        while self.left > 0:
+            tried_x, tried_m = self._proposals(own_x, own_m, size)
+            tried = self.evaluate(tried_x.reshape(-1, self.q.box.size), tried_m.ravel(), "climbing")
+            tried = tried.reshape(CLIMBERS, -1)
+            best = np.argmax(tried, axis=1)
+            every = np.arange(CLIMBERS)
+            better = tried[every, best] > own
+            own_x = np.where(better[:, None], tried_x[every, best], own_x)
+            own_m, own = np.where(better, tried_m[every, best], own_m), np.where(better, tried[every, best], own)
+            size = np.where(better, np.minimum(1.6 * size, LARGEST_STEP), 0.4 * size)
+            done = np.flatnonzero(size < SMALLEST_STEP)
+            if len(done):
+                new_x, new_m, new = _take(x, m, shares, taken, len(done))
+                taken += len(done)
+                more_x, more_m = self._random(len(done) - len(new))
+                fresh = self.evaluate(more_x, more_m, "climbing")
+                own_x[done], own_m[done] = np.concatenate([new_x, more_x]), np.concatenate([new_m, more_m])
+                own[done], size[done] = np.concatenate([new, fresh]), LARGEST_STEP
+
+    def _proposals(self, x: Floats, m: Ints, size: Floats) -> tuple[Floats, Ints]:
+        """Moves both ways along each axis, one at random, to neighbouring inputs, to any input: (P, K, nx), (P, K)."""
+        moves, inputs = [], []
+        for j in self._axes:
+            for sign in (-1.0, 1.0):
+                to = x.copy()
+                to[:, j] += sign * size * self.width[j]
+                moves.append(to)
+                inputs.append(m)
+        to = x + self.rng.standard_normal(x.shape) * size[:, None] * self.width
+        to[:, list(self.q.free)] = x[:, list(self.q.free)]
+        moves.append(to)
+        inputs.append(m)
+        for k in range(self._near.shape[1]):
+            moves.append(x)
+            inputs.append(self._near[m, k])
+        moves.append(x)
+        inputs.append(self.rng.integers(0, len(self.q.inputs), len(m)))
+        return np.clip(np.stack(moves, axis=1), self.q.box.lo, self.q.box.hi), np.stack(inputs, axis=1)
+
+    def _random(self, count: int) -> tuple[Floats, Ints]:
+        x = pinned_to_border(self.q.box, self.rng, count, self.q.free)
+        return x, self.rng.integers(0, len(self.q.inputs), count)
+
+    def evolve(self, budget: int) -> None:
+        """Differential evolution over X and the number of the input, in one batch a generation."""
+        from scipy.optimize import differential_evolution
+
+        box, count = self.q.box, len(self.q.inputs)
+        people = 15 * (box.size + 1)
+        rounds = budget // people - 1
+        if rounds < 1:
+            return
+        bounds = [*zip(box.lo, box.hi, strict=True), (0, count - 1)]
+
+        def cost(population: Floats) -> Floats:  # (nx + 1, S)
+            x, m = np.clip(population[:-1].T, box.lo, box.hi), np.rint(population[-1]).astype(np.int64)
+            return -self.evaluate(np.ascontiguousarray(x), np.clip(m, 0, count - 1), "differential evolution")
+
+        differential_evolution(
+            cost, bounds, maxiter=rounds, popsize=15, tol=0.0, atol=-1.0, rng=self.rng, polish=False,
+            integrality=[False] * box.size + [True], vectorized=True, updating="deferred", init="sobol",
+        )  # fmt: skip
+
+
+def _take(x: Floats, m: Ints, shares: Floats, first: int, count: int) -> tuple[Floats, Ints, Floats]:
+    rows = slice(first, first + count)
+    return x[rows].copy(), m[rows].copy(), shares[rows].copy()
+
+
+def neighbours(inputs: Floats) -> Ints:
+    """For each input those nearest to it, two for each component, each component in shares of its range: (M, k)."""
+    scale = np.maximum(inputs.max(axis=0) - inputs.min(axis=0), 1e-300)
+    count = min(2 * inputs.shape[1], len(inputs) - 1)
+    far = (((inputs[:, None] - inputs[None]) / scale) ** 2).sum(axis=2)
+    np.fill_diagonal(far, np.inf)
+    return np.argsort(far, axis=1, kind="stable")[:, :count].astype(np.int64)

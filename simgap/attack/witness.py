@@ -1,0 +1,79 @@
+"""What breaks a promise, with everything that it takes to see it again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simgap.attack.campaign import BrokenRun
+from simgap.attack.share import Step
+from simgap.errors import UserError
+from simgap.geometry import Floats
+
+STEP, RUN = "step outside gamma", "closed-loop run"
+SIMULATOR, DISTURBANCE = "simulator", "disturbance"
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """One step outside gamma, or one run that breaks what the controller promises.
+
+    Attributes:
+        kind: STEP or RUN; plant: SIMULATOR, or DISTURBANCE where the states are the adversary's own within f + gamma.
+        what: a sentence. rule: by which the inputs were chosen, for a run.
+        inputs: (k, nu) one after the other. states: (k + 1, nx) of a run, else (1, nx) where the step begins (from rest
+            at this pose for a robot that remembers). measured: (k + 1, nx) of a run, else (0, nx).
+        d, lo, hi: (nx,) gap and bound of the step outside, in the robot's frame where that remembers; empty for a run.
+    """
+
+    kind: str
+    plant: str
+    what: str
+    rule: str
+    inputs: Floats
+    states: Floats
+    measured: Floats
+    d: Floats
+    lo: Floats
+    hi: Floats
+
+    @staticmethod
+    def of_step(step: Step) -> Witness:
+        """From a step that lies outside."""
+        nothing = np.empty((0, step.x.size))
+        inputs = step.u[None] if step.history is None else np.concatenate([step.history, step.u[None]])
+        what = f"a step of the simulator lies outside gamma by {step.share:.3g} of its width"
+        return Witness(STEP, SIMULATOR, what, "", inputs, step.x[None], nothing, step.d, step.lo, step.hi)
+
+    @staticmethod
+    def of_run(plant: str, broken: BrokenRun, inputs: Floats) -> Witness:
+        """From a broken run, input numbers into U (M, nu)."""
+        run, nothing = broken.run, np.empty(0)
+        what = f"a run under the rule '{broken.rule}' ends after {len(run.inputs)} steps: {broken.end}"
+        if broken.outside.any():
+            what += f"; step {int(np.argmax(broken.outside)) + 1} is the first outside gamma"
+        return Witness(RUN, plant, what, broken.rule, inputs[run.inputs], run.x, run.seen, nothing, nothing, nothing)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return dict(vars(self))
+
+    @staticmethod
+    def from_json(data: dict[str, Any], nx: int, nu: int) -> Witness:
+        """The inverse of `to_json`.
+
+        Raises:
+            UserError: a file that is no witness of a case with that many states and inputs.
+        """
+        try:
+            kind, plant, what, rule = (str(data[name]) for name in ("kind", "plant", "what", "rule"))
+            inputs = np.array(data["inputs"], dtype=np.float64).reshape(-1, nu)
+            states, measured = (np.array(data[n], dtype=np.float64).reshape(-1, nx) for n in ("states", "measured"))
+            d, lo, hi = (np.array(data[n], dtype=np.float64) for n in ("d", "lo", "hi"))
+        except (KeyError, TypeError, ValueError):
+            kind = ""
+        if kind not in (STEP, RUN) or (len(inputs) == 0 and kind == STEP) or len(states) == 0:
+            raise UserError("not a witness of this case", remedy="Give a witness.json that the audit wrote.")
+        return Witness(kind, plant, what, rule, inputs, states, measured, d, lo, hi)

@@ -1,0 +1,148 @@
+"""What the stage `audit` does in engine processes: each job reads what it needs, attacks, and gives counts back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgap.attack.campaign import Campaign, Opponent, campaign
+from simgap.attack.danger import Danger
+from simgap.attack.histories import HistoryQuestion, HistorySearch
+from simgap.attack.law import Law
+from simgap.attack.plants import OneByOne, RolledOut, WorstDisturbance
+from simgap.attack.points import PointSearch, Question
+from simgap.attack.rules import Scene
+from simgap.attack.share import Searched, share
+from simgap.attack.starts import WorstStarts
+from simgap.config.case import Case
+from simgap.config.pose import pose_axes
+from simgap.gap.function import GapFunction
+from simgap.gap.load import from_json
+from simgap.gap.steps.samples import motion_of
+from simgap.gap.symmetry import BodyFrameGap
+from simgap.geometry import Floats
+from simgap.io.controller_file import load_controller
+from simgap.judge import Judge
+from simgap.simulators.base import PathSimulator, Simulator
+from simgap.simulators.body_samples import BodySamples
+from simgap.simulators.build import make_simulator
+from simgap.specifications.base import specification_of
+from simgap.specifications.space import Space
+from simgap.stages.context import Context
+
+TOGETHER = 32  # runs side by side
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One part of the audit.
+
+    Attributes:
+        case, path: the case and its file. gap: content of gap.json. seed: of this part alone.
+        controller: its file. margin: (cells,) of the winning cells, None where it is not known.
+        evaluations, steps: of this part.
+        known: where searches over the gap begin, worst first: states (n, nx) and input numbers (n,), or sequences of
+            input numbers (n, length + 1).
+    """
+
+    case: Case
+    path: Path
+    gap: dict[str, Any]
+    seed: tuple[int, int]
+    controller: Path
+    margin: Any
+    evaluations: int
+    steps: int
+    known: tuple[Any, ...]
+
+
+def attack(job: Job) -> tuple[Searched, dict[str, Campaign]]:
+    """Everything that one part does: the gap, then the closed loop in the simulator and against the disturbance."""
+    context = Context(job.case, job.path)
+    simulator, gap = make_simulator(job.case, context.folder), from_json(job.gap)
+    rng = np.random.default_rng(job.seed)
+    try:
+        if job.case.hidden_state is not None:
+            found = _histories(context, simulator, gap, job, rng)
+        else:
+            found = PointSearch(question(context, simulator, gap), job.evaluations, rng).run(*job.known)
+        return found, _loops(context, simulator, gap, job, found, rng)
+    finally:
+        simulator.close()
+
+
+def question(context: Context, simulator: Simulator, gap: GapFunction) -> Question:
+    """The gap of a simulator that is a function of state and input, or a range of it where commands are late."""
+
+    def successors(x: Floats, u: Floats) -> tuple[Floats, Floats]:
+        if simulator.remembers:
+            return simulator.spread(x, u)
+        following = simulator.rollouts(x, u)
+        return following, following
+
+    return Question(successors, context.plant.sampled.step, gap.bounds, context.box, context.input_set, gap.domain.free)
+
+
+def _histories(context: Context, robot: Simulator, gap: GapFunction, job: Job, rng: np.random.Generator) -> Searched:
+    hidden = context.need(context.case.hidden_state, "hidden_state")
+    search = HistorySearch(history_question(context, robot, gap, hidden.length), job.evaluations, rng)
+    return search.run(*job.known)
+
+
+def history_question(context: Context, robot: Simulator, gap: GapFunction, length: int) -> HistoryQuestion:
+    """The gap of a robot in its own frame."""
+    assert isinstance(robot, PathSimulator)
+    assert isinstance(gap, BodyFrameGap)
+    motion, pose = motion_of(context), pose_axes(context)
+
+    def gaps(m: Any, heading: float) -> Floats:
+        start = np.zeros(3)
+        start[pose[2]] = heading
+        paths = robot.chain(start, context.input_set[m])[1]
+        return BodySamples.of_paths(m, paths, robot.pose).final - motion[m]
+
+    return HistoryQuestion(gaps, lambda m, before: (gap.lower[m], gap.upper[m]), context.input_set, length)
+
+
+def _loops(
+    context: Context, simulator: Simulator, gap: GapFunction, job: Job, found: Searched, rng: np.random.Generator
+) -> dict[str, Campaign]:
+    """Both campaigns: in the simulator and against the worst disturbance."""
+    case, space = context.case, Space.of(context.case)
+    solution = load_controller(job.controller).solution
+    monitor = specification_of(case).monitor(space, solution)
+    error = space.vector(case.sensing.error if case.sensing else {})
+    law, danger = Law(solution, context.input_set, error), Danger.of(solution)
+    model, inputs = context.plant.sampled, context.input_set
+    most = case.validation.steps if case.validation is not None else 2000
+    judge = Judge(space, monitor, most, inputs, model, gap, solution)
+
+    def predict(x: Floats, m: Any) -> Floats:
+        lo, hi = gap.bounds(space.wrapped(x), inputs[m])
+        return model.step(x, inputs[m]) + 0.5 * (lo + hi)
+
+    def use(x: Floats, m: Any) -> Floats:
+        u = inputs[m]
+        d, (lo, hi) = simulator.rollouts(x, u) - model.step(x, u), gap.bounds(x, u)
+        return share(d, d, lo, hi)
+
+    memoryless = case.hidden_state is None and not simulator.remembers
+    plant: Any = RolledOut(simulator) if memoryless else OneByOne(simulator, monitor)
+    scene = Scene(predict, use if memoryless else None, danger, inputs, solution.late)
+    modelled = Scene(predict, None, danger, inputs, solution.late)
+    disturbed = WorstDisturbance(model.step, lambda x, u, before: gap.bounds(space.wrapped(x), u), danger, monitor, rng)
+
+    worst = WorstStarts(solution, danger, job.margin)
+
+    def starts(count: int) -> Floats:
+        return worst.draw(count, rng)
+
+    return {
+        "simulator": campaign(
+            Opponent(plant, judge, True, TOGETHER if memoryless else 1), law, scene, starts, job.steps, rng
+        ),
+        "disturbance": campaign(Opponent(disturbed, judge, False, TOGETHER), law, modelled, starts, job.steps, rng),
+    }

@@ -1,0 +1,133 @@
+"""Stage `replay`: what an audit found, simulated again, as a table and as a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgap.attack.witness import SIMULATOR as ON_SIMULATOR
+from simgap.attack.witness import STEP, Witness
+from simgap.config.case import Case
+from simgap.config.pose import pose_axes
+from simgap.errors import UserError
+from simgap.gap.function import GapFunction
+from simgap.gap.load import from_json
+from simgap.gap.rotation import to_body
+from simgap.gap.symmetry import BodyFrameGap
+from simgap.geometry import Floats
+from simgap.io.documents import read_json
+from simgap.io.recording_witness import write_witness
+from simgap.io.traces import MODEL, ROBUST, SIMULATOR, Trace
+from simgap.notation import pretty_unit
+from simgap.simulators.process import run_in_processes
+from simgap.specifications.space import Space
+from simgap.stages.context import Context, log
+
+SHOWN = 30  # rows of the table; the last ones of longer runs
+
+
+def run(path: Path, out: Path | None = None, engine_log: Path | None = None) -> str:
+    """Simulate a witness again: -> its table; with `out` a recording of it too.
+
+    Raises:
+        UserError: a file that is no witness, or the case of which is gone.
+    """
+    data = read_json(path)
+    if "case" not in data or "gap" not in data:
+        raise UserError("not a witness", file=path, remedy="Give a witness.json that the audit wrote.")
+    context = Context.load((path.parent / str(data["case"])).resolve())
+    witness = Witness.from_json(data, len(context.states), len(context.inputs))
+    gap = from_json(data["gap"])
+    states = witness.states
+    if witness.plant == ON_SIMULATOR:
+        job = (context.case, context.folder, witness)
+        states = run_in_processes(simulate, [job], 1, engine_log)[0]
+    trace = _trace(context, gap, witness, states)
+    if out is not None:
+        write_witness(out, context.case.name, witness.what, trace, context.states, context.inputs)
+        log.info("wrote %s", out)
+    return text(context, witness, trace, states)
+
+
+def simulate(case: Case, folder: Path, witness: Witness) -> Floats:
+    """The states of a witness in the simulator, in the engine's process: (k + 1, nx)."""
+    from simgap.simulators.build import make_simulator
+
+    simulator = make_simulator(case, folder)
+    try:
+        if simulator.remembers and witness.kind == STEP:
+            least, largest = simulator.spread(witness.states[:1], witness.inputs[-1:])
+            nearer_top = np.abs(witness.d - witness.hi) <= np.abs(witness.d - witness.lo)
+            return np.concatenate([witness.states[:1], np.where(nearer_top, largest, least)])
+        simulator.reset(witness.states[0])
+        return np.array([witness.states[0], *(simulator.advance(u) for u in witness.inputs)])
+    finally:
+        simulator.close()
+
+
+def _trace(context: Context, gap: GapFunction, witness: Witness, states: Floats) -> Trace:
+    """Gap and bound of every step; of a robot that remembers in its own frame, where the bound is tightest."""
+    space, u = Space.of(context.case), witness.inputs
+    x, following = space.unwound(states[:-1], states[1:])
+    d = following - context.plant.sampled.step(x, u)
+    if isinstance(gap, BodyFrameGap):
+        pose = pose_axes(context)
+        m = np.argmin(((u[:, None] - gap.domain.input_set[None]) ** 2).sum(axis=2), axis=1)
+        d, lo, hi = to_body(d, x[:, pose[2]], pose), gap.lower[m], gap.upper[m]
+    else:
+        lo, hi = gap.bounds(x, u)
+    nan = np.full((1, space.size), np.nan)
+    outside = ~np.all((lo <= d) & (d <= hi), axis=1)
+    return Trace(
+        controller=ROBUST,
+        plant=SIMULATOR if witness.plant == ON_SIMULATOR else MODEL,
+        run=0,
+        t=np.asarray(context.domain.tau * np.arange(len(states)), dtype=np.float64),
+        x=states,
+        u=np.concatenate([u, np.full((1, u.shape[1]), np.nan)]),
+        d=np.concatenate([d, nan]),
+        lo=np.concatenate([lo, nan]),
+        hi=np.concatenate([hi, nan]),
+        safe=np.append(~outside, True),
+    )
+
+
+def text(context: Context, witness: Witness, trace: Trace, states: Floats) -> str:
+    """A row a step: time, state, input, and for each state the gap between its bounds; `*` where it is outside."""
+    units, rows = context.units, []
+    names = [f"{n} [{pretty_unit(units[n])}]" for n in (*context.states, *context.inputs)]
+    heads = ["step", "t [s]", *names, *(f"gap in {n}: lower, gap, upper" for n in context.states)]
+    count = len(trace.t)
+    for k in range(max(0, count - SHOWN), count):
+        gaps = [
+            "" if np.isnan(trace.d[k, j]) else f"{trace.lo[k, j]:.6g}, {trace.d[k, j]:.6g}, {trace.hi[k, j]:.6g}"
+            + ("" if trace.lo[k, j] <= trace.d[k, j] <= trace.hi[k, j] else " *")
+            for j in range(len(context.states))
+        ]  # fmt: skip
+        values = ["" if np.isnan(v) else f"{v:.6g}" for v in (*trace.x[k], *trace.u[k])]
+        rows.append([str(k), f"{trace.t[k]:g}", *values, *gaps])
+    lines = [f"{context.case.name}: {witness.what}.", *_aligned([heads, *rows])]
+    if count > SHOWN:
+        lines.insert(1, f"The last {SHOWN} of {count} samples:")
+    return "\n".join([*lines, _again(witness, trace, states)])
+
+
+def _aligned(rows: list[list[str]]) -> list[str]:
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return ["  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in rows]
+
+
+def _again(witness: Witness, trace: Trace, states: Floats) -> str:
+    """How this agrees with what the audit saw."""
+    if witness.plant != ON_SIMULATOR:
+        return "The states are those that the adversary chose within f + gamma."
+    seen: Any = witness.states if witness.kind != STEP else witness.d
+    now = states if witness.kind != STEP else trace.d[-2]
+    off = float(np.abs(now - seen).max()) if np.shape(now) == np.shape(seen) else np.inf
+    outside = int((~trace.safe).sum())
+    return (
+        f"Simulated again: {outside} step{'' if outside == 1 else 's'} outside gamma; the largest difference from what "
+        f"the audit saw is {off:.3g}."
+    )
