@@ -6,6 +6,7 @@
 #   snakemake --cores 2 full_table                       a robot's gap over every previous input (long)
 #   snakemake --cores 2 audit_deep                       the adversary, ten times as hard, on cases that remember (long)
 #   snakemake --cores 2 sensing                          the pendulum, measured with an error and a sample late
+#   snakemake --cores 2 sensing_robot                    the robot, measured with an error and a sample late
 #   snakemake --cores 2 mujoco                           the pendulum in another engine (extra `mujoco`)
 
 #   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
@@ -28,6 +29,7 @@ localrules:
     audit_deep,
     full_table,
     sensing,
+    sensing_robot,
     mujoco,
     proven,
 
@@ -62,6 +64,11 @@ rule audit_deep:
 rule sensing:
     input:
         pages("pendulum_sensing"),
+
+
+rule sensing_robot:
+    input:
+        pages("turtlebot_sensing"),
 
 
 rule mujoco:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from simgap.diagnosis.reading.folds import cut_in_folds
 from simgap.diagnosis.reading.noise import noise_floor
 from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.reading.stillness import resolution
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import build_problem
@@ -21,7 +24,7 @@ _SHORT = (
 def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> tuple[Parts, tuple[str, ...]]:
     """The folds as problems, and what is to be said of them."""
     compiled = cached_supermodel(model, record.measured, settings.effects)
-    sigma = noise_floor(record)
+    sigma = np.maximum(noise_floor(record), resolution(record) / np.sqrt(12.0))  # rounding is noise, at rest too
     for name, value in settings.noise.items():
         if name in record.measured:
             sigma[record.measured.index(name)] = value

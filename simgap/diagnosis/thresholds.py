@@ -159,6 +159,10 @@ FROZEN_WHILE_MOVED = 0.3
 WHOLE_STEPS, WHOLE_WITHIN = 0.98, 0.02
 """A channel is quantised if this share of its steps are whole multiples of the smallest, to within this much of one."""
 
+CUT_OFF = 0.2
+"""Single steps that differ by a larger share of their size are no counts: of continuous readings they differ by up to
+0.4, of counts that a file holds to a twentieth of a count by 0.1."""
+
 # When a fit has settled, from the drive with rests in benchmarks/dry_friction.py: ends that a window held up, at a kink
 # where it comes to rest, still promised drops of chi^2 of .4 to 136; begun afresh they ended lower by 20 to 350.
 

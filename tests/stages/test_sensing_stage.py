@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 from simgap.cli import main
+from simgap.closed_loop import Sensing, closed_loop
 from simgap.config.load import case_content
 from simgap.gap.fit import fit_gap
 from simgap.gap.kinds.expressions import Expressions
@@ -12,11 +13,15 @@ from simgap.gap.pairs import product
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
+from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
+from simgap.specifications.base import specification_of
+from simgap.specifications.space import Space
 from simgap.stages import synthesis, validation
 from simgap.stages.context import Context
+from simgap.stages.starts import draw_starts
 
 
 @pytest.fixture
@@ -85,3 +90,43 @@ def test_sensing_that_leaves_nothing_says_so(sensed, tmp_path, capsys):
     assert "measurement error" in line
     assert "latency of 1 sample" in line
     assert np.all([not p.exists() for p in (tmp_path / "c.npz", tmp_path / "s.json")])
+
+
+class Model:
+    """The nominal model as a plant."""
+
+    def __init__(self, step):
+        self.step = step
+
+    def reset(self, x):
+        self.x = x
+
+    def advance(self, u):
+        self.x = self.step(self.x[None], u[None])[0]
+        return self.x
+
+
+def test_the_robot_arrives_by_measurements_a_sample_late(root, tmp_path):
+    """The shipped case on fewer cells and without its gap, from certified starts, corners of the error box included."""
+    content = case_content(root / "configs/cases/turtlebot_sensing.yaml")
+    content["simulator"]["urdf"] = str(root / "configs/models/turtlebot.urdf")
+    content["synthesis"] |= {"cells": [60, 60, 48], "nominal_between_samples": True}
+    content["sensing"]["error"] = {"x": 0.015, "y": 0.015, "theta": 0.015}
+    path, made = tmp_path / "robot.yaml", tmp_path / "c.npz"
+    path.write_text(yaml.safe_dump(content))
+    synthesis.run(path, None, made, tmp_path / "s.json", 1)
+    figures = read_json(tmp_path / "s.json")
+    assert figures["between_samples_by"] == "swept boxes"  # the heading is measured with an error
+    assert figures["winning_fraction"] > 0.3
+    controller, context = load_controller(made), Context.load(path)
+    assert (controller.late, controller.memory) == (True, 15)
+    assert controller.input_set[controller.first].tolist() == [0.0, 0.0]
+    space, rng = Space.of(context.case), np.random.default_rng(4)
+    monitor = specification_of(context.case).monitor(space, controller.solution)
+    sensing, step = Sensing(np.full(3, 0.015), 1), context.plant.sampled.step
+    for x in draw_starts(controller, 60, 2):
+        run = closed_loop(Model(step), controller, x, 100, sensing, rng, monitor, sensing.measure(x, rng))
+        verdict = monitor.judge(run, 100)
+        assert verdict.outcome.kept, verdict.outcome
+        assert verdict.outcome.figures["climbs"] == 0
+        assert run.inputs[0] == controller.first

@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.table import Floats
-from simgap.diagnosis.thresholds import FROZEN_WHILE_MOVED, STILL_NOISE, STILL_STEPS, WHOLE_STEPS, WHOLE_WITHIN
+from simgap.diagnosis.thresholds import (
+    CUT_OFF,
+    FROZEN_WHILE_MOVED,
+    STILL_NOISE,
+    STILL_STEPS,
+    WHOLE_STEPS,
+    WHOLE_WITHIN,
+)
 
 BLOCK_S, STILL_S = 0.25, 0.75
 
@@ -31,16 +38,25 @@ class Stretch:
 
 
 def resolution(record: Record) -> Floats:
-    """Smallest step between two neighbouring samples of each channel, (k,); 0 if it looks continuous."""
+    """Step of each channel's readings, (k,); 0 if they look continuous.
+
+    The smallest steps are one count; decimals that a file cut off spread them, by as much as they may spread multiples.
+    """
     out = np.zeros(len(record.measured))
     for k in range(len(record.measured)):
         steps = np.concatenate([np.abs(np.diff(trace.y[:, k])) for trace in record.traces])
         steps = steps[steps > 1e-12 * (float(np.max(np.abs(steps))) + 1e-300)] if steps.size else steps
         if steps.size > 20:
-            smallest = float(np.min(steps))
-            ratio = steps / smallest
-            whole = float(np.mean(np.abs(ratio - np.round(ratio)) < WHOLE_WITHIN * np.maximum(1.0, ratio * 1e-3)))
-            out[k] = smallest if whole > WHOLE_STEPS else 0.0
+            single = steps[steps < 1.5 * np.min(steps)]
+            count, cut = float(np.mean(single)), float(np.ptp(single) / np.mean(single))
+            for reach in 3.0 ** np.arange(1, 8):  # more of the steps, each time counted by what is known so far
+                few = steps[steps < reach * count]
+                times = np.round(few / count)
+                count = float(few @ times / (times @ times))
+            ratio = steps / count
+            off = np.abs(ratio - np.round(ratio))
+            whole = float(np.mean(off < WHOLE_WITHIN * np.maximum(1.0, ratio * 1e-3) + cut))
+            out[k] = count if whole > WHOLE_STEPS and cut < CUT_OFF else 0.0
     return out
 
 

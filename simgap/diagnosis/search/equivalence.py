@@ -62,10 +62,14 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
 
 
 def as_good(search: Search, chosen: Explanation) -> list[Rival]:
-    """Sets that were fitted and are within `AS_GOOD` of the chosen one, best first; none that only adds to it."""
+    """Sets of no more parameters that were fitted and are within `AS_GOOD` of the chosen one, best first.
+
+    Larger ones fit better off the noise floor, whatever is missing, and did not carry over.
+    """
     close = [
         e for e in search.tried.values()
-        if e.physical and e.members and not chosen.keys <= e.keys and e.bic <= chosen.bic + AS_GOOD
+        if e.physical and e.members and e.keys != chosen.keys and e.count <= chosen.count
+        and e.bic <= chosen.bic + AS_GOOD
     ]  # fmt: skip
     return [Rival(e, False) for e in sorted(close, key=lambda e: e.bic)]
 
