@@ -23,7 +23,10 @@ _FIT = (
 )  # fmt: skip
 _EXTREME_VALUE = tuple(f"gap.lipschitz.extreme_value{part}" for part in ("", "_blocks", "_pairs"))
 
-_RUN = ("domain", "simulator", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation", "audit")
+_RUN = (
+    "domain", "simulator", "twin", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation",
+    "audit",
+)  # fmt: skip
 _TOLERATED = ("gap.tolerated_probability", "hidden_state.tolerated_probability")
 _JUDGED = ("synthesis.specification", *_TOLERATED)
 _CHAINS = ("hidden_state.length", "hidden_state.chain_length")
@@ -50,12 +53,27 @@ READS: Mapping[str, tuple[str, ...]] = {
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
     "audit": ("name", "plant", "domain", "simulator", *_JUDGED, *_CHAINS, "sensing", "validation.steps", "audit"),
+    "certify": (*_MODEL, "simulator", "synthesis", "sensing"),
+    "twin": (*_SIMULATED, "twin"),
     "paper": _SIMULATED,
     "rig": _SIMULATED,
     "trace": ("name", "title", "plant", "domain", "synthesis.specification"),
     "diagnosis": _WHOLE,  # the corrected case is a copy of the whole
-    "report": ("name", "title", "plant", "domain", "simulator", "grid.eps", "synthesis.specification", "sensing"),
+    "report": (
+        "name",
+        "title",
+        "plant",
+        "domain",
+        "simulator",
+        "twin",
+        "grid.eps",
+        "synthesis.specification",
+        "sensing",
+    ),
 }
+
+CLOSED_FORM = ("scp", "lipschitz")
+"""Stages that read all of the simulator where its engine may know it in closed form."""
 
 EVERY_EFFECT = ("diagnosis", "report")
 """Stages that try or describe effects which the case does not name."""
