@@ -12,7 +12,7 @@ from simgap.attack.campaign import Campaign, Opponent, campaign
 from simgap.attack.danger import Danger
 from simgap.attack.histories import HistoryQuestion, HistorySearch
 from simgap.attack.law import Law
-from simgap.attack.memory import bounds_after, class_bounds
+from simgap.attack.memory import class_bounds
 from simgap.attack.plants import OneByOne, RolledOut, WorstDisturbance
 from simgap.attack.points import PointSearch, Question
 from simgap.attack.rules import Scene
@@ -122,7 +122,7 @@ def _loops(
     judge = Judge(space, monitor, most, inputs, model, gap, solution)
 
     def predict(x: Floats, m: Any, before: Any) -> Floats:
-        lo, hi = bounds_after(gap, space.wrapped(x), inputs[m], before)
+        lo, hi = gap.bounds_after(space.wrapped(x), inputs[m], before)
         return model.step(x, inputs[m]) + 0.5 * (lo + hi)
 
     def use(x: Floats, m: Any) -> Floats:
@@ -135,7 +135,7 @@ def _loops(
     scene = Scene(predict, use if memoryless else None, danger, inputs, solution.late)
     modelled = Scene(predict, None, danger, inputs, solution.late)
     disturbed = WorstDisturbance(
-        model.step, lambda x, u, before: bounds_after(gap, space.wrapped(x), u, before), danger, monitor, rng
+        model.step, lambda x, u, before: gap.bounds_after(space.wrapped(x), u, before), danger, monitor, rng
     )
 
     worst = WorstStarts(solution, danger, job.margin)
