@@ -9,6 +9,8 @@
 #   snakemake --cores 2 sensing_robot                    the robot, measured with an error and a sample late
 #   snakemake --cores 2 mujoco                           the pendulum in another engine (extra `mujoco`)
 
+#   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
+
 
 configfile: "configs/default.yaml"
 
@@ -29,6 +31,7 @@ localrules:
     sensing,
     sensing_robot,
     mujoco,
+    proven,
 
 
 rule all:
@@ -71,3 +74,8 @@ rule sensing_robot:
 rule mujoco:
     input:
         pages("pendulum_mujoco"),
+
+
+rule proven:
+    input:
+        pages("pendulum_proven"),

@@ -107,6 +107,41 @@ rule audit:
         " --workers {threads} --log {log:q}"
 
 
+def own_shards(wildcards):
+    """Roll-outs on the grid that the case's own bound was made from."""
+    folder = f"results/{wildcards.case}/rollouts/{own_point(case_of(wildcards))}"
+    return [
+        f"{folder}/shard-{k}.parquet" for k in range(shard_count(case_of(wildcards)))
+    ]
+
+
+rule twin:
+    input:
+        case=correction,
+        rollouts=own_shards,
+        fresh="results/{case}/fresh/samples.parquet",
+        traces="results/{case}/validation/traces.parquet",
+    output:
+        "results/{case}/twin/twin.json",
+    log:
+        "results/{case}/logs/twin.log",
+    benchmark:
+        "results/{case}/benchmarks/twin.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        case=lambda w: case_path(w.case),
+        reads=reads("twin"),
+        code=code("twin"),
+        shards=lambda w, input: flagged("--rollouts", input.rollouts),
+    message:
+        "{wildcards.case}: the simulator held against the engine that it stands for"
+    shell:
+        "simgap twin {params.case:q} {params.shards:q} --fresh {input.fresh:q} --traces {input.traces:q}"
+        " --out {output:q} --log {log:q}"
+
+
 rule trace:
     input:
         nominal="results/{case}/synthesis/nominal/controller.npz",

@@ -52,11 +52,18 @@ def corrected_file(name):
     return path
 
 
+def twin_file(wildcards):
+    """How far the simulator is from the engine that it stands for, if it does."""
+    stands = case_of(wildcards).twin is not None
+    return f"results/{wildcards.case}/twin/twin.json" if stands else []
+
+
 def report_options(wildcards, input):
     """The files that only some cases have, each with its flag."""
     flags = {
         "diagnosis": "--diagnosis",
         "transitions": "--transitions",
+        "twin": "--twin",
         "corrected": "--corrected",
         "corrected_gap": "--corrected-gap",
         "corrected_summary": "--corrected-summary",
@@ -80,6 +87,7 @@ rule report:
         traces="results/{case}/validation/traces.parquet",
         audit="results/{case}/audit/audit.json",
         margins="results/{case}/audit/margins.parquet",
+        twin=twin_file,
         diagnosis=measured_file("diagnosis.json"),
         transitions=measured_file("transitions.parquet"),
         corrected=corrected_file("diagnosis/corrected_case.yaml"),

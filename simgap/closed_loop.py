@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from simgap.geometry import Floats
 from simgap.specifications.monitor import Monitor, Run
+from simgap.specifications.solution import after_choice
 
 Ints = NDArray[np.int64]
 
@@ -71,7 +72,7 @@ def closed_loop(
     plant.reset(start)
     x = np.array(start, dtype=np.float64)
     y = x if seen is None else seen
-    pending = int(getattr(policy, "first", 0))
+    pending, kind = int(getattr(policy, "first", 0)), getattr(policy, "kind", None)
     states, measured, applied, known = [x], [y], [], [pending]
     watched = monitor.measures_clearance and getattr(plant, "path", None) is not None
     near = [monitor.clearance(x[None])] if watched else []
@@ -83,7 +84,7 @@ def closed_loop(
         if decided < 0:
             stuck = True
             break
-        now, pending = (pending, decided) if sensing.latency else (decided, 0)
+        now, pending = (int(n) for n in after_choice(kind, bool(sensing.latency), pending, decided))
         x = plant.advance(inputs[now])
         y = x if exact else sensing.measure(x, rng)
         states.append(x)
@@ -128,6 +129,7 @@ def batch_loop(
     x[0] = starts
     alive = np.arange(n)
     first, late = int(getattr(policy, "first", 0)), bool(getattr(policy, "late", False))
+    kind = getattr(policy, "kind", None)
     pending = np.full((steps + 1, n), first, dtype=np.int64)
     for k in range(steps):
         alive = alive[~monitor.over_each(x[k, alive], x[k, alive])]
@@ -136,8 +138,7 @@ def batch_loop(
         alive, decided = alive[decided >= 0], decided[decided >= 0]
         if len(alive) == 0:
             break
-        now = pending[k, alive] if late else decided
-        pending[k + 1, alive] = decided if late else 0
+        now, pending[k + 1, alive] = after_choice(kind, late, pending[k, alive], decided)
         x[k + 1, alive] = step(x[k, alive], policy.input_set[now])
         inputs[k, alive] = now
         length[alive] = k + 1

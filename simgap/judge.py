@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from simgap.gap.function import GapFunction
 from simgap.geometry import Floats
 from simgap.model.sampled import NominalModel
+from simgap.simulators.body_samples import REST
 from simgap.specifications.monitor import Monitor, Outcome, Run, Verdict
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
@@ -73,7 +74,8 @@ class Judge:
             empty = np.empty((0, self.space.size))
             return GapAudit(empty, empty, empty)
         x, following = self.space.unwound(x, following)
-        lo, hi = self.gap.bounds(x, u)
+        previous = np.concatenate([np.array([REST, *r.inputs[:-1]], np.int64)[: len(r.inputs)] for r in runs])
+        lo, hi = self.gap.bounds_after(x, u, previous)
         return GapAudit(following - self.model.step(x, u), lo, hi)
 
     def certified(self, verdict: Verdict, outside: int) -> Verdict:

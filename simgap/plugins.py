@@ -27,6 +27,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "pybullet": "simgap.simulators.pybullet_joints:PyBulletJoints",
                 "pybullet_wheeled": "simgap.simulators.wheeled:PyBulletWheeled",
                 "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
+                "equations": "simgap.simulators.equations:EquationsEngine",
             }
         ),
         "bases": MappingProxyType(

@@ -19,7 +19,7 @@ from typing import Any
 from simgap import plugins
 from simgap.config.case import Case
 from simgap.config.plugged import used
-from simgap.config.reads import EVERY_EFFECT, READS
+from simgap.config.reads import CLOSED_FORM, EVERY_EFFECT, READS
 
 PACKAGE = Path(__file__).parent
 # What the typing of a case file does shows in the sections that are hashed, and what the registry of plug-ins does in
@@ -55,10 +55,18 @@ def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
 
 
 def sections_of(stage: str, case: Case) -> tuple[str, ...]:
-    """What a stage reads of a case: an engine that is not simgap's is given the case, and may read all of the plant."""
+    """What a stage reads of a case: an engine that is not simgap's is given the case, and may read all of the plant.
+
+    Equations may be those of the plant, and what is known in closed form is read by whatever bounds slopes.
+    """
     engine = getattr(case.simulator, "engine", None)
     foreign = engine is not None and engine not in plugins.BUILT_IN["engines"]
-    return (*READS[stage], "plant") if foreign and "simulator" in READS[stage] else READS[stage]
+    if not foreign and engine != "equations":
+        return READS[stage]
+    own = "plant" if foreign else "plant.symbolic"
+    if stage in CLOSED_FORM:
+        return (*READS[stage], "simulator", own)
+    return (*READS[stage], own) if "simulator" in READS[stage] else READS[stage]
 
 
 def file_digest(path: Path) -> str:

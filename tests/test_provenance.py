@@ -85,7 +85,7 @@ def test_sections_are_narrow(vary):
     base = _digests(vary, {})
     # a check looks at the whole case, and the diagnosis copies it into the corrected one
     changed = _digests(vary, {"synthesis.cells": [10, 10]})
-    assert {stage for stage in READS if base[stage] != changed[stage]} == {"synthesis", *WHOLE}
+    assert {stage for stage in READS if base[stage] != changed[stage]} == {"synthesis", "certify", *WHOLE}
     changed = _digests(vary, {"validation.seed": 9})
     assert {stage for stage in READS if base[stage] != changed[stage]} == {"validation", *WHOLE}
     changed = _digests(vary, {"plant.integrator": "rk4"})

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.attack.memory import REST, class_bounds
 from simgap.attack.seeds import worst_first
 from simgap.attack.share import share
 from simgap.gap.function import GapFunction
@@ -54,7 +55,9 @@ def worst_histories(context: Context, gap: GapFunction, motion: Floats, tables: 
         if len(own.m) == 0 or not isinstance(gap, BodyFrameGap):
             continue
         d = own.final - motion[own.m]
-        found = share(d, d, gap.lower[own.m], gap.upper[own.m])
+        begins = np.arange(len(own.m)) % hidden.chain_length == 0
+        before = np.where(begins, REST, np.roll(own.m, 1))
+        found = share(d, d, *class_bounds(gap, own.m, before))
         late = np.flatnonzero(np.arange(len(own.m)) % hidden.chain_length >= length)
         rows = late[np.argsort(-found[late], kind="stable")[:HISTORIES]]
         sequences = np.concatenate([sequences, own.m[rows[:, None] + np.arange(-length, 1)]])

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.attack.memory import stepped
 from simgap.geometry import Floats
 from simgap.specifications.solution import Solution
 from simgap.synthesis.bits import unpack
@@ -62,11 +63,13 @@ class Law:
         """The memory of `count` runs before their first sample."""
         return np.full(count, self.solution.first, dtype=np.int64)
 
+    def acting(self, memory: Ints, last: Ints) -> Ints:
+        """The input that acts now whatever is chosen, where inputs are late; else the `last` one, (n,) each."""
+        return self.applied(memory, np.zeros_like(memory))[0] if self.solution.late else last
+
     def applied(self, memory: Ints, decided: Ints) -> tuple[Ints, Ints]:
         """Which inputs act now, and the memory afterwards: (n,), (n,) -> (n,), (n,)."""
-        if self.solution.late:
-            return memory, decided
-        return decided, decided if self.solution.memory > 1 else np.zeros_like(decided)
+        return stepped(self.solution, memory, decided)
 
     def options(self, x: Floats, memory: Ints) -> Options:
         """At true states (n, nx) and memories (n,)."""

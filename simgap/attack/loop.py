@@ -32,7 +32,7 @@ def play(
     """
     n, nx = starts.shape
     record = _Record(n, nx, steps, law)
-    x, memory, acting = starts.copy(), law.first(n), law.first(n) if law.solution.late else np.full(n, -1)
+    x, memory = starts.copy(), law.first(n)
     alive, last = np.arange(n), np.full(n, -1)
     plants.reset(starts)
     for k in range(steps):
@@ -42,10 +42,10 @@ def play(
         if len(alive) == 0:
             break
         own = options.inputs[going]
-        m = choose(rule, scene, space.wrapped(x[alive]), acting[alive], k, own, rng)
+        acting = law.acting(memory[alive], last[alive])
+        m = choose(rule, scene, space.wrapped(x[alive]), acting, last[alive], k, own, rng)
         record.seen[k, alive] = x[alive] + law.corners[options.corner[going][np.arange(len(m)), m]]
         now, memory[alive] = law.applied(memory[alive], m)
-        acting[alive] = memory[alive] if law.solution.late else now
         x[alive], near = plants.advance(x[alive], law.inputs[now], last[alive])
         last[alive] = now
         record.add(k, alive, x[alive], now, memory[alive], near)

@@ -25,12 +25,13 @@ class Scene:
     """What rules look at.
 
     Attributes:
-        predict: states (n, nx), input numbers (n,) -> where the plant gets to, (n, nx): the middle of what is possible.
+        predict: states (n, nx), input numbers (n,) and those before them (n,), -1 at rest -> where the plant gets to,
+            (n, nx): the middle of what is possible.
         gap_share: how much of gamma a step uses, (n, nx), (n,) -> (n,); None where asking the simulator costs too much.
         danger: of states; inputs: U, (M, nu); late: whether an input acts one sample after it is chosen.
     """
 
-    predict: Callable[[Floats, Ints], Floats]
+    predict: Callable[[Floats, Ints, Ints], Floats]
     gap_share: Callable[[Floats, Ints], Floats] | None
     danger: Danger
     inputs: Floats
@@ -46,29 +47,36 @@ class Scene:
 
 
 def choose(
-    rule: str, scene: Scene, x: Floats, acting: Ints, step: int, admissible: NDArray[np.bool_], rng: np.random.Generator
+    rule: str,
+    scene: Scene,
+    x: Floats,
+    acting: Ints,
+    last: Ints,
+    step: int,
+    admissible: NDArray[np.bool_],
+    rng: np.random.Generator,
 ) -> Ints:
     """One of the admissible inputs (n, M) for runs at states x (n, nx), by a rule: -> (n,).
 
-    `acting` (n,) is the input that acts now where inputs are late, else the one before, -1 where there is none; `step`
-    counts the samples. Rows without an admissible input get any number.
+    `last` (n,) is the input that acted last, -1 where there is none, `acting` (n,) the one that acts now where inputs
+    are late, else `last` too; `step` counts the samples. Rows without an admissible input get any number.
     """
     row, column = np.nonzero(admissible)
     score = np.full(admissible.shape, -np.inf)
     if len(row):
-        values = _scores(rule, scene, x[row], acting[row], column, step)
+        values = _scores(rule, scene, x[row], acting[row], last[row], column, step)
         spread = np.ptp(values) if len(values) > 1 else 0.0
         score[row, column] = values + _TIE * (spread + 1e-12) * rng.uniform(size=len(row))
     return np.argmax(score, axis=1).astype(np.int64)
 
 
-def _scores(rule: str, scene: Scene, x: Floats, acting: Ints, m: Ints, step: int) -> Floats:
+def _scores(rule: str, scene: Scene, x: Floats, acting: Ints, last: Ints, m: Ints, step: int) -> Floats:
     """Numbers for pairs of a run and an input, (k,)."""
     u, inputs = scene.inputs[m], scene.inputs
     scale = np.maximum(np.abs(inputs).max(axis=0), 1e-300)
     if rule in (NEAREST, SLOWEST):
-        at = scene.predict(x, acting) if scene.late else x
-        return scene.danger(scene.predict(at, m), rule == SLOWEST)
+        at = scene.predict(x, acting, last) if scene.late else x
+        return scene.danger(scene.predict(at, m, acting), rule == SLOWEST)
     if rule == LARGEST_GAP and scene.gap_share is not None:
         return scene.gap_share(x, m)
     if rule == REVERSAL:

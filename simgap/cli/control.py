@@ -27,6 +27,22 @@ def synthesis(
 
 
 @app.command()
+def twin(
+    case: CasePath,
+    shards: Shards,
+    fresh: Annotated[Path, typer.Option(help="Fresh samples.")],
+    out: Out,
+    traces: Annotated[Path | None, typer.Option(help="Traces that the validation kept (Parquet).")] = None,
+    log: Log = None,
+) -> None:
+    """Hold the simulator against the engine that it stands for, on every sample of the run."""
+    from simgap.stages import twin as stage
+
+    start_log(log)
+    stage.run(case, stage.Inputs(shards, fresh, traces), out, log)
+
+
+@app.command()
 def validation(
     case: CasePath,
     nominal: Annotated[Path, typer.Option(help="Controller made for the nominal model.")],

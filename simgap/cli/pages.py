@@ -46,6 +46,7 @@ def report(
     corrected_summary: Annotated[Path | None, typer.Option(help="Its summary.json.")] = None,
     corrected_nominal: Annotated[Path | None, typer.Option(help="Its controller for the nominal model.")] = None,
     corrected_robust: Annotated[Path | None, typer.Option(help="Its controller for the model with its gap.")] = None,
+    twin: Annotated[Path | None, typer.Option(help="twin.json, if the simulator stands for another engine.")] = None,
     printed: Annotated[Path | None, typer.Option(help="Values that the paper prints (YAML).")] = None,
     audit: Annotated[Path | None, typer.Option(help="audit.json")] = None,
     margins: Annotated[Path | None, typer.Option(help="Margins of every cell (Parquet).")] = None,
@@ -59,7 +60,7 @@ def report(
     measured = stage.Measured(diagnosis, transitions) if diagnosis is not None else None
     later = stage.corrected_files(corrected, corrected_gap, corrected_summary, corrected_nominal, corrected_robust)
     given = stage.Inputs(
-        gaps, samples, controllers, syntheses, validation, traces, measured, later, printed, audit, margins
+        gaps, samples, controllers, syntheses, validation, traces, measured, later, printed, audit, margins, twin
     )
     stage.run(case, given, out, summary)
 

@@ -42,3 +42,22 @@ def schema(out: Annotated[Path, typer.Option(help="File to write.")] = Path("con
     from simgap.io.atomic import write_text
 
     write_text(out, schema_text())
+
+
+@app.command()
+def certify(
+    what: Annotated[Path, typer.Argument(help="Case file, or its folder in results/.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder for the certificate.", show_default=False)],
+    bound: Annotated[Path | None, typer.Option("--gap", help="gap.json, if it is not at its place.")] = None,
+    controller: Annotated[Path | None, typer.Option(help="controller.npz, if it is not at its place.")] = None,
+    log: Log = None,
+) -> None:
+    """Export a controller as a certificate that checker/check.py verifies without simgap."""
+    from simgap.stages import certify as stage
+
+    start_log(log)
+    if bound is not None and controller is not None:
+        stage.run(what, bound, controller, out)
+        return
+    case, own_bound, own_controller = stage.results_of(what) if what.is_dir() else stage.of_case(what)
+    stage.run(case, bound or own_bound, controller or own_controller, out)

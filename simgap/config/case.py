@@ -18,6 +18,7 @@ from simgap.config.plugged import Plugged
 from simgap.config.sensing import SensingSection
 from simgap.config.simulator import EngineSection
 from simgap.config.synthesis import SynthesisSection
+from simgap.config.twin import TwinSection
 from simgap.config.validation import ValidationSection
 from simgap.config.wheeled import HiddenStateSection, SymmetrySection
 
@@ -42,6 +43,7 @@ class Case(Section):
     synthesis: SynthesisSection | None = Field(None, description="What the controller is asked for.")
     validation: ValidationSection | None = Field(None, description="The closed loop that checks it.")
     audit: AuditSection | None = Field(None, description="The adversary's budget against bound and controller.")
+    twin: TwinSection | None = Field(None, description="Another engine that the simulator stands for.")
     budget: BudgetSection = Field(BudgetSection(), description="What a run may cost before it is refused.")
     measured: MeasuredSection | None = Field(None, description="Recordings of the real thing.")
 

@@ -23,7 +23,10 @@ _FIT = (
 )  # fmt: skip
 _EXTREME_VALUE = tuple(f"gap.lipschitz.extreme_value{part}" for part in ("", "_blocks", "_pairs"))
 
-_RUN = ("domain", "simulator", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation", "audit")
+_RUN = (
+    "domain", "simulator", "twin", "symmetry", "hidden_state", "grid", "gap", "sensing", "synthesis", "validation",
+    "audit",
+)  # fmt: skip
 _TOLERATED = ("gap.tolerated_probability", "hidden_state.tolerated_probability")
 _JUDGED = ("synthesis.specification", *_TOLERATED)
 _CHAINS = ("hidden_state.length", "hidden_state.chain_length")
@@ -31,23 +34,46 @@ _WHOLE = ("name", "title", "plant", *_RUN, "measured")
 
 READS: Mapping[str, tuple[str, ...]] = {
     "check": (*_WHOLE, "budget"),
-    "grid": ("name", "plant.states", "plant.inputs", "domain.X", "domain.U", "hidden_state.previous"),
+    "grid": (
+        "name",
+        "plant.states",
+        "plant.inputs",
+        "domain.X",
+        "domain.U",
+        "hidden_state.previous",
+        "hidden_state.classes",
+    ),
     "rollouts": (*_SIMULATED, "grid.shards", *_HISTORIES),
     "fresh": (*_SIMULATED, "gap.fresh_samples", "gap.seed", "hidden_state"),
     "borders": (*_SIMULATED, "plant", "gap.seed", "hidden_state"),
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
-    "scp": (*_MODEL, *_FIT, *_COUNTED, "simulator.effects", "simulator.urdf"),  # where the simulator switches
+    "scp": (*_MODEL, *_FIT, *_COUNTED, "hidden_state.classes", "simulator.effects", "simulator.urdf"),  # switching
     "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, *_COUNTED),
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
     "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
     "audit": ("name", "plant", "domain", "simulator", *_JUDGED, *_CHAINS, "sensing", "validation.steps", "audit"),
+    "certify": (*_MODEL, "simulator", "synthesis", "sensing"),
+    "twin": (*_SIMULATED, "twin"),
     "paper": _SIMULATED,
     "rig": _SIMULATED,
     "trace": ("name", "title", "plant", "domain", "synthesis.specification"),
     "diagnosis": _WHOLE,  # the corrected case is a copy of the whole
-    "report": ("name", "title", "plant", "domain", "simulator", "grid.eps", "synthesis.specification", "sensing"),
+    "report": (
+        "name",
+        "title",
+        "plant",
+        "domain",
+        "simulator",
+        "twin",
+        "grid.eps",
+        "synthesis.specification",
+        "sensing",
+    ),
 }
+
+CLOSED_FORM = ("scp", "lipschitz")
+"""Stages that read all of the simulator where its engine may know it in closed form."""
 
 EVERY_EFFECT = ("diagnosis", "report")
 """Stages that try or describe effects which the case does not name."""

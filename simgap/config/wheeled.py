@@ -27,6 +27,11 @@ class HiddenStateSection(Section):
     previous: dict[str, int] = Field(
         description="For each input how many of its values stand for the previous input: the extremes and between."
     )
+    classes: dict[str, int] = Field(
+        default_factory=dict,
+        description="For each input into how many intervals of values the previous input is told apart: the bound is "
+        "taken for each class, and the controller remembers the class. None: one class, no memory.",
+    )
     length: int = Field(
         4, ge=1, description="Longest histories tried; the bound must stop growing by then (inputs before the present)."
     )
@@ -39,7 +44,16 @@ class HiddenStateSection(Section):
     fresh_samples: int = Field(
         20_000, ge=1, description="Steps of other random sequences on which the bound is checked; no bound sees them."
     )
+    fresh_length: int = Field(
+        5, ge=2, description="Samples in each fresh sequence: sequences are independent, steps of one are not."
+    )
     fresh_seed: int = Field(11, ge=0, description="Of those.")
+    search: int = Field(
+        2000, ge=0, description="Steps of a directed search over histories and headings that widens the bound, and as "
+        "many of a second one that must not break it; 0: neither."
+    )  # fmt: skip
+    search_length: int = Field(2, ge=1, description="Inputs before the present one in these searches.")
+    search_seed: int = Field(21, ge=0, description="Of the first of them; the second takes the next.")
     tolerated_probability: float = Field(
         0.0, ge=0.0, lt=1.0, description="Largest bound of the violation probability; 0: one violation fails the stage."
     )

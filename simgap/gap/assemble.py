@@ -93,7 +93,7 @@ def assemble(
     if centres := [fit for fit in fits if isinstance(fit, CentreFit)]:
         function = conformal_gap(where, settings, centres, calibration)
     elif nodes := [fit for fit in fits if isinstance(fit, NodeFit)]:
-        function = envelope_gap(where, settings, nodes, lipschitz, directed)
+        function = envelope_gap(where, settings, nodes, lipschitz, directed if where.known is None else ())
     elif blocks := [fit for fit in fits if isinstance(fit, BlockFit)]:
         function = blocks_gap(where, settings, blocks, lipschitz)
     else:

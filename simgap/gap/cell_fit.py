@@ -15,7 +15,7 @@ from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import deterministic_tier, directed_words, estimate_tier
+from simgap.gap.tiers import directed_words, guarantee
 from simgap.geometry import Floats, Grid
 
 
@@ -64,7 +64,7 @@ def fit_blocks(samples: DimensionSamples, settings: GapSettings) -> BlockFit:
     """
     counts, per_input = _counts(samples.where, settings)
     member, _ = _blocks(samples.where.grid, counts)
-    tables, rough, factor, directed = {}, 0.0, 0.0, samples.directed
+    tables, rough, factor, directed = {}, 0.0, 0.0, samples.beside
     for up in (True, False):
         padded, share = _locally_padded(samples, settings, up)
         of_row = member
@@ -113,9 +113,9 @@ def blocks_gap(
     rough = [
         fit.rough_share if inflated else known.grid.rough_share for fit, known in zip(fits, lipschitz, strict=True)
     ]
-    used = [known.grid.constants for known in lipschitz]
+    used = [known.grid for known in lipschitz]
     beside = directed_words(where.states, max(fit.directed for fit in fits), [fit.factor for fit in fits])
-    tiers = deterministic_tier("inflate" if inflated else "cells"), estimate_tier(where.states, used, rough, beside)
+    tiers = guarantee("inflate" if inflated else "cells", where.states, used, rough, beside)
     return CellGap(where.domain, tiers, edges, nodes, lower, upper, np.zeros((nx, nx)))
 
 
@@ -129,12 +129,12 @@ def _reach(where: SampleGrid, settings: GapSettings, known: DimensionLipschitz) 
 
 def _locally_padded(samples: DimensionSamples, settings: GapSettings, up: bool) -> tuple[Floats, float]:
     """(N, M) target of one side, with its local padding if that is the case's, and the share of rough cells."""
-    from simgap.gap.lipschitz.local import LocalPadding
+    from simgap.gap.padding import local_padding
 
     target = samples.side(up)
     if settings.padding != "inflate":
         return target, 0.0
-    pad, share = LocalPadding(target, samples.where.grid, samples.where.free, samples.floor).of_target()
+    pad, share = local_padding(samples, up).of_target()
     return target + pad, share
 
 

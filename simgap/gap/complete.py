@@ -98,3 +98,15 @@ def _check_body_frame(gap: BodyFrameGap) -> None:
     _finite("its lower side", gap.lower, shape)
     _finite("its upper side", gap.upper, shape)
     _ordered(gap.lower, gap.upper)
+    if gap.previous is None or gap.by_class is None:
+        return
+    kind, count = gap.previous.kind, len(gap.by_class[0])
+    _require(kind.shape == shape[:1] and count > 0, "its classes are not one for each input")
+    _require(np.isin(np.append(kind, gap.previous.rest), np.arange(count)).all(), "its classes are not numbered")
+    for name, side in zip(("lower", "upper"), gap.by_class, strict=True):
+        _finite(f"its {name} side after a class", side, (count, *shape))
+    _ordered(*gap.by_class)
+    _require(
+        (gap.lower <= gap.by_class[0].min(axis=0)).all() and (gap.by_class[1].max(axis=0) <= gap.upper).all(),
+        "its bound after any input does not hold those after each class",
+    )

@@ -157,6 +157,8 @@ def _function(e: sp.Expr, parts: list[Enclosure]) -> Enclosure:
         )
     a = parts[0]
     lo, hi = (float(v) for v in primitive(a.pair))
+    if name == "sign" and a.error > 0.0 and a.lo <= a.error and a.hi >= -a.error:
+        return Enclosure(lo, hi, 2.0)  # a rounded argument may fall on the other side of the jump
     if name in _MONOTONE_SLOPE:
         slope = _MONOTONE_SLOPE[name]
     elif name == "exp":

@@ -16,7 +16,7 @@ from simgap.gap.cells import CellGap
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.settings import GapSettings
-from simgap.gap.tiers import Tier, deterministic_tier, directed_words, estimate_tier
+from simgap.gap.tiers import directed_words, guarantee
 from simgap.geometry import Floats
 
 
@@ -81,7 +81,7 @@ def envelope_gap(
         upper[:, :, i], lower[:, :, i] = above, -below
         factors.append(max(rise, fall))
     beside = directed_words(where.states, len(directed[0].x) if directed else 0, factors)
-    tiers: tuple[Tier, ...] = (deterministic_tier("cells"), estimate_tier(where.states, list(slopes), rough, beside))
+    tiers = guarantee("cells", where.states, [known.grid for known in lipschitz], rough, beside)
     return CellGap(where.domain, tiers, edges, nodes, lower, upper, slopes)
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from simgap.errors import UserError
@@ -29,7 +31,8 @@ class FreshCheck:
     """A gap bound held against samples that no fit has seen.
 
     Attributes:
-        samples, violations: rows, and rows that violate in at least one dimension.
+        samples, violations: independent trials, and those that violate in at least one dimension: rows, or whole
+            sequences of steps where a simulator remembers; `steps` is then how many steps they have together.
         by_state: violations for each state; worst: largest excess over the bound for each state, 0 if none.
         upper, confidence: the violation probability is at most `upper` with this confidence.
         first: up to ten violating rows (x, u, d) for the report.
@@ -41,12 +44,21 @@ class FreshCheck:
     worst: dict[str, float]
     upper: float
     confidence: float
+    steps: int | None = None
     first: tuple[tuple[list[float], list[float], list[float]], ...] = ()
 
     @property
     def tier(self) -> Tier:
         """The statistical statement."""
         percent = f"{100 * self.confidence:g} %"
+        if self.steps is not None:
+            return Tier(
+                3,
+                f"Checked on {self.samples:,} fresh random sequences of {self.steps:,} steps together: "
+                f"{self.violations} of them with a step outside; the probability that a sequence has one is at most "
+                f"{self.upper:.2g} with {percent} confidence (Clopper-Pearson; sequences are independent, their steps "
+                "are not).",
+            )
         return Tier(
             3,
             f"Checked on {self.samples:,} fresh random off-grid samples: {self.violations} violations; "
@@ -108,5 +120,26 @@ def check_fresh(
         {s: float(max(excess[:, i].max(initial=0.0), 0.0)) for i, s in enumerate(states)},
         clopper_pearson_upper(len(x), count, confidence),
         confidence,
-        first,
+        first=first,
     )
+
+
+def check_sequences(
+    excess: Floats, path: Floats, begins: NDArray[np.int64], states: Sequence[str], confidence: float = 0.95
+) -> FreshCheck:
+    """Count sequences with any step outside.
+
+    Args:
+        excess: (n, nx) by how much each step's gap lies outside, negative inside; path: (n,) the same of its path.
+        begins: rows at which a sequence begins, the first of them 0.
+        states: names.
+        confidence: of the Clopper-Pearson bound.
+    """
+    bad = ~((excess <= 0.0).all(axis=1) & (path <= 0.0))
+    failed = int(np.logical_or.reduceat(bad, begins).sum())
+    worst = {s: float(max(excess[:, i].max(), 0.0)) for i, s in enumerate(states)}
+    return FreshCheck(
+        len(begins), failed, {s: int((excess[:, i] > 0).sum()) for i, s in enumerate(states)},
+        worst | ({"path": float(path.max())} if (path > 0).any() else {}),
+        clopper_pearson_upper(len(begins), failed, confidence), confidence, steps=len(excess),
+    )  # fmt: skip

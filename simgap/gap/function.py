@@ -160,6 +160,10 @@ class GapFunction(ABC):
         """lo and hi at points: (n, nx), (n, nu) -> (n, nx), (n, nx), outward rounded."""
         return self.box_bounds(x, x, u)
 
+    def bounds_after(self, x: Floats, u: Floats, previous: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """lo and hi at points where the number of the previous input is known, (n,), -1 at rest: (n, nx) twice."""
+        return self.bounds(x, u)
+
     def to_json(self) -> dict[str, Any]:
         """The bound as plain data: what it holds for, the formula, what it rests on."""
         guarantee = [tier.to_json() for tier in self.tiers]

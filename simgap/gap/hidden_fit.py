@@ -1,4 +1,4 @@
-"""The bound over hidden states: one dimension after the other, and the gap seen from the robot made of all.
+"""The bound over hidden states, one dimension after the other; `hidden_bound` makes the gap seen from the robot of all.
 
 With a value for each input as basis the scenario program solves itself: its solution is the hull over the roll-outs
 after a grid of previous inputs. In place of slopes stand two measurements: how fast the influence of older inputs
@@ -7,26 +7,24 @@ fades, and by how much equal histories differ between headings.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from simgap.gap.function import GapDomain
-from simgap.gap.hidden_state import TOP, check_fading, extrapolated_maximum, hull
-from simgap.gap.symmetry import BodyFrameGap, HeadingDeviation
-from simgap.gap.tiers import Tier
+from simgap.gap.hidden_state import COORDINATES, extrapolated_maximum, hull
+from simgap.gap.previous import PreviousClasses
 from simgap.geometry import Floats
 from simgap.simulators.body_samples import BodySamples
 
 
 @dataclass(frozen=True, eq=False)
 class Widened:
-    """Hull of one quantity for each input, and by how much random sequences exceed it.
+    """Hull of one quantity for each class of the previous input and each input, and what random sequences exceed it by.
 
     Attributes:
-        lower, upper: (M,) over the grid of previous inputs. excess: largest excess of a random sequence; margin: the
+        lower, upper: (C, M) over the grid of previous inputs. excess: largest excess of a random sequence; margin: the
             same, extrapolated.
     """
 
@@ -107,38 +105,11 @@ class HistoryInfluence:
         return HistoryInfluence(np.array(data["memory"], dtype=float), float(data["deviation"]), int(data["compared"]))
 
 
-@dataclass(frozen=True, eq=False)
-class SweptBoxes:
-    """Box in the robot's frame that holds the whole path of one step, the start included: lower, upper (M, 2)."""
-
-    lower: Floats
-    upper: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class HiddenStateFit:
-    """The bound with what it rests on.
-
-    Attributes:
-        gap, swept: see there; largest: (3,) largest sampled body-frame gap over the grid of previous inputs.
-        excess: (3,) largest excess of a random sequence over that hull; margin: (3,) what was added, by extrapolation.
-        memory: (L, 3) largest influence on the pose of all inputs more than 1, 2, ..., L samples back.
-        deviation: between headings.
-    """
-
-    gap: BodyFrameGap
-    swept: SweptBoxes
-    largest: Floats
-    excess: Floats
-    margin: Floats
-    memory: Floats
-    deviation: HeadingDeviation
-
-
 def fit_hull(
-    i: int, motion: Floats, grid: BodySamples, sequences: BodySamples, pose: tuple[int, int, int] = (0, 1, 2)
-) -> HullFit:
-    """Bound dimension i of the body-frame gap, and the swept extent along it, for every input.
+    i: int, motion: Floats, grid: BodySamples, sequences: BodySamples, pose: tuple[int, int, int] = (0, 1, 2),
+    classes: PreviousClasses | None = None,
+) -> HullFit:  # fmt: skip
+    """Bound dimension i of the body-frame gap, and the swept extent along it, for every class and input.
 
     Args:
         i: which state.
@@ -146,66 +117,28 @@ def fit_hull(
         grid: roll-outs after the grid of previous inputs, all inputs after each.
         sequences: steps of random sequences.
         pose: which states are x, y and heading.
+        classes: of the previous input; one if not given.
     """
-    count = len(motion)
-    lower, upper = hull(grid.m, grid.final[:, [i]] - motion[grid.m][:, [i]], count)
-    d = sequences.final[:, [i]] - motion[sequences.m][:, [i]]
-    beyond = np.maximum(np.maximum(lower[sequences.m] - d, d - upper[sequences.m]), 0.0)[:, 0]
-    gap = Widened(lower[:, 0], upper[:, 0], float(beyond.max()), extrapolated_maximum(beyond))
-    swept = _swept(grid, sequences, count, pose[:2].index(i)) if i in pose[:2] else None
+    known = classes or PreviousClasses.single(len(motion))
+    d = grid.final[:, i] - motion[grid.m, i], sequences.final[:, i] - motion[sequences.m, i]
+    gap = _widened(grid, sequences, known, (d[0], d[0]), (d[1], d[1]))
+    swept = None
+    if i in pose[:2]:
+        axis = pose[:2].index(i)
+        ends = [(own.extent[:, 2 * axis], own.extent[:, 2 * axis + 1]) for own in (grid, sequences)]
+        swept = _widened(grid, sequences, known, *ends)
     return HullFit(gap, swept, len(grid.m), len(sequences.m))
 
 
-def _swept(grid: BodySamples, sequences: BodySamples, count: int, axis: int) -> Widened:
-    least, most = [2 * axis], [2 * axis + 1]
-    lo, _ = hull(grid.m, grid.extent[:, least], count)
-    _, hi = hull(grid.m, grid.extent[:, most], count)
-    below = np.maximum(lo[sequences.m] - sequences.extent[:, least], 0.0)
-    above = np.maximum(sequences.extent[:, most] - hi[sequences.m], 0.0)
-    beyond = np.maximum(below, above)[:, 0]
-    return Widened(lo[:, 0], hi[:, 0], float(beyond.max()), extrapolated_maximum(beyond))
+Ends = tuple[Floats, Floats]
 
 
-def assemble_hulls(
-    domain: GapDomain, hulls: Sequence[HullFit], influences: Sequence[HistoryInfluence], between_poses: float,
-    growth: float, pose: tuple[int, int, int] = (0, 1, 2),
-) -> HiddenStateFit:  # fmt: skip
-    """The body-frame bound and the swept boxes, widened by what was measured.
-
-    Args:
-        domain: X (free along the position) and U.
-        hulls, influences: one for each state, in order.
-        between_poses: bound of the distance between the path and the line through the recorded poses, m.
-        growth: see `check_fading`.
-        pose: which states are x, y and heading.
-
-    Raises:
-        BrokenPromise: when the bound still grows with the length of the history.
-    """
-    lower, upper = (np.stack([getattr(h.gap, side) for h in hulls], axis=1) for side in ("lower", "upper"))
-    memory = np.stack([influence.memory for influence in influences], axis=1)
-    deviation = HeadingDeviation(np.array([own.deviation for own in influences]), influences[0].compared)
-    largest = np.maximum(np.abs(lower), np.abs(upper)).max(axis=0)
-    check_fading(memory, largest, domain.states, growth)
-    excess, margin = (np.array([getattr(h.gap, name) for h in hulls]) for name in ("excess", "margin"))
-    raised = margin + deviation.largest
-    tiers = _widening_tier(domain.states, hulls[0], memory, excess, margin), deviation.tier(domain.states)
-    gap = BodyFrameGap(domain, tiers, lower - raised, upper + raised, pose)
-    swept = [own for k in pose[:2] if (own := hulls[k].swept) is not None]
-    added = np.array([own.margin for own in swept]) + (float(np.max(deviation.largest[list(pose[:2])])) + between_poses)
-    lo, hi = (np.stack([getattr(own, side) for own in swept], axis=1) for side in ("lower", "upper"))
-    return HiddenStateFit(gap, SweptBoxes(lo - added, hi + added), largest, excess, margin, memory, deviation)
-
-
-def _widening_tier(states: Sequence[str], fit: HullFit, memory: Floats, excess: Floats, margin: Floats) -> Tier:
-    def named(values: Floats) -> str:
-        return ", ".join(f"{v:.2g} for {s}" for s, v in zip(states, values, strict=True))
-
-    return Tier(
-        2,
-        f"The simulator remembers earlier inputs. The bound of each input is the hull over {fit.grid:,} roll-outs "
-        f"after a grid of previous inputs, widened by {named(margin)}: {fit.sequences:,} steps of random input "
-        f"sequences exceeded that hull by at most {named(excess)}, extrapolated from their {TOP} largest excesses. "
-        f"Inputs more than one sample back move the pose by at most {named(memory[0])}, more than "
-        f"{max(len(memory) - 1, 1)} back by {named(memory[max(len(memory) - 2, 0)])}. All of this is an estimate.",
-    )
+def _widened(grid: BodySamples, sequences: BodySamples, classes: PreviousClasses, inner: Ends, outer: Ends) -> Widened:
+    """Hull of least and largest values over the grid, `inner`, and what those of the sequences, `outer`, exceed."""
+    inputs = len(classes.kind)
+    place = classes.after(grid.previous) * inputs + grid.m
+    lower = hull(place, inner[0][:, None], classes.count * inputs)[0].reshape(classes.count, inputs)
+    upper = hull(place, inner[1][:, None], classes.count * inputs)[1].reshape(classes.count, inputs)
+    own = classes.after(sequences.previous), sequences.m
+    beyond = np.maximum(np.maximum(lower[own] - outer[0], outer[1] - upper[own]), 0.0)
+    return Widened(lower, upper, float(beyond.max()), extrapolated_maximum(beyond, COORDINATES))

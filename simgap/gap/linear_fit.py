@@ -18,7 +18,7 @@ from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import PaddedSide, SideFit, padded
-from simgap.gap.tiers import Tier, deterministic_tier, directed_words, estimate_tier
+from simgap.gap.tiers import Tier, directed_words, guarantee
 
 Sides = dict[str, PaddedSide]
 
@@ -68,20 +68,20 @@ def blank_form(basis: Basis, where: SampleGrid) -> Form:
 
 def fit_linear(samples: DimensionSamples, settings: GapSettings) -> LinearFit:
     """Solve the scenario programs of one dimension: two sides, or one for both."""
-    from simgap.gap.padding import SideProblem, fit_side
+    from simgap.gap.padding import SideProblem, enclosed, fit_side
 
     where = samples.where
     basis = basis_of(where, settings)
     design, blank = Design(basis, where.grid.centres(), where.inputs), blank_form(basis, where)
     upper, lower = samples.side(upper=True), samples.side(upper=False)
     asked = {"upper": [upper], "lower": [lower]} if settings.signed else {"both": [upper, lower]}
-    own = samples.directed
+    own = samples.beside
     beside = {"upper": (True,), "lower": (False,), "both": (True, False)}
     fits = {
         name: fit_side(
             SideProblem(
                 design, targets, where.grid, where.free, samples.floor, blank, own,
-                [own.side(up) for up in beside[name]] if own is not None else (),
+                [own.side(up) for up in beside[name]] if own is not None else (), enclosed(samples, beside[name]),
             ),
             settings,
         )
@@ -133,7 +133,6 @@ def _tiers(
     where: SampleGrid, settings: GapSettings, lipschitz: Sequence[DimensionLipschitz], sides: Sequence[Sides]
 ) -> tuple[Tier, ...]:
     rough = [max(s.rough_share for s in own.values()) for own in sides]
-    used = [known.grid.constants for known in lipschitz]
     extra = ""
     if settings.padding == "inflate":
         pads = "; ".join(
@@ -143,4 +142,5 @@ def _tiers(
     directed = max(s.fit.directed for own in sides for s in own.values())
     factors = [max(s.fit.factor for s in own.values()) for own in sides]
     beside = directed_words(where.states, directed, factors)
-    return deterministic_tier(settings.padding), estimate_tier(where.states, used, rough, f"{extra} {beside}".strip())
+    slopes = [known.grid for known in lipschitz]
+    return guarantee(settings.padding, where.states, slopes, rough, f"{extra} {beside}".strip())

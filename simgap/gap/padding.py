@@ -18,15 +18,17 @@ residual, from the samples themselves. The other two never enter the program and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from simgap.gap.design import Design
 from simgap.gap.forms import Form
+from simgap.gap.lipschitz.enclosed import EnclosedPadding
 from simgap.gap.lipschitz.local import Beside, LocalPadding
-from simgap.gap.samples import Directed
+from simgap.gap.samples import DimensionSamples, Directed
 from simgap.gap.scenario import solve_scenario
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import SideFit, numerical, with_coefficients
@@ -50,6 +52,7 @@ class SideProblem:
     blank: Form  # zero coefficients; carries the ranges of the basis
     directed: Directed | None = None
     beside_targets: Sequence[Floats] = ()
+    enclosed: Sequence[EnclosedPadding] = ()  # of the targets, for a gap that is known in closed form
 
     def local(self) -> list[LocalPadding]:
         """Local paddings of the targets."""
@@ -72,6 +75,44 @@ class SideProblem:
         if len(self.design.x) == self.grid.size:
             return list(self.targets)
         return [np.concatenate(pair) for pair in zip(self.targets, self.beside_targets, strict=True)]
+
+
+class TargetPadding(Protocol):
+    """Paddings of one target t: estimated from samples, or enclosed where the gap is known in closed form."""
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Axes along which the gap may change."""
+
+    def of_target(self) -> tuple[Floats, float]:
+        """Padding of t itself: (N, M), and the share of rough cells."""
+
+    def of_residual(self, values: Floats, slope: Callable[[int], Floats], curvature: Floats) -> tuple[Floats, float]:
+        """Padding of t - q.p: (N, M), and the share of rough cells."""
+
+
+def enclosed(samples: DimensionSamples, sides: Sequence[bool]) -> tuple[EnclosedPadding, ...]:
+    """Paddings of the targets of upper (True) and lower sides where the gap is known in closed form, else none.
+
+    Raises:
+        UserError: a gap in closed form that cannot be enclosed.
+        BrokenPromise: samples that are not those of the closed form.
+    """
+    known = samples.ranges
+    return () if known is None else tuple(EnclosedPadding(samples.side(up), known, up) for up in sides)
+
+
+def local_padding(samples: DimensionSamples, upper: bool) -> TargetPadding:
+    """The paddings of what one side has to cover.
+
+    Raises:
+        UserError: a gap in closed form that cannot be enclosed.
+        BrokenPromise: samples that are not those of the closed form.
+    """
+    known = enclosed(samples, [upper])
+    if known:
+        return known[0]
+    return LocalPadding(samples.side(upper), samples.where.grid, samples.where.free, samples.floor)
 
 
 def fit_side(problem: SideProblem, settings: GapSettings) -> SideFit:
@@ -115,7 +156,8 @@ def _shortfall(problem: SideProblem, directed: Directed, settings: GapSettings, 
 def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
     n, targets = problem.grid.size, problem.every_target
     plain = np.maximum.reduce(targets)
-    local = problem.local()
+    estimated = problem.local()
+    local: Sequence[TargetPadding] = problem.enclosed or estimated
     result = solve_scenario(problem.design, plain, settings.objective, settings.slack)
     goal = "sup" if settings.objective == "eta" else "mean"
     fits: list[tuple[float, SideFit]] = []
@@ -130,7 +172,7 @@ def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
         every = [pad for pad, _ in pads]
         if problem.directed is not None and len(values) > n:
             beside = problem.beside(problem.directed)
-            moved = [own.along(beside, slopes.__getitem__, form.hessian_bound)[0] for own in local]
+            moved = [own.along(beside, slopes.__getitem__, form.hessian_bound)[0] for own in estimated]
             every = [np.concatenate(pair) for pair in zip(every, moved, strict=True)]
         padded = np.maximum.reduce([t + pad for t, pad in zip(targets, every, strict=True)])
         missing = float((padded - values).max())

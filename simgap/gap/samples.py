@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.errors import UserError
+from simgap.gap.closed_form import CellRanges, ClosedFormGap
 from simgap.gap.function import GapDomain
 from simgap.geometry import Floats, Grid
 
@@ -21,6 +22,7 @@ class SampleGrid:
         grid: N cells that tile X; inputs: (M, nu); states, input_names: names in order.
         free: state axes on which the gap does not depend by a declared symmetry.
         periodic: state axes along which it repeats itself with the width of X.
+        known: the gap as expressions where the simulator is known in closed form; None for a black box.
     """
 
     grid: Grid
@@ -29,6 +31,7 @@ class SampleGrid:
     input_names: tuple[str, ...]
     free: tuple[int, ...] = ()
     periodic: tuple[int, ...] = ()
+    known: ClosedFormGap | None = None
 
     @property
     def domain(self) -> GapDomain:
@@ -42,8 +45,16 @@ class SampleGrid:
 
     @cached_property
     def rounding(self) -> Floats:
-        """(nx,) size of differences that may be rounding alone: the gap is a difference of numbers of the size of X."""
-        return 64.0 * 2.0**-52 * (np.maximum(np.abs(self.grid.box.lo), np.abs(self.grid.box.hi)))
+        """(nx,) size of differences that may be rounding alone: the gap is a difference of numbers of the size of X.
+
+        A sixteenth of it is added to a bound; where the gap is known that is a bound of its rounding, twice over.
+        """
+        box = self.grid.box
+        usual = 64.0 * 2.0**-52 * (np.maximum(np.abs(box.lo), np.abs(box.hi)))
+        if self.known is None:
+            return usual
+        proven = [self.known.rounding(i, box.lo, box.hi, self.inputs) for i in range(len(usual))]
+        return np.maximum(usual, 32.0 * np.array(proven))
 
     @cached_property
     def moving_half_widths(self) -> Floats:
@@ -101,9 +112,30 @@ class DimensionSamples:
         return (self.d,) if self.d_upper is None else (self.d, self.d_upper)
 
     @property
+    def beside(self) -> Directed | None:
+        """`directed`, where the fit has to cover them for themselves; enclosures of a known gap cover them already."""
+        return self.directed if self.where.known is None else None
+
+    @property
     def floor(self) -> float:
         """Size of differences that may be rounding alone."""
         return float(self.where.rounding[self.i])
+
+    @cached_property
+    def ranges(self) -> CellRanges | None:
+        """Enclosures of the gap on every cell, held against the samples; None for a black box.
+
+        Raises:
+            UserError: a gap that cannot be enclosed.
+            BrokenPromise: samples that are not those of the equations.
+        """
+        if self.where.known is None:
+            return None
+        if self.where.free or self.d_upper is not None:
+            raise UserError("a gap in closed form has neither a declared symmetry nor hidden states", key="simulator")
+        found = self.where.known.ranges(self.i, self.where.grid, self.where.inputs)
+        found.check_samples(self.d, self.where.states[self.i])
+        return found
 
     def side(self, upper: bool) -> Floats:
         """(N, M) what one side has to cover: d for `hi`, -d for `-lo`."""
@@ -123,7 +155,7 @@ class GapSamples:
     Attributes:
         grid, inputs, states, input_names, free, periodic: see `SampleGrid`.
         d: (N, M, nx). d_upper: the same shape where hidden states of the simulator spread the gap
-            (then [d, d_upper] is its range), else None.
+            (then [d, d_upper] is its range), else None. known: see `SampleGrid`.
         directed: for each dimension, samples beside those of the grid; none if empty.
 
     Raises:
@@ -139,6 +171,7 @@ class GapSamples:
     free: tuple[int, ...] = ()
     periodic: tuple[int, ...] = ()
     directed: tuple[Directed, ...] = ()
+    known: ClosedFormGap | None = None
 
     def __post_init__(self) -> None:
         shape = (self.grid.size, len(self.inputs), self.grid.box.size)
@@ -147,7 +180,8 @@ class GapSamples:
     @cached_property
     def where(self) -> SampleGrid:
         """The samples without their values."""
-        return SampleGrid(self.grid, self.inputs, self.states, self.input_names, self.free, self.periodic)
+        names = self.states, self.input_names
+        return SampleGrid(self.grid, self.inputs, *names, self.free, self.periodic, self.known)
 
     def dimension(self, i: int) -> DimensionSamples:
         """The samples of one dimension."""

@@ -17,10 +17,12 @@ from numba import njit
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.function import GapDomain, GapFunction, GapSuprema, Kernel
 from simgap.gap.input_index import input_index
+from simgap.gap.previous import PreviousClasses
 from simgap.gap.rotation import rotated_box, to_body
 from simgap.gap.thresholds import NOMINAL_TOLERANCE
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
+from simgap.simulators.body_samples import Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +30,57 @@ class BodyFrameGap(GapFunction):
     """`lower[m] <= R(-theta) d <= upper[m]` for input m, at every position and heading.
 
     Attributes:
-        lower, upper: (M, 3) body-frame bounds, in the order of the states.
+        lower, upper: (M, 3) body-frame bounds after any previous input, in the order of the states.
         pose: which states are x, y and heading.
+        previous: classes of the previous input, and `by_class`, (C, M, 3) twice, the bounds after one of each class;
+            None where only the bounds after any are known.
     """
 
     lower: Floats
     upper: Floats
     pose: tuple[int, int, int] = (0, 1, 2)
+    previous: PreviousClasses | None = None
+    by_class: tuple[Floats, Floats] | None = None
+
+    @staticmethod
+    def of_classes(
+        domain: GapDomain, tiers: tuple[Tier, ...], lower: Floats, upper: Floats, classes: PreviousClasses,
+        pose: tuple[int, int, int] = (0, 1, 2),
+    ) -> BodyFrameGap:  # fmt: skip
+        """From bounds (C, M, 3) after a previous input of each class."""
+        own = (None, None) if classes.count == 1 else (classes, (lower, upper))
+        return BodyFrameGap(domain, tiers, lower.min(axis=0), upper.max(axis=0), pose, *own)
+
+    @property
+    def classes(self) -> PreviousClasses:
+        """Classes of the previous input, one if there is no other."""
+        return self.previous or PreviousClasses.single(len(self.lower))
+
+    @property
+    def class_lower(self) -> Floats:
+        """(C, M, 3)."""
+        return self.lower[None] if self.by_class is None else self.by_class[0]
+
+    @property
+    def class_upper(self) -> Floats:
+        """(C, M, 3)."""
+        return self.upper[None] if self.by_class is None else self.by_class[1]
+
+    def after(self, number: int) -> BodyFrameGap:
+        """The bound after a previous input of one class."""
+        return replace(
+            self, lower=self.class_lower[number], upper=self.class_upper[number], previous=None, by_class=None
+        )
+
+    def bounds_after(self, x: Floats, u: Floats, previous: Ints) -> tuple[Floats, Floats]:
+        """See `GapFunction.bounds_after`."""
+        lo, hi = self.bounds(x, u)
+        if self.previous is not None:
+            number = self.classes.after(previous)
+            for c in np.unique(number):
+                rows = number == c
+                lo[rows], hi[rows] = self.after(int(c)).bounds(x[rows], u[rows])
+        return lo, hi
 
     def _rotated(self, m: int, t0: float, t1: float) -> tuple[Floats, Floats]:
         i, j, k = self.pose
@@ -64,7 +110,8 @@ class BodyFrameGap(GapFunction):
 
     def raised(self, below: Floats, above: Floats) -> BodyFrameGap:
         """lower - below, upper + above, in the body frame; both (nx,)."""
-        return replace(self, lower=self.lower - below, upper=self.upper + above)
+        own = None if self.by_class is None else (self.by_class[0] - below, self.by_class[1] + above)
+        return replace(self, lower=self.lower - below, upper=self.upper + above, by_class=own)
 
     def with_tiers(self, tiers: Sequence[Tier]) -> BodyFrameGap:
         """The same bound with other guarantee tiers."""
@@ -94,7 +141,13 @@ class BodyFrameGap(GapFunction):
                 s: {"lower": self.lower[:, n].tolist(), "upper": self.upper[:, n].tolist()}
                 for n, s in enumerate(states)
             },
-        }
+        } | self._content_of_classes()
+
+    def _content_of_classes(self) -> dict[str, Any]:
+        if self.previous is None or self.by_class is None:
+            return {}
+        lower, upper = (own.tolist() for own in self.by_class)
+        return {"previous_input": self.previous.to_json() | {"lower": lower, "upper": upper}}
 
     @staticmethod
     def from_content(data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> BodyFrameGap:
@@ -104,7 +157,11 @@ class BodyFrameGap(GapFunction):
             np.stack([np.array(data["gap"][s][side]) for s in names], axis=-1) for side in ("lower", "upper")
         )
         x, y, heading = (names.index(s) for s in data["pose"])
-        return BodyFrameGap(domain, tiers, lower, upper, (x, y, heading))
+        if "previous_input" not in data:
+            return BodyFrameGap(domain, tiers, lower, upper, (x, y, heading))
+        own = data["previous_input"]
+        sides = np.array(own["lower"], dtype=np.float64), np.array(own["upper"], dtype=np.float64)
+        return BodyFrameGap(domain, tiers, lower, upper, (x, y, heading), PreviousClasses.from_json(own), sides)
 
 
 @njit(error_model="numpy")

@@ -18,6 +18,10 @@ NOMINAL_TOLERANCE = 1e-9
 BEYOND_CONFIDENCE = 0.95
 """Of the limit beyond the largest excess of random sequences, in the bound over hidden state; the usual level."""
 
+SMALL_INFLUENCE = 0.005
+"""Share of the gap's sup below which a rise of the influence of older inputs with their age is no finding: the largest
+of some hundreds of differences is only known that well. An engine that lost contacts rose by a fiftieth."""
+
 MOST_BORDER_STATES = 50_000
 """States that are listed on borders and beside surfaces at most; a lattice with more is thinned."""
 

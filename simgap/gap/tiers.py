@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from simgap.geometry import Floats
 
@@ -29,6 +29,35 @@ class Tier:
     def from_json(data: Mapping[str, Any]) -> Tier:
         """The inverse of `to_json`."""
         return Tier(int(data["tier"]), str(data["text"]))
+
+
+PROVEN = Tier(
+    1,
+    "The bound holds at every state of X and input of U, rounding included: simulator and model are both known as "
+    "equations, and slope and value of their difference are enclosed on every cell by interval arithmetic. No "
+    "Lipschitz constant is given or estimated.",
+)
+
+
+class Slopes(Protocol):
+    """What is known about the slopes of one dimension."""
+
+    @property
+    def constants(self) -> Floats:
+        """Per axis, (nx,)."""
+
+    @property
+    def proven(self) -> bool:
+        """Whether they are bounds and no estimates."""
+
+
+def guarantee(
+    padding: str, states: Sequence[str], slopes: Sequence[Slopes], rough: Sequence[float], extra: str = ""
+) -> tuple[Tier, ...]:
+    """What a padded bound rests on; `rough` is each state's share of cells with a jump that a sample stands in for."""
+    if all(known.proven for known in slopes):
+        return (PROVEN,)
+    return deterministic_tier(padding), estimate_tier(states, [known.constants for known in slopes], rough, extra)
 
 
 def deterministic_tier(padding: str) -> Tier:

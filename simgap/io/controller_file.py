@@ -40,6 +40,7 @@ def save_controller(controller: Controller, path: Path | str) -> None:
         "memory": s.memory,
         "first": s.first,
         "late": s.late,
+        "kind": None if s.kind is None else s.kind.tolist(),
         "statistics": s.statistics,
         "provenance": controller.metadata,
     }
@@ -91,8 +92,7 @@ def load_controller(path: Path | str) -> Controller:
         OSError,
         EOFError,
         MemoryError,  # a damaged header may ask for any size
-        NotImplementedError,
-        RecursionError,
+        RuntimeError,  # a flag that says encrypted or compressed some other way; a recursion without end
         zipfile.BadZipFile,
         zlib.error,
     ) as error:
@@ -163,7 +163,9 @@ def _controller(about: Mapping[str, Any], arrays: Arrays) -> Controller:
     )
     memory, first, late, statistics = (about[name] for name in ("memory", "first", "late", "statistics"))
     _require(type(late) is bool, "it does not say whether its inputs act late")
-    _require(type(memory) is int and memory == (len(input_set) if late else 1), f"memory {memory!r:.40} cannot be")
+    kind = _kind(about["kind"], len(input_set))
+    wanted = (len(input_set) if late else 1) * (1 if kind is None else int(kind.max()) + 1)
+    _require(type(memory) is int and memory == wanted, f"memory {memory!r:.40} cannot be")
     _require(type(first) is int and 0 <= first < memory, f"it cannot begin with memory {first!r:.40}")
     _require(isinstance(statistics, dict) and isinstance(about["provenance"], dict), "its metadata is no mapping")
     mask = arrays["mask"]
@@ -181,10 +183,20 @@ def _controller(about: Mapping[str, Any], arrays: Arrays) -> Controller:
         memory=memory,
         first=first,
         late=late,
+        kind=kind,
         statistics=statistics,
     )
     _check_sets(solution)
     return Controller(input_set, states, inputs, solution, about["rule"], about["provenance"])
+
+
+def _kind(given: Any, inputs: int) -> NDArray[np.int64] | None:
+    """Classes of the previous input, every one of them in use."""
+    if given is None:
+        return None
+    good = isinstance(given, list) and len(given) == inputs and all(type(c) is int and c >= 0 for c in given)
+    _require(good and {*given} == {*range(max(given) + 1)}, "its classes of previous inputs are not numbered")
+    return np.array(given, dtype=np.int64)
 
 
 def _names(about: Mapping[str, Any], key: str) -> tuple[str, ...]:

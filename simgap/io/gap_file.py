@@ -12,6 +12,7 @@ import numpy as np
 from simgap.errors import UserError
 from simgap.gap.function import GapDomain, GapFunction
 from simgap.gap.load import from_json
+from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Box, Floats
 from simgap.io.documents import read_json
 
@@ -26,12 +27,14 @@ class SavedGap:
         function: the bound.
         swept: lower and upper corners of the box that each input's path stays in, seen from the robot, each (M, 2);
             None for what is no wheeled robot.
+        swept_by_class: the same after a previous input of each class, each (C, M, 2); None for one class.
         content: all of the file.
     """
 
     function: GapFunction
     swept: tuple[Floats, Floats] | None
     content: dict[str, Any]
+    swept_by_class: tuple[Floats, Floats] | None = None
 
 
 class CaseDomain(Protocol):
@@ -59,7 +62,10 @@ def load_gap(path: Path, case: CaseDomain) -> SavedGap:
     try:
         function = from_json(content)
         _same(function.domain, case)
-        return SavedGap(function, _swept(content, len(case.input_set)), content)
+        shape = (len(case.input_set), 2)
+        count = function.classes.count if isinstance(function, BodyFrameGap) else 1
+        by_class = _swept(content, "swept_boxes_by_class", (count, *shape)) if count > 1 else None
+        return SavedGap(function, _swept(content, "swept_boxes", shape), content, by_class)
     except UserError as error:
         raise UserError(error.problem, file=path, key=error.key, remedy=REMEDY) from None
 
@@ -78,14 +84,14 @@ def _same(found: GapDomain, wanted: CaseDomain) -> None:
         raise UserError("the gap bound is of another case: its inputs U are not those of this case")
 
 
-def _swept(content: dict[str, Any], inputs: int) -> tuple[Floats, Floats] | None:
-    if "swept_boxes" not in content:
+def _swept(content: dict[str, Any], key: str, shape: tuple[int, ...]) -> tuple[Floats, Floats] | None:
+    if key not in content and key == "swept_boxes":
         return None
     try:
-        lower, upper = (np.array(content["swept_boxes"][side], dtype=np.float64) for side in ("lower", "upper"))
+        lower, upper = (np.array(content[key][side], dtype=np.float64) for side in ("lower", "upper"))
     except (KeyError, TypeError, ValueError):
         lower = upper = np.empty(0)
-    boxes = lower.shape == upper.shape == (inputs, 2) and np.isfinite([lower, upper]).all()
+    boxes = lower.shape == upper.shape == shape and np.isfinite([lower, upper]).all()
     if not boxes or not (lower <= upper).all():
-        raise UserError("its swept boxes are not one finite box for each input", key="swept_boxes")
+        raise UserError("its swept boxes are not one finite box for each input", key=key)
     return lower, upper

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from fractions import Fraction
 from functools import reduce
 from typing import Any
 
@@ -71,7 +72,7 @@ class _IntervalPrinter(PythonCodePrinter):
         return name
 
     def _number(self, expr: sp.Expr) -> str:
-        value = float(expr)
+        value = float(Fraction(int(expr.p), int(expr.q))) if expr.is_Rational else float(expr)
         if sp.Rational(value) == expr or (expr.is_Float and sp.Float(value, 17) == expr):
             return f"({value!r}, {value!r})"
         return f"({math.nextafter(value, -math.inf)!r}, {math.nextafter(value, math.inf)!r})"
@@ -116,5 +117,8 @@ class _IntervalPrinter(PythonCodePrinter):
             raise UserError(f"no interval version of {type(expr).__name__}")
         return f"{name}({self._print(expr.args[0])})"
 
+    def _print_Heaviside(self, expr: sp.Heaviside) -> str:
+        return f"iheaviside({self._print(expr.args[0])})"
+
     _print_sin = _print_cos = _print_tan = _print_tanh = _print_atan = _print_exp = _print_log = _print_Function
-    _print_Abs = _print_sign = _print_sinc = _print_Function
+    _print_Abs = _print_sign = _print_sinc = _print_DiracDelta = _print_Function

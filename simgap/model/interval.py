@@ -175,6 +175,18 @@ def isign(a: Interval) -> Interval:
 
 
 @njit
+def iheaviside(a: Interval) -> Interval:
+    """The unit step, the derivative of max(0, .); anything between 0 and 1 at 0."""
+    return (1.0 if a[0] > 0.0 else 0.0), (0.0 if a[1] < 0.0 else 1.0)
+
+
+@njit
+def idiracdelta(a: Interval) -> Interval:
+    """The derivative of the unit step: 0 away from 0, and no number where a holds 0, where the step jumps."""
+    return (-np.inf, np.inf) if a[0] <= 0.0 <= a[1] else (0.0, 0.0)
+
+
+@njit
 def imin(a: Interval, b: Interval) -> Interval:
     """Smaller of the two."""
     return min(a[0], b[0]), min(a[1], b[1])

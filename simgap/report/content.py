@@ -103,11 +103,20 @@ def settings(m: Material) -> list[tuple[str, str]]:
         given.pop("effects", None)
         rows.append(("simulator", "; ".join(_plain(given))))
         rows += [("effect in the simulator", _effect(e)) for e in getattr(case.simulator, "effects", ())]
+    if m.twin is not None:
+        rows.append(("twin of", twin_sentence(m.twin)))
     rows.append(("specification", specification_of(m.context.case).sentence(Space.of(m.context.case))))
     sensing = case.sensing
     if sensing is not None:
         rows.append(("sensing", "; ".join(_plain(sensing.model_dump(mode="json")))))
     return rows
+
+
+def twin_sentence(twin: Mapping[str, Any]) -> str:
+    """How far the simulator is from the engine that it stands for, in words."""
+    parts = [f"{name} {row['difference']:.2g} {pretty_unit(row['unit'])}" for name, row in twin["largest"].items()]
+    total = sum(twin["samples"].values())
+    return f"{twin['engine']}: largest difference after one step, over all {total:,} samples: {', '.join(parts)}"
 
 
 def _plain(given: Mapping[str, Any], prefix: str = "") -> list[str]:
@@ -145,4 +154,5 @@ def summary(m: Material, page: Mapping[str, Any]) -> dict[str, Any]:
         "margins": page["margins"],
         "guarantee": m.gap["guarantee"],
         "diagnosis": page["diagnosis"]["verdict"] if page["diagnosis"] else None,
+        **({"twin": {k: m.twin[k] for k in ("engine", "samples", "largest")}} if m.twin is not None else {}),
     }

@@ -30,7 +30,7 @@ class Material:
 
     Attributes:
         sweep: the content of every gap.json, largest eps first; gap: of the case's own eps; bound: the function in it.
-        syntheses, controllers: by kind, "nominal" and "gap".
+        syntheses, controllers: by kind, "nominal" and "gap". twin: how far the simulator is from what it stands for.
         audit: what the adversary did; margins: table of the one-step margins of every cell; None without an audit.
     """
 
@@ -48,3 +48,4 @@ class Material:
     printed: Mapping[str, Any]
     audit: Mapping[str, Any] | None = None
     margins: Any = None
+    twin: Mapping[str, Any] | None = None

@@ -100,6 +100,9 @@ def hidden_state(m: Material) -> list[tuple[str, str]]:
     for key, name in (("beyond_previous_inputs", "found beyond the previous input"), ("margin", "added for that")):
         if all(key in d for d in m.gap["dimensions"]):
             rows.append((name, _by_state(m, [d[key] for d in m.gap["dimensions"]])))
+    tried = (m.gap.get("directed_search") or {}).get("tried_to_break")
+    if tried:
+        rows.append(("directed search against the bound", f"{tried['outside']} of {tried['evaluations']:,} outside"))
     return rows
 
 

@@ -15,6 +15,8 @@ from simgap.plants.model_file import Link
 from simgap.simulators.traits import FileTraits
 
 if TYPE_CHECKING:  # a case names engines, and its sections are found through them
+    import sympy as sp
+
     from simgap.config.case import Case
     from simgap.effects.base import Effect
 
@@ -81,6 +83,17 @@ class Engine(Simulator):
         Raises:
             UserError: a case that this engine cannot run.
         """
+
+    @classmethod
+    def closed_form(cls, case: Case, folder: Path) -> tuple[sp.Expr, ...] | None:
+        """The map f_hat over tau, one expression a state over the symbols of states and inputs; None for a black box.
+
+        Where there is one, the gap is bounded by enclosures of it and no Lipschitz constant is estimated.
+
+        Raises:
+            UserError: a case that this engine cannot run.
+        """
+        return None
 
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:

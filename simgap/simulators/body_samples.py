@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from simgap.geometry import Floats
 
 Ints = NDArray[np.int64]
+REST = -1
+"""In place of the number of a previous input: the robot was at rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,18 +21,23 @@ class BodySamples:
     Attributes:
         m: (n,) number of the input in U; final: (n, 3) pose after tau; extent: (n, 4) least and largest x, least and
             largest y along the path, the start included.
+        previous: (n,) number of the input before, `REST` where there was none.
     """
 
     m: Ints
     final: Floats
     extent: Floats
+    previous: Ints
 
     @staticmethod
-    def of_paths(m: Ints, paths: Floats, pose: tuple[int, int, int] = (0, 1, 2)) -> BodySamples:
+    def of_paths(
+        m: Ints, paths: Floats, pose: tuple[int, int, int] = (0, 1, 2), previous: Ints | int = REST
+    ) -> BodySamples:
         """From paths (n, poses, 3) that do not hold the start itself; `pose` says which states are x, y, heading."""
         x, y = paths[..., pose[0]], paths[..., pose[1]]
         ends = [np.minimum(x.min(1), 0), np.maximum(x.max(1), 0), np.minimum(y.min(1), 0), np.maximum(y.max(1), 0)]
-        return BodySamples(m, paths[:, -1].copy(), np.stack(ends, axis=1))
+        before = np.broadcast_to(np.asarray(previous, dtype=np.int64), (len(m),))
+        return BodySamples(m, paths[:, -1].copy(), np.stack(ends, axis=1), before)
 
 
 def joined(parts: list[BodySamples]) -> BodySamples:
@@ -39,4 +46,5 @@ def joined(parts: list[BodySamples]) -> BodySamples:
         np.concatenate([p.m for p in parts]),
         np.concatenate([p.final for p in parts]),
         np.concatenate([p.extent for p in parts]),
+        np.concatenate([p.previous for p in parts]),
     )

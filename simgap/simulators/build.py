@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from simgap import plugins
 from simgap.config.case import Case
@@ -17,6 +18,19 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
     Raises:
         UserError: no `simulator` section, a plug-in that is no engine, or an effect that the engine cannot act out.
     """
+    return _engine(case, folder).build(case, folder)
+
+
+def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:
+    """The map f_hat over tau as expressions (SymPy), one a state, where the engine of the case knows it; else None.
+
+    Raises:
+        UserError: as `make_simulator`.
+    """
+    return _engine(case, folder).closed_form(case, folder)
+
+
+def _engine(case: Case, folder: Path) -> type[Engine]:
     section = case.simulator
     if section is None:
         raise UserError("this stage needs a simulator", key="simulator", remedy="Add `simulator:`.")
@@ -33,4 +47,4 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
                 key="simulator.effects",
                 remedy=f"It takes: {known}. Without it gamma does not cover hardware that has the effect.",
             )
-    return engine.build(case, folder)
+    return engine

@@ -5,7 +5,7 @@ Every function takes a case and its folder, makes the simulator, and gives array
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.simulators.base import PathSimulator
-from simgap.simulators.body_samples import BodySamples, Ints, joined
+from simgap.simulators.body_samples import REST, BodySamples, Ints, joined
 
 
 @contextmanager
@@ -39,7 +39,9 @@ def after_previous(case: Case, folder: Path, previous: Floats, inputs: Floats) -
     """All inputs (M, nu) after each previous input (P, nu) from rest: (P M) rows, the input running fastest."""
     every = np.arange(len(inputs))
     with _robot(case, folder) as robot:
-        parts = [BodySamples.of_paths(every, robot.responses(u[None], inputs), robot.pose) for u in previous]
+        before = [int(np.flatnonzero((inputs == u).all(axis=1))[0]) for u in previous]
+        every_path = (robot.responses(u[None], inputs) for u in previous)
+        parts = [BodySamples.of_paths(every, p, robot.pose, m) for p, m in zip(every_path, before, strict=True)]
         return joined(parts), robot.engine
 
 
@@ -52,7 +54,8 @@ def along_sequences(
         parts = []
         for numbers in sequences:
             start = np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
-            parts.append(BodySamples.of_paths(numbers, robot.chain(start, inputs[numbers])[1], robot.pose))
+            paths, before = robot.chain(start, inputs[numbers])[1], np.array([REST, *numbers[:-1]])
+            parts.append(BodySamples.of_paths(numbers, paths, robot.pose, before))
         return joined(parts), robot.engine
 
 
@@ -71,5 +74,21 @@ def repeated_histories(
             paths = [robot.responses(history[length - back :], present) for back in range(1, length + 1)]
             paths += [robot.responses(history, present, float(heading)) for heading in turned]
             m = np.full(len(paths), numbers[-1])
-            parts.append(BodySamples.of_paths(m, np.concatenate(paths), robot.pose))
+            parts.append(BodySamples.of_paths(m, np.concatenate(paths), robot.pose, int(numbers[-2])))
         return joined(parts), robot.engine
+
+
+@contextmanager
+def last_steps_of(case: Case, folder: Path, inputs: Floats) -> Iterator[Callable[[Ints, Floats], BodySamples]]:
+    """A function of sequences of input numbers (n, L) and headings (n,): the last step of each, run from rest."""
+    with _robot(case, folder) as robot:
+
+        def last_steps(sequences: Ints, headings: Floats) -> BodySamples:
+            parts = []
+            for numbers, heading in zip(sequences, headings, strict=True):
+                path = robot.responses(inputs[numbers[:-1]], inputs[numbers[-1:]], float(heading))
+                before = int(numbers[-2]) if len(numbers) > 1 else REST
+                parts.append(BodySamples.of_paths(numbers[-1:], path, robot.pose, before))
+            return joined(parts)
+
+        yield last_steps

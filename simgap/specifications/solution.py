@@ -23,10 +23,11 @@ class Solution:
             reached.
         target: (cells * memory,) bool, nodes that are the goal: where a run ends, or stays; None where there is none.
         free: (cells,) bool, cells that the specification allows at all; winning fractions are of these.
-        memory: discrete states of the controller: 1, or M where it remembers which input acts until its next one does.
+        memory: discrete states of the controller: 1, or C where it remembers the class of the previous input, or M C
+            where it remembers first which input acts until its next one does.
         statistics: counts such as passes, steps and admissible pairs, and the backend that was used.
         first: memory before the first sample. late: whether the input that is remembered acts now and the chosen one a
-            sample later.
+            sample later. kind: (M,) class of each input, 0 to C - 1; None for one class.
     """
 
     grid: Grid
@@ -39,6 +40,7 @@ class Solution:
     statistics: dict[str, int | str] = field(default_factory=dict)
     first: int = 0
     late: bool = False
+    kind: NDArray[np.int64] | None = None
 
     @property
     def fraction(self) -> float:
@@ -75,6 +77,10 @@ class Solution:
         rows = cells * self.memory + (self.first if memory is None else memory)
         return np.where(cells >= 0, self.value[rows], -1).astype(np.int64)
 
+    def step(self, memory: Any, chosen: Any) -> tuple[Any, Any]:
+        """The input that is applied and the memory after it, numbers or (n,): from the memory and the input chosen."""
+        return after_choice(self.kind, self.late, memory, chosen)
+
     def at_first(self, nodes: NDArray[Any]) -> NDArray[Any]:
         """What nodes (cells * memory,) have at the memory of a start: -> (cells,)."""
         return nodes.reshape(self.grid.size, self.memory)[:, self.first]
@@ -85,3 +91,14 @@ class Solution:
             return self
         statistics = self.statistics | {f"held_{name}": count for name, count in other.statistics.items()}
         return replace(self, mask=np.where(self.target[:, None], other.mask, self.mask), statistics=statistics)
+
+
+def after_choice(kind: NDArray[np.int64] | None, late: bool, memory: Any, chosen: Any) -> tuple[Any, Any]:
+    """What `Solution.step` answers, of a controller with classes `kind` (M,) or None, acting late or not."""
+    if kind is None:
+        return (memory, chosen) if late else (chosen, 0 * chosen)
+    classes = int(kind.max()) + 1
+    if late:
+        applied = memory // classes
+        return applied, chosen * classes + kind[applied]
+    return chosen, kind[chosen]

@@ -12,6 +12,7 @@ from simgap.attack.campaign import Campaign, Opponent, campaign
 from simgap.attack.danger import Danger
 from simgap.attack.histories import HistoryQuestion, HistorySearch
 from simgap.attack.law import Law
+from simgap.attack.memory import class_bounds
 from simgap.attack.plants import OneByOne, RolledOut, WorstDisturbance
 from simgap.attack.points import PointSearch, Question
 from simgap.attack.rules import Scene
@@ -104,7 +105,7 @@ def history_question(context: Context, robot: Simulator, gap: GapFunction, lengt
         paths = robot.chain(start, context.input_set[m])[1]
         return BodySamples.of_paths(m, paths, robot.pose).final - motion[m]
 
-    return HistoryQuestion(gaps, lambda m, before: (gap.lower[m], gap.upper[m]), context.input_set, length)
+    return HistoryQuestion(gaps, lambda m, before: class_bounds(gap, m, before), context.input_set, length)
 
 
 def _loops(
@@ -120,8 +121,8 @@ def _loops(
     most = case.validation.steps if case.validation is not None else 2000
     judge = Judge(space, monitor, most, inputs, model, gap, solution)
 
-    def predict(x: Floats, m: Any) -> Floats:
-        lo, hi = gap.bounds(space.wrapped(x), inputs[m])
+    def predict(x: Floats, m: Any, before: Any) -> Floats:
+        lo, hi = gap.bounds_after(space.wrapped(x), inputs[m], before)
         return model.step(x, inputs[m]) + 0.5 * (lo + hi)
 
     def use(x: Floats, m: Any) -> Floats:
@@ -133,7 +134,9 @@ def _loops(
     plant: Any = RolledOut(simulator) if memoryless else OneByOne(simulator, monitor)
     scene = Scene(predict, use if memoryless else None, danger, inputs, solution.late)
     modelled = Scene(predict, None, danger, inputs, solution.late)
-    disturbed = WorstDisturbance(model.step, lambda x, u, before: gap.bounds(space.wrapped(x), u), danger, monitor, rng)
+    disturbed = WorstDisturbance(
+        model.step, lambda x, u, before: gap.bounds_after(space.wrapped(x), u, before), danger, monitor, rng
+    )
 
     worst = WorstStarts(solution, danger, job.margin)
 

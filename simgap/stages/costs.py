@@ -92,7 +92,9 @@ def _samples(context: Context, rollout: float, eps: float | None) -> Iterator[St
         key, of, shards = "grid.eps", "samples of X x U", case.grid.shards
     else:
         hidden = case.hidden_state
-        count = math.prod(hidden.previous.values()) * _inputs(case) + hidden.chains * hidden.chain_length
+        parts = {name: hidden.classes.get(name, 1) for name in hidden.previous}
+        before = math.prod(parts[name] * max(2, -(-n // parts[name])) for name, n in hidden.previous.items())
+        count = before * _inputs(case) + hidden.chains * hidden.chain_length
         key, of, shards = "hidden_state.previous", "roll-outs after earlier inputs", 2
     held = BYTES + SAMPLE_BYTES * nx * count
     yield StageCost("rollouts", count, of, START * shards + count * rollout, BYTES + (held - BYTES) / shards, key)
@@ -107,7 +109,9 @@ def _samples(context: Context, rollout: float, eps: float | None) -> Iterator[St
         yield StageCost("borders", beside, "samples on borders of X", START + beside * rollout, 2 * BYTES, "grid.eps")
     for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
         if case.gap is not None or case.hidden_state is not None:
-            yield StageCost(stage, count, of, nx * (START + count * rate), held, key)
+            attacks = 0 if case.hidden_state is None or stage != "gap" else 2 * case.hidden_state.search
+            more = attacks * (1 + case.hidden_state.search_length) * rollout if case.hidden_state and attacks else 0.0
+            yield StageCost(stage, count, of, nx * (START + count * rate) + more, held, key)
 
 
 def _control(context: Context, rollout: float) -> Iterator[StageCost]:
@@ -116,6 +120,8 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
         return
     cells, inputs = math.prod(case.synthesis.cells), _inputs(case)
     rows = inputs + 1 if case.sensing is not None and case.sensing.latency else 1
+    if case.hidden_state is not None:
+        rows *= math.prod(case.hidden_state.classes.values())  # nodes: a controller remembers the class
     a_cell = 9 + 8 * len(context.states) + rows * math.ceil(inputs / 8)
     seconds = START + PAIR * cells * inputs * rows
     yield StageCost(

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simgap.config.reads import READS
 from simgap.errors import UserError
 from simgap.gap.steps.gap import Made, gap, seeds
 from simgap.io.documents import read_json, write_json
 from simgap.io.samples import read_columns, write_columns
-from simgap.provenance import provenance, sections_digest
+from simgap.provenance import provenance, sections_digest, sections_of
 from simgap.stages.context import Context, log
 from simgap.stages.made import Shards, blame_shards, points_of_case
 
@@ -69,7 +68,7 @@ def by_state(context: Context, stage: str, point: str, paths: Sequence[Path]) ->
         UserError: a state without a result or with two, a damaged one, or one that was made of something else.
     """
     found: dict[str, Any] = {}
-    wanted = (stage, point, sections_digest(context.case, READS[stage], context.folder))
+    wanted = (stage, point, sections_digest(context.case, sections_of(stage, context.case), context.folder))
     for path in paths:
         content = read_json(path)
         if not isinstance(content, dict) or "state" not in content:

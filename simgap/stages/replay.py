@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap.attack.memory import REST, class_bounds
 from simgap.attack.witness import SIMULATOR as ON_SIMULATOR
 from simgap.attack.witness import STEP, Witness
 from simgap.config.case import Case
@@ -75,7 +76,8 @@ def _trace(context: Context, gap: GapFunction, witness: Witness, states: Floats)
     if isinstance(gap, BodyFrameGap):
         pose = pose_axes(context)
         m = np.argmin(((u[:, None] - gap.domain.input_set[None]) ** 2).sum(axis=2), axis=1)
-        d, lo, hi = to_body(d, x[:, pose[2]], pose), gap.lower[m], gap.upper[m]
+        lo, hi = class_bounds(gap, m, np.append(REST, m[:-1]).astype(np.int64))
+        d = to_body(d, x[:, pose[2]], pose)
     else:
         lo, hi = gap.bounds(x, u)
     nan = np.full((1, space.size), np.nan)

@@ -56,6 +56,7 @@ class Inputs:
         diagnosis, corrected: what measured data said, and the case that it corrected, if there are any.
         printed: the values that the paper prints, if they are to stand beside.
         audit, margins: audit.json and margins.parquet, if the adversary has been there.
+        twin: twin.json, if the simulator stands for another engine.
     """
 
     gaps: Sequence[Path]
@@ -69,6 +70,7 @@ class Inputs:
     printed: Path | None = None
     audit: Path | None = None
     margins: Path | None = None
+    twin: Path | None = None
 
 
 def by_kind(nominal: Path, robust: Path) -> dict[str, Path]:
@@ -135,6 +137,7 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         printed=printed,
         audit=read_json(inputs.audit) if inputs.audit is not None else None,
         margins=read_parquet(inputs.margins) if inputs.margins is not None else None,
+        twin=read_json(inputs.twin) if inputs.twin is not None else None,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from simgap.config.pose import pose_axes
 from simgap.errors import UserError
+from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Floats
 from simgap.io.controller_file import save_controller
 from simgap.io.documents import write_json
@@ -25,7 +26,8 @@ from simgap.stages.context import Context, log
 from simgap.stages.costs import affordable, costs
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.intersample import excursion, rates
-from simgap.synthesis.swept import planar_swept_cells
+from simgap.synthesis.previous import PreviousBounds
+from simgap.synthesis.swept import SweptCells, planar_swept_cells
 from simgap.synthesis.synthesise import Problem, synthesise
 
 FIRST_INPUT = 1e-9  # how far the first input may be from the one of U that it is
@@ -115,7 +117,20 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     )
     if swept is not None:
         problem = replace(problem, swept=planar_swept_cells(problem.grid, *swept, pose_axes(context), error))
+    if bound is not None and isinstance(gap, BodyFrameGap) and gap.previous is not None:
+        problem = replace(problem, previous=_previous(context, problem, bound, gap))
     return problem, between
+
+
+def _previous(context: Context, problem: Problem, bound: SavedGap, gap: BodyFrameGap) -> PreviousBounds:
+    """The bound and the swept cells after each class of the previous input."""
+    classes = gap.classes
+    gaps = tuple(gap.after(c).kernel() for c in range(classes.count))
+    swept: list[SweptCells | None] = [None] * classes.count
+    if problem.swept is not None and bound.swept_by_class is not None:
+        boxes = zip(*bound.swept_by_class, strict=True)
+        swept = [planar_swept_cells(problem.grid, *own, pose_axes(context), problem.error) for own in boxes]
+    return PreviousBounds(classes.kind, classes.rest, gaps, tuple(swept))
 
 
 def _first_input(context: Context, named: dict[str, float]) -> int:

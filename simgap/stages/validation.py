@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from simgap.specifications.monitor import Run, Verdict
 from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
 from simgap.stages.starts import starts
+from simgap.synthesis.controller import Controller
 
 CHUNK = 50  # runs a worker does between two signs of life
 
@@ -114,6 +116,12 @@ def _simulated(context: Context, path: Path, starts: Floats, workers: int, engin
                 log.info("simulated %d of %d runs", min((k + 1) * CHUNK, len(starts)), len(starts))
 
 
+@lru_cache(maxsize=1)
+def _controller(path: Path, _changed: int) -> Controller:
+    """The controller of a worker's chunks, read once: one with memory is large."""
+    return load_controller(path)
+
+
 def simulate_chunk(case: Case, folder: Path, path: Path, starts: Floats, chunk: int) -> list[Run]:
     """Run in an engine's process, from starts (n, nx)."""
     from simgap.simulators.build import make_simulator
@@ -121,7 +129,7 @@ def simulate_chunk(case: Case, folder: Path, path: Path, starts: Floats, chunk: 
     space, section = Space.of(case), case.sensing
     sensing = Sensing(space.vector(section.error if section else {}), section.latency if section else 0)
     steps, seed = (case.validation.steps, case.validation.seed) if case.validation else (0, 0)
-    controller, simulator = load_controller(path), make_simulator(case, folder)
+    controller, simulator = _controller(path, path.stat().st_mtime_ns), make_simulator(case, folder)
     monitor = specification_of(case).monitor(space, controller.solution)
     rng = np.random.default_rng([chunk, seed])
     try:

@@ -72,6 +72,11 @@ class Controller:
         """Whether an input acts one sample after it is chosen."""
         return self.solution.late
 
+    @property
+    def kind(self) -> Ints | None:
+        """Class of each input, (M,), where the class of the previous input is remembered."""
+        return self.solution.kind
+
     @cached_property
     def choice(self) -> NDArray[np.int16]:
         """The input that the rule picks, (cells * memory,), -1 where there is none; row cell * memory + pending."""

@@ -130,6 +130,7 @@ class LateGame:
             memory=memory,
             first=self.first * len(self.pending.boxes) + since,
             late=True,
+            kind=self.pending.kind if len(self.pending.boxes) > 1 else None,
             statistics={"rounds": found.rounds, "nodes": int(found.inside.sum())},
         )
 

@@ -18,6 +18,7 @@ from simgap.synthesis.controller import least_effort
 from simgap.synthesis.game import LateGame, MeasuredGame, TrueGame
 from simgap.synthesis.nominal import Model, nominal_abstraction
 from simgap.synthesis.pending import PendingGame
+from simgap.synthesis.previous import PreviousBounds, PreviousGame
 from simgap.synthesis.product import Kernel
 from simgap.synthesis.refusals import hopeless_dimension, reason_for_empty
 from simgap.synthesis.swept import SweptCells
@@ -40,6 +41,7 @@ class Problem:
         error: bound of the measurement error per state, (nx,); None for a perfect measurement.
         latency: whole samples between a measurement and the input that uses it, 0 or 1.
         swept: cells that the path between samples may touch, for each input; None where clearance covers it.
+        previous: the gap and the swept cells after each class of the previous input; None where there is one class.
         first: number of the input that acts in the first sample where there is a latency; None for the least effort.
         stray: what the clearance has to cover of it, (nx,); None for a controller that looks at the samples only.
     """
@@ -56,6 +58,7 @@ class Problem:
     swept: SweptCells | None = None
     stray: Floats | None = None
     first: int | None = None
+    previous: PreviousBounds | None = None
 
     @property
     def grid(self) -> Grid:
@@ -81,9 +84,12 @@ class Problem:
 
     def abstraction(self) -> Abstraction:
         """The abstraction of the model with its gap."""
+        return self._boxes(self.gap, self.swept)
+
+    def _boxes(self, gap: Kernel | None, swept: SweptCells | None) -> Abstraction:
         error = None if self.on_true_cells else self.error
-        plain = nominal_abstraction(self.model, self.grid, self.inputs, self.gap, self.gap_axes, error)
-        return replace(plain, swept=self.swept)
+        plain = nominal_abstraction(self.model, self.grid, self.inputs, gap, self.gap_axes, error)
+        return replace(plain, swept=swept)
 
     def game(self, threads: int = 1) -> Game:
         """The game that the specification is solved on."""
@@ -93,6 +99,12 @@ class Problem:
         if self.on_true_cells:
             error = nothing if self.error is None else np.asarray(self.error)
             return TrueGame(self.space, self.abstraction(), error, self.latency, stray, threads, first)
+        if self.previous is not None:
+            boxes = tuple(self._boxes(*own) for own in zip(self.previous.gaps, self.previous.swept, strict=True))
+            if self.latency:
+                return LateGame(self.space, PendingGame(boxes, self.previous.kind, threads), stray, first)
+            about = self.previous.kind, self.previous.rest, stray, threads
+            return PreviousGame(self.space, boxes, self.abstraction(), *about)
         if self.latency:
             return LateGame(self.space, PendingGame.of(self.abstraction(), threads), stray, first)
         return MeasuredGame(self.space, self.abstraction(), stray, threads)
@@ -112,7 +124,7 @@ def synthesise(problem: Problem, threads: int = 1) -> Solution:
     hopeless = hopeless_dimension(problem.model, problem.grid, problem.inputs, problem.gap, *about)
     if hopeless is not None:
         raise hopeless
-    undisturbed = replace(problem, gap=None, error=None, latency=0, swept=None, stray=None)
+    undisturbed = replace(problem, gap=None, error=None, latency=0, swept=None, stray=None, previous=None)
     alone = undisturbed.specification.solve(undisturbed.game(threads))
     between = problem.swept is not None or (problem.stray is not None and bool(np.any(problem.stray)))
     causes = [name for name, holds in (("the gap", problem.gap), ("the path between samples", between)) if holds]

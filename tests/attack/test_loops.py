@@ -54,7 +54,7 @@ def attack(problem, solution, gamma=GAMMA, error=(0.0, 0.0), seed=0):
 
     plant = WorstDisturbance(model.step, bounds, danger, monitor, rng)
     judge = Judge(SPACE, monitor, 200, inputs, model, None, solution)
-    scene = Scene(lambda x, m: model.step(x, inputs[m]), None, danger, inputs, solution.late)
+    scene = Scene(lambda x, m, before: model.step(x, inputs[m]), None, danger, inputs, solution.late)
     worst = WorstStarts(solution, danger, None)
     return campaign(Opponent(plant, judge, False, 32), law, scene, lambda n: worst.draw(n, rng), STEPS, rng)
 

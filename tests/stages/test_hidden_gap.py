@@ -12,7 +12,7 @@ from simgap.gap.points import Points
 from simgap.gap.steps.tables import step_columns
 from simgap.io.documents import read_json
 from simgap.io.samples import write_columns, write_points
-from simgap.simulators.body_samples import BodySamples
+from simgap.simulators.body_samples import REST, BodySamples
 from simgap.stages.context import Context
 
 ROOT = Path(__file__).parents[2]
@@ -21,7 +21,10 @@ SMALL = {
     "simulator.urdf": str(ROOT / "configs/models/turtlebot.urdf"),
     "hidden_state.chains": 4,
     "hidden_state.chain_length": 500,
+    "hidden_state.search": 0,  # nothing was simulated, so there is no engine to search
     "symmetry.histories": 5,
+    "symmetry.tolerance": {"x": 0.02, "y": 0.02, "theta": 0.05},
+    "hidden_state.classes": {},
 }
 
 
@@ -32,7 +35,8 @@ def made_up(inputs, n, spread, rng, heading_bias=0.1):
     final = np.stack([0.9 * v, np.zeros(n), (1.0 - heading_bias) * w], axis=1) + rng.uniform(-spread, spread, (n, 3))
     x = np.stack([np.minimum(final[:, 0], 0), np.maximum(final[:, 0], 0)], axis=1)
     y = np.stack([np.minimum(final[:, 1], 0), np.maximum(final[:, 1], 0)], axis=1)
-    return BodySamples(m, final, np.concatenate([x, y], axis=1))
+    before = np.where(np.arange(n) % 5 == 0, REST, np.roll(m, 1))  # sequences of five
+    return BodySamples(m, final, np.concatenate([x, y], axis=1), before)
 
 
 NAMES = (["previous_v", "previous_w"], ["v", "w"])
@@ -44,7 +48,8 @@ def again(deviation, n=5, length=4, headings=8):
     final[:, : length - 1] = 1e-4
     final[:, length:] = np.array(deviation)
     flat = final.reshape(-1, 3)
-    return BodySamples(np.zeros(len(flat), dtype=np.int64), flat, np.zeros((len(flat), 4)))
+    none = np.zeros(len(flat), dtype=np.int64)
+    return BodySamples(none, flat, np.zeros((len(flat), 4)), none)
 
 
 def write(context, path, parts):
@@ -63,7 +68,9 @@ def stage(vary, tmp_path):
     grid = made_up(inputs, len(every), 0.01, rng)
     kept = [np.flatnonzero(grid.m == k)[: len(inputs)] for k in range(len(inputs))]
     rows = np.array(kept).T.reshape(-1)  # all inputs after each previous one
-    grid = BodySamples(grid.m[rows], grid.final[rows], grid.extent[rows])
+    grid = BodySamples(
+        grid.m[rows], grid.final[rows], grid.extent[rows], np.repeat(np.arange(len(inputs)), len(inputs))
+    )
 
     def run(fresh_spread=0.008, deviation=(0.001, 0.001, 0.001), heading_bias=0.1, steps=2000):
         sequences = made_up(inputs, steps, 0.0101, rng)
@@ -94,6 +101,7 @@ def test_the_bound_takes_the_bias_out_and_covers_the_spread_at_every_heading(sta
     assert np.all((lo <= d) & (d <= hi))
     assert np.max(hi[:, 2] - lo[:, 2]) < 0.05  # the bias of up to 0.05 rad is not padded
     assert content["fresh"]["violations"] == 0
+    assert (content["fresh"]["samples"], content["fresh"]["steps"]) == (400, 2000)  # sequences are counted
     assert len(content["swept_boxes"]["lower"]) == len(context.input_set)
     assert any("estimate" in g["text"] for g in content["guarantee"])
 

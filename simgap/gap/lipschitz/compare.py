@@ -6,6 +6,7 @@ from functools import reduce
 
 import numpy as np
 
+from simgap.gap.lipschitz.enclosed import enclosed_constants
 from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz, LipschitzRow, worse
@@ -20,15 +21,20 @@ def dimension_lipschitz(samples: DimensionSamples, settings: GapSettings) -> Dim
     """What is known about the Lipschitz constant of one dimension; no basis and no padding enters.
 
     Of a gap with a range both ends are estimated, and the worse of each number is taken: a side of the bound has to
-    follow its own end, and either may be the steep one.
+    follow its own end, and either may be the steep one. Where the gap is known in closed form its slopes are enclosed,
+    and the estimates stand beside for comparison.
 
     Raises:
-        UserError: with fewer than four cells along an axis that is not free.
+        UserError: with fewer than four cells along an axis that is not free, or a gap that cannot be enclosed.
     """
     where = samples.where
-    ends = [estimate(d, where.grid, where.free, samples.floor) for d in samples.ends]
-    found = reduce(worse, ends)
-    return DimensionLipschitz(found, compare_estimates(samples, found, settings), samples.largest)
+    found = reduce(worse, [estimate(d, where.grid, where.free, samples.floor) for d in samples.ends])
+    rows = compare_estimates(samples, found, settings)
+    if samples.ranges is not None:
+        found = enclosed_constants(samples.ranges, where.grid.h)
+        note = "a bound: enclosed on every cell" if found.resolved else "a bound where there is no jump"
+        rows = (LipschitzRow("interval enclosure", found.euclidean, None, note), *rows)
+    return DimensionLipschitz(found, rows, samples.largest)
 
 
 def compare_estimates(

@@ -22,6 +22,7 @@ class GridLipschitz:
         euclidean: estimate of the constant in the Euclidean norm, sqrt(sum_j L_j^2).
         smooth: as `constants`, without the rough cells. rough_share: share of the cells that are rough.
         rough_box: (2, nx) box that holds the rough cells, or None. jump: largest spread of neighbours there.
+        proven: whether the constants are bounds, enclosed on every cell, and no estimates.
     """
 
     constants: Floats
@@ -31,6 +32,7 @@ class GridLipschitz:
     rough_share: float
     rough_box: Floats | None
     jump: float
+    proven: bool = False
 
     @property
     def euclidean(self) -> float:
@@ -49,6 +51,7 @@ class GridLipschitz:
             "constants": self.constants.tolist(), "euclidean": self.euclidean, "slopes": self.slopes.tolist(),
             "ratio": self.ratio.tolist(), "resolved": self.resolved, "without_rough_cells": self.smooth.tolist(),
             "rough_share": self.rough_share, "rough_box": box, "largest_jump": self.jump,
+            "proven": self.proven,
         }  # fmt: skip
 
     @staticmethod
@@ -59,7 +62,14 @@ class GridLipschitz:
         )
         box = None if data["rough_box"] is None else np.array(data["rough_box"], dtype=float)
         return GridLipschitz(
-            constants, slopes, ratio, smooth, float(data["rough_share"]), box, float(data["largest_jump"])
+            constants,
+            slopes,
+            ratio,
+            smooth,
+            float(data["rough_share"]),
+            box,
+            float(data["largest_jump"]),
+            bool(data["proven"]),
         )
 
 

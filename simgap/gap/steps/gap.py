@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simgap.errors import UserError
-from simgap.gap.acceptance import covering_remainder, none_outside, tolerate
+from simgap.gap.acceptance import confirmed, covering_remainder, none_outside, tolerate
 from simgap.gap.assemble import assemble
 from simgap.gap.conformal import Calibration
 from simgap.gap.dimension_fit import fit_from_json
@@ -99,7 +99,7 @@ def gap(context: Context, made: Made) -> Bound:
     if section.bound != "conformal":
         none_outside(beside)
     memory = (REMEMBERED,) if made.shards and f"least_{names[0]}" in made.shards[0] else ()
-    tiers = [*result.function.tiers, *memory, check.tier, beside.tier]
+    tiers = [*confirmed(result.function.tiers, check), *memory, check.tier, beside.tier]
     function = covering_remainder(result.function.with_tiers(tiers), section.remainder)
     content = result.to_json() | function.to_json()
     content |= {"eps": radius(made.points.name), "fresh": asdict(check), "borders": asdict(beside)}

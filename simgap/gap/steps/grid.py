@@ -25,4 +25,5 @@ def grid(context: Context, name: str) -> Points:
     values = [context.domain.U[n].list() for n in context.inputs]
     asked = [hidden.previous[n] for n in context.inputs]
     counts = [len(own) for own in values] if name == EVERY_HISTORY else asked
-    return Points(name, previous_inputs(values, counts), context.input_set)
+    parts = [hidden.classes.get(n, 1) for n in context.inputs]
+    return Points(name, previous_inputs(values, counts, parts), context.input_set)

@@ -76,6 +76,6 @@ def sequence_parts(sequences: Ints, seed: int) -> list[tuple[Ints, list[int]]]:
 
 def fresh_sequences(inputs: Floats, hidden: HiddenStateSection) -> list[tuple[Ints, list[int]]]:
     """Parts (n, k) of random sequences of inputs (M, nu) with another seed, which no bound has seen."""
-    count = -(-hidden.fresh_samples // hidden.chain_length)
+    count = -(-hidden.fresh_samples // hidden.fresh_length)
     rng = np.random.default_rng(hidden.fresh_seed)
-    return sequence_parts(random_sequences(inputs, count, hidden.chain_length, rng), hidden.fresh_seed)
+    return sequence_parts(random_sequences(inputs, count, hidden.fresh_length, rng), hidden.fresh_seed)

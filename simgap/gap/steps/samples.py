@@ -9,14 +9,17 @@ import numpy as np
 
 from simgap.config.pose import pose_axes
 from simgap.errors import UserError
+from simgap.gap.closed_form import ClosedFormGap
 from simgap.gap.pairs import draw, product
 from simgap.gap.points import Columns, Points, radius
+from simgap.gap.previous import PreviousClasses
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.steps.tables import AFTER_PREVIOUS, HISTORY, SEQUENCE, body_samples, stacked, successors
 from simgap.gap.symmetry import nominal_motion
 from simgap.geometry import Floats, Grid
 from simgap.plants.context import Context
 from simgap.simulators.body_samples import BodySamples, joined
+from simgap.simulators.build import closed_form
 
 T = TypeVar("T")
 
@@ -46,7 +49,20 @@ def sample_grid(context: Context, points: Points) -> SampleGrid:
     same = points.states.shape == (grid.size, grid.box.size) and np.array_equal(points.inputs, context.input_set)
     if not same or not np.array_equal(points.states, grid.centres()):
         raise UserError("the grid was made for another case", remedy="Run the grid stage again, and those after it.")
-    return SampleGrid(grid, points.inputs, tuple(context.states), tuple(context.inputs), periodic=context.periodic)
+    names = tuple(context.states), tuple(context.inputs)
+    return SampleGrid(grid, points.inputs, *names, periodic=context.periodic, known=known_gap(context))
+
+
+def known_gap(context: Context) -> ClosedFormGap | None:
+    """The gap in closed form where the simulator is one, else None.
+
+    Raises:
+        UserError: a case that the engine cannot run, or equations that cannot be enclosed.
+    """
+    if context.case.simulator is None:
+        return None
+    found = closed_form(context.case, context.folder)
+    return ClosedFormGap.of(found, context.plant.sampled) if found is not None else None
 
 
 def dimension_samples(context: Context, points: Points, shards: Sequence[Columns], i: int) -> DimensionSamples:
@@ -131,6 +147,19 @@ def check_histories(context: Context, points: Points, shards: Sequence[Columns])
 def steps_of(context: Context, shards: Sequence[Columns], part: str) -> BodySamples:
     """The steps of one part of a robot's shards, in order."""
     return joined([body_samples(context.case, rolled, part) for rolled in shards])
+
+
+def previous_classes(context: Context) -> PreviousClasses:
+    """The classes of the previous input that the case names.
+
+    Raises:
+        UserError: a class count for something that is no input, or more classes than values.
+    """
+    hidden = context.need(context.case.hidden_state, "hidden_state")
+    unknown = [name for name in hidden.classes if name not in context.inputs]
+    if unknown:
+        raise UserError(f"{unknown} are not inputs", key="hidden_state.classes", remedy=f"They are {context.inputs}.")
+    return PreviousClasses.of(context.input_set, [hidden.classes.get(name, 1) for name in context.inputs])
 
 
 def motion_of(context: Context) -> Floats:

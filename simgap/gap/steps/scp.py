@@ -12,7 +12,7 @@ from simgap.gap.hidden_fit import HullFit, fit_hull
 from simgap.gap.points import Columns, Points, remembers
 from simgap.gap.settings import GapSettings
 from simgap.gap.steps.borders import MAKE_BORDERS, NO_BORDERS, directed_samples
-from simgap.gap.steps.samples import check_histories, dimension_samples, motion_of, steps_of
+from simgap.gap.steps.samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of
 from simgap.gap.steps.tables import AFTER_PREVIOUS, SEQUENCE
 from simgap.plants.context import Context
 
@@ -28,7 +28,7 @@ def scp(
     if remembers(context.case):
         check_histories(context, points, shards)
         grid, sequences = steps_of(context, shards, AFTER_PREVIOUS), steps_of(context, shards, SEQUENCE)
-        return fit_hull(i, motion_of(context), grid, sequences, pose_axes(context))
+        return fit_hull(i, motion_of(context), grid, sequences, pose_axes(context), previous_classes(context))
     section = context.need(context.case.gap, "gap")
     if borders is None:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)

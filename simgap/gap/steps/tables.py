@@ -41,7 +41,7 @@ def units(case: Case) -> Mapping[str, str]:
 def step_columns(case: Case, inputs: Floats, samples: BodySamples) -> dict[str, Any]:
     """Input, final pose `moved_<state>` and extent of each step from where it began: (n,) each; inputs are (M, nu)."""
     u = inputs[samples.m]
-    columns: dict[str, Any] = {"input": samples.m}
+    columns: dict[str, Any] = {"input": samples.m, "previous": samples.previous}
     columns |= {n: u[:, j] for j, n in enumerate(case.plant.inputs)}
     columns |= {f"moved_{n}": samples.final[:, j] for j, n in enumerate(case.plant.states)}
     return columns | {n: samples.extent[:, j] for j, n in enumerate(EXTENTS)}
@@ -52,7 +52,8 @@ def body_samples(case: Case, columns: Columns, part: str | None = None) -> BodyS
     rows = slice(None) if part is None else columns["part"] == part
     final = np.stack([columns[f"moved_{n}"][rows] for n in case.plant.states], axis=-1)
     extent = np.stack([columns[n][rows] for n in EXTENTS], axis=-1)
-    return BodySamples(columns["input"][rows].astype(np.int64), final, extent)
+    numbers = (columns[name][rows].astype(np.int64) for name in ("input", "previous"))
+    return BodySamples(next(numbers), final, extent, next(numbers))
 
 
 def stacked(columns: Columns, names: Sequence[str]) -> Floats:

@@ -1,0 +1,162 @@
+"""Expressions of a certificate over a box: their range, by values and by slopes.
+
+An expression is a number, the name of a state or an input, or a list [operation, argument, ...]. `Enclosure` carries
+three enclosures of it: of its values on the box, of its value at the box's centre, and of its slope along each state.
+By the mean value theorem its range lies in
+
+    value at the centre + sum_j slope_j * (x_j - centre_j),
+
+and in the range of its values. `arithmetic` is the module `intervals` or `rationals`; nothing here depends on which.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import reduce
+from typing import Any
+
+FUNCTIONS = ("+", "*", "^", "/", "sin", "cos", "abs", "min", "max", "hull", "by_input")
+
+
+class Malformed(Exception):
+    """What is no expression of a certificate."""
+
+
+@dataclass
+class Enclosure:
+    """Ranges on the box and at its centre, and slopes by state (absent: 0)."""
+
+    box: Any
+    mid: Any
+    slope: dict[int, Any]
+
+
+@dataclass
+class Place:
+    """Where an expression is asked for: cell boxes and centres by state, the input and its number."""
+
+    arithmetic: Any
+    states: dict[str, int]
+    box: list[Any]
+    mid: list[Any]
+    inputs: dict[str, Fraction]
+    number: int
+    known: dict[int, tuple[Any, Enclosure]] = field(default_factory=dict)
+    """Enclosures of lists by identity, with the list, so that no other one can take its identity."""
+
+    def range(self, e):
+        """An enclosure of the expression on the box."""
+        a, found = self.arithmetic, self.enclose(e)
+        total = found.mid
+        for j, slope in found.slope.items():
+            total = a.add(total, a.mul(slope, a.add(self.box[j], a.negative(self.mid[j]))))
+        return a.meet(found.box, total)
+
+    def enclose(self, e) -> Enclosure:
+        if not isinstance(e, list):
+            return self._leaf(e)
+        if id(e) not in self.known:
+            self.known[id(e)] = e, self._operation(e)
+        return self.known[id(e)][1]
+
+    def _leaf(self, e) -> Enclosure:
+        a = self.arithmetic
+        if isinstance(e, str):
+            if e in self.states:
+                j = self.states[e]
+                return Enclosure(self.box[j], self.mid[j], {j: a.number(Fraction(1))})
+            value = a.number(self.inputs[e] if e in self.inputs else exact(e))
+            return Enclosure(value, value, {})
+        if isinstance(e, int | Fraction) and not isinstance(e, bool):
+            value = a.number(Fraction(e))
+            return Enclosure(value, value, {})
+        raise Malformed(f"{str(e)[:60]} is no expression")
+
+    def _operation(self, e) -> Enclosure:
+        if len(e) < 2 or e[0] not in FUNCTIONS:
+            raise Malformed(f"{str(e)[:60]} is no expression")
+        if e[0] == "by_input":
+            return self.enclose(e[1 + self.number])
+        if e[0] == "^":
+            return self._power(self.enclose(e[1]), e[2])
+        parts = [self.enclose(part) for part in e[1:]]
+        rules = {
+            "+": self._sum, "*": self._product, "/": self._inverse, "sin": self._sin, "cos": self._cos,
+            "abs": self._abs, "min": self._extreme, "max": self._extreme, "hull": self._hull,
+        }  # fmt: skip
+        return rules[e[0]](parts, e[0])
+
+    def _sum(self, parts, _):
+        a = self.arithmetic
+        slope = {}
+        for part in parts:
+            for j, s in part.slope.items():
+                slope[j] = a.add(slope[j], s) if j in slope else s
+        return Enclosure(reduce(a.add, [p.box for p in parts]), reduce(a.add, [p.mid for p in parts]), slope)
+
+    def _product(self, parts, _):
+        return reduce(self._times, parts)
+
+    def _times(self, p: Enclosure, q: Enclosure) -> Enclosure:
+        a = self.arithmetic
+        slope = {j: a.mul(s, q.box) for j, s in p.slope.items()}
+        for j, s in q.slope.items():
+            more = a.mul(s, p.box)
+            slope[j] = a.add(slope[j], more) if j in slope else more
+        return Enclosure(a.mul(p.box, q.box), a.mul(p.mid, q.mid), slope)
+
+    def _chain(self, p: Enclosure, f, derivative) -> Enclosure:
+        """f(p) with f' enclosed by `derivative` on p's range."""
+        a = self.arithmetic
+        slope = {j: a.mul(derivative, s) for j, s in p.slope.items()} if p.slope else {}
+        return Enclosure(f(p.box), f(p.mid), slope)
+
+    def _power(self, p: Enclosure, n) -> Enclosure:
+        if not isinstance(n, int) or n < 1:
+            raise Malformed(f"the exponent {n} is no positive integer")
+        a = self.arithmetic
+        steep = a.number(Fraction(1)) if n == 1 else a.mul(a.number(Fraction(n)), a.power(p.box, n - 1))
+        return self._chain(p, lambda x: a.power(x, n), steep)
+
+    def _inverse(self, parts, _):
+        a, (p,) = self.arithmetic, parts
+        return self._chain(p, a.inverse, a.negative(a.power(a.inverse(p.box), 2)))
+
+    def _sin(self, parts, _):
+        a, (p,) = self.arithmetic, parts
+        return self._chain(p, a.sin, a.cos(p.box) if p.slope else None)
+
+    def _cos(self, parts, _):
+        a, (p,) = self.arithmetic, parts
+        return self._chain(p, a.cos, a.negative(a.sin(p.box)) if p.slope else None)
+
+    def _abs(self, parts, _):
+        a, (p,) = self.arithmetic, parts
+        return self._chain(p, a.absolute, a.sign(p.box))
+
+    def _extreme(self, parts, name):
+        a = self.arithmetic
+        join, zero = (a.minimum if name == "min" else a.maximum), a.number(Fraction(0))
+        axes = {j for p in parts for j in p.slope}
+        slope = {j: reduce(a.hull, [p.slope.get(j, zero) for p in parts]) for j in axes}
+        return Enclosure(reduce(join, [p.box for p in parts]), reduce(join, [p.mid for p in parts]), slope)
+
+    def _hull(self, parts, _):
+        """Any number between constants."""
+        if any(p.slope for p in parts):
+            raise Malformed("a hull is of constants")
+        found = reduce(self.arithmetic.hull, [p.box for p in parts])
+        return Enclosure(found, found, {})
+
+
+def exact(text: str) -> Fraction:
+    """A number as it stands in a certificate: the hexadecimal form of a double, or a fraction 'p/q' of integers."""
+    try:
+        if "/" in text:
+            return Fraction(text)
+        if text.removeprefix("-").startswith("0x"):
+            return Fraction(float.fromhex(text))
+        raise ValueError
+    except (ValueError, OverflowError, ZeroDivisionError):
+        raise Malformed(f"'{text[:60]}' is neither a number nor a name") from None

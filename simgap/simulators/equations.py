@@ -1,0 +1,134 @@
+"""Equations as the simulator: the high-fidelity side in closed form, whose gap is enclosed and not estimated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from pydantic import Field
+
+from simgap.config.plant import Integrator, SymbolicPlant
+from simgap.config.simulator import EngineSection
+from simgap.errors import UserError
+from simgap.geometry import Floats
+from simgap.simulators.base import Engine
+
+if TYPE_CHECKING:
+    import sympy as sp
+
+    from simgap.config.case import Case
+    from simgap.effects.base import Effect
+    from simgap.model.sampled import NominalModel
+
+MOST_OPERATIONS = 3_000
+"""Of one row of the map over tau: above it, enclosing it on every cell takes longer than any engine would."""
+
+
+class EquationsSettings(EngineSection):
+    """Equations of motion with an integrator of their own: a simulator whose gap is proven, not sampled."""
+
+    engine: Literal["equations"] = Field("equations", description="Which engine.")
+    equations: SymbolicPlant | None = Field(
+        None, description="The dynamics over the plant's states and inputs; the plant's own, as declared, if not given."
+    )
+    integrator: Integrator = Field(
+        description="How they are discretised: semi_implicit_euler (as PyBullet), explicit_euler, rk4 or exact_arc."
+    )
+
+
+class EquationsEngine(Engine):
+    """`f_hat` as an expression; a state is all that it has, so a reset leaves nothing behind."""
+
+    Settings = EquationsSettings
+    engine = "equations"
+
+    def __init__(self, step: NominalModel, substeps: int) -> None:
+        """The map over one substep, and how many make a sampling time."""
+        self.nx, self.nu = step.nx, step.nu
+        self._step, self._substeps = step, substeps
+        self._x = np.zeros(step.nx)
+        step.step(np.zeros((1, step.nx)), np.zeros((1, step.nu)))  # compiled here, not in the first roll-out
+
+    @classmethod
+    def build(cls, case: Case, folder: Path) -> EquationsEngine:
+        """The engine for a case.
+
+        Raises:
+            UserError: equations that do not fit the plant's states and inputs, or an integrator that does not fit them.
+        """
+        return cls(_substep(case, folder), _section(case).substeps)
+
+    @classmethod
+    def acts_out(cls, effect: Effect) -> bool:
+        """Every effect on the plant itself; none that remembers earlier inputs, none of the readings."""
+        return not effect.remembers and effect.kind != "state"
+
+    @classmethod
+    def closed_form(cls, case: Case, folder: Path) -> tuple[sp.Expr, ...]:
+        """The map over tau: its substeps put into each other.
+
+        Raises:
+            UserError: as `build`, and a map that is too large to be enclosed.
+        """
+        import sympy as sp
+
+        step = _substep(case, folder)
+        rows: tuple[sp.Expr, ...] = step.f
+        for _ in range(_section(case).substeps - 1):
+            at = dict(zip(step.x, rows, strict=True))
+            rows = tuple(sp.sympify(row).subs(at, simultaneous=True) for row in step.f)
+            if max(int(sp.count_ops(row)) for row in rows) > MOST_OPERATIONS:
+                raise UserError(
+                    f"the map over tau has more than {MOST_OPERATIONS} operations, too many to enclose its gap",
+                    key="simulator.substeps",
+                    remedy="Use fewer substeps, or a simpler integrator.",
+                )
+        return rows
+
+    def reset(self, x: Floats) -> None:
+        """Put the plant at x (nx,)."""
+        self._x = np.array(x, dtype=np.float64)
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold u (nu,) for tau: -> (nx,)."""
+        self._x = self.rollouts(self._x[None], np.asarray(u, dtype=np.float64).reshape(1, self.nu))[0]
+        return self._x.copy()
+
+    def rollouts(self, x: Floats, u: Floats) -> Floats:
+        """One step from each state: (n, nx), (n, nu) -> (n, nx)."""
+        for _ in range(self._substeps):
+            x = self._step.step(x, u)
+        return x
+
+
+def _section(case: Case) -> EquationsSettings:
+    section = case.simulator
+    if not isinstance(section, EquationsSettings):
+        raise UserError("the simulator is no equations", key="simulator.engine")
+    return section
+
+
+def _substep(case: Case, folder: Path) -> NominalModel:
+    """The map over one substep: the plant with the equations, effects and integrator of the simulator."""
+    from simgap.plants.plant_model import PlantModel
+
+    section = _section(case)
+    if case.domain is None:
+        raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
+    if any(state.lag_of is not None for state in case.plant.states.values()):
+        raise UserError(
+            "equations do not act out a lagged input", key="simulator.engine", remedy="Use an engine of joints."
+        )
+    changes: dict[str, object] = {"integrator": section.integrator, "effects": section.effects}
+    if section.equations is not None:
+        if set(section.equations.dynamics) != set(case.plant.states):
+            raise UserError(
+                f"dynamics are given for {sorted(section.equations.dynamics)}, states are {sorted(case.plant.states)}",
+                key="simulator.equations.dynamics",
+            )
+        changes |= {"urdf": None, "symbolic": section.equations}
+    elif section.urdf is not None:
+        changes |= {"urdf": section.urdf, "symbolic": None}
+    plant = case.plant.model_copy(update=changes)
+    return PlantModel(plant, folder, case.domain.tau / section.substeps).sampled

@@ -1,0 +1,92 @@
+"""The game of a plant whose gap depends on the previous input: the controller remembers the class of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.geometry import Floats, Grid
+from simgap.specifications.regions import Mask
+from simgap.specifications.solution import Solution
+from simgap.specifications.space import Space
+from simgap.synthesis.abstraction import Abstraction
+from simgap.synthesis.game import MeasuredGame, certified
+from simgap.synthesis.previous_rows import reach_by_classes
+from simgap.synthesis.product import Kernel
+from simgap.synthesis.swept import SweptCells
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class PreviousBounds:
+    """What is known after a previous input of each class.
+
+    Attributes:
+        kind: (M,) class of each input. rest: class in which a run starts.
+        gaps: kernel of the gap's bound in each class; swept: cells that the path may touch, None where that is nothing.
+    """
+
+    kind: Ints
+    rest: int
+    gaps: tuple[Kernel, ...]
+    swept: tuple[SweptCells | None, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PreviousGame:
+    """The game on nodes (measured cell, class of the previous input).
+
+    Attributes:
+        space: the states; stray: how far a path strays from its samples where clearance is to cover that, (nx,).
+        boxes: one abstraction a class. whole: that of the bound after any input, for what is to be held.
+        kind: (M,) class of each input. rest: class in which a run starts.
+        threads: for the kernels.
+    """
+
+    space: Space
+    boxes: tuple[Abstraction, ...]
+    whole: Abstraction
+    kind: Ints
+    rest: int
+    stray: Floats
+    threads: int = 1
+
+    @property
+    def grid(self) -> Grid:
+        """Cells of the measured state."""
+        return self.whole.grid
+
+    @property
+    def error(self) -> Floats:
+        """The measurement error, (nx,)."""
+        return self.whole.error
+
+    def invariant(self, safe: Mask) -> Solution:
+        """A set of the safe cells (cells,) that can be held after any input: sound, not always the largest."""
+        found = MeasuredGame(self.space, self.whole, self.stray, self.threads).invariant(safe)
+        classes = len(self.boxes)
+        return replace(
+            found, mask=np.repeat(found.mask, classes, axis=0), memory=classes, first=self.rest, kind=self.kind
+        )
+
+    def reach(self, target: Mask, free: Mask) -> Solution:
+        """The least fixed point over nodes; `target` is a set of cells (cells,) or of nodes, `free` of cells, bool."""
+        classes = len(self.boxes)
+        goal = np.asarray(target.reshape(self.grid.size, -1).all(axis=1))  # what is held is held after any input
+        found = reach_by_classes(self.boxes, self.kind, goal, free, self.threads)
+        value = found.value.reshape(-1)
+        return Solution(
+            grid=self.grid,
+            winning=certified(found.value[:, self.rest] >= 0, self.grid, self.error),
+            mask=found.mask.reshape(self.grid.size * classes, -1),
+            free=free,
+            value=value,
+            target=value == 0,
+            memory=classes,
+            first=self.rest,
+            kind=self.kind,
+            statistics={"steps": found.steps, "backend": "bit_rows", "classes": classes},
+        )

@@ -1,0 +1,362 @@
+"""The checker of certificates: it imports nothing of simgap, accepts what holds and names the cell of what does not."""
+
+import ast
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simgap.errors import UserError
+from simgap.gap.closed_form import ClosedFormGap
+from simgap.gap.fit import fit_gap
+from simgap.gap.kinds.expressions import Expressions
+from simgap.gap.samples import GapSamples
+from simgap.gap.settings import GapSettings
+from simgap.geometry import Box, Grid
+from simgap.io.certificate import Certified, write_certificate
+from simgap.model.expressions import parse
+from simgap.model.prefix import prefix
+from simgap.model.sampled import NominalModel
+from simgap.model.symbolic import symbol
+from simgap.specifications.invariance import Invariance
+from simgap.specifications.space import Space
+from simgap.synthesis.synthesise import Problem, synthesise
+
+CHECKER = Path(__file__).parents[2] / "checker"
+NAMES = ["x1", "x2", "u"]
+NOMINAL = ("x1 + 0.05*x2", "x2 + 0.15*u - 0.7*sin(x1)")
+SIMULATOR = ("x1 + 0.05*x2 + 0.001*x2*abs(x2)", "x2 + 0.16*u - 0.69*sin(x1) + 0.003*x1*x2*cos(x1)")
+U = np.linspace(-1.2, 1.2, 5)[:, None]
+SHAPE = (32, 30)
+
+
+def run(folder, *more):
+    """The checker as a person runs it, on an interpreter that finds no simgap."""
+    env = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    command = [sys.executable, str(CHECKER / "check.py"), str(folder), *more]
+    done = subprocess.run(command, capture_output=True, text=True, env=env, cwd=folder, check=False)
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def made():
+    """A small pendulum, its proven bound and its invariant set."""
+    x, u = (symbol("x1"), symbol("x2")), (symbol("u"),)
+    model = NominalModel(x, u, tuple(parse(t, NAMES) for t in NOMINAL), 0.05)
+    known = ClosedFormGap.of([parse(t, NAMES) for t in SIMULATOR], model)
+    box, safe = Box([-0.2, -0.5], [0.2, 0.5]), {"x1": (-0.1, 0.2), "x2": (-0.5, 0.5)}
+    grid = Grid(box, [20, 50])
+    points, inputs = np.repeat(grid.centres(), len(U), axis=0), np.tile(U, (grid.size, 1))
+    simulator = NominalModel(x, u, tuple(parse(t, NAMES) for t in SIMULATOR), 0.05)
+    d = (simulator.step(points, inputs) - model.step(points, inputs)).reshape(grid.size, len(U), 2)
+    samples = GapSamples(grid, U, d, ("x1", "x2"), ("u",), known=known)
+    basis = Expressions(terms=("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1"))
+    bound = fit_gap(samples, GapSettings(basis=basis, extreme_value=False)).function
+    specification, space = Invariance(kind="invariance", safe=safe), Space(("x1", "x2"), box)
+    solution = synthesise(Problem(model, specification, space, SHAPE, U, bound.kernel()))
+    units = {"x1": "rad", "x2": "rad/s", "u": "N*m"}
+    return Certified("small", units, model, bound, known, solution, U, ["u"], specification.region(space))
+
+
+@pytest.fixture(scope="module")
+def original(made, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("certificate")
+    write_certificate(folder, made, {})
+    return folder
+
+
+@pytest.fixture
+def certificate(original, tmp_path):
+    return Path(shutil.copytree(original, tmp_path / "copy"))
+
+
+def change(folder, edit=None, **tables):
+    """Change header or tables and make every sum anew: what somebody does who wants to deceive."""
+    path = folder / "certificate.json"
+    head = json.loads(path.read_text())
+    for name, table in tables.items():
+        np.save(folder / f"{name}.npy", table)
+        head["files"][f"{name}.npy"] = hashlib.sha256((folder / f"{name}.npy").read_bytes()).hexdigest()
+    if edit is not None:
+        edit(head)
+    rest = {k: v for k, v in head.items() if k != "digest"}
+    head["digest"] = hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    path.write_text(json.dumps(head))
+
+
+def test_it_imports_the_standard_library_numpy_and_itself():
+    own = {path.stem for path in CHECKER.glob("*.py")}
+    for path in CHECKER.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
+            for name in names:
+                root = name.split(".")[0]
+                assert root in own or root == "numpy" or root in sys.stdlib_module_names, (path, name)
+
+
+def test_a_true_certificate_is_accepted_in_both_arithmetics(certificate, made):
+    status, words = run(certificate, "--exact", "60")
+    assert (status, "ACCEPTED" in words) == (0, True), words
+    assert f"{int(made.solution.winning.sum()):,} of {np.prod(SHAPE):,} cells" in words
+    assert f"{int(np.bitwise_count(made.solution.mask).sum()):,} pairs" in words
+    assert "not covered: What happens between" in words
+    assert made.solution.fraction > 0.3
+
+
+def test_every_input_that_the_controller_does_not_admit_is_refused_where_it_would_be_unsafe(certificate, made):
+    """One bit: an input that leaves the winning set, in the cell that is named."""
+    mask = made.solution.mask.copy()
+    bits = np.unpackbits(mask, axis=1, count=len(U), bitorder="little").astype(bool)
+    cell = int(np.flatnonzero(made.solution.winning & ~bits[:, 0])[7])
+    mask[cell, 0] |= 1
+    change(certificate, inputs=mask)
+    status, words = run(certificate, "--exact", "0")
+    index = tuple(int(k) for k in np.unravel_index(cell, SHAPE))
+    assert status == 1
+    assert f"REJECTED: cell {index} with input 0" in words
+
+
+def test_one_winning_cell_taken_out_is_missed(certificate, made):
+    winning = made.solution.winning.astype(np.uint8)
+    inner = np.flatnonzero(winning)
+    cell = int(inner[len(inner) // 2])
+    winning[cell], mask = 0, made.solution.mask.copy()
+    mask[cell] = 0
+    change(certificate, winning=winning, inputs=mask)
+    status, words = run(certificate, "--exact", "0")
+    assert status == 1
+    assert "REJECTED: cell (" in words
+
+
+def test_a_promise_without_an_input_and_an_input_without_a_promise_are_named(certificate, made):
+    cell = int(np.flatnonzero(made.solution.winning)[3])
+    index = tuple(int(k) for k in np.unravel_index(cell, SHAPE))
+    mask = made.solution.mask.copy()
+    mask[cell] = 0
+    change(certificate, inputs=mask)
+    assert run(certificate)[1].startswith(f"REJECTED: cell {index} is promised and has no input")
+    winning = made.solution.winning.astype(np.uint8)
+    winning[cell] = 0
+    change(certificate, inputs=made.solution.mask, winning=winning)
+    assert run(certificate)[1].startswith(f"REJECTED: cell {index} has an input and no promise")
+
+
+@pytest.mark.parametrize("state", ["x1", "x2"])
+def test_a_bound_too_narrow_for_the_equations_is_refused_with_a_cell(certificate, state):
+    def narrow(head):
+        head["gap"][state]["upper"] = ["+", head["gap"][state]["upper"], (-2e-5).hex()]
+
+    change(certificate, narrow)
+    status, words = run(certificate, "--exact", "0")
+    assert status == 1
+    assert "REJECTED: cell (" in words
+    assert "within the stated bound" in words
+
+
+def test_a_larger_safe_set_or_another_map_is_refused(certificate):
+    change(certificate, lambda head: head["safe"].update(x1=[(-0.05).hex(), (0.2).hex()]))
+    assert "is not safe along x1" in run(certificate)[1]
+    change(certificate, lambda head: head["safe"].update(x1=[(-0.1).hex(), (0.2).hex()]))
+    assert run(certificate, "--sample", "50", "--exact", "0")[0] == 0
+    change(certificate, lambda head: head["nominal"].update(x1=["+", head["nominal"]["x1"], (1e-3).hex()]))
+    assert run(certificate, "--exact", "0")[0] == 1
+
+
+def test_damage_is_unreadable_and_not_accepted(certificate):
+    path = certificate / "inputs.npy"
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(bytes(content))
+    status, words = run(certificate)
+    assert (status, "UNREADABLE: inputs.npy was changed" in words) == (2, True)
+    head = (certificate / "certificate.json").read_text()
+    (certificate / "certificate.json").write_text(head.replace('"small"', '"other"'))
+    assert run(certificate)[0] == 2
+
+
+def line(folder, step, upper, lower="0x0.0p+0", simulator=None, **more):
+    """A chain of four cells on [0, 1] with one input, by hand: cells 0 to 2 are promised."""
+    folder.mkdir(exist_ok=True)
+    ends = ["0x0.0p+0", "0x1.0p+0"]
+    head = {
+        "format": "simgap certificate", "version": 1, "kind": "invariance", "case": "line",
+        "states": [{"name": "x", "unit": "m"}], "inputs": [{"name": "u", "unit": "m"}],
+        "grid": {"lo": ends[:1], "hi": ends[1:], "cells": [4], "periodic": [False]}, "input_set": [["0x0.0p+0"]],
+        "domain": {"x": ends}, "safe": {"x": ends}, "nominal": {"x": step}, "files": {}, "not_covered": [],
+        "gap": {"x": {"lower": lower, "upper": upper}}, "simulator": {"x": simulator} if simulator else None,
+    }  # fmt: skip
+    (folder / "certificate.json").write_text(json.dumps(head | more))
+    tables = {"winning": np.array([1, 1, 1, 0], np.uint8), "inputs": np.array([[1], [1], [1], [0]], np.uint8)}
+    return head | more, tables
+
+
+def test_rounding_that_is_left_out_of_a_bound_is_found(tmp_path):
+    """The gap is 0.1 + 0.2 exactly; the nearest double lies above it, that of 0.3 below."""
+    gap = Fraction(0.1) + Fraction(0.2)
+    assert Fraction(0.3) < gap < Fraction(0.1 + 0.2)
+    step = ["+", ["*", "0x1.0p-2", "x"], "0x1.0p-5"]
+    simulator = ["+", step, (0.1).hex(), (0.2).hex()]
+    for upper, status in ((0.3, 1), (0.3 + 1e-14, 0)):
+        _, tables = line(tmp_path / "line", step, upper.hex(), simulator=simulator)
+        change(tmp_path / "line", **tables)
+        for exactly in ("0", "9"):
+            assert run(tmp_path / "line", "--exact", exactly)[0] == status
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path\n"
+        "import certificate, check; c = certificate.read(Path(sys.argv[2]))\n"
+        "print([check.fails_exactly(c, k, 0) for k in range(3)])"
+    )
+    line(tmp_path / "line", step, (0.3).hex(), simulator=simulator)
+    change(tmp_path / "line", **tables)
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(CHECKER), str(tmp_path / "line")], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.strip() == "[True, True, True]", done.stderr
+
+
+def test_a_box_that_ends_on_the_border_of_a_losing_cell_touches_it(tmp_path):
+    """x+ = x / 2 + c: the largest promised state .75 goes to .375 + c, and the losing cell begins at .75."""
+    for c, status in ((0.375, 1), (0.375 - 1e-10, 0)):
+        _, tables = line(tmp_path / "line", ["+", ["*", "0x1.0p-1", "x"], c.hex()], "0x0.0p+0")
+        change(tmp_path / "line", **tables)
+        done, words = run(tmp_path / "line")
+        assert done == status, words
+    assert "cell (2,) with input 0" not in words
+
+
+def levels(folder, values, target=(0.0, 0.25), obstacle=(0.8, 1.0)):
+    """A chain that goes a quarter to the left: levels by hand."""
+    more = {"kind": "reach_avoid", "target": {"x": [v.hex() for v in target]},
+            "obstacles": [{"x": [v.hex() for v in obstacle]}]}  # fmt: skip
+    line(folder, ["+", ["*", "0x1.0p-1", "x"], (-0.01).hex()], "0x0.0p+0", **more)
+    mask = np.array([[1 if v > 0 else 0] for v in values], np.uint8)
+    winning = np.array([1 if v >= 0 else 0 for v in values], np.uint8)
+    change(folder, levels=np.array(values, np.int32), winning=winning, inputs=mask)
+    return run(folder)
+
+
+def test_levels_go_down_to_the_target_and_keep_clear(tmp_path):
+    """From [.25, .5] to [.115, .24], from [.5, .75] to [.24, .365]: levels 1 and 2."""
+    folder = tmp_path / "levels"
+    assert levels(folder, [0, 1, 2, -1])[0] == 0
+    assert "cell (2,) with input 0" in levels(folder, [0, 1, 1, -1])[1]  # one level changed
+    assert "cell (1,) has level 0 and is not in the target" in levels(folder, [0, 0, 1, -1])[1]
+    assert "cell (3,) touches obstacle 0" in levels(folder, [0, 1, 2, 3])[1]
+    assert "cell (0,) has level 0" in levels(folder, [0, 1, 2, -1], target=(0.0, 0.2))[1]
+
+
+@pytest.fixture(scope="module")
+def arithmetics():
+    sys.path.insert(0, str(CHECKER))
+    try:
+        import expressions
+        import intervals
+        import rationals
+
+        yield intervals, rationals, expressions
+    finally:
+        sys.path.remove(str(CHECKER))
+
+
+@pytest.mark.parametrize("name", ["sin", "cos"])
+def test_sine_and_cosine_hold_the_true_value(arithmetics, name):
+    """SymPy's forty digits are the oracle, in every quadrant and at the crests."""
+    import sympy as sp
+
+    intervals, rationals, _ = arithmetics
+    rng = np.random.default_rng(4)
+    points = np.concatenate([rng.uniform(-12, 12, 60), np.pi / 2 * np.arange(-5, 6), [0.0, 1e-300, 1e-8]])
+    lo, hi = getattr(intervals, name)((points, points))
+    for k, x in enumerate(points.tolist()):
+        value = Fraction(str(sp.N(getattr(sp, name)(sp.Rational(x)), 40)))
+        a, b = getattr(rationals, name)((Fraction(x), Fraction(x)))
+        assert Fraction(lo[k]) <= value <= Fraction(hi[k])
+        slack = Fraction(1, 10**38)  # the oracle is rounded too
+        assert a - slack <= value <= b + slack
+        assert hi[k] - lo[k] < 1e-14
+        assert b - a < Fraction(1, 10**31)  # at a crest its top is taken
+    wide = np.array([-0.3, 1.0, 1.5, -2.0]), np.array([0.4, 2.0, 5.0, 9.0])
+    lo, hi = getattr(intervals, name)(wide)
+    for k in range(4):
+        values = getattr(np, name)(np.linspace(wide[0][k], wide[1][k], 2001))
+        assert lo[k] <= values.min() <= lo[k] + 1e-5
+        assert hi[k] - 1e-5 <= values.max() <= hi[k]
+
+
+def test_rounded_operations_hold_the_exact_ones_and_would_not_without_rounding(arithmetics, monkeypatch):
+    intervals, rationals, _ = arithmetics
+    rng = np.random.default_rng(8)
+    ends = np.sort(rng.normal(size=(2, 2, 300)) * 10.0 ** rng.integers(-8, 8, (2, 2, 300)), axis=1)
+    a, b = (tuple(pair) for pair in ends)
+
+    def missed():
+        count = 0
+        for name, args in (
+            ("add", (a, b)), ("mul", (a, b)), ("inverse", (b,)), ("power", (a, 3)), ("power", (b, 4)),
+        ):  # fmt: skip
+            lo, hi = getattr(intervals, name)(*args)
+            for k in range(300):
+                own = [tuple(Fraction(end[k]) for end in p) if isinstance(p, tuple) else p for p in args]
+                if name == "inverse" and own[0][0] <= 0 <= own[0][1]:
+                    continue
+                low, high = getattr(rationals, name)(*own)
+                count += not (Fraction(lo[k]) <= low and high <= Fraction(hi[k]))
+        return count
+
+    assert missed() == 0
+    monkeypatch.setattr(intervals, "down", lambda x: x)
+    monkeypatch.setattr(intervals, "up", lambda x: x)
+    assert missed() > 100
+
+
+@pytest.mark.parametrize(
+    "text", ["x1*sin(x2) - u/3", "abs(x1 - x2)*cos(3*x1)", "max(x1, x2^2) + min(u, x1)", "x1^3/(2 + x2^2)", "0.1 + x1"]
+)
+def test_ranges_hold_the_values(arithmetics, text):
+    """Random boxes and points of them, both arithmetics, values in ordinary floating point as the oracle."""
+    import sympy as sp
+
+    intervals, rationals, expressions = arithmetics
+    e, rng = parse(text, NAMES), np.random.default_rng(1)
+    value = sp.lambdify([symbol(n) for n in NAMES], e, "numpy")
+    form, u = json.loads(json.dumps(prefix(e))), 0.7
+    states, inputs = {"x1": 0, "x2": 1}, {"u": Fraction(u)}
+    for _ in range(5):
+        ends = np.sort(rng.uniform(-1, 1, (2, 2)), axis=0)
+        at = rng.uniform(ends[0], ends[1], (500, 2))
+        values = value(at[:, 0], at[:, 1], u)
+        for arithmetic, kind in ((intervals, np.float64), (rationals, Fraction)):
+            box = [(kind(ends[0, j]), kind(ends[1, j])) for j in range(2)]
+            mid = [((lo + hi) / 2,) * 2 for lo, hi in box]
+            lo, hi = expressions.Place(arithmetic, states, box, mid, inputs, 0).range(form)
+            assert float(lo) <= values.min() + 1e-12
+            assert values.max() - 1e-12 <= float(hi)
+
+
+def test_what_a_certificate_does_not_cover_is_refused_in_one_line(made, tmp_path):
+    from dataclasses import replace
+
+    from simgap.gap.cells import CellGap
+
+    blocks = CellGap(made.bound.domain, (), (), (), np.zeros(0), np.zeros(0), np.zeros((2, 2)))
+    late = replace(made.solution, memory=2)
+    reach = replace(made.solution, value=np.zeros(np.prod(SHAPE), np.int32))
+    for changed, words in (
+        ({"bound": blocks}, "linear"),
+        ({"solution": late}, "latency"),
+        ({"solution": reach}, "latency"),
+    ):
+        with pytest.raises(UserError, match=words) as caught:
+            write_certificate(tmp_path / "none", replace(made, **changed), {})
+        assert "\n" not in str(caught.value)
+        assert not (tmp_path / "none").exists()
+    with pytest.raises(UserError, match="no form for 'tanh'"):
+        prefix(parse("tanh(x1)", NAMES))
