@@ -22,5 +22,5 @@ def show(console: Console, checked: Checked) -> None:
         console.print(
             f"{finding.key}: {finding.problem}. {finding.remedy}", soft_wrap=True, highlight=False, markup=False
         )
-    if not checked.findings:
+    if checked.compared and not checked.findings:
         console.print("Nothing in the model file that the engine drops or changes.")

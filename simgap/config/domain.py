@@ -23,6 +23,8 @@ class InputSet(Section):
     @model_validator(mode="after")
     def _not_empty(self) -> InputSet:
         if self.values is not None:
+            if not (self.min is None and self.max is None and self.step is None):
+                raise ValueError("an input set has either values, or min, max and step")
             if len(self.values) == 0:
                 raise ValueError("U is empty: list at least one value")
             return self

@@ -54,11 +54,14 @@ def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
 
 TAGS = ("engine", "kind")
 """Keys that say which keys stand beside them."""
+INSTEAD = ({"values"}, {"min", "max", "step"})
+"""Keys of which one group stands instead of the other."""
 
 
 def overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     """Keys of `above` on those of `below`: sections are merged key by key, a list or a number is replaced, `null`
-    leaves a key out. A section of another engine or kind replaces the whole section: its keys are others."""
+    leaves a key out. A section of another engine or kind, an empty one, and a range instead of values (or the other way
+    round) replace the whole section."""
     merged = dict(below)
     for key, value in above.items():
         under = below.get(key)
@@ -70,7 +73,8 @@ def overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 
 
 def _of_another_kind(under: dict[str, Any], value: dict[str, Any]) -> bool:
-    return any(tag in value and value[tag] != under.get(tag) for tag in TAGS)
+    other = any(own & value.keys() and rest & under.keys() for own, rest in (INSTEAD, INSTEAD[::-1]))
+    return not value or other or any(tag in value and value[tag] != under.get(tag) for tag in TAGS)
 
 
 def parse_case(content: Any, path: Path, plugins_beside: Path | None = None) -> Case:

@@ -58,7 +58,7 @@ READS: Mapping[str, tuple[str, ...]] = {
     "paper": _SIMULATED,
     "rig": _SIMULATED,
     "trace": ("name", "title", "plant", "domain", "synthesis.specification"),
-    "diagnosis": _WHOLE,  # the corrected case is a copy of the whole
+    "diagnosis": (*_WHOLE, "budget"),  # the corrected case is a copy of the whole
     "report": (
         "name",
         "title",

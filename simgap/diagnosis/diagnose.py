@@ -76,8 +76,11 @@ def diagnose(
     reach = parts.known.reach(found.fit.theta)
     if reach > parts.known.reach(search.problem.model.null):  # commands from before the record are unknown: masked
         parts = parts.past_the_unknown(reach)
-        reduced = chi2_dof(search.problem, found.fit)
-        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, (found, reduced))
+        if watch.stopped:
+            search, base, found = _fitted_again(parts.known, search, found, not_tried)
+        else:
+            reduced = chi2_dof(search.problem, found.fit)
+            search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, (found, reduced))
     chosen = _chosen(parts, search, base, found, settings, not_tried)
     return _conclude(model, record, settings, parts, chosen, said)
 
@@ -105,6 +108,16 @@ class _Chosen:
     at_floor: bool
     agree: bool
     barred: Mapping[Key, str]
+
+
+def _fitted_again(
+    problem: Problem, search: Search, found: Explanation, not_tried: Collection[Key]
+) -> tuple[Search, Fit, Explanation]:
+    """What a search found before it was stopped, fitted on another problem; nothing else is tried there."""
+    sought = coarse(problem)
+    base = fit(sought, sought.model.null, initial_states(sought), [], {})
+    again = Search(sought, list_starts(sought, not_tried), watch=search.watch)
+    return again, base, on_all(again, search, found, base)
 
 
 def _searched(

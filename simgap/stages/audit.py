@@ -63,7 +63,8 @@ def run(
     """Attack with `times` the budget of the case, count, and write what was found.
 
     Raises:
-        BrokenPromise: one step outside gamma or one broken run, unless the case tolerates a share of the steps.
+        BrokenPromise: one broken run, whatever the case tolerates; one step of the simulator outside gamma, unless it
+            tolerates a share of them.
     """
     context = Context.load(case_path)
     section = context.case.audit or AuditSection()
@@ -85,10 +86,10 @@ def run(
     _write_margins(context, margins, out.margins, record)
     write_json(out.counts, content | {"witnesses": [w.what for w in witnesses]})
     log.info("%s", _said(content))
-    if content["violations"] and not tolerated(context.case):
+    if loops[DISTURBANCE].violations or (content["violations"] and not tolerated(context.case)):
         raise BrokenPromise(
             f"the adversary broke it: {_said(content)}; the first: {witnesses[0].what}",
-            f"`simgap replay {out.witness.name}` shows it. {_remedy(found)}",
+            f"`simgap replay {out.witness}` shows it. {_remedy(found)}",
         )
 
 

@@ -39,12 +39,14 @@ class Checked:
 
     Attributes:
         costs: of each stage; cells: of the grid of samples and of the controller, an axis each, by state.
-        findings: what the engine makes of the model file in silence.
+        findings: what the engine makes of the model file in silence; compared: whether there is an engine that loads
+            one, and was asked.
     """
 
     costs: list[StageCost]
     cells: dict[str, dict[str, int]]
     findings: list[Finding]
+    compared: bool
 
 
 def run(case_path: Path, out: Path | None = None, engine_log: Path | None = None) -> Checked:
@@ -66,8 +68,9 @@ def run(case_path: Path, out: Path | None = None, engine_log: Path | None = None
         findings, rollout = of_engine(context, file, engine_log)
         found = costs(context, rollout) if case.domain is not None else []
         affordable(context, found)
-    result = Checked(found, _cells(context), findings)
-    for finding in findings:
+    compared = findings is not None
+    result = Checked(found, _cells(context), findings or [], compared)
+    for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)
     if out is not None:
         record = provenance("check", case, context.folder)
@@ -119,11 +122,11 @@ def _basis(context: Context) -> None:
 
 def of_engine(
     context: Context, file: ModelFile | None, engine_log: Path | None = None
-) -> tuple[list[Finding], float | None]:
-    """Findings about the model file, and the seconds of a roll-out."""
+) -> tuple[list[Finding] | None, float | None]:
+    """Findings about the model file, None where no engine loads one, and the seconds of a roll-out."""
     case = context.case
     if case.simulator is None or case.domain is None:
-        return [], None
+        return None, None
     kind = plugins.find("engines", case.simulator.engine, context.folder)
     rng = np.random.default_rng(0)
     x = context.box.sample(rng, 100)
@@ -132,7 +135,7 @@ def of_engine(
     ((loaded, seconds),) = run_in_processes(ask_engine, [(case, context.folder, x, u)], log=engine_log)
     traits = kind.file_traits if issubclass(kind, Engine) else None
     if file is None or traits is None:
-        return [], seconds
+        return None, seconds
     return surprises(case, traits, file, loaded), seconds
 
 

@@ -28,6 +28,8 @@ FIT, SLOPES, BOUND = 2e-6, 6e-6, 6e-6
 """CPU seconds a sample, of `scp` and `lipschitz` (one state) and of `gap` (one state)."""
 PAIR = 3e-7
 """CPU seconds a pair of cell and input, of a synthesis that ends."""
+ROW_PAIR = 1.5e-8
+"""The same where whole rows of cells are decided at once: a robot whose gap does not depend on where it stands."""
 SAMPLE_BYTES = 60
 """Bytes a sample and state that the stages from roll-outs to the bound hold."""
 
@@ -98,14 +100,15 @@ def _samples(context: Context, rollout: float, eps: float | None) -> Iterator[St
         key, of, shards = "hidden_state.previous", "roll-outs after earlier inputs", 2
     held = BYTES + SAMPLE_BYTES * nx * count
     yield StageCost("rollouts", count, of, START * shards + count * rollout, BYTES + (held - BYTES) / shards, key)
-    if case.gap is not None:
-        fresh = case.gap.fresh_samples if case.hidden_state is None else case.hidden_state.fresh_samples
-        more = BYTES + 16.0 * nx * fresh
-        yield StageCost("fresh", fresh, "fresh samples", START + fresh * rollout, more, "gap.fresh_samples")
+    own, checks = ("gap", case.gap) if case.hidden_state is None else ("hidden_state", case.hidden_state)
+    if checks is not None:
+        more = BYTES + 16.0 * nx * checks.fresh_samples
+        seconds = START + checks.fresh_samples * rollout
+        yield StageCost("fresh", checks.fresh_samples, "fresh samples", seconds, more, f"{own}.fresh_samples")
     if case.hidden_state is None:
         ends = Grid.covering(context.box, eps or case.grid.eps).cells if case.grid is not None else ()
-        own, checked = (math.prod(c + 2 for c in n) - math.prod(n) for n in (ends, [CHECK_LEVELS] * nx))
-        beside = (min(own, MOST_BORDER_STATES) + min(checked, MOST_BORDER_STATES)) * _inputs(case)
+        fitted, checked = (math.prod(c + 2 for c in n) - math.prod(n) for n in (ends, [CHECK_LEVELS] * nx))
+        beside = (min(fitted, MOST_BORDER_STATES) + min(checked, MOST_BORDER_STATES)) * _inputs(case)
         yield StageCost("borders", beside, "samples on borders of X", START + beside * rollout, 2 * BYTES, "grid.eps")
     for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
         if case.gap is not None or case.hidden_state is not None:
@@ -123,7 +126,9 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
     if case.hidden_state is not None:
         rows *= math.prod(case.hidden_state.classes.values())  # nodes: a controller remembers the class
     a_cell = 9 + 8 * len(context.states) + rows * math.ceil(inputs / 8)
-    seconds = START + PAIR * cells * inputs * rows
+    wheeled = case.plant.symbolic is not None and case.plant.symbolic.wheels is not None
+    rate = ROW_PAIR if wheeled and not (case.sensing is not None and case.sensing.latency) else PAIR
+    seconds = START + rate * cells * inputs * rows
     yield StageCost(
         "synthesis", cells * inputs * rows, "pairs of cell and input", seconds, BYTES + a_cell * cells,
         "synthesis.cells",

@@ -84,12 +84,14 @@ class LateGame:
     Attributes:
         space, stray: as for `MeasuredGame`; pending: its nodes; the boxes account for its `error`.
         first: number of the input that acts in the first sample, before any measurement has arrived.
+        rest: class in which a run starts, where the plant remembers the input before.
     """
 
     space: Space
     pending: PendingGame
     stray: Floats
     first: int
+    rest: int = 0
 
     @property
     def grid(self) -> Grid:
@@ -117,8 +119,7 @@ class LateGame:
 
     def _solution(self, found: Nodes, free: Mask) -> Solution:
         memory = found.inside.size // self.grid.size
-        since = int(self.pending.kind[self.first])  # a plant that remembers has rested at this input
-        began = found.inside[since, :, self.first]
+        began = found.inside[self.rest, :, self.first]
         value = None if found.value is None else np.moveaxis(found.value, 0, 2).reshape(-1)
         return Solution(
             grid=self.grid,
@@ -128,7 +129,7 @@ class LateGame:
             value=value,
             target=None if value is None else value == 0,
             memory=memory,
-            first=self.first * len(self.pending.boxes) + since,
+            first=self.first * len(self.pending.boxes) + self.rest,
             late=True,
             kind=self.pending.kind if len(self.pending.boxes) > 1 else None,
             statistics={"rounds": found.rounds, "nodes": int(found.inside.sum())},

@@ -102,7 +102,8 @@ class Problem:
         if self.previous is not None:
             boxes = tuple(self._boxes(*own) for own in zip(self.previous.gaps, self.previous.swept, strict=True))
             if self.latency:
-                return LateGame(self.space, PendingGame(boxes, self.previous.kind, threads), stray, first)
+                pending = PendingGame(boxes, self.previous.kind, threads)
+                return LateGame(self.space, pending, stray, first, self.previous.rest)
             about = self.previous.kind, self.previous.rest, stray, threads
             return PreviousGame(self.space, boxes, self.abstraction(), *about)
         if self.latency:

@@ -187,3 +187,24 @@ def test_what_the_system_refuses_is_one_line(root, tmp_path, capsys):
         told = capsys.readouterr().err
         assert told.count("\n") == 1
         assert "A file stands where a folder is needed" in told
+
+
+def test_extends_replaces_a_range_by_values_and_a_section_by_an_empty_one(vary):
+    base = vary("turtlebot", {"simulator.urdf": "x.urdf"})
+    path = base.with_name("other.yaml")
+    path.write_text(
+        "name: other\nextends: turtlebot.yaml\ndomain: {U: {v: {values: [0, 0.5]}}}\nhidden_state: {classes: {}}\n"
+    )
+    case = load_case(path)
+    assert case.domain.U["v"].list().tolist() == [0.0, 0.5]
+    assert case.domain.U["v"].min is None
+    assert case.hidden_state.classes == {}
+    back = base.with_name("back.yaml")
+    back.write_text("name: back\nextends: other.yaml\ndomain: {U: {v: {min: 0, max: 1, step: 0.5}}}\n")
+    assert load_case(back).domain.U["v"].list().tolist() == [0.0, 0.5, 1.0]
+
+
+def test_an_input_set_has_values_or_a_range(vary):
+    both = {"min": 0, "max": 1, "step": 1, "values": [0, 1]}
+    with pytest.raises(UserError, match="either values, or min, max and step"):
+        load_case(vary("pendulum", {"domain.U": {"u": both}}))

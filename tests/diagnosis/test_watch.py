@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import simgap.diagnosis.diagnose as module
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
@@ -92,3 +93,18 @@ def test_masking_is_searched_anew_only_if_it_tells_more(monkeypatch, extra, befo
     d = diagnose(block(), _record(extra, LATE, before), DiagnosisSettings(effects=EFFECTS, max_effects=2))
     assert {e.name for e in d.effects} == {"viscous_friction", "input_delay"}
     assert bool(calls) == again
+
+
+def test_what_is_masked_after_the_end_is_fitted_and_not_searched(monkeypatch):
+    """A delay masks what was commanded before the record; a search that has ended does not begin anew for that."""
+    begun = []
+    searched = module._searched
+    monkeypatch.setattr(module, "_searched", lambda *given: begun.append(1) or _ended(searched(*given), given[3]))
+    d = diagnose(block(), _record(late=LATE), DiagnosisSettings(effects=("input_delay",)))
+    assert len(begun) == 1
+    assert any("ended after" in w for w in d.warnings)
+
+
+def _ended(found, watch):
+    watch.stopped = "The search was ended after measured.budget_s = 0 s"
+    return found

@@ -138,3 +138,15 @@ def test_mistakes_name_what_is_wrong():
     with pytest.raises(UserError, match="wheels"):
         wheeled_plant(case.model_copy(update={"plant": case.plant.model_copy(update={"symbolic": None})}), CASE.parent)
     assert replace(wheeled_plant(case, CASE.parent), tau=2.0).tau == 2.0
+
+
+def test_tyres_that_multiply_the_floor_s_friction_are_refused(tmp_path):
+    """The room that is left between recorded poses counts on the floor's friction alone."""
+    case = load_case(CASE)
+    plant = wheeled_plant(case, CASE.parent)
+    sticky = tmp_path / "sticky.urdf"
+    sticky.write_text(
+        plant.urdf.read_text().replace('<lateral_friction value="1.0"/>', '<lateral_friction value="1.5"/>')
+    )
+    with pytest.raises(UserError, match=r"lateral friction 1\.5"):
+        PyBulletWheeled(replace(plant, urdf=sticky), case.simulator)

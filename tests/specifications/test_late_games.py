@@ -243,3 +243,12 @@ def test_a_plant_that_remembers_the_class_of_the_input_before(seed):
     rows = np.unpackbits(held.mask(), axis=1, count=inputs, bitorder="little").reshape(16, inputs, 2, inputs)
     for c, at, p in kept:
         assert np.flatnonzero(rows[at, p, c]).tolist() == choices((c, at, p), kept)
+    # A run begins at rest, in the class of rest, whatever input acts first.
+    first, rest = int(rng.integers(inputs)), int(rng.integers(2))
+    solution = LateGame(Space(("a", "b"), space, (1,)), game, np.zeros(2), first, rest).reach(target[0, :, 0], free)
+    goal = {(c, k, p) for c, k, p in nodes if target[0, k, 0] and free[k]}
+    level = dict.fromkeys(goal, 0)
+    while new := [n for n in nodes if n not in level and free[n[1]] and choices(n, set(level))]:
+        level |= dict.fromkeys(new, 1)
+    assert solution.winning.tolist() == [(rest, k, first) in level for k in range(16)]
+    assert solution.first == first * 2 + rest
