@@ -6,15 +6,16 @@ import hashlib
 import json
 from dataclasses import dataclass
 from fractions import Fraction
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from expressions import Malformed, exact
+from expressions import Malformed, exact, well_formed
 
 FORMAT, VERSION = "simgap certificate", 1
-KINDS = ("invariance", "reach_avoid")
-LOST = np.iinfo(np.int64).max
+KIND = "invariance"
+TABLES = ("inputs.npy", "winning.npy")
 
 
 @dataclass
@@ -24,7 +25,7 @@ class Certificate:
     Attributes:
         lo, hi: exact ends of the grid by state; cells: per axis; periodic: flags.
         inputs: exact values, (M, nu). admissible: (cells, M) as packed bits, bit m % 8 of byte m // 8.
-        rank: (cells,) 0 for winning cells of an invariance, levels of a reach-avoid, LOST elsewhere.
+        winning: (cells,) bool, the cells that are promised.
         header: everything in certificate.json.
     """
 
@@ -37,17 +38,12 @@ class Certificate:
     periodic: list[bool]
     inputs: list[list[Fraction]]
     admissible: np.ndarray
-    rank: np.ndarray
+    winning: np.ndarray
 
     @property
     def size(self) -> int:
         """Number of cells."""
-        return int(np.prod(self.cells))
-
-    @property
-    def reaches(self) -> bool:
-        """Whether levels count down to a target."""
-        return bool(self.header["kind"] == "reach_avoid")
+        return prod(self.cells)
 
     def admits(self, m: int) -> np.ndarray:
         """Cells in which input m is admissible, (cells,) bool."""
@@ -66,13 +62,17 @@ def read(folder: Path) -> Certificate:
     """
     try:
         header = json.loads((folder / "certificate.json").read_text())
-        if (header["format"], header["version"]) != (FORMAT, VERSION) or header["kind"] not in KINDS:
-            raise Malformed("it is no certificate of this format, version and kind")
-        tables = {name: _table(folder / name, digest) for name, digest in header["files"].items()}
+        if (header["format"], header["version"]) != (FORMAT, VERSION):
+            raise Malformed("it is no certificate of this format and version")
+        if header["kind"] != KIND:
+            raise Malformed(f"it is of the kind {str(header['kind'])[:60]!r}, and only {KIND!r} can be checked")
+        tables = [_table(folder / name, header["files"][name]) for name in TABLES]
         if header["digest"] != digest_of(header):
             raise Malformed("its header was changed: the digest does not fit")
-        return _certificate(header, tables)
-    except (OSError, KeyError, TypeError, ValueError, AttributeError) as error:
+        return _certificate(header, *tables)
+    except KeyError as error:
+        raise Malformed(f"its header has no {error}") from None
+    except (OSError, EOFError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise Malformed(f"it cannot be read: {error!r:.150}") from None
 
 
@@ -89,25 +89,44 @@ def _table(path: Path, digest: str) -> np.ndarray:
     return np.load(path, allow_pickle=False)
 
 
-def _certificate(header: dict[str, Any], tables: dict[str, np.ndarray]) -> Certificate:
-    grid, cells = header["grid"], [int(c) for c in header["grid"]["cells"]]
+def _certificate(header: dict[str, Any], admissible: np.ndarray, winning: np.ndarray) -> Certificate:
+    grid, cells = header["grid"], header["grid"]["cells"]
     inputs = [[exact(v) for v in row] for row in header["input_set"]]
-    size, states = int(np.prod(cells)), [s["name"] for s in header["states"]]
+    states, names = [s["name"] for s in header["states"]], [i["name"] for i in header["inputs"]]
     lo, hi = [exact(v) for v in grid["lo"]], [exact(v) for v in grid["hi"]]
-    admissible, winning = tables["inputs.npy"], tables["winning.npy"]
-    rank = np.where(winning == 1, 0, LOST).astype(np.int64)
-    if header["kind"] == "reach_avoid":
-        rank = np.where(tables["levels.npy"] >= 0, tables["levels.npy"].astype(np.int64), LOST)
+    _check_header(header, states, names)
     good = (
         len(states) == len(lo) == len(hi) == len(cells) == len(grid["periodic"])
         and all(a < b for a, b in zip(lo, hi, strict=True))
-        and min(cells) > 0
-        and admissible.dtype == np.uint8
-        and admissible.shape == (size, (len(inputs) + 7) // 8)
-        and winning.dtype == np.uint8
-        and winning.shape == rank.shape == (size,)
+        and all(type(k) is int and k > 0 for k in cells)
+        and all(type(wraps) is bool for wraps in grid["periodic"])
+        and len(inputs) > 0
+        and all(len(row) == len(names) for row in inputs)
+        and admissible.dtype == winning.dtype == np.uint8
+        and admissible.shape == (prod(cells), (len(inputs) + 7) // 8)
+        and winning.shape == (prod(cells),)
     )
     if not good:
         raise Malformed("its tables do not fit its grid and its inputs")
-    names = [i["name"] for i in header["inputs"]]
-    return Certificate(header, states, names, lo, hi, cells, list(grid["periodic"]), inputs, admissible, rank)
+    return Certificate(header, states, names, lo, hi, cells, grid["periodic"], inputs, admissible, winning == 1)
+
+
+def _check_header(header: dict[str, Any], states: list[str], inputs: list[str]) -> None:
+    """Everything that is looked up later is there and well formed.
+
+    Raises:
+        KeyError, ValueError, TypeError: what is missing. Malformed: what is no name, number or expression.
+    """
+    names = set(states + inputs)
+    if not states or len(names) < len(states + inputs) or not all(isinstance(name, str) for name in names):
+        raise Malformed("its states and inputs need a name each, and no two the same")
+    said = header["not_covered"]
+    if not isinstance(said, list) or not all(isinstance(text, str) for text in said):
+        raise Malformed("its 'not_covered' is no list of sentences")
+    expressions = [header["nominal"], *([] if header["simulator"] is None else [header["simulator"]])]
+    for s in states:
+        for ends in (header["domain"][s], header["safe"][s]):
+            if len(ends) != 2 or exact(ends[0]) >= exact(ends[1]):
+                raise Malformed(f"the ends of {s!r} are no interval")
+        for e in (*(known[s] for known in expressions), header["gap"][s]["lower"], header["gap"][s]["upper"]):
+            well_formed(e, names)

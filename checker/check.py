@@ -1,8 +1,8 @@
 """Check a certificate that simgap exported, without simgap: `python checker/check.py FOLDER`.
 
 For every admissible pair of a cell and an input it computes the box of successors from the stated nominal map and the
-stated bound of the gap, and verifies that every cell that this box touches wins (invariance) or has a lower level
-(reach_avoid). What else is verified stands in `verify`. Exit status: 0 accepted, 1 rejected, 2 unreadable.
+stated bound of the gap, and verifies that every cell that this box touches wins. What else is verified stands in
+`verify`. Exit status: 0 accepted, 1 rejected, 2 unreadable.
 """
 
 from __future__ import annotations
@@ -11,29 +11,21 @@ import argparse
 import itertools
 import sys
 import time
-from fractions import Fraction
-from math import floor
 from pathlib import Path
 
 import intervals
 import numpy as np
 import rationals
-from certificate import LOST, Certificate, read
+from boxes import MOST_TOUCHED, all_win, cell_box, cell_ends, touched
+from certificate import Certificate, read
 from expressions import Malformed, Place, exact
 
 CHUNK = 50_000  # pairs at a time
-MOST_TOUCHED = 4096  # cells that a box may touch; a larger one is split
 DEPTH = 4  # halvings of a cell along every axis before its pair is refused
-MARGIN = Fraction(1, 2**44)  # of the numbers on an axis: a controller finds the cell of a state in floating point
 
 
 class Rejected(Exception):
     """What does not hold, with the cell."""
-
-
-def margin(c: Certificate, j: int) -> Fraction:
-    """How far a state may lie outside the cell that a controller finds for it, along axis j."""
-    return MARGIN * (max(abs(c.lo[j]), abs(c.hi[j])) + c.hi[j] - c.lo[j])
 
 
 def rows(c: Certificate) -> list[tuple]:
@@ -47,7 +39,7 @@ def rows(c: Certificate) -> list[tuple]:
 
 def bound_rows(c: Certificate) -> list[tuple]:
     """For a simulator in closed form: (gap - lower, upper - gap) of each state, none of which may be negative."""
-    known = c.header.get("simulator")
+    known = c.header["simulator"]
     if not known:
         return []
     found = []
@@ -58,61 +50,9 @@ def bound_rows(c: Certificate) -> list[tuple]:
     return found
 
 
-def cell_box(c: Certificate, index, part, parts: int, arithmetic) -> tuple[list, list]:
-    """Box and centre of part (k_1, ...) of `parts` along each axis of one cell or arrays of cells, with the margin."""
-    box, mid = [], []
-    for j, k in enumerate(index):
-        width, slack = (c.hi[j] - c.lo[j]) / c.cells[j], margin(c, j)
-        ends = []
-        for offset, more in ((Fraction(part[j], parts), -slack), (Fraction(part[j] + 1, parts), slack)):
-            at = arithmetic.add(_whole(k, arithmetic), arithmetic.number(offset))
-            moved = arithmetic.mul(at, arithmetic.number(width))
-            ends.append(arithmetic.add(moved, arithmetic.number(c.lo[j] + more)))
-        box.append((ends[0][0], ends[1][1]))
-        middle = (ends[0][0] + ends[1][1]) / 2
-        mid.append((middle, middle))
-    return box, mid
-
-
-def _whole(k, arithmetic):
-    return (Fraction(int(k)),) * 2 if arithmetic is rationals else (k.astype(np.float64),) * 2
-
-
 def place(c: Certificate, box, mid, m: int, arithmetic) -> Place:
     names = {s: j for j, s in enumerate(c.states)}
-    return Place(arithmetic, names, box, mid, dict(zip(c.input_names, c.inputs[m], strict=True)), m)
-
-
-def touched(c: Certificate, j: int, lo, hi, arithmetic):
-    """First and last index along axis j that [lo, hi] touches, borders included."""
-    per_cell = Fraction(c.cells[j]) / (c.hi[j] - c.lo[j])
-    slack, n = margin(c, j), arithmetic.number
-    q = arithmetic.mul(arithmetic.add((lo, hi), n(-c.lo[j])), n(per_cell))
-    q = arithmetic.add(q, (n(-slack * per_cell)[0], n(slack * per_cell)[1]))
-    if arithmetic is rationals:
-        return floor(q[0]), floor(q[1])
-    return np.floor(q[0]), np.floor(q[1])
-
-
-def worst_rank(c: Certificate, first, last) -> np.ndarray:
-    """The largest rank among the cells of boxes of cells: lists of (n,) by axis -> (n,); LOST beyond the grid."""
-    count = len(first[0])
-    spans = [int((b - a).max(initial=0)) + 1 for a, b in zip(first, last, strict=True)]
-    worst = np.zeros(count, dtype=np.int64)
-    if int(np.prod([float(s) for s in spans])) > MOST_TOUCHED:
-        return np.full(count, LOST)
-    for offset in itertools.product(*(range(s) for s in spans)):
-        flat, inside, counts = np.zeros(count, dtype=np.int64), np.ones(count, bool), np.ones(count, bool)
-        for j, (a, b) in enumerate(zip(first, last, strict=True)):
-            k = a + offset[j]
-            counts &= k <= b
-            if c.periodic[j]:
-                k = k % c.cells[j]
-            inside &= (k >= 0) & (k < c.cells[j])
-            flat = flat * c.cells[j] + np.where((k >= 0) & (k < c.cells[j]), k, 0)
-        rank = np.where(inside, c.rank[flat], LOST)
-        worst = np.where(counts, np.maximum(worst, rank), worst)
-    return worst
+    return Place(arithmetic, names, box, mid, dict(zip(c.input_names, c.inputs[m], strict=True)))
 
 
 def holds(c: Certificate, cells: np.ndarray, m: int, part, parts: int) -> np.ndarray:
@@ -129,8 +69,7 @@ def holds(c: Certificate, cells: np.ndarray, m: int, part, parts: int) -> np.nda
         last.append(np.where(near, b, 0).astype(np.int64))
     for below, above in bound_rows(c):
         sound &= (where.range(below)[0] >= 0) & (where.range(above)[0] >= 0)
-    worst = worst_rank(c, first, last)
-    return sound & ((worst < c.rank[cells]) if c.reaches else (worst == 0))
+    return sound & all_win(c, first, last)
 
 
 def holds_exactly(c: Certificate, cell: int, m: int, part, parts: int) -> bool:
@@ -148,8 +87,7 @@ def holds_exactly(c: Certificate, cell: int, m: int, part, parts: int) -> bool:
         wrapped = [k % n if wraps else k for k, n, wraps in zip(index, c.cells, c.periodic, strict=True)]
         if any(not 0 <= k < n for k, n in zip(wrapped, c.cells, strict=True)):
             return False
-        rank = int(c.rank[np.ravel_multi_index(wrapped, c.cells)])
-        if rank >= (int(c.rank[cell]) if c.reaches else 1):
+        if not c.winning[np.ravel_multi_index(wrapped, c.cells)]:
             return False
     return True
 
@@ -179,7 +117,7 @@ def fails_exactly(c: Certificate, cell: int, m: int) -> bool:
 
 
 def check_sets(c: Certificate) -> None:
-    """Every state of a promised cell has an input or is where it should be; regions are what the header says.
+    """Every promised cell has an input and is safe, no other cell has one; the bound holds on the whole grid.
 
     Raises:
         Rejected: naming the first cell that is not.
@@ -187,44 +125,17 @@ def check_sets(c: Certificate) -> None:
     some = c.admissible.any(axis=1)
     spare = 8 * c.admissible.shape[1] - len(c.inputs)
     _refuse(c, (c.admissible[:, -1] >> (8 - spare)) > 0 if spare else np.zeros(c.size, bool), "admits no such input")
-    done = (c.rank == 0) if c.reaches else np.zeros(c.size, bool)
-    _refuse(c, (c.rank < LOST) & ~done & ~some, "is promised and has no input")
-    _refuse(c, (c.rank == LOST) & some, "has an input and no promise")
-    if c.reaches:
-        _refuse(c, done & some, "is in the target and has an input")
-    box = [cell_ends(c, j) for j in range(len(c.cells))]
+    _refuse(c, c.winning & ~some, "is promised and has no input")
+    _refuse(c, ~c.winning & some, "has an input and no promise")
     for j, s in enumerate(c.states):
         a, b = (exact(v) for v in c.header["domain"][s])
         if not c.periodic[j] and not (a <= c.lo[j] and c.hi[j] <= b):
             raise Rejected(f"the grid leaves the domain of the bound along {s}")
         if c.periodic[j] and (a, b) != (c.lo[j], c.hi[j]):
             raise Rejected(f"the grid is periodic along {s} and not all of it")
-        if not c.reaches and s in c.header["safe"]:
-            a, b = (exact(v) for v in c.header["safe"][s])
-            outside = np.array([not (a <= lo and hi <= b) for lo, hi in box[j]])
-            _refuse(c, (c.rank < LOST) & _along(c, j, outside), f"is not safe along {s}")
-    if c.reaches:
-        _check_regions(c, box, done)
-
-
-def _check_regions(c: Certificate, box, done) -> None:
-    inside = np.ones(c.size, bool)
-    for s, (a, b) in c.header["target"].items():
-        a, b, j = exact(a), exact(b), c.states.index(s)
-        inside &= _along(c, j, np.array([a <= lo and hi <= b for lo, hi in box[j]]))
-    _refuse(c, done & ~inside, "has level 0 and is not in the target")
-    for number, obstacle in enumerate(c.header["obstacles"]):
-        hit = np.ones(c.size, bool)
-        for s, (a, b) in obstacle.items():
-            a, b, j = exact(a), exact(b), c.states.index(s)
-            hit &= _along(c, j, np.array([a < hi and lo < b for lo, hi in box[j]]))
-        _refuse(c, (c.rank < LOST) & hit, f"touches obstacle {number}")
-
-
-def cell_ends(c: Certificate, j: int) -> list[tuple[Fraction, Fraction]]:
-    """Exact ends of every cell along axis j."""
-    width = (c.hi[j] - c.lo[j]) / c.cells[j]
-    return [(c.lo[j] + width * k, c.lo[j] + width * (k + 1)) for k in range(c.cells[j])]
+        a, b = (exact(v) for v in c.header["safe"][s])
+        outside = np.array([not (a <= lo and hi <= b) for lo, hi in cell_ends(c, j)])
+        _refuse(c, c.winning & _along(c, j, outside), f"is not safe along {s}")
 
 
 def _along(c: Certificate, j: int, flags: np.ndarray) -> np.ndarray:
@@ -245,7 +156,7 @@ def verify(c: Certificate, sample: int | None, exactly: int, say=print) -> None:
         Rejected: naming the first cell whose promise is not verified.
     """
     check_sets(c)
-    say(f"sets: {int((c.rank < LOST).sum()):,} of {c.size:,} cells are promised, each with an input or in the target")
+    say(f"sets: {int(c.winning.sum()):,} of {c.size:,} cells are promised, each with an input")
     pairs = 0
     for m in range(len(c.inputs)):
         cells = np.flatnonzero(c.admits(m))
@@ -266,9 +177,8 @@ def verify(c: Certificate, sample: int | None, exactly: int, say=print) -> None:
 
 def _unverified(c: Certificate, cell: int, m: int) -> str:
     u = ", ".join(f"{name} = {float(v):g}" for name, v in zip(c.input_names, c.inputs[m], strict=True))
-    wanted = "in cells of a lower level" if c.reaches else "in winning cells"
-    also = " within the stated bound" if c.header.get("simulator") else ""
-    return f"cell {c.index(cell)} with input {m} ({u}): its successors are not shown to lie {wanted}{also}"
+    also = " within the stated bound" if c.header["simulator"] else ""
+    return f"cell {c.index(cell)} with input {m} ({u}): its successors are not shown to lie in winning cells{also}"
 
 
 def _pairs(c: Certificate, count: int) -> list[tuple[int, int]]:
@@ -284,9 +194,12 @@ def main(arguments: list[str] | None = None) -> int:
     """Read, verify, say so."""
     parser = argparse.ArgumentParser(description="Check a certificate of simgap.")
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--sample", type=int, default=None, help="pairs of each input in intervals; all if not given")
+    parser.add_argument("--sample", type=int, default=None, help="pairs of each input in intervals (all if not given)")
     parser.add_argument("--exact", type=int, default=500, help="pairs in rational numbers")
     given = parser.parse_args(arguments)
+    if (given.sample is not None and given.sample < 1) or given.exact < 0:
+        print("--sample is at least 1 and --exact at least 0")
+        return 2
     began = time.process_time()
     try:
         with np.errstate(all="ignore"):
@@ -298,7 +211,10 @@ def main(arguments: list[str] | None = None) -> int:
     except Malformed as reason:
         print(f"UNREADABLE: {reason}")
         return 2
-    bound = "and the bound of the gap, against the simulator's equations" if c.header.get("simulator") else ""
+    except (ArithmeticError, RecursionError, MemoryError) as reason:
+        print(f"UNREADABLE: its numbers or expressions are too large for this program: {type(reason).__name__}")
+        return 2
+    bound = "and the bound of the gap, against the simulator's equations" if c.header["simulator"] else ""
     print(f"ACCEPTED {bound}".strip())
     for text in c.header["not_covered"]:
         print(f"not covered: {text}")

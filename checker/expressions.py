@@ -16,7 +16,9 @@ from fractions import Fraction
 from functools import reduce
 from typing import Any
 
-FUNCTIONS = ("+", "*", "^", "/", "sin", "cos", "abs", "min", "max", "hull", "by_input")
+ANY = ("+", "*", "min", "max")  # of one argument or more
+ONE = ("/", "sin", "cos", "abs")
+DEEPEST = 200  # lists within lists
 
 
 class Malformed(Exception):
@@ -34,14 +36,13 @@ class Enclosure:
 
 @dataclass
 class Place:
-    """Where an expression is asked for: cell boxes and centres by state, the input and its number."""
+    """Where an expression is asked for: cell boxes and centres by state, and the input."""
 
     arithmetic: Any
     states: dict[str, int]
     box: list[Any]
     mid: list[Any]
     inputs: dict[str, Fraction]
-    number: int
     known: dict[int, tuple[Any, Enclosure]] = field(default_factory=dict)
     """Enclosures of lists by identity, with the list, so that no other one can take its identity."""
 
@@ -68,22 +69,16 @@ class Place:
                 return Enclosure(self.box[j], self.mid[j], {j: a.number(Fraction(1))})
             value = a.number(self.inputs[e] if e in self.inputs else exact(e))
             return Enclosure(value, value, {})
-        if isinstance(e, int | Fraction) and not isinstance(e, bool):
-            value = a.number(Fraction(e))
-            return Enclosure(value, value, {})
-        raise Malformed(f"{str(e)[:60]} is no expression")
+        value = a.number(Fraction(e))
+        return Enclosure(value, value, {})
 
     def _operation(self, e) -> Enclosure:
-        if len(e) < 2 or e[0] not in FUNCTIONS:
-            raise Malformed(f"{str(e)[:60]} is no expression")
-        if e[0] == "by_input":
-            return self.enclose(e[1 + self.number])
         if e[0] == "^":
             return self._power(self.enclose(e[1]), e[2])
         parts = [self.enclose(part) for part in e[1:]]
         rules = {
             "+": self._sum, "*": self._product, "/": self._inverse, "sin": self._sin, "cos": self._cos,
-            "abs": self._abs, "min": self._extreme, "max": self._extreme, "hull": self._hull,
+            "abs": self._abs, "min": self._extreme, "max": self._extreme,
         }  # fmt: skip
         return rules[e[0]](parts, e[0])
 
@@ -113,8 +108,6 @@ class Place:
         return Enclosure(f(p.box), f(p.mid), slope)
 
     def _power(self, p: Enclosure, n) -> Enclosure:
-        if not isinstance(n, int) or n < 1:
-            raise Malformed(f"the exponent {n} is no positive integer")
         a = self.arithmetic
         steep = a.number(Fraction(1)) if n == 1 else a.mul(a.number(Fraction(n)), a.power(p.box, n - 1))
         return self._chain(p, lambda x: a.power(x, n), steep)
@@ -142,21 +135,44 @@ class Place:
         slope = {j: reduce(a.hull, [p.slope.get(j, zero) for p in parts]) for j in axes}
         return Enclosure(reduce(join, [p.box for p in parts]), reduce(join, [p.mid for p in parts]), slope)
 
-    def _hull(self, parts, _):
-        """Any number between constants."""
-        if any(p.slope for p in parts):
-            raise Malformed("a hull is of constants")
-        found = reduce(self.arithmetic.hull, [p.box for p in parts])
-        return Enclosure(found, found, {})
-
 
 def exact(text: str) -> Fraction:
     """A number as it stands in a certificate: the hexadecimal form of a double, or a fraction 'p/q' of integers."""
     try:
         if "/" in text:
-            return Fraction(text)
-        if text.removeprefix("-").startswith("0x"):
-            return Fraction(float.fromhex(text))
-        raise ValueError
+            value = Fraction(text)
+        elif text.removeprefix("-").startswith("0x"):
+            value = Fraction(float.fromhex(text))
+        else:
+            raise ValueError
+        float(value)  # no number of doubles is beyond them
+        return value
     except (ValueError, OverflowError, ZeroDivisionError):
-        raise Malformed(f"'{text[:60]}' is neither a number nor a name") from None
+        raise Malformed(f"{text[:60]!r} is neither a number nor a name") from None
+
+
+def well_formed(e, names: set[str], depth: int = 0) -> None:
+    """Look through an expression before it is evaluated: operations, number of arguments, numbers and names.
+
+    Raises:
+        Malformed: showing the part that is none.
+    """
+    if isinstance(e, str):
+        if e not in names:
+            exact(e)
+        return
+    if isinstance(e, int) and not isinstance(e, bool):
+        float(e)
+        return
+    if depth >= DEEPEST:
+        raise Malformed(f"an expression is more than {DEEPEST} lists deep")
+    arguments = e[1:] if isinstance(e, list) else []
+    name = e[0] if arguments and isinstance(e[0], str) else ""
+    if name == "^" and len(arguments) == 2:
+        n = arguments.pop()
+        if not isinstance(n, int) or isinstance(n, bool) or n < 1:
+            raise Malformed(f"the exponent {str(n)[:60]!r} is no positive integer")
+    elif not (name in ANY or (name in ONE and len(arguments) == 1)):
+        raise Malformed(f"{repr(e)[:60]} is no expression")
+    for part in arguments:
+        well_formed(part, names, depth + 1)

@@ -232,31 +232,98 @@ def test_a_box_that_ends_on_the_border_of_a_losing_cell_touches_it(tmp_path):
     assert "cell (2,) with input 0" not in words
 
 
-def levels(folder, values, target=(0.0, 0.25), obstacle=(0.8, 1.0)):
-    """A chain that goes a quarter to the left: levels by hand."""
-    more = {"kind": "reach_avoid", "target": {"x": [v.hex() for v in target]},
-            "obstacles": [{"x": [v.hex() for v in obstacle]}]}  # fmt: skip
-    line(folder, ["+", ["*", "0x1.0p-1", "x"], (-0.01).hex()], "0x0.0p+0", **more)
-    mask = np.array([[1 if v > 0 else 0] for v in values], np.uint8)
-    winning = np.array([1 if v >= 0 else 0 for v in values], np.uint8)
-    change(folder, levels=np.array(values, np.int32), winning=winning, inputs=mask)
-    return run(folder)
+def nested(depth):
+    return "x" if depth == 0 else ["+", nested(depth - 1)]
 
 
-def test_levels_go_down_to_the_target_and_keep_clear(tmp_path):
-    """From [.25, .5] to [.115, .24], from [.5, .75] to [.24, .365]: levels 1 and 2."""
-    folder = tmp_path / "levels"
-    assert levels(folder, [0, 1, 2, -1])[0] == 0
-    assert "cell (2,) with input 0" in levels(folder, [0, 1, 1, -1])[1]  # one level changed
-    assert "cell (1,) has level 0 and is not in the target" in levels(folder, [0, 0, 1, -1])[1]
-    assert "cell (3,) touches obstacle 0" in levels(folder, [0, 1, 2, 3])[1]
-    assert "cell (0,) has level 0" in levels(folder, [0, 1, 2, -1], target=(0.0, 0.2))[1]
+def without(key):
+    return lambda head: head.pop(key)
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (without("not_covered"), "'not_covered'"),
+        (without("simulator"), "'simulator'"),
+        (without("safe"), "'safe'"),
+        (without("files"), "'files'"),
+        (lambda head: head["files"].pop("winning.npy"), "'winning.npy'"),
+        (lambda head: head["gap"]["x"].pop("upper"), "'upper'"),
+        (lambda head: head["nominal"].pop("x"), "'x'"),
+        (lambda head: head.update(not_covered="nothing"), "sentences"),
+        (lambda head: head.update(simulator={"x": "y"}), "'y' is neither a number nor a name"),
+        (lambda head: head.update(domain={"x": ["0x0.0p+0"]}), "no interval"),
+        (lambda head: head.update(input_set=[[]]), "do not fit"),
+        (lambda head: head["grid"].update(cells=["4"]), "do not fit"),
+        (lambda head: head.update(inputs=[{"name": "x"}]), "no two the same"),
+        (lambda head: head.update(kind="reach_avoid"), "of the kind 'reach_avoid', and only 'invariance'"),
+    ],
+)
+def test_a_malformed_header_is_one_line_and_unreadable(checker, tmp_path, capsys, edit, words):
+    _, tables = line(tmp_path / "line", ["*", "0x1.0p-1", "x"], "0x0.0p+0")
+    change(tmp_path / "line", edit, **tables)
+    assert checker([str(tmp_path / "line")]) == 2
+    said = capsys.readouterr().out.splitlines()
+    assert len(said) == 1
+    assert said[0].startswith("UNREADABLE: ")
+    assert words in said[0]
+
+
+@pytest.mark.parametrize(
+    "e",
+    [
+        ["^", "x"], ["^", "x", 2, 2], ["^", "x", 0], ["^", "x", True], ["^", "x", "0x1.0p+1"], ["/", "x", "x"], ["/"],
+        ["sin", "x", "x"], ["abs"], ["+"], [["+", "x"], "x"], ["hull", "0x0.0p+0"], ["by_input", "x"], ["tan", "x"],
+        [], "y", "1/0", "0x1p+9999", "1" + "0" * 400 + "/3", 10**400, 0.5, None, {"x": 1}, "x\ny",
+        ["*", "x", ["/", "x", "x"]], nested(201),
+    ],
+)  # fmt: skip
+def test_a_malformed_expression_is_one_line_and_unreadable(checker, tmp_path, capsys, e):
+    _, tables = line(tmp_path / "line", e, "0x0.0p+0")
+    change(tmp_path / "line", **tables)
+    assert checker([str(tmp_path / "line")]) == 2
+    said = capsys.readouterr().out.splitlines()
+    assert len(said) == 1
+    assert said[0].startswith("UNREADABLE: ")
+
+
+def test_a_table_that_is_empty_or_of_something_else_is_unreadable(checker, tmp_path, capsys):
+    folder = tmp_path / "line"
+    _, tables = line(folder, "x", "0x0.0p+0")
+    change(folder, **tables)
+    for content in (b"", b"PK", b"\x93NUMPY"):
+        (folder / "winning.npy").write_bytes(content)
+        digest = hashlib.sha256(content).hexdigest()
+        change(folder, lambda head, digest=digest: head["files"].update({"winning.npy": digest}))
+        assert checker([str(folder)]) == 2
+        assert len(capsys.readouterr().out.splitlines()) == 1
+    assert checker([str(tmp_path / "nowhere")]) == 2
+
+
+def test_a_sample_is_at_least_one_pair(checker, tmp_path, capsys):
+    step = ["+", ["*", "0x1.0p-1", "x"], "0x1.0p-5", ["*", "0x0.0p+0", nested(198)]]  # as deep as it may be
+    _, tables = line(tmp_path / "line", step, "0x0.0p+0")
+    change(tmp_path / "line", **tables)
+    for option in ("--sample=0", "--sample=-3", "--exact=-1"):
+        assert checker([str(tmp_path / "line"), option]) == 2
+        assert capsys.readouterr().out == "--sample is at least 1 and --exact at least 0\n"
+    assert checker([str(tmp_path / "line"), "--sample=1", "--exact=0"]) == 0
+    assert "intervals: 1 pairs of cell and input verified (every k-th of each input)" in capsys.readouterr().out
+
+
+@pytest.fixture
+def checker(arithmetics):
+    """`main` of the checker in this process: status of a list of arguments."""
+    import check
+
+    return check.main
 
 
 @pytest.fixture(scope="module")
 def arithmetics():
     sys.path.insert(0, str(CHECKER))
     try:
+        import check  # noqa: F401
         import expressions
         import intervals
         import rationals
@@ -336,7 +403,7 @@ def test_ranges_hold_the_values(arithmetics, text):
         for arithmetic, kind in ((intervals, np.float64), (rationals, Fraction)):
             box = [(kind(ends[0, j]), kind(ends[1, j])) for j in range(2)]
             mid = [((lo + hi) / 2,) * 2 for lo, hi in box]
-            lo, hi = expressions.Place(arithmetic, states, box, mid, inputs, 0).range(form)
+            lo, hi = expressions.Place(arithmetic, states, box, mid, inputs).range(form)
             assert float(lo) <= values.min() + 1e-12
             assert values.max() - 1e-12 <= float(hi)
 
