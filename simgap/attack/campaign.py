@@ -18,7 +18,7 @@ from simgap.judge import Judge, split_by_run
 from simgap.specifications.monitor import Run
 
 LENGTH = 200
-"""Samples of a run that is to stay: more starts find more than longer runs, which end in the same few corners."""
+"""Samples for which a run is to stay: more starts find more than longer runs, which end in the same few corners."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +84,14 @@ class Opponent:
 
     Attributes:
         plants: it. judge: of its runs. held: whether its steps are held against gamma; the disturbance is gamma itself.
-        together: most runs side by side.
+        together: most runs side by side. holds: whether a run that has reached its target must stay there.
     """
 
     plants: Plants
     judge: Judge
     held: bool
     together: int
+    holds: bool = False
 
 
 def campaign(
@@ -103,8 +104,7 @@ def campaign(
 ) -> Campaign:
     """Attack until `budget` steps are made, by every rule at least once; `starts(n)` draws n states, (n, nx)."""
     out, rules, value = Campaign(), scene.rules(), law.solution.value
-    most = opponent.judge.steps if value is None else int(value.max()) + 1
-    steps = min(most, LENGTH) if value is None else most
+    steps = _length(opponent, value)
     together = min(opponent.together, -(-budget // (len(rules) * steps)))
     turn = 0
     while out.steps < budget or turn < len(rules):
@@ -115,6 +115,13 @@ def campaign(
         if turn >= len(rules) and out.steps == 0:
             break  # every run is over where it begins
     return out
+
+
+def _length(opponent: Opponent, value: Any) -> int:
+    """Samples of a run: as many as it may take to the target (levels, or None without one), and those to stay for."""
+    if value is None:
+        return min(opponent.judge.steps, LENGTH)
+    return int(value.max()) + 1 + (LENGTH if opponent.holds else 0)
 
 
 def _count(out: Campaign, opponent: Opponent, rule: str, runs: list[Run], steps: int) -> None:

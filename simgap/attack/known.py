@@ -46,19 +46,18 @@ def numbers(inputs: Floats, u: Floats) -> Ints:
 def worst_histories(context: Context, gap: GapFunction, motion: Floats, tables: Sequence[Columns], length: int) -> Ints:
     """Input numbers of the worst steps of random sequences, each with the `length` before it: (n, length + 1).
 
-    A table's rows are steps one after the other; one without a column `part` holds sequences alone.
+    A table's rows are steps one after the other, of sequences that begin where the input before is `REST`; one without
+    a column `part` holds sequences alone. Steps with less than `length` before them are no beginning.
     """
-    hidden = context.need(context.case.hidden_state, "hidden_state")
     sequences, shares = np.empty((0, length + 1), np.int64), np.empty(0)
     for table in tables:
         own = body_samples(context.case, table, SEQUENCE if "part" in table else None)
         if len(own.m) == 0 or not isinstance(gap, BodyFrameGap):
             continue
         d = own.final - motion[own.m]
-        begins = np.arange(len(own.m)) % hidden.chain_length == 0
-        before = np.where(begins, REST, np.roll(own.m, 1))
-        found = share(d, d, *class_bounds(gap, own.m, before))
-        late = np.flatnonzero(np.arange(len(own.m)) % hidden.chain_length >= length)
+        found, row = share(d, d, *class_bounds(gap, own.m, own.previous)), np.arange(len(own.m))
+        began = np.maximum.accumulate(np.where(own.previous == REST, row, 0))
+        late = np.flatnonzero(row - began >= length)
         rows = late[np.argsort(-found[late], kind="stable")[:HISTORIES]]
         sequences = np.concatenate([sequences, own.m[rows[:, None] + np.arange(-length, 1)]])
         shares = np.concatenate([shares, found[rows]])

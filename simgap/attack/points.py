@@ -90,15 +90,13 @@ class PointSearch:
         return out
 
     def _beginnings(self, x: Floats, m: Ints) -> tuple[Floats, Ints, Floats]:
-        """Known bad steps and the border of X under all inputs, worst first; no more than a share of the budget."""
+        """Known bad steps and all places under all inputs, worst first; no more than a share of the budget."""
         places, count = self.q.places, len(self.q.inputs)
         edge = border(self.q.box, self.q.free) if places is None else places
-        x = np.concatenate([x, np.repeat(edge, count, axis=0)])
-        m = np.concatenate([m, np.tile(np.arange(count), len(edge))])
-        most = int(BEGINNING * self.budget)
-        if len(x) > most:
-            rows = np.sort(self.rng.choice(len(x), most, replace=False))
-            x, m = x[rows], m[rows]
+        most, every = int(BEGINNING * self.budget), len(edge) * count
+        known = min(len(x), max(most // 2, most - every))
+        rows = np.sort(self.rng.choice(every, min(every, most - known), replace=False))
+        x, m = np.concatenate([x[:known], edge[rows // count]]), np.concatenate([m[:known], rows % count])
         shares = self.evaluate(x, m, "worst known steps, border of X, switching surfaces")
         order = np.argsort(-shares, kind="stable")
         return x[order], m[order], shares[order]

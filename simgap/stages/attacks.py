@@ -16,13 +16,16 @@ from simgap.attack.memory import class_bounds
 from simgap.attack.plants import OneByOne, RolledOut, WorstDisturbance
 from simgap.attack.points import PointSearch, Question
 from simgap.attack.rules import Scene
+from simgap.attack.seeds import border
 from simgap.attack.share import Searched, share
 from simgap.attack.starts import WorstStarts
 from simgap.config.case import Case
 from simgap.config.pose import pose_axes
-from simgap.gap.function import GapFunction
+from simgap.gap.borders import critical_points
+from simgap.gap.function import GapDomain, GapFunction
 from simgap.gap.load import from_json
 from simgap.gap.steps.samples import motion_of
+from simgap.gap.switching import switching_surfaces
 from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Floats
 from simgap.io.controller_file import load_controller
@@ -35,6 +38,7 @@ from simgap.specifications.space import Space
 from simgap.stages.context import Context
 
 TOGETHER = 32  # runs side by side
+MOST_PLACES = 2_000  # states on the border of X and beside switching surfaces; a finer lattice is thinned
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +88,15 @@ def question(context: Context, simulator: Simulator, gap: GapFunction) -> Questi
         following = simulator.rollouts(x, u)
         return following, following
 
-    return Question(successors, context.plant.sampled.step, gap.bounds, context.box, context.input_set, gap.domain.free)
+    step, domain = context.plant.sampled.step, gap.domain
+    at = places(context, domain)
+    return Question(successors, step, gap.bounds, context.box, context.input_set, domain.free, at)
+
+
+def places(context: Context, domain: GapDomain) -> Floats:
+    """Where a gap may jump, (n, nx): the border of X, and both sides of the switching surfaces of the case."""
+    beside = critical_points(domain, switching_surfaces(context), most=MOST_PLACES).x
+    return np.unique(np.concatenate([border(context.box, domain.free), beside]), axis=0)
 
 
 def _histories(context: Context, robot: Simulator, gap: GapFunction, job: Job, rng: np.random.Generator) -> Searched:
@@ -130,6 +142,7 @@ def _loops(
         d, (lo, hi) = simulator.rollouts(x, u) - model.step(x, u), gap.bounds(x, u)
         return share(d, d, lo, hi)
 
+    holds = specification_of(case).holds
     memoryless = case.hidden_state is None and not simulator.remembers
     plant: Any = RolledOut(simulator) if memoryless else OneByOne(simulator, monitor)
     scene = Scene(predict, use if memoryless else None, danger, inputs, solution.late)
@@ -145,7 +158,9 @@ def _loops(
 
     return {
         "simulator": campaign(
-            Opponent(plant, judge, True, TOGETHER if memoryless else 1), law, scene, starts, job.steps, rng
+            Opponent(plant, judge, True, TOGETHER if memoryless else 1, holds), law, scene, starts, job.steps, rng
         ),
-        "disturbance": campaign(Opponent(disturbed, judge, False, TOGETHER), law, modelled, starts, job.steps, rng),
+        "disturbance": campaign(
+            Opponent(disturbed, judge, False, TOGETHER, holds), law, modelled, starts, job.steps, rng
+        ),
     }

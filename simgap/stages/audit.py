@@ -142,16 +142,17 @@ def _jobs(
 
 
 def _margins(context: Context, gap: GapFunction, solution: Solution) -> Margins | None:
-    """None for a controller that remembers an input: its cells alone do not say what it may do."""
+    """None where cells alone do not say what the controller may do.
+
+    That is so where it remembers an input, and where it keeps cells of the true state by inputs of the measured one.
+    """
     if solution.memory > 1:
         return None
     space, sensing = Space.of(context.case), context.case.sensing
     error: Floats | None = space.vector(sensing.error) if sensing else None
-    inside, mask = solution.winning, solution.mask
-    if solution.value is not None:
-        inside = solution.value >= 0
-    elif error is not None and np.any(error > 0):
-        mask, error = np.full_like(mask, 255), None  # cells of the true state: any input may keep it
+    if solution.value is None and error is not None and np.any(error > 0):
+        return None
+    inside, mask = solution.winning if solution.value is None else solution.value >= 0, solution.mask
     axes = [j for j in range(space.size) if j not in gap.domain.free]
     model = context.plant.sampled
     return one_step_margins(model, solution.grid, context.input_set, gap.kernel(), inside, mask, axes, error)

@@ -10,7 +10,7 @@ from scipy.ndimage import distance_transform_edt
 sys.path.insert(0, str(Path(__file__).parents[1] / "synthesis"))
 import synthesis_plants as plants
 
-from simgap.attack.campaign import Opponent, campaign
+from simgap.attack.campaign import LENGTH, Opponent, campaign
 from simgap.attack.danger import Danger
 from simgap.attack.law import Law
 from simgap.attack.plants import WorstDisturbance
@@ -20,10 +20,12 @@ from simgap.closed_loop import batch_loop
 from simgap.geometry import Box, Grid
 from simgap.judge import Judge
 from simgap.specifications.invariance import Inside
+from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages.starts import draw_starts
 from simgap.synthesis.controller import Controller
+from simgap.synthesis.game import MeasuredGame
 from simgap.synthesis.invariance import invariance
 from simgap.synthesis.nominal import nominal_abstraction
 from simgap.synthesis.sensing import sensed_invariance
@@ -43,10 +45,10 @@ def problem():
     return model, inputs, abstraction, Solution(grid, won.winning, won.mask, np.ones(grid.size, bool))
 
 
-def attack(problem, solution, gamma=GAMMA, error=(0.0, 0.0), seed=0):
+def attack(problem, solution, gamma=GAMMA, error=(0.0, 0.0), seed=0, monitor=None, holds=False):
     """The campaign against f + [-gamma, gamma]."""
     model, inputs, _, _ = problem
-    rng, monitor = np.random.default_rng(seed), Inside(BOX)
+    rng, monitor = np.random.default_rng(seed), monitor or Inside(BOX)
     law, danger = Law(solution, inputs, np.array(error)), Danger.of(solution)
 
     def bounds(x, u, before):
@@ -56,7 +58,7 @@ def attack(problem, solution, gamma=GAMMA, error=(0.0, 0.0), seed=0):
     judge = Judge(SPACE, monitor, 200, inputs, model, None, solution)
     scene = Scene(lambda x, m, before: model.step(x, inputs[m]), None, danger, inputs, solution.late)
     worst = WorstStarts(solution, danger, None)
-    return campaign(Opponent(plant, judge, False, 32), law, scene, lambda n: worst.draw(n, rng), STEPS, rng)
+    return campaign(Opponent(plant, judge, False, 32, holds), law, scene, lambda n: worst.draw(n, rng), STEPS, rng)
 
 
 def at_random(problem, solution, gamma=GAMMA, seed=0):
@@ -145,3 +147,17 @@ def test_a_sample_of_latency_is_part_of_the_attack(problem):
     mask[:, -1] &= (1 << (len(inputs) - 8 * (mask.shape[1] - 1))) - 1
     faulty = Solution(made.grid, made.winning, mask, made.free, memory=memory, first=made.first, late=True)
     assert attack(problem, faulty).violations > 0
+
+
+def test_runs_go_on_where_they_must_stay(problem):
+    """Longer than the way to the target by as much as runs that only stay; without that, they end where they arrive."""
+    asked = ReachAndStay(kind="reach_and_stay", target={"x1": (0.05, 0.15), "x2": (-0.25, 0.25)})
+    made = asked.solve(MeasuredGame(SPACE, problem[2], np.zeros(2)))
+    way = int(made.value.max()) + 1
+    assert way > 2
+    monitor = asked.monitor(SPACE, made)
+    found = attack(problem, made, monitor=monitor, holds=asked.holds)
+    assert found.violations == 0
+    assert found.steps == found.runs * (way + LENGTH)
+    short = attack(problem, made, monitor=monitor, holds=False)
+    assert short.steps == short.runs * way

@@ -1,0 +1,139 @@
+"""Where searches begin: beside switching surfaces, at the worst recorded histories; and where there are no margins."""
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from simgap.attack.known import worst_histories
+from simgap.attack.points import PointSearch, Question
+from simgap.gap.function import GapDomain
+from simgap.gap.previous import PreviousClasses
+from simgap.gap.steps.tables import step_columns
+from simgap.gap.symmetry import BodyFrameGap
+from simgap.geometry import Box, Grid
+from simgap.simulators.body_samples import REST, BodySamples
+from simgap.specifications.solution import Solution
+from simgap.stages.attacks import question
+from simgap.stages.audit import _margins
+from simgap.stages.context import Context
+
+FRICTION = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.01}}]
+
+
+def domain_of(context):
+    return GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set)
+
+
+def asked(context, jump):
+    """A simulator with a gap of `jump` at rest alone, and a bound that lacks it."""
+
+    def rollouts(x, u):
+        return context.plant.sampled.step(x, u) + np.where(x[:, 1:] == 0.0, jump, 0.0) * np.array([0.0, 1.0])
+
+    def bounds(x, u):
+        return np.full(x.shape, -1e-3), np.full(x.shape, 1e-3)
+
+    simulator = SimpleNamespace(remembers=False, rollouts=rollouts)
+    return question(context, simulator, SimpleNamespace(bounds=bounds, domain=domain_of(context)))
+
+
+def test_a_jump_at_rest_is_found_where_a_case_switches_there(vary):
+    """Rest lies inside X, off the middle, so that neither its border nor its centre has it."""
+    own = {"simulator.effects": FRICTION, "domain.X.x2": [-0.3, 0.5]}
+    context = Context.load(vary("pendulum", own))
+    q = asked(context, 0.1)
+    assert set(itertools.product(*zip(q.box.lo.tolist(), q.box.hi.tolist(), strict=True))) <= {
+        tuple(x) for x in q.places.tolist()
+    }
+    assert (q.places[:, 1] == 0.0).sum() > 2
+    assert (np.abs(q.places[:, 1]) < 1e-8).sum() == 3 * (q.places[:, 1] == 0.0).sum()
+    assert len(q.places) < 2500
+    found = PointSearch(q, 4000, np.random.default_rng(0)).run(np.empty((0, 2)), np.empty(0, np.int64))
+    assert found.violations > 0
+
+
+def test_what_is_known_is_not_crowded_out_by_places():
+    """Half of what goes to looking at beginnings is for the worst known steps, in their order."""
+    seen = []
+
+    def successors(x, u):
+        seen.append(x)
+        return x, x
+
+    box, inputs = Box([0.0], [1.0]), np.zeros((1, 1))
+    places = np.linspace(0.0, 0.4, 1000)[:, None]
+
+    def bounds(x, u):
+        return np.full(x.shape, -1.0), np.full(x.shape, 1.0)
+
+    q = Question(successors, lambda x, u: x, bounds, box, inputs, places=places)
+    search = PointSearch(q, 100, np.random.default_rng(0))
+    known = np.linspace(0.6, 1.0, 50)[:, None]
+    search._beginnings(known, np.zeros(50, np.int64))
+    (x,) = seen
+    assert len(x) == 30
+    assert np.array_equal(x[:15], known[:15])
+    assert (x[15:] <= 0.4).all()
+
+
+@pytest.fixture
+def robot(root, vary):
+    own = {"simulator.urdf": str(root / "configs/models/turtlebot.urdf")}
+    return Context.load(vary("turtlebot", own))
+
+
+def sequences(count, size, inputs, rng):
+    """Random sequences from rest, one after the other; nothing moves."""
+    m = rng.integers(0, inputs, (count, size))
+    before = np.concatenate([np.full((count, 1), REST), m[:, :-1]], axis=1)
+    n = count * size
+    return BodySamples(m.ravel(), np.zeros((n, 3)), np.zeros((n, 4)), before.ravel())
+
+
+def test_histories_are_those_that_were_run_whatever_the_length_of_their_sequences(robot):
+    """Fresh sequences of five among the shipped case's chains of 500."""
+    count, rng = len(robot.input_set), np.random.default_rng(1)
+    assert robot.case.hidden_state.chain_length > 5
+    own = sequences(40, 5, count, rng)
+    gap = BodyFrameGap(domain_of(robot), (), -np.ones((count, 3)), np.ones((count, 3)))
+    table = step_columns(robot.case, robot.input_set, own)
+    found = worst_histories(robot, gap, np.zeros((count, 3)), [table], 4)
+    ran = {tuple(row) for row in own.m.reshape(40, 5).tolist()}
+    assert {tuple(row) for row in found.tolist()} == ran
+    pairs = worst_histories(robot, gap, np.zeros((count, 3)), [table], 1)
+    inside = {(row[k], row[k + 1]) for row in ran for k in range(4)}
+    assert {tuple(row) for row in pairs.tolist()} <= inside
+    assert len(pairs) == 4 * 40
+
+
+def test_a_step_is_held_against_the_class_of_what_was_recorded_before_it(robot):
+    """The bound is narrow after one class alone, that of rest, so that its steps are the worst."""
+    count, rng = len(robot.input_set), np.random.default_rng(2)
+    kind = np.arange(count) % 2
+    wide, narrow = np.ones((count, 3)), np.full((count, 3), 0.1)
+    classes = PreviousClasses(kind, 1)
+    upper = np.stack([wide, narrow])
+    gap = BodyFrameGap.of_classes(domain_of(robot), (), -upper, upper, classes)
+    own = sequences(60, 5, count, rng)
+    moved = BodySamples(own.m, own.final + 0.05, own.extent, own.previous)
+    table = step_columns(robot.case, robot.input_set, moved)
+    found = worst_histories(robot, gap, np.zeros((count, 3)), [table], 1)
+    after = kind[found[:, 0]]
+    assert (np.diff(after) <= 0).all()  # after the narrow class first
+    first = worst_histories(robot, gap, np.zeros((count, 3)), [table], 0)
+    narrow_first = int((classes.after(moved.previous) == 1).sum())
+    taken = min(narrow_first, 200)
+    last = {tuple(row) for row in first[:taken].tolist()}
+    assert last <= {(m,) for m in moved.m[classes.after(moved.previous) == 1].tolist()}
+
+
+def test_cells_of_the_true_state_that_are_measured_with_an_error_have_no_margins(vary):
+    """What keeps such a cell are inputs of the measured cells around it."""
+    context = Context.load(vary("pendulum", {"sensing": {"error": {"x1": 0.001, "x2": 0.01}}}))
+    assert max(context.case.sensing.error.values()) > 0
+    grid = Grid(context.box, (4, 4))
+    every = np.ones(grid.size, np.bool_)
+    solution = Solution(grid, every, np.full((grid.size, 4), 255, np.uint8), every)
+    assert _margins(context, None, solution) is None
