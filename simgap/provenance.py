@@ -23,8 +23,11 @@ from simgap.config.reads import CLOSED_FORM, EVERY_EFFECT, READS
 
 PACKAGE = Path(__file__).parent
 # What the typing of a case file does shows in the sections that are hashed, and what the registry of plug-ins does in
-# the plug-ins that are: their code would invalidate everything.
-UNHASHED = ("simgap.config.case", "simgap.config.load", "simgap.config.plugged", "simgap.plugins", "simgap.provenance")
+# the plug-ins that are, and what a stage costs decides nothing of its result: their code would invalidate everything.
+UNHASHED = (
+    "simgap.config.case", "simgap.config.load", "simgap.config.plugged", "simgap.plugins", "simgap.provenance",
+    "simgap.stages.costs",
+)  # fmt: skip
 # Distributions that any result may depend on; what a plug-in depends on, it declares.
 SHARED = ("drake", "numpy", "scipy", "sympy", "numba", "clarabel", "cvxpy")
 

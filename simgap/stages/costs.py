@@ -16,7 +16,6 @@ from simgap.config.context import Context
 from simgap.errors import UserError
 from simgap.gap.thresholds import CHECK_LEVELS, MOST_BORDER_STATES
 from simgap.geometry import Grid
-from simgap.specifications.base import specification_of
 
 START = 4.0
 """CPU seconds that a stage takes to start: imports, the nominal model, compiled kernels read back."""
@@ -134,7 +133,7 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
         "synthesis.cells",
     )  # fmt: skip
     if case.validation is not None and case.simulator is not None:
-        steps, ends = 2 * case.validation.starts * case.validation.steps, not specification_of(case).holds
+        steps, ends = 2 * case.validation.starts * case.validation.steps, not _holds(case)
         yield StageCost(
             "validation", steps, "closed-loop steps" + " at most" * ends, START + steps * rollout, 2 * BYTES,
             "validation.starts", ends,
@@ -144,6 +143,11 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
         asked = evaluations + attacked * (1 if case.hidden_state is not None else 1 + inputs // 4)
         seconds = START + asked * rollout + PAIR * cells + attacked * inputs * PAIR
         yield StageCost("audit", asked, "steps of an adversary", seconds, 2 * BYTES + 12.0 * cells, "audit.evaluations")
+
+
+def _holds(case: Case) -> bool:
+    """Whether runs go on for ever; asked of the section, so that what reads costs does not depend on its plug-in."""
+    return bool(getattr(case.synthesis.specification, "holds", True)) if case.synthesis is not None else True
 
 
 def _inputs(case: Case) -> int:

@@ -10,10 +10,12 @@ from simgap.gap.cells import CellGap
 from simgap.gap.envelope import fit_envelope
 from simgap.gap.fresh_check import check_fresh, clopper_pearson_upper
 from simgap.gap.function import GapDomain
-from simgap.gap.hidden_fit import HistoryInfluence, HullFit, Widened, assemble_hulls, fit_hull
+from simgap.gap.hidden_bound import Robot, assemble_hulls
+from simgap.gap.hidden_fit import HistoryInfluence, HullFit, Widened, fit_hull
 from simgap.gap.hidden_state import extrapolated_maximum, fading, hull
 from simgap.gap.lipschitz.grid import bends, estimate, steps, to_cells
 from simgap.gap.lipschitz.result import GridLipschitz, worse
+from simgap.gap.previous import PreviousClasses
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.symmetry import BodyFrameGap, heading_deviation
@@ -84,10 +86,10 @@ def test_suprema_of_a_table_reach_the_far_corner_of_each_cell():
 
 
 def hulls_of(axis_margins, swept_margins):
-    lower, upper = np.array([-0.1, -0.3]), np.array([0.2, 0.4])
+    lower, upper = np.array([[-0.1, -0.3]]), np.array([[0.2, 0.4]])
     made = []
     for own, way in zip(axis_margins, swept_margins, strict=True):
-        swept = None if way is None else Widened(np.array([-0.5, -0.6]), np.array([0.7, 0.8]), way, way)
+        swept = None if way is None else Widened(np.array([[-0.5, -0.6]]), np.array([[0.7, 0.8]]), way, way)
         made.append(HullFit(Widened(lower, upper, own, own), swept, 100, 100))
     return made
 
@@ -96,13 +98,14 @@ def test_margin_heading_deviation_and_path_between_poses_are_all_added():
     domain = GapDomain(("x", "y", "t"), ("u",), Box([0, 0, -3], [10, 10, 3]), U, (0, 1))
     deviation = (0.004, 0.007, 0.02)
     influences = [HistoryInfluence(np.array([0.01, 0.0, 0.0]), d, 50) for d in deviation]
-    fit = assemble_hulls(domain, hulls_of((0.05, 0.06, 0.03), (0.01, 0.02, None)), influences, 0.003, 0.5)
+    robot = Robot(domain, np.zeros((2, 3)), 0.003, 0.5, PreviousClasses.single(2))
+    fit = assemble_hulls(robot, hulls_of((0.05, 0.06, 0.03), (0.01, 0.02, None)), influences)
     for i, (own, turned) in enumerate(zip((0.05, 0.06, 0.03), deviation, strict=True)):
         np.testing.assert_allclose(fit.gap.lower[:, i], np.array([-0.1, -0.3]) - own - turned, rtol=1e-12)
         np.testing.assert_allclose(fit.gap.upper[:, i], np.array([0.2, 0.4]) + own + turned, rtol=1e-12)
     for i, way in enumerate((0.01, 0.02)):  # across headings the larger deviation of both axes may show in either
-        np.testing.assert_allclose(fit.swept.lower[:, i], np.array([-0.5, -0.6]) - way - 0.007 - 0.003, rtol=1e-12)
-        np.testing.assert_allclose(fit.swept.upper[:, i], np.array([0.7, 0.8]) + way + 0.007 + 0.003, rtol=1e-12)
+        np.testing.assert_allclose(fit.swept.lower[0, :, i], np.array([-0.5, -0.6]) - way - 0.007 - 0.003, rtol=1e-12)
+        np.testing.assert_allclose(fit.swept.upper[0, :, i], np.array([0.7, 0.8]) + way + 0.007 + 0.003, rtol=1e-12)
 
 
 def test_a_hull_counts_what_sequences_exceed_on_either_side():
@@ -115,8 +118,8 @@ def test_a_hull_counts_what_sequences_exceed_on_either_side():
         way[0, -1, 0] = value
         fit = fit_hull(0, motion, grid, BodySamples.of_paths(np.array([0]), way))
         assert fit.gap.excess == pytest.approx(beyond)
-        assert fit.gap.lower.tolist() == pytest.approx([0.1, -0.2])
-        assert fit.gap.upper.tolist() == pytest.approx([0.3, 0.2])
+        assert fit.gap.lower[0].tolist() == pytest.approx([0.1, -0.2])
+        assert fit.gap.upper[0].tolist() == pytest.approx([0.3, 0.2])
 
 
 def test_hulls_and_fading_by_their_definitions():
@@ -126,8 +129,9 @@ def test_hulls_and_fading_by_their_definitions():
     responses = np.array([[[0.5], [1.0]], [[0.2], [-0.4]], [[0.1], [0.0]]])
     assert fading(responses)[:, 0].tolist() == pytest.approx([1.0, 0.4, 0.0])
     excess = np.array([0.0, 0.1, 0.3, 0.2])
-    r = 1.0 - 0.05 ** (1 / 3)
-    assert extrapolated_maximum(excess) == pytest.approx(0.3 + 0.3 * r / (1 - r))
+    for dimension in (1, 4):
+        r = (1.0 - 0.05 ** (1 / 3)) ** (1 / dimension)
+        assert extrapolated_maximum(excess, dimension) == pytest.approx(0.3 + 0.3 * r / (1 - r))
     turned = np.array([[[0.1, 0.0, 0.0]], [[-0.3, 0.0, 0.2]]])
     assert heading_deviation(np.zeros((1, 3)), turned).largest.tolist() == pytest.approx([0.3, 0.0, 0.2])
 

@@ -54,4 +54,5 @@ def test_an_edit_reruns_what_it_simulated(made):
     before = digests()
     (path.parent / "my_engine.py").write_text(block(PAGE, HEADING, "python") + "# an edit\n")
     after = digests()
-    assert {s for s in before if before[s] != after[s]} == {"rollouts", "fresh", "validation"}
+    # The slopes too: an engine whose step is known in closed form has them enclosed and not sampled.
+    assert {s for s in before if before[s] != after[s]} == {"rollouts", "fresh", "validation", "lipschitz"}

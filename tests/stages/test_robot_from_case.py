@@ -141,11 +141,9 @@ def test_an_empty_domain_names_what_emptied_it(small, bound, tmp_path, capsys):
     _, folder = bound
     case = small()
     gap = read_json(folder / "gap.json")
-    boxes = gap["swept_boxes"]
-    gap["swept_boxes"] = {
-        "lower": [[-2.0, -2.0] for _ in boxes["lower"]],
-        "upper": [[2.0, 2.0] for _ in boxes["upper"]],
-    }
+    for name in {"swept_boxes", "swept_boxes_by_class"} & gap.keys():
+        shape = np.shape(gap[name]["lower"])
+        gap[name] = {"lower": np.full(shape, -2.0), "upper": np.full(shape, 2.0)}
     write_json(tmp_path / "wide.json", gap)
     common = ["--out", tmp_path / "c.npz", "--summary", tmp_path / "s.json", "--log", tmp_path / "log"]
     line = refused(capsys, ["synthesis", case, "--gap", tmp_path / "wide.json", *common])

@@ -122,7 +122,7 @@ def saved(context, folder):
     """A gap.json made by hand: -> its path, the bound, the box of each input's path."""
     rng, count = np.random.default_rng(2), len(context.input_set)
     lower = rng.uniform(-0.02, 0.0, (count, 3))
-    domain = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set, (0, 1))
+    domain = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set, (0, 1), (2,))
     gap = BodyFrameGap(domain, (Tier(1, "Made up."),), lower, lower + rng.uniform(0.0, 0.03, (count, 3)))
     box = rng.uniform(-0.3, 0.0, (count, 2)), rng.uniform(0.0, 0.3, (count, 2))
     write_json(folder / "gap.json", gap.to_json() | {"swept_boxes": {"lower": box[0], "upper": box[1]}})

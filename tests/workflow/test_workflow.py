@@ -238,7 +238,7 @@ def test_an_overlay_of_the_sweep_adds_only_new_points(project):
     overlay.write_text(yaml.safe_dump({"sweeps": {"small": {"eps": [0.02, 0.05]}}}))
     jobs = project.planned("--configfile", str(overlay))
     assert {stage: jobs.get(stage) for stage in ROAD - {"fresh"}} == {
-        "grid": 1, "rollouts": 2, "scp": 2, "lipschitz": 2, "gap": 1
+        "grid": 1, "rollouts": 2, "borders": 1, "scp": 2, "lipschitz": 2, "gap": 1
     }  # fmt: skip
     assert not {"fresh", "synthesis", "validation"} & set(jobs)
 
@@ -250,6 +250,7 @@ def test_a_truncated_shard_is_one_line_with_the_file_and_the_remedy(project, tmp
     command = [sys.executable, "-m", "simgap.cli", "scp", str(project.case), "--state", "x1", "--rollouts", str(cut)]
     command += ["--rollouts", str(shard.with_name("shard-1.parquet"))]
     command += ["--grid", str(project.folder / "results/small/grid/eps~0.02")]
+    command += ["--borders", str(project.folder / "results/small/borders/eps~0.02/samples.parquet")]
     command += ["--out", str(tmp_path / "x1.json"), "--log", str(tmp_path / "l")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
