@@ -17,16 +17,19 @@ from simgap.diagnosis.search.barred import barred
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.noise_colour import noise_colour
 from simgap.diagnosis.search.scoring import list_starts
 from simgap.diagnosis.search.selection import best_so_far, carried_over, on_all, preferred, select
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
+from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.concentration import concentrated
+from simgap.diagnosis.verdict.faults import noise_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
@@ -81,6 +84,10 @@ def diagnose(
         else:
             reduced = chi2_dof(search.problem, found.fit)
             search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, (found, reduced))
+    noise = None if watch.stopped else _noise(parts.known, search, found)
+    if noise is not None:
+        parts = parts.with_noise(*noise)
+        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
     chosen = _chosen(parts, search, base, found, settings, not_tried)
     return _conclude(model, record, settings, parts, chosen, said)
 
@@ -108,6 +115,16 @@ class _Chosen:
     at_floor: bool
     agree: bool
     barred: Mapping[Key, str]
+
+
+def _noise(known: Problem, search: Search, found: Explanation) -> tuple[Floats, Colour] | None:
+    """The law of the noise, where what was found leaves more than white noise and that is no trace of a force."""
+    if chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
+        return None
+    at = found.fit
+    if search.problem is not known:
+        at = fit(known, at.theta, initial_states(known), [], {})
+    return noise_colour(known, at.theta, at.x0)
 
 
 def _fitted_again(
@@ -210,6 +227,7 @@ def _conclude(
         if tested
         else None,
         concentrated=concentrated(confirm, names, old, new),
+        recording=tuple(noise_faults(known)),
     )
 
 

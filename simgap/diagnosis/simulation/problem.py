@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import Windows, past_the_unknown
+from simgap.diagnosis.simulation.colour import Colour, whiten
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import LAGS_REMEMBERED
@@ -44,6 +45,8 @@ class Problem:
         windows: the windows that are compared.
         sigma: (k,) noise of each channel.
         h_max: longest integration step, s.
+        used: (n, k) 1 for readings that are compared, 0 for those that are no measurement.
+        colour: law of the noise; None if it is white.
     """
 
     model: SuperModel
@@ -54,6 +57,8 @@ class Problem:
     windows: Windows
     sigma: Floats
     h_max: float
+    used: Floats
+    colour: Colour | None = None
     memo: Memo = field(default_factory=lambda: Memo())
 
     def on(self, windows: Windows) -> Problem:
@@ -78,12 +83,12 @@ class Problem:
     @property
     def size(self) -> int:
         """Number of compared numbers."""
-        return self.windows.samples * self.y.shape[1]
+        return int(np.sum(self.counts))
 
     @cached_property
     def counts(self) -> Floats:
         """(w,) compared numbers of each window."""
-        return np.asarray(self.windows.stop - self.windows.start, dtype=np.float64) * self.y.shape[1]
+        return np.asarray(np.add.reduceat(np.sum(self.used[self.samples], axis=1), self.rows[:-1]))
 
     @cached_property
     def rows(self) -> Ints:
@@ -119,10 +124,17 @@ class Problem:
         self.model.read(x, theta, out)
         return out
 
-    def residuals(self, theta: Floats, x0: Floats) -> Floats:
+    def misses(self, theta: Floats, x0: Floats) -> Floats:
         """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""
         residual = self.predict(theta, x0)
-        _compare(self.readings, self.sigma, residual)
+        _compare(self.readings, self.sigma, self.used[self.samples], residual)
+        return residual
+
+    def residuals(self, theta: Floats, x0: Floats) -> Floats:
+        """Misses made white by the law of the noise, (rows, k): of a perfect model they are independent, of size 1."""
+        residual = self.misses(theta, x0)
+        if self.colour is not None:
+            whiten(residual, self.rows, *self.colour.predictors)
         return residual
 
     def _drive(self, theta: Floats) -> Drive:
@@ -158,13 +170,13 @@ def lagged_excess(t: Floats, level: Floats, firsts: Ints, lag: float) -> Floats:
     return excess
 
 
-@njit(void(float64[:, ::1], float64[::1], float64[:, ::1]), cache=True)
-def _compare(readings: Floats, sigma: Floats, predicted: Floats) -> None:
+@njit(void(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1]), cache=True)
+def _compare(readings: Floats, sigma: Floats, used: Floats, predicted: Floats) -> None:
     """Predictions become (measured - predicted) / sigma, in place; what diverged becomes a large number."""
     for i in range(predicted.shape[0]):
         for j in range(predicted.shape[1]):
             r = (readings[i, j] - predicted[i, j]) / sigma[j]
-            predicted[i, j] = min(max(r, -_LARGE), _LARGE) if r == r else _LARGE
+            predicted[i, j] = used[i, j] * (min(max(r, -_LARGE), _LARGE) if r == r else _LARGE)
 
 
 def interval(t: Floats) -> float:
@@ -186,4 +198,5 @@ def build_problem(model: SuperModel, record: Record, windows: Windows, sigma: Fl
         windows=windows,
         sigma=sigma,
         h_max=interval(t),
+        used=np.concatenate([trace.compared for trace in record.traces]),
     )

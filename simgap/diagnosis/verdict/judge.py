@@ -50,12 +50,13 @@ class HeldOut:
 def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     """Refit only the initial states (w, nx) of held-out windows at theta (q,), and predict ahead causally."""
     at = fit(held, theta, initial_states(held), [], {})
-    residual = held.residuals(theta, at.x0)
-    lost = held.model.nx * len(held.windows) / residual.size  # degrees of freedom that the initial states took
+    residual, count = held.residuals(theta, at.x0), held.size
+    lost = held.model.nx * len(held.windows) / count  # degrees of freedom that the initial states took
     unbiased = math.sqrt(max(1.0 - lost, 0.1))
-    rmse = np.sqrt(np.mean(residual**2, axis=0)) * held.sigma / unbiased
-    ratio = float(np.sqrt(np.mean(residual**2))) / unbiased
-    free = max(residual.size - held.model.nx * len(held.windows), 1)
+    each = np.maximum(np.sum(held.used[held.samples], axis=0), 1.0)
+    rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / each) * held.sigma / unbiased
+    ratio = math.sqrt(float(np.sum(residual**2)) / count) / unbiased
+    free = max(count - held.model.nx * len(held.windows), 1)
     ahead = horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
     return HeldOut(at.x0, rmse, ratio, float(np.sum(residual**2)), free, ahead)
 
