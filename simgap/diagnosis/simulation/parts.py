@@ -33,5 +33,13 @@ class Parts:
     def with_noise(self, size: NDArray[np.float64], colour: Colour) -> Parts:
         """The same under another law of the noise, its standard deviation (k,) over that of before."""
         return Parts(
-            *(replace(p, sigma=p.sigma * size, colour=colour) for p in (self.known, self.fit, self.choose, self.confirm))
+            *(
+                replace(p, sigma=p.sigma * size, colour=colour)
+                for p in (self.known, self.fit, self.choose, self.confirm)
+            )
         )
+
+    def without(self, channels: NDArray[np.bool_]) -> Parts:
+        """The same with some of the channels (k,) left out of every fit."""
+        heard = np.where(channels, 0.0, self.known.heard)
+        return Parts(*(replace(p, heard=heard) for p in (self.known, self.fit, self.choose, self.confirm)))

@@ -46,6 +46,7 @@ class Problem:
         sigma: (k,) noise of each channel.
         h_max: longest integration step, s.
         used: (n, k) 1 for readings that are compared, 0 for those that are no measurement.
+        heard: (k,) 1 for channels that are fitted, 0 for one that was left out.
         colour: law of the noise; None if it is white.
     """
 
@@ -58,6 +59,7 @@ class Problem:
     sigma: Floats
     h_max: float
     used: Floats
+    heard: Floats
     colour: Colour | None = None
     memo: Memo = field(default_factory=lambda: Memo())
 
@@ -88,7 +90,7 @@ class Problem:
     @cached_property
     def counts(self) -> Floats:
         """(w,) compared numbers of each window."""
-        return np.asarray(np.add.reduceat(np.sum(self.used[self.samples], axis=1), self.rows[:-1]))
+        return np.asarray(np.add.reduceat(self.used[self.samples] @ self.heard, self.rows[:-1]))
 
     @cached_property
     def rows(self) -> Ints:
@@ -122,7 +124,22 @@ class Problem:
         x = self.states(theta, x0)
         out = np.empty((len(x), self.y.shape[1]))
         self.model.read(x, theta, out)
+        for fault, column, slot in self.model.reading_faults:
+            if theta[slot] != 0.0:
+                own = np.ascontiguousarray(out[:, column])
+                fault.distort(own, float(theta[slot]), self._stamps, self.readings[:, column], self.rows, self._since)
+                out[:, column] = own
         return out
+
+    @cached_property
+    def _stamps(self) -> Floats:
+        """(rows,) s, window after window."""
+        return self.t[self.samples]
+
+    @cached_property
+    def _since(self) -> Floats:
+        """(rows,) s from the first sample of the trace."""
+        return self._stamps - np.repeat(self.t[self.windows.first], np.diff(self.rows))
 
     def misses(self, theta: Floats, x0: Floats) -> Floats:
         """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""
@@ -135,7 +152,7 @@ class Problem:
         residual = self.misses(theta, x0)
         if self.colour is not None:
             whiten(residual, self.rows, *self.colour.predictors)
-        return residual
+        return residual if self.heard.all() else residual * self.heard
 
     def _drive(self, theta: Floats) -> Drive:
         """Level, excess, delay and lag of the inputs; kept while the parameters of the inputs stay the same."""
@@ -147,11 +164,22 @@ class Problem:
     def _make_drive(self, theta: Floats) -> Drive:
         level = np.empty_like(self.u)
         self.model.static(self.u, theta, level)
-        delay, lag = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1)
+        delay, lag = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1).copy()
+        self._bring_forward(level, delay)
         excess = np.zeros_like(level)
         for c in np.flatnonzero(lag > 0.0):
             excess[:, c] = lagged_excess(self.t, np.ascontiguousarray(level[:, c]), self.firsts, float(lag[c]))
-        return level, excess, np.maximum(delay, 0.0), lag
+        return level, excess, delay, lag
+
+    def _bring_forward(self, level: Floats, delay: Floats) -> None:
+        """Delays (m,) below zero become whole samples by which an input (n, m) is brought forward, and a rest >= 0."""
+        spacing = interval(self.t)
+        ends = np.append(self.firsts[1:], len(self.t))
+        for c in np.flatnonzero(delay < 0.0):
+            ahead = int(np.ceil(-delay[c] / spacing - 1e-9))
+            delay[c] += ahead * spacing
+            for a, b in zip(self.firsts, ends, strict=True):
+                level[a:b, c] = level[np.minimum(np.arange(a, b) + ahead, b - 1), c]
 
 
 @njit(float64[::1](float64[::1], float64[::1], int64[::1], float64), cache=True)
@@ -199,4 +227,5 @@ def build_problem(model: SuperModel, record: Record, windows: Windows, sigma: Fl
         sigma=sigma,
         h_max=interval(t),
         used=np.concatenate([trace.compared for trace in record.traces]),
+        heard=np.ones(len(record.measured)),
     )
