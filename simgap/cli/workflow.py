@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 import yaml
 
-from simgap.cli.options import app
+from simgap.cli.options import app, new_folder
 from simgap.errors import SimgapError, UserError
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -50,6 +50,22 @@ def run(
     status = _snakemake(folder, [path.stem for path in files], cores, options)
     if status:
         raise WorkflowFailed("the run has failed; what failed stands above, and in results/<case>/logs")
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the case: lower-case letters, digits, - and _.")],
+    urdf: Annotated[Path | None, typer.Option(help="Model file of the robot.")] = None,
+    equations: Annotated[bool, typer.Option("--equations", help="Equations, to be replaced by your own.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder for the case.", callback=new_folder)] = Path(),
+) -> None:
+    """Write a commented case for a robot of yours: NAME.yaml, which runs as it stands."""
+    from simgap.stages import new as stage
+
+    if (urdf is None) != equations:
+        raise UserError("either a URDF or equations", key="--urdf", remedy="Give --urdf FILE, or --equations.")
+    path = stage.run(name, urdf, out)
+    typer.echo(f"Wrote {path}. Next: simgap check {path}, then simgap run {path}")
 
 
 def workflow_file(name: str) -> Path:
