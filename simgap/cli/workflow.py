@@ -76,8 +76,6 @@ def workflow_file(name: str) -> Path:
 
 def _snakemake(folder: Path, cases: Sequence[str], cores: int, options: Sequence[str]) -> int:
     """Run the workflow in this folder: -> its exit status."""
-    # Rules call `simgap`, which stands beside this interpreter.
-    env = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"}
     with tempfile.TemporaryDirectory(prefix="simgap-") as temporary:
         config = Path(temporary) / "run.yaml"
         place = Path(os.path.relpath(folder))
@@ -86,7 +84,7 @@ def _snakemake(folder: Path, cases: Sequence[str], cores: int, options: Sequence
         )
         command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
         command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
-        process = subprocess.Popen([*command, *options], env=env)
+        process = subprocess.Popen([*command, *options])
         while True:
             try:
                 return process.wait()
