@@ -1,6 +1,8 @@
 # Names and hashes that the rules share. A data rule has two hashes among its parameters: of the sections of the case that
 # its stage reads, and of the code that its stage runs. Snakemake reruns a rule when either changes.
 
+import os
+import sys
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -23,6 +25,11 @@ from simgap.provenance import (
     sections_digest,
     sections_of,
     versions,
+)
+
+# Stages run the `simgap` of this very environment, whether it was activated or not.
+os.environ["PATH"] = os.pathsep.join(
+    [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
 )
 
 CASE_FOLDER = Path(config["case_folder"])

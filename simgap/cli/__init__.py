@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import simgap.cli.bytecode  # noqa: F401  (first: the byte code of what follows is kept)
+
+# isort: split
 import errno
 import logging
 import sys

@@ -47,7 +47,16 @@ class SymbolicCoordinate(Section):
 
     position: str = Field(description="The state that is its position.")
     velocity: str = Field(description="The state that is its velocity.")
-    force_gain: str = Field(description="d(velocity rate)/d(force): an expression, for one hinge 1/(inertia).")
+    force_gain: str | None = Field(
+        None,
+        description="d(velocity rate)/d(force): an expression, for one hinge 1/(inertia). Not with `force_map` or "
+        "`mass_matrix`.",
+    )
+    force_map: dict[str, str] | None = Field(
+        None,
+        description="What a force on this coordinate does to the rate of each velocity, expressions; velocities that "
+        "are not named stay as they are. In the place of `force_gain` where the force moves other coordinates too.",
+    )
     force_unit: str = Field("N*m", description="Unit of the force on it.")
 
 
@@ -71,6 +80,11 @@ class SymbolicPlant(Section):
     dynamics: dict[str, str] = Field(description="For each state its rate of change, an expression.")
     coordinates: dict[str, SymbolicCoordinate] = Field(
         default_factory=dict, description="Degrees of freedom on which forces may act."
+    )
+    mass_matrix: tuple[tuple[str, ...], ...] | None = Field(
+        None,
+        description="The mass matrix M of the equations of motion M(q) dv/dt = ..., rows and columns in the order of "
+        "`coordinates`, expressions of positions and parameters. With it a force on one coordinate moves the others.",
     )
     gravity: tuple[str, str, str] | None = Field(
         None, description="Names of three parameters that are gravity's components along x, y, z of the world."

@@ -19,6 +19,10 @@ _SHORT = (
     "The record is short: windows of {:.3g} s instead of {:g} s, so that fit, choose and confirm have some each; "
     "a longer one says more."
 )
+_NO_COORDINATES = (
+    "The equations declare no coordinates: friction, springs and other forces on the motion are not sought. Name the "
+    "degrees of freedom under plant.symbolic.coordinates, and their mass_matrix where one moves another."
+)
 
 
 def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> tuple[Parts, tuple[str, ...]]:
@@ -32,6 +36,8 @@ def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) 
     traces, share = settings.held_out_traces, settings.held_out_share
     windows, folds, length = cut_in_folds(record, settings.window_s, traces, share, ahead)
     said = (_SHORT.format(length, settings.window_s),) if length < settings.window_s else ()
+    if model.wheels is None and not model.coordinates:
+        said = (*said, _NO_COORDINATES)
     every = settled(build_problem(compiled, record, windows, sigma))
     known = folds.fit | folds.choose
     parts = Parts(*(every.on(windows.pick(mask)) for mask in (known, folds.fit, folds.choose, folds.confirm)))

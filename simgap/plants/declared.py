@@ -18,6 +18,7 @@ from simgap.model.symbolic import (
     Variable,
     symbol,
 )
+from simgap.plants.coupling import force_columns
 from simgap.plants.joint_units import check_joint_units
 from simgap.plants.urdf import JointState, load_urdf
 from simgap.plants.urdf_checks import check_urdf
@@ -54,16 +55,17 @@ def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicMo
         raise UserError(f"the names {twice} are used twice", key="plant.symbolic")
     _check_units(section, written)
     xdot = tuple(_parse(written.dynamics[n], names, f"plant.symbolic.dynamics.{n}") for n in states)
-    coordinates, columns = [], {}
+    coordinates = []
     for name, c in written.coordinates.items():
         key = f"plant.symbolic.coordinates.{name}"
         for role in (c.position, c.velocity):
             if role not in states:
                 raise UserError(f"'{role}' is not a state", key=key, remedy=f"States: {list(states)}.")
         require_unit(states[c.velocity].unit, _rate_of(states[c.position].unit), f"plant.states.{c.velocity}.unit")
-        gain = _parse(c.force_gain, names, f"{key}.force_gain")
         coordinates.append(Coordinate(name, c.position, c.velocity, c.force_unit))
-        columns[name] = tuple(gain if n == c.velocity else sp.Integer(0) for n in states)
+    columns = force_columns(
+        written, list(states), xdot, list(section.inputs), lambda text, key: _parse(text, names, key)
+    )
     ratio = symbol("ratio")
     return SymbolicModel(
         states=tuple(Variable(n, s.unit) for n, s in states.items()),

@@ -75,9 +75,7 @@ def document(
             "held_out_ratio": {"before": found.before.held_out_ratio, "after": found.after.held_out_ratio},
         },
         "nearest": _nearest(found.nearest),
-        "left_over": None
-        if found.left_over is None
-        else [_effect(o.effect) | {"share": o.share} for o in found.left_over],
+        "left_over": _left_over(found.left_over),
         "concentrated": _concentrated(found.concentrated),
         "alternatives": [_alternative(a) for a in found.alternatives],
         "indistinguishable": [

@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import diagnosis_example as example
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.reading.survey import survey
+from simgap.diagnosis.result import Estimate, FoundEffect, LeftOver, Nearest
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.plants.plant_model import PlantModel
@@ -35,13 +37,13 @@ measured: {files: [a.csv]}
 """
 
 
-def write(folder, verdict="attributed", more=""):
+def write(folder, verdict="attributed", more="", **changes):
     (folder / "case.yaml").write_text(example.CASE + more)
     context = Context.load(folder / "case.yaml")
     model = PlantModel(context.case.plant, folder).corrected
     data = example.record()
     found, reading, section = (
-        example.diagnosis(model, data, verdict),
+        replace(example.diagnosis(model, data, verdict), **changes),
         example.reading(data),
         context.case.measured or MeasuredSection(),
     )
@@ -82,6 +84,29 @@ def test_the_document_has_the_keys_of_the_contract(written):
     assert set(d["remainder"]["after"]) == {"q", "v"}
     assert {"stage", "reads", "code", "versions"} <= set(d["provenance"])
     assert str(written.parent) not in json.dumps(d)
+
+
+def test_the_page_tells_what_comes_nearest_and_what_else_would_help(tmp_path):
+    drag = FoundEffect("viscous_friction", "hinge", {"b": Estimate(0.0714, (0.07, 0.073), "N*m*s/rad")})
+    bias = FoundEffect("input_bias", "u", {"bias": Estimate(0.031, (0.03, 0.032), "N*m")})
+    near = Nearest((drag,), 0.43, ("halves of the data give different numbers",))
+    write(tmp_path, "unexplained", nearest=near, left_over=(LeftOver(bias, 0.27),))
+    page = (tmp_path / "out" / "report.html").read_text()
+    nearest = page[page.index("What comes nearest") : page.index("What else would take")]
+    over = page[page.index("What else would take") : page.index("Before and after, on data")]
+    for told in ("viscous_friction", "0.0714", "43 %", "halves of the data give different numbers"):
+        assert told in nearest
+    for told in ("input_bias", "0.031", "27 %", "None is established"):
+        assert told in over
+    assert "<td>input_bias</td>" not in nearest
+
+
+def test_the_page_says_that_a_remainder_is_not_in_gamma(tmp_path):
+    """Nothing that could bound it was held out, or the case has no gap: the page is not silent about it."""
+    write(tmp_path, "partial")
+    assert "Not in gamma: the case has no" in (tmp_path / "out" / "report.html").read_text()
+    write(tmp_path, "partial", windows=tuple(replace(w, held_out=False) for w in example.windows(example.record())))
+    assert "Not in gamma: too few" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_the_page_stands_alone(written):
