@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 from numba import float64 as f64
-from numba import njit, types, void
+from numba import types, void
 from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
@@ -20,10 +20,12 @@ from simgap.effects.base import CoordinateEffect
 from simgap.effects.commands import InputEffect, MemoryInputEffect
 from simgap.errors import UserError
 from simgap.model.compile import Kernel, compile_kernel
+from simgap.model.kept import kept_as
 from simgap.model.symbolic import SymbolicModel, symbol
 
 Floats = NDArray[np.float64]
 _ROWS = types.Array(types.float64, 2, "C")
+_ROWWISE = void(_ROWS, f64[::1], _ROWS)
 
 
 @dataclass(frozen=True)
@@ -214,13 +216,14 @@ def _memory(model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.S
 
 
 def _rowwise(kernel: Kernel) -> Any:
+    @kept_as(_ROWWISE)
     def rows(x: Any, th: Any, out: Any) -> None:
         for k in range(x.shape[0]):
             values = kernel(x[k], th)
             for i in range(out.shape[1]):
                 out[k, i] = values[i]
 
-    return njit(void(_ROWS, f64[::1], _ROWS), error_model="numpy")(rows)
+    return rows
 
 
 def _no_columns(x: Floats, theta: Floats, out: Floats) -> None:
