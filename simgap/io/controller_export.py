@@ -47,17 +47,17 @@ def _about(c: Controller) -> list[str]:
     return lines
 
 
-def _numbers(values: np.ndarray) -> str:  # type: ignore[type-arg]
+def _numbers(values: np.ndarray) -> str:
     """Shortest decimals that read back as the same doubles."""
     return ", ".join(repr(float(v)) for v in np.asarray(values, dtype=np.float64).reshape(-1))
 
 
-def _table(values: np.ndarray) -> str:  # type: ignore[type-arg]
+def _table(values: np.ndarray) -> str:
     text = [str(v) for v in np.asarray(values).tolist()]
     return ",\n".join(",".join(text[k : k + 40]) for k in range(0, len(text), 40))
 
 
-def _kinds(c: Controller) -> np.ndarray:  # type: ignore[type-arg]
+def _kinds(c: Controller) -> np.ndarray:
     return np.zeros(len(c.input_set), dtype=np.int64) if c.kind is None else c.kind
 
 

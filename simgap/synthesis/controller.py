@@ -100,8 +100,8 @@ class Controller:
             raise UserError(
                 f"a state must be finite numbers, not {points[~np.isfinite(points).all(axis=1)][0].tolist()}"
             )
-        far = (np.abs(points - self.grid.box.lo) >= FARTHEST * 2.0 * self.grid.h).any(axis=1)
-        return np.where(far, -1, self.grid.index(np.where(far[:, None], self.grid.box.lo, points)))
+        far = np.any(np.abs(points - self.grid.box.lo) >= FARTHEST * 2.0 * self.grid.h, axis=1, keepdims=True)
+        return np.where(far[:, 0], -1, self.grid.index(np.where(far, self.grid.box.lo, points)))
 
     def rows(self, x: ArrayLike, pending: ArrayLike | None = None) -> Ints:
         """Rows of `choice` and of the mask: measured states (n, nx), pending inputs (n,) -> (n,), -1 outside.
