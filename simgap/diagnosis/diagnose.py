@@ -3,34 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis.parts_of import parts_of
+from simgap.diagnosis.reading.hum import without_hum
 from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.reading.repair import repaired
 from simgap.diagnosis.reading.windows import stretches
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoldStretches, Judged, Key, RecordingFault
 from simgap.diagnosis.search.barred import barred
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.noise_colour import noise_colour
-from simgap.diagnosis.search.scoring import list_starts
-from simgap.diagnosis.search.selection import best_so_far, carried_over, on_all, preferred, select
+from simgap.diagnosis.search.selection import on_all
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
-from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
+from simgap.diagnosis.sought import sought
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.concentration import concentrated
-from simgap.diagnosis.verdict.faults import filtered_channels, fitted_faults, gain_faults, noise_faults
+from simgap.diagnosis.verdict.faults import fitted_faults, gain_faults, noise_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
@@ -73,29 +73,14 @@ def diagnose(
     settings = settings or DiagnosisSettings()
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
+    record, seen = repaired(record)
+    record, lines = without_hum(record)
+    faults = (*seen, *lines)
     parts, said = parts_of(model, record, settings)
     not_tried = barred(parts.known.model, record, settings.effects)
-    watch = Watch(settings.budget_s, tell)
-    search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
-    reach = parts.known.reach(found.fit.theta)
-    if reach > parts.known.reach(search.problem.model.null):  # commands from before the record are unknown: masked
-        parts = parts.past_the_unknown(reach)
-        if watch.stopped:
-            search, base, found = _fitted_again(parts.known, search, found, not_tried)
-        else:
-            reduced = chi2_dof(search.problem, found.fit)
-            search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, (found, reduced))
-    filtered = () if watch.stopped else filtered_channels(search, found)
-    if filtered:
-        parts = parts.without(np.isin(record.measured, [f.channel for f in filtered]))
-        not_tried |= {(f.fault, f.channel): "the channel was left out" for f in filtered}
-        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
-    noise = None if watch.stopped else _noise(parts.known, search, found)
-    if noise is not None:
-        parts = parts.with_noise(*noise)
-        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
-    chosen = _chosen(parts, search, base, found, settings, not_tried)
-    return _conclude(model, record, settings, parts, chosen, said, filtered)
+    ends = sought(parts, settings.max_effects, not_tried, Watch(settings.budget_s, tell))
+    chosen = _chosen(ends.parts, ends.search, ends.base, ends.found, settings, ends.barred)
+    return _conclude(model, record, settings, ends.parts, chosen, said, (*faults, *ends.faults))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,48 +106,6 @@ class _Chosen:
     at_floor: bool
     agree: bool
     barred: Mapping[Key, str]
-
-
-def _noise(known: Problem, search: Search, found: Explanation) -> tuple[Floats, Colour] | None:
-    """The law of the noise, where what was found leaves more than white noise and that is no trace of a force."""
-    if chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
-        return None
-    at = found.fit
-    if search.problem is not known:
-        at = fit(known, at.theta, initial_states(known), [], {})
-    return noise_colour(known, at.theta, at.x0)
-
-
-def _fitted_again(
-    problem: Problem, search: Search, found: Explanation, not_tried: Collection[Key]
-) -> tuple[Search, Fit, Explanation]:
-    """What a search found before it was stopped, fitted on another problem; nothing else is tried there."""
-    sought = coarse(problem)
-    base = fit(sought, sought.model.null, initial_states(sought), [], {})
-    again = Search(sought, list_starts(sought, not_tried), watch=search.watch)
-    return again, base, on_all(again, search, found, base)
-
-
-def _searched(
-    problem: Problem, most: int, not_tried: Collection[Key], watch: Watch,
-    known: tuple[Explanation, float] | None = None,
-) -> tuple[Search, Fit, Explanation]:  # fmt: skip
-    """A search on the problem, the model as declared, and what explains it best; begun from what is `known`.
-
-    What is known comes with its chi^2/dof where it was found. A search that is stopped ends with its best so far.
-    """
-    sought = coarse(problem)
-    base = fit(sought, sought.model.null, initial_states(sought), [], {})
-    search = Search(sought, list_starts(sought, not_tried), watch=watch)
-    try:
-        found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
-        rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
-        return search, base, preferred(search, found, most)
-    except Stopped:
-        pass
-    except KeyboardInterrupt:
-        watch.interrupted()
-    return search, base, best_so_far(search, base, most)
 
 
 def _chosen(

@@ -190,3 +190,22 @@ noise, and than a fall with the fourth power of the frequency, as a force would 
 STATIONARY = 5.0
 """... and if nineteen of twenty windows have a sum of squares, made white, within so many standard deviations of the
 median window's."""
+
+STALE_MISS, STALE_STEPS, LEAST_STALE, MOST_STALE = 1.0, 1.5, 0.002, 0.3
+"""Repeated readings are stale if a fifth of them miss the line between their neighbours by so many sigma (each by so
+many steps of an encoder); a larger share of a record is a slower sensor, and few of them are chance. Judgement."""
+
+SPIKE, MOST_SPIKES = 15.0, 0.05
+"""A reading is a spike if it bends away from its neighbours by so many robust standard deviations of the bends of its
+channel; more of them than this share are something else. Judgement."""
+
+HUM_LINE, HUM_ACCELERATION = 60.0, 2.0
+"""A line stands this far above the median around it (of 10^4 frequencies of white noise the largest stands 15 above),
+and is hum if as a motion it would take so many times the acceleration that the motion shows below half its
+frequency."""
+
+COLUMN_TELLS, COLUMNS_IN_DOUBT, INPUT_TELLS = 0.02, 100.0, 0.3
+"""Columns are taken for something else if the declared model then misses by less than this share of the chi^2/dof of
+the columns as they are, and only where these miss by this much; an input is taken to be smaller only if the model then
+misses by less than this share of what it misses without it. Judgement: a wrong unit or column misses by orders of
+magnitude, and so does a mild effect in a record of little noise, which no exchange of columns mends."""

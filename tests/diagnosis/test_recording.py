@@ -1,10 +1,18 @@
 """Faults of a recording are told apart from what the plant lacks, on plants that share no code with the fit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.parts_of import parts_of
+from simgap.diagnosis.reading.hum import without_hum
+from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.reading.repair import repaired
 from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.search.columns import better_columns
+from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from tests.diagnosis import rigs
 
@@ -53,3 +61,48 @@ def test_errors_of_prediction_are_white():
     e = means[:, None] / spread
     whiten(e, np.array([0, len(e)]), *after.predictors)
     assert np.std(e) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("fault", ["stale", "spikes", "hum"])
+def test_readings_that_are_none_are_found_and_the_others_left(fault):
+    for rig in (rigs.pendulum(), rigs.oscillator()):
+        dirty, clean_ = (rigs.record(rig, f, 3, seconds=6.0, coulomb=0.1) for f in (fault, "clean"))
+        mended, said = repaired(dirty)
+        mended, lines = without_hum(mended)
+        assert [f.fault for f in (*said, *lines)] == [rigs.FAULTS[fault][1]]
+        for a, b in zip(mended.traces, clean_.traces, strict=True):
+            used = a.compared > 0.0
+            assert used.mean() > 0.9
+            assert np.std((a.y - b.y)[used]) < 2e-3  # noise alone, of 1e-3 in each
+        assert repaired(clean_) == (clean_, ())
+        assert without_hum(clean_)[1] == ()
+
+
+def test_a_reading_that_is_no_measurement_counts_for_nothing():
+    rig = rigs.oscillator()
+    trace = rigs.record(rig, "clean", 4, seconds=6.0).traces[0]
+    y, used = trace.y.copy(), np.ones(trace.y.shape, dtype=bool)
+    y[200:300], used[200:300] = 7.0, False
+    record = Record((replace(trace, y=y, used=used),), ("q",), ("force",))
+    d = diagnose(rig.model, record, replace(FEW, noise={"q": 1e-3}))
+    assert d.verdict == "none"
+    assert d.before.fit_rmse["q"] < 2e-3
+
+
+def test_columns_in_another_unit_or_place_are_found():
+    wanted = [
+        (rigs.pendulum(), "position in degrees", ("wrong_unit", "angle", np.pi / 180)),
+        (rigs.oscillator(), "input in thousandths", ("wrong_unit", "force", 1e-3)),
+        (rigs.oscillator(), "columns swapped", ("swapped_columns", "q, v", None)),
+        (rigs.oscillator(), "clean", None),
+    ]
+    for rig, fault, answer in wanted:
+        parts, _ = parts_of(rig.model, rigs.record(rig, fault, 1, seconds=6.0, viscous=0.2), FEW)
+        found = better_columns(coarse(parts.known))
+        assert (found and (found.finding.fault, found.finding.channel, found.finding.value)) == answer
+
+
+def test_swapped_columns_are_exchanged_and_the_model_lacks_nothing():
+    d = _diagnosed(rigs.oscillator(), "columns swapped")
+    assert (d.verdict, d.effects) == ("none", ())
+    assert [f.fault for f in d.recording] == ["swapped_columns"]

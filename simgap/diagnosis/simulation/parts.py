@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +29,11 @@ class Parts:
 
     def past_the_unknown(self, reach_s: float) -> Parts:
         """The same without the samples on which commands from before the record may still act."""
-        return Parts(*(p.past_the_unknown(reach_s) for p in (self.known, self.fit, self.choose, self.confirm)))
+        return self.changed(lambda p: p.past_the_unknown(reach_s))
+
+    def changed(self, change: Callable[[Problem], Problem]) -> Parts:
+        """Each of the problems, changed."""
+        return Parts(*(change(p) for p in (self.known, self.fit, self.choose, self.confirm)))
 
     def with_noise(self, size: NDArray[np.float64], colour: Colour) -> Parts:
         """The same under another law of the noise, its standard deviation (k,) over that of before."""
@@ -42,4 +47,4 @@ class Parts:
     def without(self, channels: NDArray[np.bool_]) -> Parts:
         """The same with some of the channels (k,) left out of every fit."""
         heard = np.where(channels, 0.0, self.known.heard)
-        return Parts(*(replace(p, heard=heard) for p in (self.known, self.fit, self.choose, self.confirm)))
+        return self.changed(lambda p: replace(p, heard=heard))

@@ -1,0 +1,109 @@
+"""A line in a channel's spectrum that no force could make: hum of the mains or of a converter, found and taken away.
+
+A sine of amplitude A at omega that were a motion would need an acceleration of omega^2 A. Where that exceeds what the
+motion itself shows, and no input has such a line, it is in the reading alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.result import RecordingFault
+from simgap.diagnosis.thresholds import HUM_ACCELERATION, HUM_LINE
+
+Floats = NDArray[np.float64]
+_MOST_LINES = 3
+_AROUND = 40  # frequencies on either side that are the background of a line
+
+
+def without_hum(record: Record) -> tuple[Record, tuple[RecordingFault, ...]]:
+    """The record without such lines, and what was found."""
+    faults: list[RecordingFault] = []
+    for k, name in enumerate(record.measured):
+        for _ in range(_MOST_LINES):
+            hertz = _line(record, k)
+            if hertz is None:
+                break
+            sines = [_sine(trace, trace.y[:, k], hertz) for trace in record.traces]
+            size = max(float(np.hypot(*c)) for c in sines)
+            sentence = (
+                f"{name} has a hum of {hertz:.4g} Hz, {size:.2g} in amplitude, which no force makes; it was taken away."
+            )
+            remedy = f"Shield or filter the sensor of {name}, or set its rate apart from the mains."
+            faults.append(RecordingFault("hum", name, hertz, "Hz", sentence, remedy))
+            traces = tuple(_less(trace, k, hertz, c) for trace, c in zip(record.traces, sines, strict=True))
+            record = replace(record, traces=traces)
+    return record, tuple(faults)
+
+
+def _line(record: Record, k: int) -> float | None:
+    """Frequency (Hz) of the strongest line of channel k that is hum, if there is one."""
+    trace = max(record.traces, key=lambda tr: len(tr.t))
+    power, hertz = _power(trace, trace.y[:, k])
+    if len(power) < 4 * _AROUND:
+        return None
+    peak = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
+    peak = peak[(peak > _AROUND) & (peak < len(power) - 3)]
+    for at in peak[np.argsort(-power[peak] * hertz[peak] ** 4)][:5]:
+        near = np.concatenate([power[max(at - _AROUND, 0) : at - 3], power[at + 4 : at + _AROUND]])
+        if power[at] < HUM_LINE * np.median(near) or _driven(trace, int(at)):
+            continue
+        f = _refined(trace, trace.y[:, k], float(hertz[at]), float(hertz[1] - hertz[0]))
+        size = float(np.hypot(*_sine(trace, trace.y[:, k], f)))
+        slow = hertz < 0.5 * f
+        moved = math.sqrt(float(np.sum(power[slow] * (2 * np.pi * hertz[slow]) ** 4)))
+        if size * (2 * np.pi * f) ** 2 > HUM_ACCELERATION * moved:
+            return f
+    return None
+
+
+def _power(trace: Trace, values: Floats) -> tuple[Floats, Floats]:
+    """Power (n,) that adds up to the mean square, and frequency (n,) Hz, of values (n,) under a Hann window."""
+    dt = float(np.median(np.diff(trace.t)))
+    even = np.arange(trace.t[0], trace.t[-1], dt)
+    y = np.interp(even, trace.t, values)
+    taper = np.hanning(len(y) + 2)[1:-1]
+    taper /= math.sqrt(float(np.mean(taper**2)))
+    spectrum = np.fft.rfft((y - y.mean()) * taper)
+    return 2.0 * np.abs(spectrum) ** 2 / len(y) ** 2, np.fft.rfftfreq(len(y), dt)
+
+
+def _driven(trace: Trace, at: int) -> bool:
+    """Whether an input has a line there too."""
+    for u in trace.u.T:
+        if float(np.ptp(u)) > 0.0:
+            power, _ = _power(trace, u)
+            near = np.concatenate([power[at - _AROUND : at - 3], power[at + 4 : at + _AROUND]])
+            if power[at - 2 : at + 3].max() > HUM_LINE * max(float(np.median(near)), 1e-300):
+                return True
+    return False
+
+
+def _sine(trace: Trace, values: Floats, hertz: float) -> Floats:
+    """Weights of cosine and sine at a frequency, (2,), by least squares under a Hann window (the motion stays out)."""
+    taper = 0.5 - 0.5 * np.cos(2 * np.pi * (trace.t - trace.t[0]) / max(trace.duration, 1e-300))
+    turn = 2 * np.pi * hertz * trace.t
+    basis = np.stack([np.cos(turn), np.sin(turn), np.ones_like(turn)], axis=1) * taper[:, None]
+    return np.asarray(np.linalg.lstsq(basis, values * taper, rcond=None)[0][:2])
+
+
+def _refined(trace: Trace, values: Floats, hertz: float, width: float) -> float:
+    """The frequency near `hertz` with the largest amplitude."""
+    found = minimize_scalar(
+        lambda f: -float(np.hypot(*_sine(trace, values, f))), bounds=(hertz - width, hertz + width), method="bounded",
+        options={"xatol": 1e-4 * width},
+    )  # fmt: skip
+    return float(found.x)
+
+
+def _less(trace: Trace, k: int, hertz: float, weights: Floats) -> Trace:
+    turn = 2 * np.pi * hertz * trace.t
+    y = trace.y.copy()
+    y[:, k] -= weights[0] * np.cos(turn) + weights[1] * np.sin(turn)
+    return replace(trace, y=y)
