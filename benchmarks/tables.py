@@ -145,6 +145,29 @@ def dry_friction(data: Sequence[Mapping[str, Any]]) -> str:
     return markdown([*head, "chi^2 jointly / one by one, largest", "error 0.2 s ahead / floor, median"], rows)
 
 
+def recording_faults(data: Sequence[Mapping[str, Any]]) -> str:
+    """Faults of a recording, with and without a missing effect."""
+    kinds = {"clean": "", "coloured noise": "coloured_noise", "input late": "late_log", "input reversed": "wrong_sign"}
+    kinds |= {"velocity filtered": "filtered_velocity", "columns swapped": "swapped_columns"}
+    rows = []
+    for plant, fault in dict.fromkeys((r["plant"], r["fault"]) for r in data):
+        cells = []
+        for missing in (False, True):
+            same = [r for r in data if (r["plant"], r["fault"], r["missing"]) == (plant, fault, missing)]
+            kind = kinds.get(fault, fault)
+            extra = ["input_gain"] if kind == "wrong_sign" else []
+            effects = sorted([*extra, *(["viscous_friction"] if missing else [])])
+            word = "attributed" if effects else "none"
+            named = [set(r["found"]) == ({kind} - {""}) and sorted(r["effects"]) == effects for r in same]
+            right = sum(ok and r["verdict"] == word for ok, r in zip(named, same, strict=True))
+            said = ", ".join(dict.fromkeys(r["verdict"] for r in same))
+            cells.append(f"{right} of {len(same)} ({said})")
+        covered = [c for r in data if (r["plant"], r["fault"]) == (plant, fault) for c in r["covered"]]
+        rows.append([fault, plant, *cells, f"{sum(covered)} of {len(covered)}"])
+    head = ["fault", "plant", "nothing missing: right", "viscous friction: right", "intervals that cover"]
+    return markdown(head, rows)
+
+
 def suprema(_: Mapping[str, Any]) -> str:
     """Sup of gamma for every eps of a plain run of the pendulum."""
     rows = []
@@ -189,6 +212,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "undeclared": ("undeclared.json", undeclared),
     "rollouts": ("rollouts.json", rollouts),
     "dry_friction": ("dry_friction.json", dry_friction),
+    "recording_faults": ("recording_faults.json", recording_faults),
     "long_record": ("long_record.json", long_record),
     "suprema": ("../../results/pendulum/summary.json", suprema),
 }

@@ -71,7 +71,7 @@ def _power(trace: Trace, values: Floats) -> tuple[Floats, Floats]:
     taper = np.hanning(len(y) + 2)[1:-1]
     taper /= math.sqrt(float(np.mean(taper**2)))
     spectrum = np.fft.rfft((y - y.mean()) * taper)
-    return 2.0 * np.abs(spectrum) ** 2 / len(y) ** 2, np.fft.rfftfreq(len(y), dt)
+    return 2.0 * np.abs(spectrum) ** 2 / len(y) ** 2, np.asarray(np.fft.rfftfreq(len(y), dt), dtype=np.float64)
 
 
 def _driven(trace: Trace, at: int) -> bool:

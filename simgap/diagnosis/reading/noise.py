@@ -29,9 +29,9 @@ def noise_floor(record: Record) -> Floats:
     """Standard deviation of white noise on each measured channel, (k,), in the channel's unit.
 
     sigma^2 is the mean square of the sixth difference of unit weight (for even spacing mean((6th difference)^2) / 924):
-    a motion that is smooth over seven samples drops out. Coloured or quantised noise is not seen in full.
+    a motion that is smooth over seven samples drops out. Readings that are no measurement are not used. Coloured or quantised noise is not seen in full.
     """
-    total, count = np.zeros(len(record.measured)), 0
+    total, count = np.zeros(len(record.measured)), np.zeros(len(record.measured))
     for trace in record.traces:
         if len(trace.t) <= ORDER:
             continue
@@ -39,8 +39,9 @@ def noise_floor(record: Record) -> Floats:
             part = slice(a, min(a + _BLOCK + ORDER, len(trace.t)))
             weights = difference_weights(trace.t[part])
             views = np.lib.stride_tricks.sliding_window_view(trace.y[part], ORDER + 1, axis=0)  # (rows, k, 7)
-            total += np.square(np.einsum("rkj,rj->rk", views, weights)).sum(axis=0)
-            count += len(weights)
+            used = np.lib.stride_tricks.sliding_window_view(trace.compared[part], ORDER + 1, axis=0).all(axis=2)
+            total += (used * np.square(np.einsum("rkj,rj->rk", views, weights))).sum(axis=0)
+            count += used.sum(axis=0)
     spread = np.sqrt(np.mean([np.var(trace.y, axis=0) for trace in record.traces], axis=0))
     floor = 1e-7 * np.maximum(spread, 1e-12)  # data without noise: below the accuracy of the simulation
-    return np.maximum(np.sqrt(total / max(count, 1)), floor)
+    return np.maximum(np.sqrt(total / np.maximum(count, 1.0)), floor)

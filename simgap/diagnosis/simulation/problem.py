@@ -89,8 +89,8 @@ class Problem:
 
     @cached_property
     def counts(self) -> Floats:
-        """(w,) compared numbers of each window."""
-        return np.asarray(np.add.reduceat(self.used[self.samples] @ self.heard, self.rows[:-1]))
+        """(w,) compared numbers of each window, at least 1."""
+        return np.maximum(np.add.reduceat(self.used[self.samples] @ self.heard, self.rows[:-1]), 1.0)
 
     @cached_property
     def rows(self) -> Ints:
