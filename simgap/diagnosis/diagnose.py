@@ -39,8 +39,10 @@ from simgap.diagnosis.verdict.judge import (
     real,
     verdict,
 )
+from simgap.diagnosis.verdict.restated import told
 from simgap.diagnosis.verdict.second_look import nearest, second_look
 from simgap.diagnosis.verdict.transfer import Carried, Trial, independent_share, transferable
+from simgap.diagnosis.widen import widened
 from simgap.effects import apply_effects
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
@@ -73,6 +75,9 @@ def diagnose(
     not_tried = barred(parts.known.model, record, settings.effects)
     watch = Watch(settings.budget_s, tell)
     search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
+    wider = widened(model, record, settings, search, found, not_tried)
+    if wider is not None:
+        parts, (search, base, found) = wider
     reach = parts.known.reach(found.fit.theta)
     if reach > parts.known.reach(search.problem.model.null):  # commands from before the record are unknown: masked
         parts = parts.past_the_unknown(reach)
@@ -189,10 +194,12 @@ def _conclude(
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, kept_held.states), True)
     empty = search.empty(chosen.sparse)
     tested = word in ("partial", "unexplained") and short is None
+    effects = answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
+    effects, listed = told(effects, answer.alternatives(chosen.found, others), model, answer.applied(kept))
     return Diagnosis(
         verdict=word,
-        effects=answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model),
-        alternatives=answer.alternatives(chosen.found, others),
+        effects=effects,
+        alternatives=listed,
         before=judged(known, base, old, horizon),
         after=judged(known, kept.fit, kept_held, horizon),
         floor=_floor(known, kept_held, horizon),
