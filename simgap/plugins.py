@@ -63,7 +63,6 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "directional_friction": "simgap.effects.directional_friction:DirectionalFriction",
                 "dahl_friction": "simgap.effects.dahl_friction:DahlFriction",
                 "load_friction": "simgap.effects.load_friction:LoadFriction",
-                "torque_speed_limit": "simgap.effects.torque_speed_limit:TorqueSpeedLimit",
                 "input_directional_gain": "simgap.effects.input_directional_gain:InputDirectionalGain",
             }
         ),

@@ -30,6 +30,39 @@ from simgap.model.symbolic import SymbolicModel
 Searched = tuple[Search, Fit, Explanation]
 
 
+def screened(
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, search: Search, base: Fit,
+    not_tried: Mapping[Key, str],
+) -> tuple[Parts, Searched] | None:  # fmt: skip
+    """One such effect by itself, if it reaches the noise and none of the others does by itself; cheap, and first.
+
+    Args:
+        model, record, settings: of the diagnosis; search, base: without those effects, and the model as declared there.
+        not_tried: candidates that are barred.
+    """
+    if settings.effects or chi2_dof(search.problem, base) <= FIT_QUALITY:
+        return None
+    try:
+        if any(chi2_dof(search.problem, e.fit) <= FIT_QUALITY for e in search.joined(search.empty(base))):
+            return None
+        wide = _wide(model, record, settings, search, not_tried)
+        if wide is None:
+            return None
+        parts, other, start = wide
+        alone = other.joined(other.empty(start), exclude=_known(other))
+        fine = [e for e in alone if chi2_dof(other.problem, e.fit) <= FIT_QUALITY]
+        if not fine:
+            return None
+        best = min(fine, key=lambda e: e.bic)
+        rivals(other, best)
+        return parts, (other, start, preferred(other, best, settings.max_effects))
+    except Stopped:
+        return None
+    except KeyboardInterrupt:
+        search.watch.interrupted()
+        return None
+
+
 def widened(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, first: Search, found: Explanation,
     not_tried: Mapping[Key, str],
@@ -43,15 +76,13 @@ def widened(
     left = chi2_dof(first.problem, found.fit) - 1.0
     if settings.effects or first.watch.stopped or left <= FIT_QUALITY - 1.0:
         return None
-    parts, _ = parts_of(model, record, settings, second=True)
-    if not any(c.effect.second for c in parts.known.model.candidates):
-        return None
-    problem = coarse(parts.known)
-    base = fit(problem, problem.model.null, initial_states(problem), [], {})
-    search = Search(problem, list_starts(problem, not_tried), watch=first.watch)
     try:
+        wide = _wide(model, record, settings, first, not_tried)
+        if wide is None:
+            return None
+        parts, search, base = wide
         best = _best(search, base, _again(search, base, found), settings.max_effects)
-        if best is None or chi2_dof(problem, best.fit) - 1.0 > SECOND_SHARE * left:
+        if best is None or chi2_dof(search.problem, best.fit) - 1.0 > SECOND_SHARE * left:
             return None
         rivals(search, best)
         return parts, (search, base, preferred(search, best, settings.max_effects))
@@ -60,6 +91,23 @@ def widened(
     except KeyboardInterrupt:
         first.watch.interrupted()
         return None
+
+
+def _wide(
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, first: Search, not_tried: Mapping[Key, str]
+) -> tuple[Parts, Search, Fit] | None:
+    """The folds, a search and the model as declared with every effect of the library; None if that adds none."""
+    parts, _ = parts_of(model, record, settings, second=True)
+    if not any(c.effect.second for c in parts.known.model.candidates):
+        return None
+    problem = coarse(parts.known)
+    base = fit(problem, problem.model.null, initial_states(problem), [], {})
+    return parts, Search(problem, list_starts(problem, not_tried), watch=first.watch), base
+
+
+def _known(search: Search) -> list[Key]:
+    """Effects that the first search tries."""
+    return [c.key for c in search.problem.model.candidates if not c.effect.second]
 
 
 def _again(search: Search, base: Fit, found: Explanation) -> Explanation:

@@ -22,8 +22,8 @@ class DahlFriction(MemoryForceEffect):
     excitation = "turn round often, with small movements and large ones"
     parameters = (
         EffectParameter("F_c", "{force}", "friction force when sliding", null=0.0, lower=0.0),
-        EffectParameter("d", "{position}", "distance in which the force turns round", null=0.05, lower=1e-6, shape=True),
-    )  # fmt: skip
+        EffectParameter("d", "{position}", "way in which the force turns round", null=0.05, lower=1e-6, shape=True),
+    )
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """The level as a linear coefficient, for distances travelled in a few hundredths of a second."""

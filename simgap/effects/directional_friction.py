@@ -16,12 +16,12 @@ from simgap.model.symbolic import SymbolicModel, symbol
 class DirectionalFriction(CoordinateEffect):
     """Resistance of one size forwards and another backwards; at rest it holds whatever lies between.
 
-    The same as Coulomb friction of their mean beside a constant force of half their difference.
+    The same as Coulomb friction of their mean beside a constant force of half their difference; it is told of beside
+    these and not sought by itself.
     """
 
     name = "directional_friction"
     contains = CoulombFriction
-    second = True
     formula = "F = -F_p for v > 0, F_m for v < 0, and any force from -F_p to F_m that keeps v = 0"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2 (friction asymmetry)"
     excitation = "vary the speed, slow ones too"
@@ -29,6 +29,10 @@ class DirectionalFriction(CoordinateEffect):
         EffectParameter("F_p", "{force}", "friction force forwards", null=0.0, lower=0.0),
         EffectParameter("F_m", "{force}", "friction force backwards", null=0.0, lower=0.0),
     )
+
+    def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Nowhere: two effects that are tried are the same."""
+        return ()
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """Both levels as linear coefficients."""

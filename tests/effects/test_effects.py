@@ -21,7 +21,7 @@ SYMBOLS = {
     "input_dead_zone": ["width"], "input_saturation": ["limit"], "sensor_offset": ["offset"],
     "parameter_error": ["ratio"], "gravity_tilt": ["tilt"], "wheel_mismatch": ["ratio"], "lateral_slip": ["ratio"],
     "reflected_inertia": ["I"], "constant_force": ["F_0"], "directional_friction": ["F_p", "F_m"],
-    "dahl_friction": ["F_c", "d"], "load_friction": ["mu"], "torque_speed_limit": ["limit", "k"],
+    "dahl_friction": ["F_c", "d"], "load_friction": ["mu"],
     "input_directional_gain": ["ratio_p", "ratio_m"],
 }  # fmt: skip
 VALUES = {
@@ -143,14 +143,6 @@ def test_reflected_inertia_slows_every_force():
     ]
     by_hand = (1.9 + 0.06 - 4.905 * math.sin(0.7)) / (1.0 / 3.0 + 0.15)
     assert acceleration(apply_effects(pendulum(), some)) == pytest.approx(by_hand, rel=1e-12)
-
-
-def test_the_limit_falls_with_speed():
-    e = EFFECTS["torque_speed_limit"]
-    for rate, felt in ((-0.6, 1.5 + 0.3), (0.6, 1.5 - 0.3), (-2.0, 1.9)):
-        changed = e.apply(pendulum(), "torque", {"limit": 1.5, "k": 0.5})
-        by_hand = declared(rate=rate) + 3.0 * (felt - 1.9)
-        assert acceleration(changed, rate=rate) == pytest.approx(by_hand, rel=1e-12)
 
 
 def test_dahl_friction_is_a_state_that_turns_round_over_a_distance():

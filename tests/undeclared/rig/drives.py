@@ -15,7 +15,7 @@ from tests.undeclared.rig.pendulum import multisine
 
 STEP, RATE = 2e-5, 200.0
 NULL = {
-    "I": 0.0, "F_p": 0.0, "F_m": 0.0, "mu": 0.0, "limit": math.inf, "k": 0.0, "ratio_p": 1.0, "ratio_m": 1.0,
+    "I": 0.0, "F_p": 0.0, "F_m": 0.0, "mu": 0.0, "ratio_p": 1.0, "ratio_m": 1.0,
     "F_c": 0.0, "d": 1.0,
 }  # fmt: skip
 
@@ -29,12 +29,11 @@ def _move(
     out[0, 0], out[0, 1] = q, v
     for i in range((u.size - 1) * sample):
         command = u[i // sample]
-        drive = p[6] * command if command > 0.0 else p[7] * command
-        drive = min(max(drive, -p[4] - p[5] * v), p[4] - p[5] * v)
+        drive = p[4] * command if command > 0.0 else p[5] * command
         way = step * v
         side = 1.0 if way > 0.0 else -1.0
-        z = side + (z - side) * math.exp(-abs(way) / p[9])
-        v += step * (drive - weight * math.sin(q) - p[8] * z) / (inertia + p[0])
+        z = side + (z - side) * math.exp(-abs(way) / p[7])
+        v += step * (drive - weight * math.sin(q) - p[6] * z) / (inertia + p[0])
         grip = step * ((p[1] if v > 0.0 else p[2]) + p[3] * abs(drive)) / (inertia + p[0])
         v = 0.0 if abs(v) <= grip else v - math.copysign(grip, v)
         q += step * v
