@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import Log, Out, app, start_log
+from simgap.cli.options import Log, Out, app, new_file, new_folder, start_log
 
 
 @app.command()
@@ -36,7 +36,9 @@ def effects(case: Annotated[Path | None, typer.Argument(help="Case file; lists w
 
 
 @app.command()
-def schema(out: Annotated[Path, typer.Option(help="File to write.")] = Path("configs/schema.json")) -> None:
+def schema(
+    out: Annotated[Path, typer.Option(help="File to write.", callback=new_file)] = Path("configs/schema.json"),
+) -> None:
     """Write the JSON schema of case files, for editors that complete and check."""
     from simgap.config.schema import schema_text
     from simgap.io.atomic import write_text
@@ -45,9 +47,25 @@ def schema(out: Annotated[Path, typer.Option(help="File to write.")] = Path("con
 
 
 @app.command()
+def export(
+    what: Annotated[Path, typer.Argument(help="controller.npz, or a case file with effects.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="law.h, law.py or model.urdf.", show_default=False, callback=new_file)],
+) -> None:
+    """Write a controller as a C header or a Python file, or the model of a case with its effects as a URDF."""
+    from simgap.io.controller_export import export_controller
+    from simgap.io.controller_file import load_controller
+    from simgap.io.model_export import export_model
+
+    if what.suffix in (".yaml", ".yml"):
+        export_model(what, out)
+    else:
+        export_controller(load_controller(what), out)
+
+
+@app.command()
 def certify(
     what: Annotated[Path, typer.Argument(help="Case file, or its folder in results/.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="Folder for the certificate.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder for the certificate.", show_default=False, callback=new_folder)],
     bound: Annotated[Path | None, typer.Option("--gap", help="gap.json, if it is not at its place.")] = None,
     controller: Annotated[Path | None, typer.Option(help="controller.npz, if it is not at its place.")] = None,
     log: Log = None,

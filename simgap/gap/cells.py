@@ -17,6 +17,7 @@ from simgap.gap.function import GapDomain, GapFunction, GapSuprema, Kernel
 from simgap.gap.input_index import input_index
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
+from simgap.model.kept import kept
 
 _SLACK = 1.0 + 2.0**-48  # outward rounding of the few operations of a bound
 
@@ -70,7 +71,7 @@ class CellGap(GapFunction):
         """See `GapFunction._kernel`; loops over the cells that the box touches."""
         inputs, limit_lo, limit_hi, edges, nodes, counts, slopes, lower, upper = self._tables()
 
-        @njit(error_model="numpy")
+        @kept
         def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
             _over_box(xlo, xhi, u, lo, hi, inputs, limit_lo, limit_hi, edges, nodes, counts, slopes, lower, upper)
 

@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numba import njit
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.enclosures import enclose
 from simgap.geometry import Floats, Grid
-from simgap.model.compile import compile_interval_kernel
+from simgap.model.compile import Kernel, compile_interval_kernel
+from simgap.model.kept import kept
 from simgap.model.sampled import NominalModel
 
 _SMALL = 500  # operations up to which a row is multiplied out, in case that makes it shorter
@@ -118,9 +118,10 @@ class ClosedFormGap:
         groups = (self.x, self.u)
         slopes = compile_interval_kernel([sp.diff(self.d[i], s) for s in self.x], groups)
         value = compile_interval_kernel([self.d[i]], groups)
-        slope_lo, slope_hi = _over_cells(slopes, c - reach, c + reach, inputs, len(self.x))
-        lo, hi = _over_cells(value, c - reach, c + reach, inputs, 1)
-        centre_lo, centre_hi = _over_cells(value, c, c, inputs, 1)
+        slope_lo, slope_hi = _over_cells(slopes)(c - reach, c + reach, inputs, len(self.x))
+        values = _over_cells(value)
+        lo, hi = values(c - reach, c + reach, inputs, 1)
+        centre_lo, centre_hi = values(c, c, inputs, 1)
         if not (np.isfinite(lo).all() and np.isfinite(hi).all()):
             raise UserError(
                 f"the gap of {self.x[i]} is not bounded on X and U", key="simulator", remedy="Use terms that are."
@@ -149,14 +150,18 @@ def _short(e: sp.Expr) -> sp.Expr:
     return min(e, sp.expand(e), key=sp.count_ops)
 
 
-@njit(error_model="numpy")
-def _over_cells(kernel: Any, lo: Floats, hi: Floats, inputs: Floats, size: int) -> tuple[Floats, Floats]:
-    """Enclosures over boxes (N, nx) for each input (M, nu): two (N, M, size)."""
-    low = np.empty((lo.shape[0], inputs.shape[0], size))
-    high = np.empty((lo.shape[0], inputs.shape[0], size))
-    for n in range(lo.shape[0]):
-        for m in range(inputs.shape[0]):
-            values = kernel(lo[n], hi[n], inputs[m], inputs[m])
-            for i in range(size):
-                low[n, m, i], high[n, m, i] = values[i][0], values[i][1]
-    return low, high
+def _over_cells(kernel: Kernel) -> Kernel:
+    """numba: enclosures over boxes (N, nx), (N, nx) for each input (M, nu): two (N, M, size)."""
+
+    @kept
+    def over_cells(lo: Floats, hi: Floats, inputs: Floats, size: int) -> tuple[Floats, Floats]:
+        low = np.empty((lo.shape[0], inputs.shape[0], size))
+        high = np.empty((lo.shape[0], inputs.shape[0], size))
+        for n in range(lo.shape[0]):
+            for m in range(inputs.shape[0]):
+                values = kernel(lo[n], hi[n], inputs[m], inputs[m])
+                for i in range(size):
+                    low[n, m, i], high[n, m, i] = values[i][0], values[i][1]
+        return low, high
+
+    return over_cells

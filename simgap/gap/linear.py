@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numba import njit
 
 from simgap.errors import UserError
 from simgap.gap.bases import Basis
@@ -19,6 +18,7 @@ from simgap.gap.supremum import supremum
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
 from simgap.model.compile import compile_kernel
+from simgap.model.kept import kept
 from simgap.model.symbolic import symbol
 
 
@@ -81,7 +81,7 @@ class LinearGap(GapFunction):
         halves = np.array([0.5, 0.5 * (1.0 + 2.0**-50)])
         lower_limit, upper_limit = self.domain.limits()
 
-        @njit(error_model="numpy")
+        @kept
         def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
             inside = True
             for j in range(nx):

@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simgap.geometry import Box, Floats
+from simgap.model.kept import kept
 
 PARTS = 3
 """Parts of an interval: its own, what lies beyond the upper end of X, what rounding may have moved below the lower."""
@@ -60,7 +61,7 @@ def periodic_kernel(inner, box: Box, axes: tuple[int, ...]):  # type: ignore[no-
     lo, hi, wraps = box.lo.copy(), box.hi.copy(), np.array(axes, dtype=np.int64)
     count = PARTS ** len(axes)
 
-    @njit(error_model="numpy")
+    @kept
     def bounds_over_box(xlo, xhi, u, lower, upper):  # type: ignore[no-untyped-def]
         if not crosses(xlo, xhi, lo, hi, wraps):
             inner(xlo, xhi, u, lower, upper)

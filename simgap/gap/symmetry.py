@@ -22,6 +22,7 @@ from simgap.gap.rotation import rotated_box, to_body
 from simgap.gap.thresholds import NOMINAL_TOLERANCE
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
+from simgap.model.kept import kept
 from simgap.simulators.body_samples import Ints
 
 
@@ -121,7 +122,7 @@ class BodyFrameGap(GapFunction):
         """See `GapFunction._kernel`."""
         inputs, limit_lo, limit_hi, lower, upper, i, j, k = self._tables()
 
-        @njit(error_model="numpy")
+        @kept
         def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
             _over_box(xlo, xhi, u, lo, hi, inputs, limit_lo, limit_hi, lower, upper, i, j, k)
 
@@ -164,13 +165,13 @@ class BodyFrameGap(GapFunction):
         return BodyFrameGap(domain, tiers, lower, upper, (x, y, heading), PreviousClasses.from_json(own), sides)
 
 
-@njit(error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _over_rows(xlo, xhi, u, lo, hi, inputs, llo, lhi, lower, upper, i, j, k):  # type: ignore[no-untyped-def]
     for n in range(len(xlo)):
         _over_box(xlo[n], xhi[n], u[n], lo[n], hi[n], inputs, llo, lhi, lower, upper, i, j, k)
 
 
-@njit(error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, lower, upper, i, j, k):  # type: ignore[no-untyped-def]
     m = input_index(inputs, u)
     inside = m >= 0

@@ -9,11 +9,11 @@ from functools import reduce
 from typing import Any
 
 import sympy as sp
-from numba import njit
 from sympy.printing.pycode import PythonCodePrinter
 
 from simgap.errors import UserError
 from simgap.model import interval
+from simgap.model.kept import kept
 
 Kernel = Callable[..., Any]
 _PRIMITIVES = {
@@ -27,7 +27,7 @@ def compile_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol
     """A numba function `g(a, b, ...) -> (value, ...)` of one 1-D float64 array for each group of symbols."""
     vectors = [sp.DeferredVector(f"a{k}") for k in range(len(groups))]
     values = tuple(_floating(e) for e in _indexed(exprs, groups, vectors))
-    return njit(error_model="numpy")(sp.lambdify(vectors, values, modules="math", cse=True))
+    return kept(sp.lambdify(vectors, values, modules="math", cse=True))
 
 
 def compile_interval_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[sp.Symbol]]) -> Kernel:
@@ -43,7 +43,7 @@ def compile_interval_kernel(exprs: Sequence[sp.Expr], groups: Sequence[Sequence[
     values = tuple(sp.sympify(e) for e in _indexed(exprs, groups, vectors))
     printer = _IntervalPrinter({"fully_qualified_modules": False, "allow_unknown_functions": True})
     function = sp.lambdify(ends, values, modules=[_PRIMITIVES], printer=printer, cse=True)
-    return njit(error_model="numpy")(function)
+    return kept(function)
 
 
 def _indexed(

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cache, cached_property
 
 import numpy as np
 import sympy as sp
-from numba import njit
 
 from simgap.geometry import Floats
 from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
+from simgap.model.kept import kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,32 +72,40 @@ class NominalModel:
 
     def step(self, x: Floats, u: Floats) -> Floats:
         """f on arrays: (n, nx), (n, nu) -> (n, nx)."""
-        return _map(self.kernel, _rows(x), _rows(u), self.nx)
+        return _over_points(self.kernel)(_rows(x), _rows(u), self.nx)
 
     def enclosure(self, lo: Floats, hi: Floats, u: Floats) -> tuple[Floats, Floats]:
         """f over boxes: (n, nx), (n, nx), (n, nu) -> two (n, nx), rounded outward."""
-        return _enclose(self.interval_kernel, _rows(lo), _rows(hi), _rows(u), self.nx)
+        return _over_boxes(self.interval_kernel)(_rows(lo), _rows(hi), _rows(u), self.nx)
 
 
 def _rows(a: Floats | Sequence[Sequence[float]]) -> Floats:
     return np.ascontiguousarray(np.atleast_2d(np.asarray(a, dtype=np.float64)))
 
 
-@njit(error_model="numpy")
-def _map(kernel: Any, x: Floats, u: Floats, size: int) -> Floats:
-    out = np.empty((x.shape[0], size))
-    for k in range(x.shape[0]):
-        values = kernel(x[k], u[k])
-        for i in range(size):
-            out[k, i] = values[i]
-    return out
+@cache
+def _over_points(kernel: Kernel) -> Kernel:
+    @kept
+    def over_points(x: Floats, u: Floats, size: int) -> Floats:
+        out = np.empty((x.shape[0], size))
+        for k in range(x.shape[0]):
+            values = kernel(x[k], u[k])
+            for i in range(size):
+                out[k, i] = values[i]
+        return out
+
+    return over_points
 
 
-@njit(error_model="numpy")
-def _enclose(kernel: Any, lo: Floats, hi: Floats, u: Floats, size: int) -> tuple[Floats, Floats]:
-    low, high = np.empty((lo.shape[0], size)), np.empty((lo.shape[0], size))
-    for k in range(lo.shape[0]):
-        values = kernel(lo[k], hi[k], u[k], u[k])
-        for i in range(size):
-            low[k, i], high[k, i] = values[i][0], values[i][1]
-    return low, high
+@cache
+def _over_boxes(kernel: Kernel) -> Kernel:
+    @kept
+    def over_boxes(lo: Floats, hi: Floats, u: Floats, size: int) -> tuple[Floats, Floats]:
+        low, high = np.empty((lo.shape[0], size)), np.empty((lo.shape[0], size))
+        for k in range(lo.shape[0]):
+            values = kernel(lo[k], hi[k], u[k], u[k])
+            for i in range(size):
+                low[k, i], high[k, i] = values[i][0], values[i][1]
+        return low, high
+
+    return over_boxes

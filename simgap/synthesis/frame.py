@@ -58,7 +58,7 @@ class Frame:
         return np.concatenate([np.array(counts, np.int64), layout.reshape(-1)]), data
 
 
-@nb.njit(error_model="numpy")
+@nb.njit(cache=True, error_model="numpy")
 def cell_box(k, n, data, lo, hi):  # type: ignore[no-untyped-def]
     """Where the true state can be when the measured one is in cell `k`: the cell with error and pad, inside X."""
     for j in range(n):
@@ -68,7 +68,7 @@ def cell_box(k, n, data, lo, hi):  # type: ignore[no-untyped-def]
         hi[j] = min(left + data[n + j] + grow, data[3 * n + j])
 
 
-@nb.njit(error_model="numpy")
+@nb.njit(cache=True, error_model="numpy")
 def to_cells(lo, hi, i, n, data):  # type: ignore[no-untyped-def]
     """Cells of axis `i` in which [lo, hi] can be measured; far outside when a bound is not finite or far too large."""
     origin, width, grow = data[i], data[n + i], data[4 * n + i] + data[5 * n + i]

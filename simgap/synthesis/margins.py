@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simgap.geometry import Grid
+from simgap.model.kept import kept
 from simgap.synthesis.frame import Frame, cell_box, to_cells
 from simgap.synthesis.holes import count_holes, layout, table_size
 from simgap.synthesis.nominal import Model
@@ -170,7 +171,7 @@ def _largest(shape, n, table, lo, hi, by, best, most, header, work, spare):  # t
 def _searcher(image_of_box: Kernel, gap: Kernel) -> Any:
     """numba: the loop over cells; boxes are computed once for all cells that differ along axes that do not matter."""
 
-    @nb.njit(error_model="numpy")
+    @kept
     def search(cells, rest, strides, own, free, header, inputs, shape, table, inside, mask, factor, extra):  # type: ignore[no-untyped-def]
         n, count = cells.shape[1], inputs.shape[0]
         lo, hi, by = np.empty((count, n)), np.empty((count, n)), np.empty((count, n))

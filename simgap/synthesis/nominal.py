@@ -14,8 +14,8 @@ from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.frame import Frame
 from simgap.synthesis.product import (
     Kernel,
-    add_gap,
     direct_post,
+    gap_adder,
     no_gap,
     table_filler,
     tabulated_post,
@@ -106,7 +106,7 @@ def _tables(model: Model, frame: Frame, gap: Kernel | None, axes: Axes) -> Float
         flags = np.array([j in own for j in range(model.nx)])
         fill(cells, i, flags, frame.header, frame.inputs, out)
         if gap is not None:
-            add_gap(gap, cells, i, frame.header, frame.inputs, out)
+            gap_adder(gap)(cells, i, frame.header, frame.inputs, out)
         parts.append(out.reshape(-1))
     return np.concatenate(parts)
 

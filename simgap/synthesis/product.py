@@ -16,13 +16,14 @@ from typing import Any
 import numba as nb
 import numpy as np
 
+from simgap.model.kept import kept, kept_as
 from simgap.synthesis.frame import cell_box, to_cells
 from simgap.synthesis.pointers import POST
 
 Kernel = Callable[..., Any]
 
 
-@nb.njit
+@nb.njit(cache=True)
 def no_gap(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
     """The gap kernel of the nominal model alone."""
     lo[:] = 0.0
@@ -33,7 +34,7 @@ def no_gap(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
 def image(f: Kernel, jacobian: Kernel) -> Kernel:
     """numba: (xlo, xhi, u, n, lo_out, hi_out) -> None, the box of f over the box [xlo, xhi]."""
 
-    @nb.njit(error_model="numpy")
+    @kept
     def image_of_box(xlo, xhi, u, n, lo, hi, c):  # type: ignore[no-untyped-def]
         for j in range(n):
             c[j] = 0.5 * (xlo[j] + xhi[j])
@@ -51,7 +52,7 @@ def image(f: Kernel, jacobian: Kernel) -> Kernel:
     return image_of_box
 
 
-@nb.njit(error_model="numpy")
+@nb.njit(cache=True, error_model="numpy")
 def group_box(index, extra, n, data, lo, hi, spare):  # type: ignore[no-untyped-def]
     """`cell_box` of the cell `index` and of the `extra` cells after it along the last axis, together."""
     if extra:
@@ -68,7 +69,7 @@ def direct_post(f: Kernel, jacobian: Kernel, gap: Kernel) -> Any:
     """The post that evaluates the model for every pair, because nothing can be tabulated."""
     image_of_box = image(f, jacobian)
 
-    @nb.cfunc(POST, error_model="numpy")
+    @kept_as(POST, "cfunc")
     def post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
         n, nu = meta[0], meta[2]
         numbers = nb.carray(data, (meta[3],))
@@ -98,7 +99,7 @@ def direct_post(f: Kernel, jacobian: Kernel, gap: Kernel) -> Any:
 def tabulated_post(gap: Kernel) -> Any:
     """The post that reads the model from tables and evaluates the gap for every pair or group of pairs."""
 
-    @nb.cfunc(POST, error_model="numpy")
+    @kept_as(POST, "cfunc")
     def post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
         n, inputs, nu = meta[0], meta[1], meta[2]
         numbers = nb.carray(data, (meta[3],))
@@ -136,7 +137,7 @@ def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
     """
     image_of_box = image(f, jacobian)
 
-    @nb.njit(error_model="numpy")
+    @kept
     def fill(cells, i, own, header, inputs, out):  # type: ignore[no-untyped-def]
         n = own.size
         free = header.copy()
@@ -154,20 +155,25 @@ def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
     return fill
 
 
-@nb.njit(error_model="numpy")
-def add_gap(gap, cells, i, header, inputs, out):  # type: ignore[no-untyped-def]
-    """Add the gap's bounds of dimension `i` to a table (rows, M, 2) of offsets."""
-    n = cells.shape[1]
-    work = np.empty((4, n))
-    for row in range(cells.shape[0]):
-        cell_box(cells[row], n, header, work[0], work[1])
-        for m in range(inputs.shape[0]):
-            gap(work[0], work[1], inputs[m], work[2], work[3])
-            out[row, m, 0] += work[2, i]
-            out[row, m, 1] += work[3, i]
+@cache
+def gap_adder(gap: Kernel) -> Kernel:
+    """numba: (k (rows, n), i, header, u (M, nu), out (rows, M, 2)) -> None, the gap's bounds of dimension i added."""
+
+    @kept
+    def add_gap(cells, i, header, inputs, out):  # type: ignore[no-untyped-def]
+        n = cells.shape[1]
+        work = np.empty((4, n))
+        for row in range(cells.shape[0]):
+            cell_box(cells[row], n, header, work[0], work[1])
+            for m in range(inputs.shape[0]):
+                gap(work[0], work[1], inputs[m], work[2], work[3])
+                out[row, m, 0] += work[2, i]
+                out[row, m, 1] += work[3, i]
+
+    return add_gap
 
 
-@nb.njit(error_model="numpy")
+@nb.njit(cache=True, error_model="numpy")
 def whole_cells(offsets, i, n, header, out):  # type: ignore[no-untyped-def]
     """Offsets from the centre of a cell as whole cells: (rows, M, 2) -> (rows, M, 2) int32."""
     axis = header.copy()

@@ -10,7 +10,7 @@ from simgap.geometry import Box, Grid
 from simgap.specifications.regions import cells_meeting, cells_within
 from simgap.synthesis.frame import OUTSIDE, Frame, cell_box, to_cells
 from simgap.synthesis.holes import clip_boxes, count_holes, drop_boxes_with_holes, layout, table_size
-from simgap.synthesis.product import add_gap, group_box, image, whole_cells
+from simgap.synthesis.product import gap_adder, group_box, image, whole_cells
 from simgap.synthesis.swept import planar_swept_cells
 from simgap.synthesis.windows import embed, every_input, margins, padded, window_and
 
@@ -135,7 +135,7 @@ def test_a_gap_moves_both_ends_of_a_table():
     head = Frame(grid, inputs, np.zeros(2)).header
     for i in (0, 1):
         out = np.zeros((1, 2, 2))
-        add_gap(uneven, np.array([[1, 1]]), i, head, inputs, out)
+        gap_adder(uneven)(np.array([[1, 1]]), i, head, inputs, out)
         assert out[0, :, 0].tolist() == ([-0.5, -0.5] if i == 0 else [-0.25 + 0.1, -0.25 + 0.7])
         assert out[0, :, 1].tolist() == ([2.0, 2.0] if i == 0 else [3.1, 3.7])
 

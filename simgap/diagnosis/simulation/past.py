@@ -1,8 +1,8 @@
 """What effects with a state of their own remember of the motion before a window.
 
-Their rates vanish at rest and are affine in the state, so that measured positions tell it: smoothed (a local polynomial,
-Savitzky, Golay (1964), Analytical Chemistry 36(8)), as noise would be motion back and forth, and followed from the
-beginning of each trace. What it was there is unknown, taken as 0, and forgotten after a few reversals.
+Their rates vanish at rest and are affine in the state, so that measured positions tell it: smoothed (a local
+polynomial, Savitzky, Golay (1964), Analytical Chemistry 36(8)), as noise would be motion back and forth, and followed
+from the beginning of each trace. What it was there is unknown, taken as 0, and forgotten after a few reversals.
 """
 
 from __future__ import annotations

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numba import njit
 from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.hoist import hoist
 from simgap.diagnosis.simulation.runge_kutta import RHS_SIGNATURE
 from simgap.model.compile import compile_kernel
+from simgap.model.kept import kept_as
 from simgap.model.symbolic import SymbolicModel, symbol
 
 _TRANSCENDENTAL = (sp.sin, sp.cos, sp.tan, sp.tanh, sp.atan, sp.exp, sp.log)
@@ -55,6 +55,7 @@ def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbo
     main, rest = compile_kernel(exprs[:nx], groups), compile_kernel(exprs[nx:], groups)
     constants = compile_kernel([split[-1], *inner], (theta,))
 
+    @kept_as(RHS_SIGNATURE)
     def rhs(x: Any, u: Any, c: Any, s: Any, out: Any) -> None:
         derivative = main(x, u, c, s)
         for i in range(nx):
@@ -65,4 +66,4 @@ def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbo
                 out[i] += more[i]
 
     index = [plant.state_names.index(c.velocity) for c in plant.coordinates]
-    return Dynamics(njit(RHS_SIGNATURE, error_model="numpy")(rhs), constants, np.array(index, dtype=np.int64))
+    return Dynamics(rhs, constants, np.array(index, dtype=np.int64))
