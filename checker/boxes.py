@@ -25,13 +25,21 @@ def cell_ends(c: Certificate, j: int) -> list[tuple[Fraction, Fraction]]:
     return [(c.lo[j] + width * k, c.lo[j] + width * (k + 1)) for k in range(c.cells[j])]
 
 
-def cell_box(c: Certificate, index, part, parts: int, arithmetic) -> tuple[list, list]:
-    """Box and centre of part (k_1, ...) of `parts` along each axis of one cell or arrays of cells, with the margin."""
+def parts_of(axes: set[int], count: int, depth: int):
+    """A cell in 2^depth pieces along some of its axes: each as the place and the number of pieces by axis."""
+    pieces = [2**depth if j in axes else 1 for j in range(count)]
+    for place in itertools.product(*(range(n) for n in pieces)):
+        yield list(zip(place, pieces, strict=True))
+
+
+def cell_box(c: Certificate, index, part, arithmetic) -> tuple[list, list]:
+    """Box and centre of a part (`parts_of`) of one cell or of arrays of cells, with the margin."""
     box, mid = [], []
     for j, k in enumerate(index):
         width, slack = (c.hi[j] - c.lo[j]) / c.cells[j], margin(c, j)
         ends = []
-        for offset, more in ((Fraction(part[j], parts), -slack), (Fraction(part[j] + 1, parts), slack)):
+        place, pieces = part[j]
+        for offset, more in ((Fraction(place, pieces), -slack), (Fraction(place + 1, pieces), slack)):
             at = arithmetic.add(_whole(k, arithmetic), arithmetic.number(offset))
             moved = arithmetic.mul(at, arithmetic.number(width))
             ends.append(arithmetic.add(moved, arithmetic.number(c.lo[j] + more)))
@@ -56,8 +64,11 @@ def touched(c: Certificate, j: int, lo, hi, arithmetic):
     return np.floor(q[0]), np.floor(q[1])
 
 
-def all_win(c: Certificate, first, last) -> np.ndarray:
-    """Whether every cell of boxes of cells wins: lists of (n,) by axis -> (n,) bool; beyond the grid none does."""
+def all_below(c: Certificate, first, last, after, below) -> np.ndarray:
+    """Whether every cell of boxes of cells wins at a level below `below` (n,) in class `after` (n,): -> (n,) bool.
+
+    Boxes are lists of (n,) by axis; beyond the grid no cell wins.
+    """
     count = len(first[0])
     spans = [int((b - a).max(initial=0)) + 1 for a, b in zip(first, last, strict=True)]
     good = np.ones(count, bool)
@@ -72,5 +83,6 @@ def all_win(c: Certificate, first, last) -> np.ndarray:
                 k = k % c.cells[j]
             inside &= (k >= 0) & (k < c.cells[j])
             flat = flat * c.cells[j] + np.where((k >= 0) & (k < c.cells[j]), k, 0)
-        good &= ~counts | (inside & c.winning[flat])
+        level = c.level[flat, after]
+        good &= ~counts | (inside & (level >= 0) & (level < below))
     return good

@@ -11,21 +11,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from expressions import Malformed, exact, well_formed
+from expressions import Malformed, exact, interval, well_formed
+from reach import OWN, Reach, classes_of, reach_of, reach_tables
 
 FORMAT, VERSION = "simgap certificate", 1
-KIND = "invariance"
-TABLES = ("inputs.npy", "winning.npy")
+INVARIANCE, REACH = "invariance", "reach_avoid"
 
 
 @dataclass
 class Certificate:
     """Grid and tables, the map and its bound.
 
+    A node is a cell and a class of the previous input; where nothing is remembered there is one class.
+
     Attributes:
         lo, hi: exact ends of the grid by state; cells: per axis; periodic: flags.
-        inputs: exact values, (M, nu). admissible: (cells, M) as packed bits, bit m % 8 of byte m // 8.
-        winning: (cells,) bool, the cells that are promised.
+        inputs: exact values, (M, nu). admissible: (nodes, M) as packed bits, bit m % 8 of byte m // 8.
+        winning: (cells,) bool, the cells that are promised. level: (cells, classes), -1 where losing; 0 in the target,
+            or where an invariance wins.
+        of_input: (M,) class of each input. reach: what a kind with a target says, None for an invariance.
         header: everything in certificate.json.
     """
 
@@ -39,14 +43,22 @@ class Certificate:
     inputs: list[list[Fraction]]
     admissible: np.ndarray
     winning: np.ndarray
+    level: np.ndarray
+    of_input: np.ndarray
+    reach: Reach | None = None
 
     @property
     def size(self) -> int:
         """Number of cells."""
         return prod(self.cells)
 
+    @property
+    def classes(self) -> int:
+        """Number of classes of the previous input."""
+        return int(self.level.shape[1])
+
     def admits(self, m: int) -> np.ndarray:
-        """Cells in which input m is admissible, (cells,) bool."""
+        """Nodes in which input m is admissible, (nodes,) bool."""
         return ((self.admissible[:, m // 8] >> (m % 8)) & 1).astype(bool)
 
     def index(self, cell: int) -> tuple[int, ...]:
@@ -64,12 +76,13 @@ def read(folder: Path) -> Certificate:
         header = json.loads((folder / "certificate.json").read_text())
         if (header["format"], header["version"]) != (FORMAT, VERSION):
             raise Malformed("it is no certificate of this format and version")
-        if header["kind"] != KIND:
-            raise Malformed(f"it is of the kind {str(header['kind'])[:60]!r}, and only {KIND!r} can be checked")
-        tables = [_table(folder / name, header["files"][name]) for name in TABLES]
+        if header["kind"] not in (INVARIANCE, REACH):
+            raise Malformed(f"it is of the kind {str(header['kind'])[:60]!r}, which this checker does not know")
+        names = ("inputs.npy", "winning.npy") if header["kind"] == INVARIANCE else reach_tables(header)
+        tables = {name: _table(folder / name, header["files"][name]) for name in names}
         if header["digest"] != digest_of(header):
             raise Malformed("its header was changed: the digest does not fit")
-        return _certificate(header, *tables)
+        return _certificate(header, tables)
     except KeyError as error:
         raise Malformed(f"its header has no {error}") from None
     except (OSError, EOFError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
@@ -83,18 +96,21 @@ def digest_of(header: dict[str, Any]) -> str:
 
 
 def _table(path: Path, digest: str) -> np.ndarray:
-    content = path.read_bytes()
-    if hashlib.sha256(content).hexdigest() != digest:
+    """An array that stays on disk: a robot's table of inputs is a gigabyte."""
+    with path.open("rb") as stream:
+        found = hashlib.file_digest(stream, "sha256").hexdigest()
+    if found != digest:
         raise Malformed(f"{path.name} was changed: its SHA-256 is not that of the header")
-    return np.load(path, allow_pickle=False)
+    return np.load(path, mmap_mode="r", allow_pickle=False)
 
 
-def _certificate(header: dict[str, Any], admissible: np.ndarray, winning: np.ndarray) -> Certificate:
+def _certificate(header: dict[str, Any], tables: dict[str, np.ndarray]) -> Certificate:
     grid, cells = header["grid"], header["grid"]["cells"]
     inputs = [[exact(v) for v in row] for row in header["input_set"]]
     states, names = [s["name"] for s in header["states"]], [i["name"] for i in header["inputs"]]
     lo, hi = [exact(v) for v in grid["lo"]], [exact(v) for v in grid["hi"]]
     _check_header(header, states, names)
+    admissible, winning = tables["inputs.npy"], tables["winning.npy"]
     good = (
         len(states) == len(lo) == len(hi) == len(cells) == len(grid["periodic"])
         and all(a < b for a, b in zip(lo, hi, strict=True))
@@ -103,12 +119,22 @@ def _certificate(header: dict[str, Any], admissible: np.ndarray, winning: np.nda
         and len(inputs) > 0
         and all(len(row) == len(names) for row in inputs)
         and admissible.dtype == winning.dtype == np.uint8
-        and admissible.shape == (prod(cells), (len(inputs) + 7) // 8)
         and winning.shape == (prod(cells),)
     )
     if not good:
         raise Malformed("its tables do not fit its grid and its inputs")
-    return Certificate(header, states, names, lo, hi, cells, grid["periodic"], inputs, admissible, winning == 1)
+    wins, reach, of_input = winning == 1, None, np.zeros(len(inputs), np.int64)
+    level = np.where(wins, 0, -1).astype(np.int32)[:, None]
+    if header["kind"] == REACH:
+        of_input, classes = classes_of(header, len(inputs))
+        level = tables["levels.npy"]
+        if level.dtype != np.int32 or level.shape != (prod(cells), classes) or level.min() < -1:
+            raise Malformed("its levels do not fit its grid and its classes")
+        reach = reach_of(header, tables, states, (classes, len(inputs)))
+    if admissible.shape != (level.size, (len(inputs) + 7) // 8):
+        raise Malformed("its tables do not fit its grid and its inputs")
+    about = (states, names, lo, hi, cells, grid["periodic"], inputs, admissible, wins, level, of_input, reach)
+    return Certificate(header, *about)
 
 
 def _check_header(header: dict[str, Any], states: list[str], inputs: list[str]) -> None:
@@ -120,13 +146,19 @@ def _check_header(header: dict[str, Any], states: list[str], inputs: list[str]) 
     names = set(states + inputs)
     if not states or len(names) < len(states + inputs) or not all(isinstance(name, str) for name in names):
         raise Malformed("its states and inputs need a name each, and no two the same")
+    if any(name.startswith(OWN) for name in names):
+        raise Malformed(f"no name begins with {OWN!r}")
     said = header["not_covered"]
     if not isinstance(said, list) or not all(isinstance(text, str) for text in said):
         raise Malformed("its 'not_covered' is no list of sentences")
+    reaches = header["kind"] == REACH
     expressions = [header["nominal"], *([] if header["simulator"] is None else [header["simulator"]])]
+    in_frame = reaches and header["gap"] is None
+    if in_frame and header["simulator"] is not None:
+        raise Malformed("a bound in a body's frame and a simulator in closed form do not go together")
     for s in states:
-        for ends in (header["domain"][s], header["safe"][s]):
-            if len(ends) != 2 or exact(ends[0]) >= exact(ends[1]):
-                raise Malformed(f"the ends of {s!r} are no interval")
-        for e in (*(known[s] for known in expressions), header["gap"][s]["lower"], header["gap"][s]["upper"]):
+        for ends in (header["domain"][s],) if reaches else (header["domain"][s], header["safe"][s]):
+            interval(ends, s)
+        sides = () if in_frame else (header["gap"][s]["lower"], header["gap"][s]["upper"])
+        for e in (*(known[s] for known in expressions), *sides):
             well_formed(e, names)

@@ -36,13 +36,13 @@ class Enclosure:
 
 @dataclass
 class Place:
-    """Where an expression is asked for: cell boxes and centres by state, and the input."""
+    """Where an expression is asked for: cell boxes and centres by state, and intervals by name (inputs among them)."""
 
     arithmetic: Any
     states: dict[str, int]
     box: list[Any]
     mid: list[Any]
-    inputs: dict[str, Fraction]
+    named: dict[str, Any]
     known: dict[int, tuple[Any, Enclosure]] = field(default_factory=dict)
     """Enclosures of lists by identity, with the list, so that no other one can take its identity."""
 
@@ -67,7 +67,7 @@ class Place:
             if e in self.states:
                 j = self.states[e]
                 return Enclosure(self.box[j], self.mid[j], {j: a.number(Fraction(1))})
-            value = a.number(self.inputs[e] if e in self.inputs else exact(e))
+            value = self.named[e] if e in self.named else a.number(exact(e))
             return Enclosure(value, value, {})
         value = a.number(Fraction(e))
         return Enclosure(value, value, {})
@@ -149,6 +149,17 @@ def exact(text: str) -> Fraction:
         return value
     except (ValueError, OverflowError, ZeroDivisionError):
         raise Malformed(f"{text[:60]!r} is neither a number nor a name") from None
+
+
+def interval(ends, name: str) -> tuple[Fraction, Fraction]:
+    """Two numbers, the first below the second.
+
+    Raises:
+        Malformed: naming whose they are.
+    """
+    if not isinstance(ends, list) or len(ends) != 2 or exact(ends[0]) >= exact(ends[1]):
+        raise Malformed(f"the ends of {str(name)[:60]!r} are no interval")
+    return exact(ends[0]), exact(ends[1])
 
 
 def well_formed(e, names: set[str], depth: int = 0) -> None:

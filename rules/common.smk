@@ -5,11 +5,10 @@ import os
 import sys
 from pathlib import Path
 
-from snakemake.exceptions import WorkflowError
-
 from simgap.config.load import load_case
 from simgap.config.reads import READS
 from simgap.config.rig import case_of_rig
+from simgap.config.workflow import workflow_config
 from simgap.errors import SimgapError
 from simgap.gap.points import (
     EVERY_HISTORY,
@@ -32,13 +31,25 @@ os.environ["PATH"] = os.pathsep.join(
     [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
 )
 
-CASE_FOLDER = Path(config["case_folder"])
-CASES = config["cases"]
+
+def told(error):
+    """A person's mistake as one line and status 2; Snakemake would wrap it in places of these files."""
+    sys.stderr.write(f"simgap: {error}\n")
+    sys.exit(error.exit_status)
+
+
+try:
+    SETTINGS = workflow_config(config)
+except SimgapError as error:
+    told(error)
+
+CASE_FOLDER = Path(SETTINGS.case_folder)
+CASES = SETTINGS.cases
 
 
 wildcard_constraints:
     case="[a-z][a-z0-9_-]*(/corrected)?",
-    point=r"eps~[0-9]+(\.[0-9]+)?(e-?[0-9]+)?|hidden-state|full-table",
+    point=r"eps~[0-9]+(\.[0-9]+)?(e-?[0-9]+)?|cells~[0-9]+(-[0-9]+)*|hidden-state|full-table",
     state="[^/]+",
     shard="[0-9]+",
     kind="nominal|gap",
@@ -74,7 +85,7 @@ def load(name):
     try:
         return load_case(Path(case_path(name)))
     except SimgapError as error:
-        raise WorkflowError(str(error)) from None
+        told(error)
 
 
 LOADED = {name: load(name) for name in CASES}
@@ -123,5 +134,5 @@ def flagged(flag, paths):
 def sweep_points(case):
     """The case's own point and those of the sweep over eps."""
     return points_of(
-        LOADED[case], config.get("sweeps", {}).get(case, {}).get("eps", [])
+        LOADED[case], list(SETTINGS.sweeps[case].eps) if case in SETTINGS.sweeps else []
     )

@@ -6,7 +6,7 @@
 
 
 def rig_file(case):
-    path = Path(config["rig_folder"]) / f"{case}.yaml"
+    path = Path(SETTINGS.rig_folder) / f"{case}.yaml"
     return path if path.is_file() else None
 
 

@@ -1,8 +1,13 @@
 # What a person reads: the page of a case, and the page that links them.
 
+BASE = Path(
+    workflow.basedir
+)  # of a checkout, or the folder in which a wheel carries the workflow
+REPORTS = next(f for f in (BASE / "reports", BASE.parent / "templates") if f.is_dir())
 TEMPLATES = digest(
-    {path.name: file_digest(path) for path in sorted(Path("reports").glob("*"))}
+    {path.name: file_digest(path) for path in sorted(REPORTS.glob("*.*"))}
 )
+PRINTED = "configs/paper/printed.yaml"
 
 
 def pages(case):
@@ -12,8 +17,13 @@ def pages(case):
 
 
 def final_results(case):
-    """What a plain run makes of a case."""
-    folder = f"results/{case}"
+    """What a plain run makes of a case, as far as its sections go."""
+    folder, sections = f"results/{case}", LOADED[case]
+    bounded = sections.gap is not None or sections.hidden_state is not None
+    if sections.synthesis is None or not bounded:
+        bound = [f"{folder}/gap/{own_point(sections)}/gap.json"] if bounded else []
+        found = [f"{folder}/diagnosis/report.html"] if diagnosed(case) else []
+        return [f"{folder}/check/check.json", *bound, *found]
     return [*pages(case), "results/index.html"] + (
         [f"{folder}/diagnosis/report.html", f"{folder}/corrected/report.html"]
         if diagnosed(case)
@@ -64,6 +74,7 @@ def report_options(wildcards, input):
         "diagnosis": "--diagnosis",
         "transitions": "--transitions",
         "twin": "--twin",
+        "printed": "--printed",
         "corrected": "--corrected",
         "corrected_gap": "--corrected-gap",
         "corrected_summary": "--corrected-summary",
@@ -95,7 +106,7 @@ rule report:
         corrected_summary=corrected_file("corrected/summary.json"),
         corrected_nominal=corrected_file("corrected/synthesis/nominal/controller.npz"),
         corrected_robust=corrected_file("corrected/synthesis/gap/controller.npz"),
-        printed="configs/paper/printed.yaml",
+        printed=PRINTED if Path(PRINTED).is_file() else [],
         case=correction,
     output:
         page="results/{case}/report.html",
@@ -120,9 +131,17 @@ rule report:
         "simgap report {params.case:q} {params.gaps:q} --samples {input.samples:q}"
         " --nominal {input.nominal:q} --nominal-summary {input.nominal_summary:q}"
         " --robust {input.robust:q} --robust-summary {input.robust_summary:q}"
-        " --validation {input.validation:q} --traces {input.traces:q} --printed {input.printed:q}"
+        " --validation {input.validation:q} --traces {input.traces:q}"
         " --audit {input.audit:q} --margins {input.margins:q} {params.more:q}"
         " --out {output.page:q} --summary {output.summary:q} --log {log:q}"
+
+
+# Cases of other configs have pages too: what they made stays on the index, as it is.
+EARLIER = [
+    str(path)
+    for path in sorted(Path("results").glob("*/summary.json"))
+    if path.parent.name not in CASES
+]
 
 
 rule index:
@@ -139,7 +158,8 @@ rule index:
         code=code("index"),
         templates=TEMPLATES,
         summaries=lambda w, input: flagged("--summary", input),
+        earlier=flagged("--earlier", EARLIER),
     message:
         "Page that links the reports of all cases"
     shell:
-        "simgap index {params.summaries:q} --out {output:q} --log {log:q}"
+        "simgap index {params.summaries:q} {params.earlier:q} --out {output:q} --log {log:q}"

@@ -28,6 +28,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "pybullet_wheeled": "simgap.simulators.wheeled:PyBulletWheeled",
                 "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
                 "equations": "simgap.simulators.equations:EquationsEngine",
+                "python": "simgap.simulators.python_function:PythonEngine",
             }
         ),
         "bases": MappingProxyType(

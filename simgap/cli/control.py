@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import CasePath, Log, Out, Shards, app, start_log
+from simgap.cli.options import CasePath, Log, Out, Shards, app, new_file, start_log
 
 
 @app.command()
@@ -85,7 +85,7 @@ def audit(
 @app.command()
 def replay(
     witness: Annotated[Path, typer.Argument(help="witness.json of an audit.", show_default=False)],
-    out: Annotated[Path | None, typer.Option(help="Recording for Rerun to write.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Recording for Rerun to write.", callback=new_file)] = None,
 ) -> None:
     """Simulate again what an audit found, and print it step by step."""
     from simgap.stages import replay as stage

@@ -8,13 +8,13 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import Borders, CasePath, Grid, Log, Out, Shards, State, app, start_log
+from simgap.cli.options import Borders, CasePath, Grid, Log, Out, Shards, State, app, new_file, new_folder, start_log
 
 
 @app.command()
 def check(
     case: CasePath,
-    out: Annotated[Path | None, typer.Option(help="File for what was found (JSON).")] = None,
+    out: Annotated[Path | None, typer.Option(help="File for what was found (JSON).", callback=new_file)] = None,
     log: Log = None,
 ) -> None:
     """Check a case before anything runs: model file, engine, cells, and what every stage will cost."""
@@ -32,7 +32,10 @@ def check(
 @app.command()
 def grid(
     case: CasePath,
-    out: Annotated[Path, typer.Option(help="Folder to write states and inputs to (Parquet).", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(help="Folder to write states and inputs to (Parquet).", show_default=False, callback=new_folder),
+    ],
     point: Annotated[
         str | None,
         typer.Option(help="eps~ and the radius of the balls that cover X; hidden-state or full-table for a robot."),

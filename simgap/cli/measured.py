@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import CasePath, Log, Out, app, start_log
+from simgap.cli.options import CasePath, Log, Out, app, new_folder, start_log
 from simgap.errors import UserError
 
 
@@ -27,7 +27,7 @@ def rig(
 def diagnose(
     case: CasePath,
     data: Annotated[list[Path] | None, typer.Argument(help="Recordings; those of the case if none is given.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("diagnosis"),
+    out: Annotated[Path, typer.Option(help="Folder for the results.", callback=new_folder)] = Path("diagnosis"),
     log: Log = None,
 ) -> None:
     """Find the physical effect that the nominal model lacks, from recordings."""
@@ -41,7 +41,7 @@ def diagnose(
     try:
         with Console(stderr=True).status("starting") as status:
             result = stage.run(case, data or [], out, lambda words: status.update(escape(words)))
-    except UserError:  # nothing half-written is left, the log of a default place included
+    except (UserError, OSError, MemoryError):  # nothing half-written is left, the log of a default place included
         if log is None:
             journal.unlink(missing_ok=True)
             with suppress(OSError):

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import logging
+import tempfile
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from simgap.errors import UserError
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -16,7 +19,44 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 CasePath = Annotated[Path, typer.Argument(help="Case file (YAML).", show_default=False)]
-Out = Annotated[Path, typer.Option(help="File to write.", show_default=False)]
+
+
+def _writable(path: Path | None, key: str, folder: bool) -> Path | None:
+    """A place for a file or a folder that can be written to, asked before anything long is computed for it.
+
+    Nothing is made: the nearest folder that is there takes a file without a name.
+
+    Raises:
+        UserError: a file where a folder is needed or the other way round, or a folder that takes no files.
+    """
+    if path is None:
+        return None
+    if path.is_dir() and not folder:
+        raise UserError("is a folder, a file is to be written", file=path, key=key, remedy="Give another name.")
+    if path.exists() and not path.is_dir() and folder:
+        raise UserError("is a file, a folder is needed", file=path, key=key, remedy="Give another place.")
+    above = next(p for p in (path if folder else path.parent, *path.absolute().parents) if p.exists() or p.is_symlink())
+    try:
+        with tempfile.TemporaryFile(dir=above):
+            return path
+    except OSError as error:
+        raise UserError(
+            f"cannot be written: {above} {'is no folder' if not above.is_dir() else 'takes no files'} "
+            f"({error.strerror or error})", file=path, key=key, remedy="Give a place that you may write to.",
+        ) from None  # fmt: skip
+
+
+def new_file(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Callback of an option that names a file to write."""
+    return _writable(path, f"--{option.name}", folder=False)
+
+
+def new_folder(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Callback of an option that names a folder to write to."""
+    return _writable(path, f"--{option.name}", folder=True)
+
+
+Out = Annotated[Path, typer.Option(help="File to write.", show_default=False, callback=new_file)]
 Grid = Annotated[Path, typer.Option("--grid", help="Folder of a grid.", show_default=False)]
 Shards = Annotated[list[Path], typer.Option("--rollouts", help="Roll-out shards of the grid, in order.")]
 Borders = Annotated[

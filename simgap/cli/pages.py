@@ -69,10 +69,11 @@ def report(
 def index(
     summaries: Annotated[list[Path], typer.Option("--summary", help="summary.json of each case.")],
     out: Out,
+    earlier: Annotated[list[Path] | None, typer.Option(help="summary.json of cases of other runs.")] = None,
     log: Log = None,
 ) -> None:
     """Write the page that links the reports of all cases."""
     from simgap.stages import index as stage
 
     start_log(log)
-    stage.run(summaries, out)
+    stage.run(summaries, out, earlier or [])

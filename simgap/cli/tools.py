@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import Log, Out, app, start_log
+from simgap.cli.options import Log, Out, app, new_file, new_folder, start_log
 
 
 @app.command()
@@ -36,7 +36,9 @@ def effects(case: Annotated[Path | None, typer.Argument(help="Case file; lists w
 
 
 @app.command()
-def schema(out: Annotated[Path, typer.Option(help="File to write.")] = Path("configs/schema.json")) -> None:
+def schema(
+    out: Annotated[Path, typer.Option(help="File to write.", callback=new_file)] = Path("configs/schema.json"),
+) -> None:
     """Write the JSON schema of case files, for editors that complete and check."""
     from simgap.config.schema import schema_text
     from simgap.io.atomic import write_text
@@ -47,7 +49,7 @@ def schema(out: Annotated[Path, typer.Option(help="File to write.")] = Path("con
 @app.command()
 def certify(
     what: Annotated[Path, typer.Argument(help="Case file, or its folder in results/.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="Folder for the certificate.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder for the certificate.", show_default=False, callback=new_folder)],
     bound: Annotated[Path | None, typer.Option("--gap", help="gap.json, if it is not at its place.")] = None,
     controller: Annotated[Path | None, typer.Option(help="controller.npz, if it is not at its place.")] = None,
     log: Log = None,

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from simgap.config.case import Case
 from simgap.config.load_yaml import read_yaml
 from simgap.config.plugged import INNER
+from simgap.config.words import told
 from simgap.errors import UserError, excerpt
 
 
@@ -119,7 +120,7 @@ def _user_error(mistake: _Mistake, count: int, path: Path) -> UserError:
         problem = f"{excerpt(repr(first['input']))} is no name of a case: results are kept in a folder of that name"
         remedy = "Use lower-case letters a to z, digits, - and _, beginning with a letter; `title` may hold anything."
     else:
-        problem = f"{problem}, got {excerpt(repr(first['input']))}"
+        problem, remedy = told(first)
     if count > 1:
         remedy = f"{remedy or ''} ({count - 1} more after this one)".strip()
     return UserError(problem, file=path, key=key, remedy=remedy)

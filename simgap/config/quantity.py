@@ -17,8 +17,8 @@ def _to(unit: str) -> BeforeValidator:
         number, _, given = value.strip().partition(" ")
         try:
             return float(number) * (conversion(given, unit).factor if given else 1.0)
-        except UserError as error:
-            raise ValueError(str(error)) from None
+        except UserError:
+            raise ValueError(f"'{given}' is no unit that converts to {unit}; write it like '0.005 {unit}'") from None
         except ValueError:
             raise ValueError(f"'{value}' is not a number with a unit; write it like '0.005 {unit}'") from None
 

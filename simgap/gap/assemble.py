@@ -77,9 +77,11 @@ class GapResult:
 
 def assemble(
     where: SampleGrid, settings: GapSettings, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
-    calibration: Calibration | None = None, directed: Sequence[Directed] = (),
+    calibration: Calibration | None = None, directed: Sequence[Directed] = (), deviation: Floats | None = None,
 ) -> GapResult:  # fmt: skip
     """The gap function of all dimensions, padded; `directed` are those samples of each dimension, for an envelope.
+
+    `deviation`, (nx,), is by how much a declared symmetry does not hold; it is added on both sides.
 
     Raises:
         UserError: fits of different kinds, or a conformal bound without calibration samples.
@@ -99,6 +101,8 @@ def assemble(
     else:
         linear = [fit for fit in fits if isinstance(fit, LinearFit)]
         function, sides = linear_gap(where, settings, linear, lipschitz)
+    if deviation is not None:
+        function = function.raised(deviation, deviation)
     return GapResult(function, _reports(where, settings, function, lipschitz, sides), where.size)
 
 

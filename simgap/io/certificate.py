@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from simgap.gap.closed_form import ClosedFormGap
 from simgap.gap.forms import Form
 from simgap.gap.function import GapFunction
 from simgap.gap.linear import LinearGap
+from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Box, Floats
 from simgap.io.atomic import atomic
 from simgap.model.prefix import prefix
@@ -25,13 +25,39 @@ from simgap.model.sampled import NominalModel
 from simgap.specifications.solution import Solution
 
 FORMAT, VERSION = "simgap certificate", 1
-HEADER, INPUTS, WINNING = "certificate.json", "inputs.npy", "winning.npy"
+HEADER, INPUTS, WINNING, LEVELS = "certificate.json", "inputs.npy", "winning.npy", "levels.npy"
+BOUND, SWEPT = "bound.npy", "swept.npy"
 BETWEEN = "What happens between two sampling instants: a certificate is about the states at them."
 BLACK_BOX = (
     "That the bound of the gap holds for the simulator, which is a black box: the certificate takes it as stated, with "
     "the guarantee that stands in its header."
 )
+PATH = (
+    "That the path of each step stays in the stated box, seen from the body: it is measured in the simulator, like the "
+    "bound of the gap."
+)
+STRAY = "That a path strays from its samples by no more than the stated distances."
 HARDWARE = "That the simulator, or its equations, describe the real plant."
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """What is to be reached, and what to be avoided.
+
+    Attributes:
+        target, obstacles: boxes over all states, infinite along those that they do not bound.
+        clearance: what to keep from obstacles and walls, (nx,); between: how far a path may stray from its samples
+            where there are no swept boxes, (nx,).
+        pose: axes of x, y and heading of a body in the plane.
+        swept: lower and upper ends of the box in which each path lies, by class of the previous input, (C, M, 2) each.
+    """
+
+    target: Box
+    obstacles: Sequence[Box]
+    clearance: Floats
+    between: Floats
+    pose: tuple[int, int, int] | None = None
+    swept: tuple[Floats, Floats] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +68,7 @@ class Certified:
         case: its name. units: by state and input.
         model: the nominal map; bound: of its gap; known: the gap in closed form, None for a black box.
         solution: cells, winning domain, admissible inputs; input_set: U, (M, nu); input_names: in order.
-        safe: the box in which an invariance stays.
+        task: the box in which an invariance stays, or what is to be reached.
     """
 
     case: str
@@ -53,7 +79,7 @@ class Certified:
     solution: Solution
     input_set: Floats
     input_names: Sequence[str]
-    safe: Box
+    task: Box | Reached
 
 
 def write_certificate(folder: Path, what: Certified, record: Mapping[str, Any]) -> dict[str, Any]:
@@ -62,15 +88,27 @@ def write_certificate(folder: Path, what: Certified, record: Mapping[str, Any]) 
     Raises:
         UserError: what this version of the form does not cover.
     """
-    tables = {INPUTS: what.solution.mask, WINNING: what.solution.winning.astype(np.uint8)}
     head = header(what)
     folder.mkdir(parents=True, exist_ok=True)
-    files = {name: _write_table(folder / name, table) for name, table in tables.items()}
+    files = {name: _write_table(folder / name, table) for name, table in tables(what).items()}
     head |= {"files": files, "provenance": dict(record)}
     head["digest"] = digest(head)
     with atomic(folder / HEADER) as temporary:
         Path(temporary).write_text(json.dumps(head, indent=1) + "\n")
     return head
+
+
+def tables(what: Certified) -> dict[str, NDArray[Any]]:
+    """Arrays by file name."""
+    s = what.solution
+    found: dict[str, NDArray[Any]] = {INPUTS: s.mask, WINNING: s.winning.astype(np.uint8)}
+    if s.value is not None:
+        found[LEVELS] = s.value.reshape(-1, s.memory)
+    if isinstance(what.bound, BodyFrameGap):
+        found[BOUND] = np.stack([what.bound.class_lower, what.bound.class_upper])
+    if isinstance(what.task, Reached) and what.task.swept is not None:
+        found[SWEPT] = np.stack(what.task.swept)
+    return found
 
 
 def header(what: Certified) -> dict[str, Any]:
@@ -79,25 +117,26 @@ def header(what: Certified) -> dict[str, Any]:
     Raises:
         UserError: a bound, a memory or an expression that the form does not cover.
     """
-    solution, model, bound = what.solution, what.model, what.bound
-    if solution.value is not None or solution.memory != 1:
+    solution, model, bound, task = what.solution, what.model, what.bound, what.task
+    reached = task if isinstance(task, Reached) else None
+    if (solution.value is None) != (reached is None) or solution.late or (reached is None and solution.memory != 1):
         raise UserError(
-            "a certificate covers invariance without latency, and this controller is for something else",
+            "a certificate covers invariance and reach-while-avoid without latency, and this controller is for "
+            "something else",
             key="synthesis.specification",
             remedy="The closed loop and the audit are what checks it.",
         )
-    if not isinstance(bound, LinearGap):
+    if not isinstance(bound, LinearGap) and (reached is None or not isinstance(bound, BodyFrameGap)):
         raise UserError(
             "a certificate covers bounds that are linear in a basis, and this one is not", key="gap.bound",
             remedy="Use gap.bound: scenario with a basis of terms, or constant.",
         )  # fmt: skip
-    states, grid = bound.domain.states, solution.grid
-    sides = zip(states, bound.lower, bound.upper, strict=True)
-    not_covered = [BETWEEN, HARDWARE] if what.known is not None else [BETWEEN, BLACK_BOX, HARDWARE]
+    states, grid, known = bound.domain.states, solution.grid, what.known
+    not_covered = [HARDWARE] if known is not None else [BLACK_BOX, HARDWARE]
     return {
         "format": FORMAT,
         "version": VERSION,
-        "kind": "invariance",
+        "kind": "invariance" if reached is None else "reach_avoid",
         "case": what.case,
         "states": [{"name": s, "unit": what.units[s]} for s in states],
         "inputs": [{"name": u, "unit": what.units[u]} for u in what.input_names],
@@ -109,13 +148,47 @@ def header(what: Certified) -> dict[str, Any]:
         },
         "input_set": [_hex(row) for row in what.input_set],
         "domain": _ends(states, bound.domain.box),
-        "safe": _ends(states, what.safe),
         "nominal": dict(zip(states, map(prefix, model.f), strict=True)),
-        "gap": {s: {"lower": _form(lo), "upper": _form(hi)} for s, lo, hi in sides},
-        "simulator": dict(zip(states, map(prefix, what.known.simulator), strict=True)) if what.known else None,
+        "gap": _sides(bound) if isinstance(bound, LinearGap) else None,
+        "simulator": dict(zip(states, map(prefix, known.simulator), strict=True)) if known else None,
         "guarantee": [tier.text for tier in bound.tiers],
-        "not_covered": not_covered,
+        "not_covered": [_between(reached), *not_covered],
+    } | ({"safe": _ends(states, task)} if isinstance(task, Box) else _task(states, task, what))
+
+
+def _between(reached: Reached | None) -> str:
+    if reached is None:
+        return BETWEEN
+    return STRAY if reached.swept is None else PATH
+
+
+def _task(states: Sequence[str], task: Reached, what: Certified) -> dict[str, Any]:
+    """Target, obstacles, and what the controller remembers."""
+    kind, first = what.solution.kind, what.solution.first
+    of_input = np.zeros(len(what.input_set), np.int64) if kind is None else kind
+    return {
+        "target": _named(states, task.target),
+        "obstacles": [_named(states, box) for box in task.obstacles],
+        "clearance": dict(zip(states, _hex(task.clearance), strict=True)),
+        "between": dict(zip(states, _hex(task.between), strict=True)),
+        "pose": None if task.pose is None else [states[j] for j in task.pose],
+        "classes": {"of_input": of_input.tolist(), "at_rest": first},
     }
+
+
+def _named(states: Sequence[str], box: Box) -> dict[str, list[str]]:
+    """Ends along the states that a box bounds."""
+    ends = zip(states, np.stack([box.lo, box.hi], axis=1), strict=True)
+    named = {s: own for s, own in ends if np.isfinite(own).any()}
+    for s, own in named.items():
+        if not np.isfinite(own).all():
+            raise UserError(f"a box that is open to one side only along {s} has no place in a certificate")
+    return {s: _hex(own) for s, own in named.items()}
+
+
+def _sides(bound: LinearGap) -> dict[str, Any]:
+    sides = zip(bound.domain.states, bound.lower, bound.upper, strict=True)
+    return {s: {"lower": _form(lo), "upper": _form(hi)} for s, lo, hi in sides}
 
 
 def digest(head: Mapping[str, Any]) -> str:
@@ -142,8 +215,8 @@ def _ends(states: Sequence[str], box: Box) -> dict[str, list[str]]:
 
 def _write_table(path: Path, table: NDArray[Any]) -> str:
     """Write an array as .npy: -> SHA-256 of the file."""
-    stream = io.BytesIO()
-    np.lib.format.write_array(stream, np.ascontiguousarray(table), allow_pickle=False)
     with atomic(path) as temporary:
-        Path(temporary).write_bytes(stream.getvalue())
-    return hashlib.sha256(stream.getvalue()).hexdigest()
+        with Path(temporary).open("wb") as stream:
+            np.lib.format.write_array(stream, np.ascontiguousarray(table), allow_pickle=False)
+        with Path(temporary).open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -59,3 +59,14 @@ def render(template: str, **content: Any) -> str:
     environment.filters |= {"number": number, "unit": pretty_unit, "phrase": phrase, "described": described}
     style = Markup((folder() / STYLE).read_text())  # quotes of font names must stay quotes
     return environment.get_template(template).render(style=style, **content)
+
+
+def text(template: str, **content: Any) -> str:
+    """A plain text from a template."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(folder()), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )  # fmt: skip  # no escapes: what is made is no HTML
+    return environment.get_template(template).render(**content)

@@ -1,4 +1,4 @@
-"""The units in which an engine and Drake compute a joint: SI, an angle in radians."""
+"""The joints of a case: they are in the file and move, and their units are the ones computed in (SI, radians)."""
 
 from __future__ import annotations
 
@@ -6,20 +6,32 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from simgap.config.plant import PlantSection
+from simgap.errors import UserError
 from simgap.units import require_unit
 
 _TURNS, _SLIDES = ("rad", "rad/s", "N*m"), ("m", "m/s", "N")
 
 
 def check_joint_units(section: PlantSection, urdf: Path) -> None:
-    """Refuse states and inputs that stand for a joint of the file in a unit other than the joint's.
+    """Refuse states and inputs that stand for no moving joint of the file, or in a unit other than the joint's.
 
     Their numbers go to the engine as they are: a state in deg would be labelled deg and hold radians.
 
     Raises:
-        UserError: naming the key and the unit that is wanted.
+        UserError: naming the key and the joints there are, or the unit that is wanted.
     """
-    types = {j.get("name"): j.get("type") for j in ElementTree.parse(urdf).getroot().findall("joint")}
+    robot = ElementTree.parse(urdf).getroot()
+    if robot.tag != "robot":
+        return
+    types = {j.get("name"): j.get("type") for j in robot.findall("joint")}
+    for group, owners in (("states", section.states), ("inputs", section.inputs)):
+        for name, owner in owners.items():
+            if owner.joint is not None and types.get(owner.joint, "fixed") == "fixed":
+                moving = ", ".join(str(n) for n, kind in types.items() if kind != "fixed") or "none"
+                raise UserError(
+                    f"{urdf.name} has no moving joint '{owner.joint}'", key=f"plant.{group}.{name}.joint",
+                    remedy=f"Moving joints: {moving}.",
+                )  # fmt: skip
     units = {name: _SLIDES if kind == "prismatic" else _TURNS for name, kind in types.items()}
     for name, state in section.states.items():
         if state.joint in units and state.quantity is not None:

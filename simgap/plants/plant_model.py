@@ -11,7 +11,7 @@ from typing import Any
 from simgap.config.case import Case
 from simgap.config.load import load_case
 from simgap.config.plant import PlantSection
-from simgap.effects import AppliedEffect, apply_effects, effect
+from simgap.effects import EFFECTS, AppliedEffect, apply_effects, effect
 from simgap.errors import UserError
 from simgap.geometry import Box, Floats
 from simgap.model.drake_system import symbolic_plant
@@ -59,7 +59,17 @@ class PlantModel:
 
     @cached_property
     def effects(self) -> tuple[AppliedEffect, ...]:
-        """The effects that the case adds, in the order in which it lists them."""
+        """The effects that the case adds, in the order in which it lists them.
+
+        Raises:
+            UserError: a name that no effect has.
+        """
+        for k, e in enumerate(self.section.effects):
+            if e.name not in EFFECTS:
+                raise UserError(
+                    f"no effect is called '{e.name}'", key=f"plant.effects.{k}.name",
+                    remedy=f"Known: {', '.join(EFFECTS)}.",
+                )  # fmt: skip
         return tuple(AppliedEffect(e.name, e.on, e.parameters) for e in self.section.effects)
 
     @cached_property

@@ -9,55 +9,70 @@ import numpy as np
 from simgap.errors import UserError
 from simgap.gap.points import own_point, remembers
 from simgap.gap.steps.samples import known_gap
-from simgap.io.certificate import Certified, write_certificate
-from simgap.io.controller_file import load_controller
-from simgap.io.gap_file import load_gap
+from simgap.gap.symmetry import BodyFrameGap
+from simgap.geometry import Box
+from simgap.io.certificate import Certified, Reached, write_certificate
+from simgap.io.controller_file import load_controller_of
+from simgap.io.gap_file import SavedGap, load_gap
 from simgap.provenance import provenance
 from simgap.specifications.base import specification_of
 from simgap.specifications.invariance import Invariance
+from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
+from simgap.stages.synthesis import pose
 
 
 def run(case_path: Path, gap: Path, controller_path: Path, out: Path) -> None:
-    """Export cells, admissible inputs, nominal map and bound.
+    """Export cells, admissible inputs, nominal map and bound; towards a target levels, obstacles and paths as well.
 
     Raises:
         UserError: results of another case, or what a certificate does not cover, in one line.
     """
     context = Context.load(case_path)
     with context.blame():
-        controller, bound = load_controller(controller_path), load_gap(gap, context).function
-        certified = _certified(context, controller.states, controller.input_names)
-        if not np.array_equal(controller.input_set, context.input_set):
-            raise UserError("the controller was made for other inputs", file=controller_path)
-        specification, space = specification_of(context.case), Space.of(context.case)
-        if not certified or not isinstance(specification, Invariance):
-            raise UserError(
-                "a certificate covers invariance with exact sensing, without hidden state",
-                key="synthesis.specification", remedy="The closed loop and the audit are what checks this case.",
-            )  # fmt: skip
-        model = context.plant.sampled
+        sensing = context.case.sensing
+        if sensing is not None and (sensing.latency > 0 or any(sensing.error.values())):
+            raise _refused("exact sensing")
+        controller, bound = load_controller_of(controller_path, context), load_gap(gap, context)
         what = Certified(
-            context.case.name, context.units, model, bound, known_gap(context), controller.solution,
-            controller.input_set, controller.input_names, specification.region(space),
+            context.case.name, context.units, context.plant.sampled, bound.function, known_gap(context),
+            controller.solution, controller.input_set, controller.input_names, _task(context, bound, gap),
         )  # fmt: skip
         head = write_certificate(out, what, provenance("certify", context.case, context.folder))
     won, pairs = int(controller.solution.winning.sum()), int(np.bitwise_count(controller.solution.mask).sum())
     log.info("certificate of %d cells and %d pairs in %s (digest %s)", won, pairs, out, head["digest"][:16])
 
 
-def _certified(context: Context, states: tuple[str, ...], inputs: tuple[str, ...]) -> bool:
-    """Whether the case is of a kind that a certificate covers.
+def _task(context: Context, bound: SavedGap, gap: Path) -> Box | Reached:
+    """The safe box, or target, obstacles and what is known of the path between samples.
 
     Raises:
-        UserError: a controller of other states or inputs.
+        UserError: a specification of another kind, or a simulator whose hidden state the controller does not see.
     """
-    if (list(states), list(inputs)) != (list(context.states), list(context.inputs)):
-        raise UserError("the controller is of another case", key="name", remedy="Give the results of this one.")
-    sensing = context.case.sensing
-    blurred = sensing is not None and (sensing.latency > 0 or any(sensing.error.values()))
-    return not (remembers(context.case) or blurred)
+    specification, space = specification_of(context.case), Space.of(context.case)
+    framed = isinstance(bound.function, BodyFrameGap)
+    if remembers(context.case) and not framed:
+        raise _refused("no hidden state but that of a robot in the plane")
+    if isinstance(specification, Invariance) and not framed:
+        return specification.region(space)
+    if not isinstance(specification, ReachAvoid):
+        raise _refused("invariance, or reach-while-avoid that ends in its target")
+    problem, _ = pose(context, gap)
+    swept = None
+    if problem.swept is not None and bound.swept is not None:
+        swept = bound.swept_by_class or (bound.swept[0][None], bound.swept[1][None])
+    return Reached(
+        specification.goal_box(space), specification.boxes(space), space.vector(specification.clearance),
+        np.zeros(space.size) if problem.stray is None else problem.stray, space.pose if framed else None, swept,
+    )  # fmt: skip
+
+
+def _refused(what: str) -> UserError:
+    return UserError(
+        f"a certificate covers {what}", key="synthesis.specification",
+        remedy="The closed loop and the audit are what checks this case.",
+    )  # fmt: skip
 
 
 def results_of(folder: Path) -> tuple[Path, Path, Path]:

@@ -3,7 +3,6 @@
 import ast
 import hashlib
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -12,6 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from checker_runs import CHECKER, change, run
 
 from simgap.errors import UserError
 from simgap.gap.closed_form import ClosedFormGap
@@ -29,20 +31,11 @@ from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.synthesise import Problem, synthesise
 
-CHECKER = Path(__file__).parents[2] / "checker"
 NAMES = ["x1", "x2", "u"]
 NOMINAL = ("x1 + 0.05*x2", "x2 + 0.15*u - 0.7*sin(x1)")
 SIMULATOR = ("x1 + 0.05*x2 + 0.001*x2*abs(x2)", "x2 + 0.16*u - 0.69*sin(x1) + 0.003*x1*x2*cos(x1)")
 U = np.linspace(-1.2, 1.2, 5)[:, None]
 SHAPE = (32, 30)
-
-
-def run(folder, *more):
-    """The checker as a person runs it, on an interpreter that finds no simgap."""
-    env = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    command = [sys.executable, str(CHECKER / "check.py"), str(folder), *more]
-    done = subprocess.run(command, capture_output=True, text=True, env=env, cwd=folder, check=False)
-    return done.returncode, done.stdout + done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -75,20 +68,6 @@ def original(made, tmp_path_factory):
 @pytest.fixture
 def certificate(original, tmp_path):
     return Path(shutil.copytree(original, tmp_path / "copy"))
-
-
-def change(folder, edit=None, **tables):
-    """Change header or tables and make every sum anew: what somebody does who wants to deceive."""
-    path = folder / "certificate.json"
-    head = json.loads(path.read_text())
-    for name, table in tables.items():
-        np.save(folder / f"{name}.npy", table)
-        head["files"][f"{name}.npy"] = hashlib.sha256((folder / f"{name}.npy").read_bytes()).hexdigest()
-    if edit is not None:
-        edit(head)
-    rest = {k: v for k, v in head.items() if k != "digest"}
-    head["digest"] = hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
-    path.write_text(json.dumps(head))
 
 
 def test_it_imports_the_standard_library_numpy_and_itself():
@@ -212,7 +191,7 @@ def test_rounding_that_is_left_out_of_a_bound_is_found(tmp_path):
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path\n"
         "import certificate, check; c = certificate.read(Path(sys.argv[2]))\n"
-        "print([check.fails_exactly(c, k, 0) for k in range(3)])"
+        "print([check.fails_exactly(check.Steps(c), k, 0) for k in range(3)])"
     )
     line(tmp_path / "line", step, (0.3).hex(), simulator=simulator)
     change(tmp_path / "line", **tables)
@@ -256,7 +235,9 @@ def without(key):
         (lambda head: head.update(input_set=[[]]), "do not fit"),
         (lambda head: head["grid"].update(cells=["4"]), "do not fit"),
         (lambda head: head.update(inputs=[{"name": "x"}]), "no two the same"),
-        (lambda head: head.update(kind="reach_avoid"), "of the kind 'reach_avoid', and only 'invariance'"),
+        (lambda head: head.update(kind="reach_stay"), "of the kind 'reach_stay', which this checker does not know"),
+        (lambda head: head.update(kind="reach_avoid"), "'levels.npy'"),
+        (lambda head: head.update(inputs=[{"name": "*a0", "unit": "m"}]), "no name begins with '*'"),
     ],
 )
 def test_a_malformed_header_is_one_line_and_unreadable(checker, tmp_path, capsys, edit, words):
@@ -306,7 +287,7 @@ def test_a_sample_is_at_least_one_pair(checker, tmp_path, capsys):
     change(tmp_path / "line", **tables)
     for option in ("--sample=0", "--sample=-3", "--exact=-1"):
         assert checker([str(tmp_path / "line"), option]) == 2
-        assert capsys.readouterr().out == "--sample is at least 1 and --exact at least 0\n"
+        assert capsys.readouterr().out == "--sample is at least 1, --exact and --seed at least 0\n"
     assert checker([str(tmp_path / "line"), "--sample=1", "--exact=0"]) == 0
     assert "intervals: 1 pairs of cell and input verified (every k-th of each input)" in capsys.readouterr().out
 
@@ -395,7 +376,7 @@ def test_ranges_hold_the_values(arithmetics, text):
     e, rng = parse(text, NAMES), np.random.default_rng(1)
     value = sp.lambdify([symbol(n) for n in NAMES], e, "numpy")
     form, u = json.loads(json.dumps(prefix(e))), 0.7
-    states, inputs = {"x1": 0, "x2": 1}, {"u": Fraction(u)}
+    states = {"x1": 0, "x2": 1}
     for _ in range(5):
         ends = np.sort(rng.uniform(-1, 1, (2, 2)), axis=0)
         at = rng.uniform(ends[0], ends[1], (500, 2))
@@ -403,7 +384,8 @@ def test_ranges_hold_the_values(arithmetics, text):
         for arithmetic, kind in ((intervals, np.float64), (rationals, Fraction)):
             box = [(kind(ends[0, j]), kind(ends[1, j])) for j in range(2)]
             mid = [((lo + hi) / 2,) * 2 for lo, hi in box]
-            lo, hi = expressions.Place(arithmetic, states, box, mid, inputs).range(form)
+            named = {"u": arithmetic.number(Fraction(u))}
+            lo, hi = expressions.Place(arithmetic, states, box, mid, named).range(form)
             assert float(lo) <= values.min() + 1e-12
             assert values.max() - 1e-12 <= float(hi)
 
@@ -414,7 +396,7 @@ def test_what_a_certificate_does_not_cover_is_refused_in_one_line(made, tmp_path
     from simgap.gap.cells import CellGap
 
     blocks = CellGap(made.bound.domain, (), (), (), np.zeros(0), np.zeros(0), np.zeros((2, 2)))
-    late = replace(made.solution, memory=2)
+    late = replace(made.solution, memory=2, late=True)
     reach = replace(made.solution, value=np.zeros(np.prod(SHAPE), np.int32))
     for changed, words in (
         ({"bound": blocks}, "linear"),

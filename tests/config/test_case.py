@@ -82,7 +82,7 @@ MISTAKES = {
     "wrong unit": ({"domain.tau": "0.005 kg"}, (), "domain.tau", "kg"),
     "not a number": ({"domain.tau": "soon"}, (), "domain.tau", "soon"),
     "box upside down": ({"domain.X.x1": [0.2, -0.2]}, (), "domain", "upside down"),
-    "eps not positive": ({"grid.eps": 0}, (), "grid.eps", "greater than 0"),
+    "eps not positive": ({"grid.eps": 0}, (), "grid.eps", "must be above 0"),
     "empty U": ({"domain.U.u": {"values": []}}, (), "domain.U.u", "empty"),
     "U upside down": ({"domain.U.u": {"min": 1, "max": -1, "step": 0.1}}, (), "domain.U.u", "empty"),
     "state without a box": ({}, ("domain.X.x2",), "domain.X", "x2"),
@@ -183,10 +183,10 @@ def test_what_the_system_refuses_is_one_line(root, tmp_path, capsys):
     for out in (in_the_way / "schema.json", in_the_way / "more" / "schema.json"):
         with pytest.raises(SystemExit) as ended:
             main(["schema", "--out", str(out)])
-        assert ended.value.code == 1
+        assert ended.value.code == 2
         told = capsys.readouterr().err
         assert told.count("\n") == 1
-        assert "A file stands where a folder is needed" in told
+        assert f"cannot be written: {in_the_way} is no folder" in told
 
 
 def test_extends_replaces_a_range_by_values_and_a_section_by_an_empty_one(vary):

@@ -47,8 +47,8 @@ def test_mistakes(content, says):
     ("basis", "says"),
     [
         ({"kind": "monomials", "harmonics": 2}, "gap.basis.harmonics: unknown key. Known: kind, degree."),
-        ({"kind": "monomials", "degree": -1}, "gap.basis.degree: Input should be greater than or equal to 0"),
-        ({"kind": "trigonometric", "harmonics": 0}, "gap.basis.harmonics: Input should be greater than or equal to 1"),
+        ({"kind": "monomials", "degree": -1}, "gap.basis.degree: the number must be at least 0"),
+        ({"kind": "trigonometric", "harmonics": 0}, "gap.basis.harmonics: the number must be at least 1"),
         ([], "gap.basis.terms: the basis has no terms; list at least the constant 1"),
         ({"kind": "fourier"}, "gap.basis: no basis is called 'fourier'"),
     ],

@@ -71,6 +71,21 @@ def test_a_diagnosis_in_an_empty_folder(installed, bench):
     assert "--ink:" in page  # the style sheet is inside
 
 
+def test_the_whole_workflow_without_a_checkout(installed, bench):
+    """The rules, profiles and templates come with the wheel; this case has no more than a nominal model to check."""
+    status, _, error = call(str(installed / "simgap"), "run", "bench.yaml", "--cores", "1", cwd=bench)
+    assert status == 0, error
+    assert json.loads((bench / "results/bench/check/check.json").read_text())["case"] == "bench"
+    status, text, error = call(str(installed / "simgap"), "run", "bench.yaml", cwd=bench)
+    assert status == 0, error
+    assert "Nothing to be done" in text + error
+
+
+def test_the_schema_is_shipped(installed):
+    (schema,) = installed.parent.glob("lib/python*/site-packages/simgap/workflow/schema.json")
+    assert schema.read_bytes() == (ROOT / "configs/schema.json").read_bytes()
+
+
 def test_types_are_shipped(installed):
     (marker,) = installed.parent.glob("lib/python*/site-packages/simgap/py.typed")
     assert marker.is_file()

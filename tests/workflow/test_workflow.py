@@ -269,6 +269,35 @@ def test_a_mistake_in_a_case_is_told_by_the_workflow(project):
     assert "grid.epz" in done.stderr + done.stdout
 
 
+def test_cases_that_are_no_list_are_one_line(project):
+    overlay = project.folder / "one.yaml"
+    overlay.write_text("cases: small\n")
+    done = project.snakemake("-n", "--configfile", str(overlay), check=False)
+    assert done.returncode == 2
+    assert "cases: a list of names is needed, got 'small'. Write `cases: [small]`." in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_cases_of_other_configs_stay_on_the_index(project):
+    """A second case is run by a config of its own; both are linked, and the first config has nothing to do again."""
+    content = yaml.safe_load(project.case.read_text()) | {"name": "second", "title": "Second of two"}
+    (project.folder / "own").mkdir()
+    urdf = project.folder / "configs/models/pendulum.urdf"
+    content["plant"]["urdf"] = os.path.relpath(urdf, project.folder / "own")
+    (project.folder / "own/second.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    results = project.folder / "results"
+    shutil.copytree(results / "small", results / "other")  # as if a run of another config had made it
+    env = os.environ | {"PYTHONPATH": str(project.folder)}
+    command = [sys.executable, "-m", "simgap.cli", "run", "own/second.yaml", "--until=index", "--forcerun=index"]
+    plan = subprocess.run([*command, "--dry-run", "-p"], cwd=project.folder, env=env, capture_output=True, text=True)
+    shutil.rmtree(results / "other")
+    assert plan.returncode == 0, plan.stderr
+    (line,) = [row for row in (plan.stdout + plan.stderr).splitlines() if "simgap index" in row]
+    assert "--summary results/second/summary.json" in line
+    assert "--earlier results/other/summary.json" in line
+    assert "--earlier results/small/summary.json" in line
+
+
 def test_the_name_of_a_recording_is_never_shell(project):
     """A free pendulum without friction, recorded under a name that a shell or a wildcard would take apart."""
     name = "$(touch PWNED) run {1}'; touch PWNED; '.csv"

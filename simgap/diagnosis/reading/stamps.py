@@ -9,11 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis.reading.table import Floats, RawTable
+from simgap.diagnosis.thresholds import MIN_SAMPLES
 from simgap.errors import UserError
 from simgap.units import conversion
 
 Ints = NDArray[np.int64]
 _EPOCH_S = 1.0e6  # stamps that start later than this many seconds are counted from their first
+
+_SHORTER = ("ms", "us", "ns")
+"""Units that loggers write, from the longest."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,40 @@ def check_forward(t: Floats, rows: Ints, file: str, trace: str | None) -> None:
             file=file,
             remedy="Sort the rows, or tell the traces apart with a trace column.",
         )
+
+
+def check_interval(t: Floats, window_s: float, unit: str | None, file: str) -> None:
+    """Refuses stamps (n,), ascending, in s, so far apart that no window holds the samples that a fit needs.
+
+    Milliseconds that are taken as seconds are the usual reason, so the unit that they look like is named.
+
+    Raises:
+        UserError: naming the interval, the unit and what the recording would be in it.
+    """
+    steps = np.diff(t)
+    steps = steps[steps > 0.0]
+    needed = window_s / (MIN_SAMPLES - 1)
+    if not steps.size or np.quantile(steps, 0.1) <= needed:
+        return
+    typical, lasts, read = float(np.median(steps)), float(t[-1] - t[0]), unit or "s"
+    factors = {u: conversion(u, "s").factor for u in _SHORTER}
+    looks = next((u for u, k in factors.items() if typical * k <= needed and lasts * k > window_s), None)
+    if looks is None or conversion(read, "s").factor != 1.0:
+        raise UserError(
+            f"the stamps are {typical:.3g} s apart (read in {read}), a window of {window_s:g} s needs "
+            f"{MIN_SAMPLES} samples",
+            file=file, key="measured.time.unit",
+            remedy=f"Correct the unit of the stamps, or set measured.window_s to {MIN_SAMPLES * typical:.2g} or more.",
+        )  # fmt: skip
+    factor = factors[looks]
+    raise UserError(
+        f"the stamps look like {looks} and are read as s: {typical:.3g} from one to the next and {lasts:.3g} in all; "
+        f"in {looks} that is {1.0 / (typical * factor):.3g} samples a second for {lasts * factor:.3g} s",
+        file=file,
+        key="measured.time.unit",
+        remedy=f"Write `time: {{unit: {looks}}}` under `measured:` (if they are s, "
+        f"set measured.window_s to {MIN_SAMPLES * typical:.2g} or more).",
+    )
 
 
 def merge_repeats(t: Floats, columns: Floats) -> tuple[Floats, Floats, int]:

@@ -14,7 +14,7 @@ import numpy as np
 from simgap.diagnosis.reading.channels import Channel, convert, measured_states
 from simgap.diagnosis.reading.pieces import Split, split
 from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.stamps import Ints, TimeRange, check_forward, same_file, seconds
+from simgap.diagnosis.reading.stamps import Ints, TimeRange, check_forward, check_interval, same_file, seconds
 from simgap.diagnosis.reading.table import RawTable
 from simgap.errors import UserError
 
@@ -79,8 +79,8 @@ def read_traces(tables: Sequence[RawTable], channels: Sequence[Channel], options
         options: masks, gaps, window, held-out data.
 
     Raises:
-        UserError: for a file without a state, an input that is missing, time running backwards, a single row, or no
-            piece as long as a window; the message names file, row or key, and the remedy.
+        UserError: for a file without a state, an input that is missing, time running backwards, stamps too far apart,
+            a single row, or no piece as long as a window; the message names file, row or key, and the remedy.
     """
     found = [measured_states(table, channels) for table in tables]
     measured = tuple(c.name for c in channels if all(c.name in names for names in found))
@@ -126,6 +126,7 @@ def _file_traces(
     parts: list[Split] = []
     for label, rows in _by_label(table):
         check_forward(t[rows], rows, table.file, label)
+        check_interval(t[rows], options.window_s, options.time_unit or table.time_unit, table.file)
         block = np.stack([converted.values[c.name][rows] for c in used], axis=1)
         turns = {j: converted.turns[c.name] for j, c in enumerate(used) if c.name in converted.turns}
         ranges = [r for r in options.ranges if r.concerns(table.file, label)]

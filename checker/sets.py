@@ -1,0 +1,78 @@
+"""What a certificate says about whole sets of cells, on all of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from boxes import cell_ends
+from certificate import Certificate
+from expressions import exact
+from regions import along, cells_in, forbidden
+
+CHUNK = 2**20  # nodes at a time
+
+
+class Rejected(Exception):
+    """What does not hold, with the cell."""
+
+
+def check_sets(c: Certificate) -> None:
+    """Every promised cell has an input and is where it should be, no other node has one; the bound holds everywhere.
+
+    Raises:
+        Rejected: naming the first cell that is not.
+    """
+    level, spare = c.level.reshape(-1), 8 * c.admissible.shape[1] - len(c.inputs)
+    for a in range(0, c.level.size, CHUNK):
+        own, rows = level[a : a + CHUNK], np.asarray(c.admissible[a : a + CHUNK])
+        some, wins = rows.any(axis=1), own >= 0
+        ends = own == 0 if c.reach is not None else np.zeros(len(own), bool)
+        unknown = (rows[:, -1] >> (8 - spare)) > 0 if spare else np.zeros(len(own), bool)
+        refuse(c, unknown, "admits no such input", a)
+        refuse(c, wins & ~ends & ~some, "is promised and has no input", a)
+        refuse(c, ~wins & some, "has an input and no promise", a)
+        refuse(c, ends & some, "is in the target and has an input", a)
+    for j, s in enumerate(c.states):
+        a, b = (exact(v) for v in c.header["domain"][s])
+        if not c.periodic[j] and not (a <= c.lo[j] and c.hi[j] <= b):
+            raise Rejected(f"the grid leaves the domain of the bound along {s}")
+        if c.periodic[j] and (a, b) != (c.lo[j], c.hi[j]):
+            raise Rejected(f"the grid is periodic along {s} and not all of it")
+    if c.reach is None:
+        _check_safe(c)
+    else:
+        _check_reach(c)
+
+
+def _check_safe(c: Certificate) -> None:
+    for j, s in enumerate(c.states):
+        a, b = (exact(v) for v in c.header["safe"][s])
+        outside = np.array([not (a <= lo and hi <= b) for lo, hi in cell_ends(c, j)])
+        refuse(c, c.winning & along(c, {j: outside}), f"is not safe along {s}")
+
+
+def _check_reach(c: Certificate) -> None:
+    """Target, obstacles and walls against every cell that wins in some class; a start is at rest."""
+    wins, ended = (c.level >= 0).any(axis=1), c.level == 0
+    refuse(c, ended.any(axis=1) & ~ended.all(axis=1), "is the target after some inputs only")
+    refuse(c, ended.any(axis=1) & ~cells_in(c, c.reach.target), "is at level 0 and not in the target")
+    refuse(c, wins & forbidden(c), "is too near to an obstacle or a wall")
+    refuse(c, c.winning != (c.level[:, c.reach.at_rest] >= 0), "is promised without a level at rest, or the reverse")
+    if c.reach.swept is not None and not ((c.reach.swept[0] <= 0) & (c.reach.swept[1] >= 0)).all():
+        raise Rejected("the box of a path does not hold where the path begins")
+
+
+def refuse(c: Certificate, bad: np.ndarray, why: str, first: int | None = None) -> None:
+    """Name the first bad cell (cells,), or the first bad node of those from `first` on.
+
+    Raises:
+        Rejected: if there is one.
+    """
+    found = np.flatnonzero(bad)
+    if len(found):
+        cell, after = (int(found[0]), "") if first is None else divmod(first + int(found[0]), c.classes)
+        raise Rejected(f"cell {c.index(cell)}{'' if first is None else after_class(c, after)} {why}")
+
+
+def after_class(c: Certificate, number: int) -> str:
+    """How a node is named."""
+    return f" after an input of class {number}" if c.classes > 1 else ""

@@ -1,0 +1,92 @@
+"""`simgap run`: all stages of a person's own cases, by the workflow that the package carries; no checkout needed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import yaml
+
+from simgap.cli.options import app, new_folder
+from simgap.errors import SimgapError, UserError
+
+PACKAGE = Path(__file__).resolve().parents[1]
+
+
+class WorkflowFailed(SimgapError):
+    """A stage failed; Snakemake has shown its log."""
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def run(
+    context: typer.Context,
+    cases: Annotated[list[Path], typer.Argument(help="Case files, all of one folder.", show_default=False)],
+    cores: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 2,
+) -> None:
+    """Take cases through every stage that they have sections for; results go to results/ here.
+
+    Other options, such as --dry-run, --unlock or --until=gap, are handed to Snakemake.
+    """
+    from simgap.config.load import load_case
+
+    options = [word for word in (*map(str, cases), *context.args) if word.startswith("-")]
+    files = [path for path in cases if not str(path).startswith("-")]
+    for path in files:
+        name = load_case(path).name
+        if path.name != f"{name}.yaml":
+            raise UserError(
+                f"the case is called '{name}', its file is not", file=path, key="name",
+                remedy=f"Rename the file to {name}.yaml, or the case.",
+            )  # fmt: skip
+    (folder, *others) = dict.fromkeys(path.parent for path in files)
+    if others:
+        raise UserError("stands in another folder than the first case", file=others[0], remedy="Run it by itself.")
+    status = _snakemake(folder, [path.stem for path in files], cores, options)
+    if status:
+        raise WorkflowFailed("the run has failed; what failed stands above, and in results/<case>/logs")
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the case: lower-case letters, digits, - and _.")],
+    urdf: Annotated[Path | None, typer.Option(help="Model file of the robot.")] = None,
+    equations: Annotated[bool, typer.Option("--equations", help="Equations, to be replaced by your own.")] = False,
+    out: Annotated[Path, typer.Option(help="Folder for the case.", callback=new_folder)] = Path(),
+) -> None:
+    """Write a commented case for a robot of yours: NAME.yaml, which runs as it stands."""
+    from simgap.stages import new as stage
+
+    if (urdf is None) != equations:
+        raise UserError("either a URDF or equations", key="--urdf", remedy="Give --urdf FILE, or --equations.")
+    path = stage.run(name, urdf, out)
+    typer.echo(f"Wrote {path}. Next: simgap check {path}, then simgap run {path}")
+
+
+def workflow_file(name: str) -> Path:
+    """A file of the workflow: in the package where it is a wheel, else in the checkout around it."""
+    packaged = PACKAGE / "workflow" / name
+    return packaged if packaged.exists() else PACKAGE.parent / name
+
+
+def _snakemake(folder: Path, cases: Sequence[str], cores: int, options: Sequence[str]) -> int:
+    """Run the workflow in this folder: -> its exit status."""
+    with tempfile.TemporaryDirectory(prefix="simgap-") as temporary:
+        config = Path(temporary) / "run.yaml"
+        place = Path(os.path.relpath(folder))
+        config.write_text(
+            yaml.safe_dump({"case_folder": str(place), "rig_folder": str(place / "rigs"), "cases": list(cases)})
+        )
+        command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
+        command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
+        process = subprocess.Popen([*command, *options])
+        while True:
+            try:
+                return process.wait()
+            except KeyboardInterrupt:  # Snakemake has it too, and ends its jobs
+                continue

@@ -1,0 +1,74 @@
+"""`simgap new`: the case that it writes passes `check` and takes the road to a controller as it stands."""
+
+import os
+
+import pytest
+import road
+import yaml
+
+from simgap.errors import UserError
+from simgap.io.controller_file import load_controller
+from simgap.stages import check, fresh, new, synthesis
+from simgap.stages.context import Context
+
+
+def controlled(case, folder):
+    """The gap-aware controller of a case, by the stages as the rules call them."""
+    check.run(case)
+    shards = road.roll_out(case, folder)
+    fresh.run(case, folder / "fresh.parquet")
+    road.bound(case, folder, shards, folder / "fresh.parquet", folder / "gap.json")
+    synthesis.run(case, folder / "gap.json", folder / "c.npz", folder / "s.json", 1)
+    return load_controller(folder / "c.npz")
+
+
+@pytest.mark.parametrize("urdf", ["pendulum.urdf", None])
+def test_it_runs_as_it_stands(root, tmp_path, urdf):
+    file = None if urdf is None else root / "configs/models" / urdf
+    case = new.run("mine", file, tmp_path)
+    controller = controlled(case, tmp_path)
+    assert controller.solution.winning.mean() > 0.5
+    assert controller.contains([0.0, 0.0]).all()
+
+
+def test_an_arm_of_two_joints_passes_the_check(root, tmp_path):
+    """Its controller is written as a comment, since four states take longer; what is commented out is a case too."""
+    case = new.run("arm", root / "configs/models/double_pendulum.urdf", tmp_path)
+    context = Context.load(case)
+    assert context.states == ["q1", "q2", "v1", "v2"]
+    assert context.case.synthesis is None
+    found = check.run(case)
+    assert {cost.stage for cost in found.costs} >= {"rollouts", "gap"}
+    head, _, tail = case.read_text().partition("# synthesis:")
+    commented, _, rest = tail.partition("# Your recordings")
+    case.write_text(head + "synthesis:" + commented.replace("\n# ", "\n") + "# Your recordings" + rest)
+    assert Context.load(case).case.synthesis.cells == (14, 14, 14, 14)
+    check.run(case)
+
+
+def test_inputs_can_hold_the_plant_and_stop_it(root, tmp_path):
+    """By hand: a rod of 1 kg and 1 m weighs 9.81/2 sin(.25) N m at the end of X, and .5^2/(2 .25) rad/s^2 stop it."""
+    case = Context.load(new.run("rod", root / "configs/models/pendulum.urdf", tmp_path)).case
+    inertia = 1.0 / 3.0
+    weight = 9.81 * 0.5 * 0.2474039592545229
+    assert case.domain.U["u"].max > weight + inertia * 0.5**2 / (2 * 0.25)
+    assert case.domain.U["u"].max < 2.0 * (weight + inertia)
+
+
+def test_a_name_of_a_joint_is_no_yaml(root, tmp_path):
+    text = (root / "configs/models/pendulum.urdf").read_text()
+    (tmp_path / "m.urdf").write_text(text.replace('name="hinge"', 'name="a: &quot;b&quot; #"'))
+    case = new.run("odd", tmp_path / "m.urdf", tmp_path)
+    assert yaml.safe_load(case.read_text())["plant"]["states"]["q"]["joint"] == 'a: "b" #'
+
+
+def test_what_is_there_stays(tmp_path):
+    (tmp_path / "mine.yaml").write_text("kept")
+    with pytest.raises(UserError, match="is there already"):
+        new.run("mine", None, tmp_path)
+    with pytest.raises(UserError, match="is no name of a case"):
+        new.run("Grün", None, tmp_path)
+    with pytest.raises(UserError, match=r"no such|does not exist"):
+        new.run("other", tmp_path / "none.urdf", tmp_path)
+    assert os.listdir(tmp_path) == ["mine.yaml"]
+    assert (tmp_path / "mine.yaml").read_text() == "kept"
