@@ -12,21 +12,25 @@ from numpy.typing import NDArray
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import stretches
-from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoldStretches, Judged, Key
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoldStretches, Judged, Key, RecordingFault
 from simgap.diagnosis.search.barred import barred
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.noise_colour import noise_colour
 from simgap.diagnosis.search.scoring import list_starts
 from simgap.diagnosis.search.selection import best_so_far, carried_over, on_all, preferred, select
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
+from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.recording import is_fault
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.concentration import concentrated
+from simgap.diagnosis.verdict.faults import filtered_channels, fitted_faults, gain_faults, noise_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
@@ -81,8 +85,17 @@ def diagnose(
         else:
             reduced = chi2_dof(search.problem, found.fit)
             search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, (found, reduced))
+    filtered = () if watch.stopped else filtered_channels(search, found)
+    if filtered:
+        parts = parts.without(np.isin(record.measured, [f.channel for f in filtered]))
+        not_tried |= {(f.fault, f.channel): "the channel was left out" for f in filtered}
+        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
+    noise = None if watch.stopped else _noise(parts.known, search, found)
+    if noise is not None:
+        parts = parts.with_noise(*noise)
+        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
     chosen = _chosen(parts, search, base, found, settings, not_tried)
-    return _conclude(model, record, settings, parts, chosen, said)
+    return _conclude(model, record, settings, parts, chosen, said, filtered)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +121,16 @@ class _Chosen:
     at_floor: bool
     agree: bool
     barred: Mapping[Key, str]
+
+
+def _noise(known: Problem, search: Search, found: Explanation) -> tuple[Floats, Colour] | None:
+    """The law of the noise, where what was found leaves more than white noise and that is no trace of a force."""
+    if chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
+        return None
+    at = found.fit
+    if search.problem is not known:
+        at = fit(known, at.theta, initial_states(known), [], {})
+    return noise_colour(known, at.theta, at.x0)
 
 
 def _fitted_again(
@@ -172,7 +195,7 @@ def _chosen(
 
 def _conclude(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts, chosen: _Chosen,
-    said: tuple[str, ...],
+    said: tuple[str, ...], faults: tuple[RecordingFault, ...],
 ) -> Diagnosis:  # fmt: skip
     """From what was chosen to the answer; here alone *confirm* is looked at."""
     known, confirm, search, full, base = parts.known, parts.confirm, chosen.search, chosen.full, chosen.base
@@ -180,7 +203,7 @@ def _conclude(
     old, new = (judge(confirm, theta, horizon) for theta in (base.theta, at.theta))
     evidence = _evidence(known, confirm, chosen, old, new)
     word, share = verdict(chosen.kept, evidence), evidence.share
-    named = word in ("attributed", "partial")
+    named = word in ("attributed", "partial") or (word == "none" and bool(chosen.kept.members))
     short = nearest(full, chosen.kept, evidence, chosen.at_floor, model) if word == "unexplained" else None
     kept, kept_held = (chosen.kept, new) if named else (full.empty(base), old)
     others = _rivals(chosen) if named else []
@@ -189,9 +212,10 @@ def _conclude(
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, kept_held.states), True)
     empty = search.empty(chosen.sparse)
     tested = word in ("partial", "unexplained") and short is None
+    told = answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
     return Diagnosis(
         verdict=word,
-        effects=answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model),
+        effects=tuple(e for e in told if not is_fault(e.name)),
         alternatives=answer.alternatives(chosen.found, others),
         before=judged(known, base, old, horizon),
         after=judged(known, kept.fit, kept_held, horizon),
@@ -210,6 +234,7 @@ def _conclude(
         if tested
         else None,
         concentrated=concentrated(confirm, names, old, new),
+        recording=(*faults, *fitted_faults(told), *gain_faults(told), *noise_faults(known)),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,9 @@ from numba import float64 as f64
 from numba import types, void
 from numpy.typing import NDArray
 
+from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
-from simgap.effects import EFFECTS, Effect, StaticInputEffect
+from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
 from simgap.effects.base import CoordinateEffect
 from simgap.effects.commands import InputEffect, MemoryInputEffect
 from simgap.errors import UserError
@@ -43,6 +45,11 @@ class Candidate:
     def key(self) -> tuple[str, str]:
         """Name and target."""
         return self.effect.name, self.on
+
+    @property
+    def of_recording(self) -> bool:
+        """Whether it is a fault of the recording, and not of the plant."""
+        return is_fault(self.effect.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +104,15 @@ class SuperModel:
                 return True
         return False
 
+    @cached_property
+    def reading_faults(self) -> tuple[tuple[ReadingFault, int, int], ...]:
+        """Faults of the readings, with their column among the measured channels and their place in theta."""
+        return tuple(
+            (c.effect, self.measured.index(c.on), c.slots[0])
+            for c in self.candidates
+            if isinstance(c.effect, ReadingFault)
+        )
+
     @property
     def input_slots(self) -> tuple[int, ...]:
         """Places in theta of everything that acts between command and plant."""
@@ -120,14 +136,12 @@ def build_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: C
         if name not in model.state_names:
             raise UserError(f"'{name}' is measured but not a state", remedy=f"States: {list(model.state_names)}.")
     chosen = [e for e in EFFECTS.values() if not effects or e.name in effects]
+    asked = [(e, on) for e in chosen for on in e.targets(model) if e.kind != "state" or on in measured]
     candidates: list[Candidate] = []
-    specs = []  # type: ignore[var-annotated]
-    for e in chosen:
-        for on in e.targets(model):
-            if e.kind == "state" and on not in measured:
-                continue
-            candidates.append(Candidate(e, on, tuple(range(len(specs), len(specs) + len(e.parameters)))))
-            specs += list(e.parameters)
+    specs: list[EffectParameter] = []
+    for e, on in [*asked, *possible(model, measured)]:
+        candidates.append(Candidate(e, on, tuple(range(len(specs), len(specs) + len(e.parameters)))))
+        specs += list(e.parameters)
     theta = tuple(symbol(f"theta_{k}") for k in range(len(specs)))
     plant, costly, commands = _insert(model, candidates, theta)
     values = model.values()
