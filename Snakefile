@@ -8,7 +8,8 @@
 #   snakemake --cores 2 sensing                          the pendulum, measured with an error and a sample late
 #   snakemake --cores 2 sensing_robot                    the robot, measured with an error and a sample late
 #   snakemake --cores 2 mujoco                           the pendulum in another engine (extra `mujoco`)
-
+#   snakemake --cores 2 textbook                         small cases in equations: the boost converter
+#   snakemake --cores 2 cart_pole                        a pole on a cart from its URDF, four states
 #   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
 
 
@@ -32,6 +33,8 @@ localrules:
     sensing_robot,
     mujoco,
     proven,
+    textbook,
+    cart_pole,
 
 
 rule all:
@@ -79,3 +82,13 @@ rule mujoco:
 rule proven:
     input:
         pages("pendulum_proven"),
+
+
+rule textbook:
+    input:
+        pages("dcdc"),
+
+
+rule cart_pole:
+    input:
+        pages("cart_pole"),

@@ -1,27 +1,53 @@
 """Measures, bounds and closes the gap between a robot model, its simulator and its recordings.
 
-`from simgap import load_controller` reads a synthesised controller, `load_plant` the nominal model of a case.
+What the package offers is listed in `__all__` and described in docs/api.md. It is read on first use, so that
+`import simgap` costs nothing.
 """
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from simgap.api import check, diagnose, load_gap, load_summary, new_case
+    from simgap.config.load import load_case
+    from simgap.errors import BrokenPromise, UserError
+    from simgap.io.controller_export import export_controller
     from simgap.io.controller_file import load_controller
+    from simgap.io.model_export import export_model
     from simgap.plants.plant_model import load_plant
 
-__all__ = ["load_controller", "load_plant"]
+__all__ = [
+    "BrokenPromise",
+    "UserError",
+    "check",
+    "diagnose",
+    "export_controller",
+    "export_model",
+    "load_case",
+    "load_controller",
+    "load_gap",
+    "load_plant",
+    "load_summary",
+    "new_case",
+]
+_ROOMS = {
+    "BrokenPromise": "errors",
+    "UserError": "errors",
+    "export_controller": "io.controller_export",
+    "export_model": "io.model_export",
+    "load_case": "config.load",
+    "load_controller": "io.controller_file",
+    "load_plant": "plants.plant_model",
+}
 
 
 def __getattr__(name: str) -> Any:
-    """What the package offers by itself; read on first use, so that importing it costs nothing."""
-    if name == "load_controller":
-        from simgap.io.controller_file import load_controller
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"simgap.{_ROOMS.get(name, 'api')}"), name)
 
-        return load_controller
-    if name == "load_plant":
-        from simgap.plants.plant_model import load_plant
 
-        return load_plant
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __dir__() -> list[str]:
+    return [*globals(), *__all__]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -18,8 +18,9 @@ from typing import Any
 
 from simgap import plugins
 from simgap.config.case import Case
+from simgap.config.function_file import FunctionFile
 from simgap.config.plugged import used
-from simgap.config.reads import CLOSED_FORM, EVERY_EFFECT, READS
+from simgap.config.reads import CLOSED_FORM, EVERY_EFFECT, READS, TRANSLATED
 
 PACKAGE = Path(__file__).parent
 # What the typing of a case file does shows in the sections that are hashed, and what the registry of plug-ins does in
@@ -54,7 +55,15 @@ def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
         urdf = value.get("urdf") if isinstance(value, dict) else value if section.endswith("urdf") else None
         if urdf and (folder / urdf).is_file():
             content[f"{section}: bytes"] = file_digest(folder / urdf)
+        content |= {f"{section}: function": own for own in _functions(value, folder)}
     return digest(content)
+
+
+def _functions(section: Any, folder: Path) -> Iterator[dict[str, str]]:
+    """Hashes of the files of a function that is the simulator, or of what a twin stands for."""
+    for value in (section, section.get("of")) if isinstance(section, dict) else ():
+        if isinstance(value, dict) and value.get("engine") == "python":
+            yield FunctionFile.find(value["function"], folder).digests()
 
 
 def sections_of(stage: str, case: Case) -> tuple[str, ...]:
@@ -62,6 +71,12 @@ def sections_of(stage: str, case: Case) -> tuple[str, ...]:
 
     Equations may be those of the plant, and what is known in closed form is read by whatever bounds slopes.
     """
+    found = _of_engine(stage, case)
+    translated = case.symmetry is not None and bool(case.symmetry.along)
+    return (*found, "symmetry") if translated and stage in TRANSLATED else found
+
+
+def _of_engine(stage: str, case: Case) -> tuple[str, ...]:
     engine = getattr(case.simulator, "engine", None)
     foreign = engine is not None and engine not in plugins.BUILT_IN["engines"]
     if not foreign and engine != "equations":

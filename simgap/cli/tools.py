@@ -47,6 +47,22 @@ def schema(
 
 
 @app.command()
+def export(
+    what: Annotated[Path, typer.Argument(help="controller.npz, or a case file with effects.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="law.h, law.py or model.urdf.", show_default=False, callback=new_file)],
+) -> None:
+    """Write a controller as a C header or a Python file, or the model of a case with its effects as a URDF."""
+    from simgap.io.controller_export import export_controller
+    from simgap.io.controller_file import load_controller
+    from simgap.io.model_export import export_model
+
+    if what.suffix in (".yaml", ".yml"):
+        export_model(what, out)
+    else:
+        export_controller(load_controller(what), out)
+
+
+@app.command()
 def certify(
     what: Annotated[Path, typer.Argument(help="Case file, or its folder in results/.", show_default=False)],
     out: Annotated[Path, typer.Option(help="Folder for the certificate.", show_default=False, callback=new_folder)],

@@ -68,6 +68,23 @@ def new(
     typer.echo(f"Wrote {path}. Next: simgap check {path}, then simgap run {path}")
 
 
+@app.command()
+def tutorial(
+    out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path(),
+) -> None:
+    """Put the files of the tutorial here: the URDF of a rod, and a recording of a real one."""
+    from simgap.io.atomic import atomic
+
+    source = workflow_file("tutorial") if (PACKAGE / "workflow").is_dir() else PACKAGE.parent / "docs/tutorial"
+    for name in ("rod.urdf", "swings.csv"):
+        if (out / name).exists():
+            raise UserError("is there already, and stays as it is", file=out / name, remedy="Take an empty folder.")
+    for name in ("rod.urdf", "swings.csv"):
+        with atomic(out / name) as temporary:
+            temporary.write_bytes((source / name).read_bytes())
+    typer.echo("Wrote rod.urdf and swings.csv. Next: simgap new rod --urdf rod.urdf")
+
+
 def workflow_file(name: str) -> Path:
     """A file of the workflow: in the package where it is a wheel, else in the checkout around it."""
     packaged = PACKAGE / "workflow" / name

@@ -57,3 +57,17 @@ class Case(Section):
                 if declared != given:
                     raise ValueError(f"{key} has {sorted(given)}, the plant has {sorted(declared)}")
         return self
+
+    @model_validator(mode="after")
+    def _translation_of_states(self) -> Case:
+        along = self.symmetry.along if self.symmetry is not None else ()
+        unknown = [name for name in along if name not in self.plant.states]
+        if unknown or len(along) == len(self.plant.states):
+            raise ValueError(f"symmetry.along has {unknown or 'every state'}, the plant has {list(self.plant.states)}")
+        if along and self.hidden_state is not None:
+            raise ValueError("a translation is of a gap over X; with hidden_state the symmetry is planar")
+        if self.grid is not None and self.grid.half_widths and self.hidden_state is None:
+            needed = {name for name in self.plant.states if name not in along}
+            if set(self.grid.half_widths) != needed:
+                raise ValueError(f"grid.half_widths has {sorted(self.grid.half_widths)}, it needs {sorted(needed)}")
+        return self

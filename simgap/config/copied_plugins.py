@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from simgap.config.case import Case
+from simgap.config.function_file import KEY, FunctionFile
 from simgap.config.plugged import used
+from simgap.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,26 @@ def copied_plugins(case: Case, source: Path, folder: Path) -> tuple[CopiedPlugin
             content = (source / file).read_bytes()
             new = f"{Path(file).stem}-{hashlib.sha256(content).hexdigest()[:12]}.py"
             copies.append(CopiedPlugin(tuple(plugin.place.split(".")), plugin.tag, f"{new}:{attribute}", new, content))
-    return tuple(copies)
+    return (*copies, *_function(case, source))
+
+
+def _function(case: Case, source: Path) -> tuple[CopiedPlugin, ...]:
+    """The file of a simulator that is a Python function, under a name of its own.
+
+    Raises:
+        UserError: a file that imports others beside it: their names cannot be changed.
+    """
+    if case.simulator is None or case.simulator.engine != "python":
+        return ()
+    found = FunctionFile.find(getattr(case.simulator, "function", ""), source)
+    if found.neighbours:
+        raise UserError(
+            f"the simulator's file imports {', '.join(p.name for p in found.neighbours)}, which would not stand beside "
+            "a corrected case", file=found.path, key=KEY, remedy="Put what it needs into the one file.",
+        )  # fmt: skip
+    content = found.path.read_bytes()
+    new = f"{found.path.stem}-{hashlib.sha256(content).hexdigest()[:12]}.py"
+    return (CopiedPlugin(("simulator",), "function", f"{new}:{found.name}", new, content),)
 
 
 def renamed(content: Mapping[str, Any], copies: tuple[CopiedPlugin, ...]) -> dict[str, Any]:

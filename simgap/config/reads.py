@@ -77,3 +77,6 @@ CLOSED_FORM = ("scp", "lipschitz")
 
 EVERY_EFFECT = ("diagnosis", "report")
 """Stages that try or describe effects which the case does not name."""
+
+TRANSLATED = ("grid", "borders", "scp", "lipschitz", "gap")
+"""Stages that read all of the symmetry where it is a translation: one cell along its states, and shifted samples."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -10,15 +10,28 @@ from simgap.config.base import Section
 
 
 class SymmetrySection(Section):
-    """The gap depends on position and heading through the body frame alone (SE(2)); measured, not believed."""
+    """What the gap does not depend on: position and heading (SE(2)), or some states; measured, not believed."""
 
-    group: Literal["planar"] = Field("planar", description="planar: position and heading of `plant.symbolic.wheels`.")
-    headings: int = Field(8, ge=1, description="Random headings at which each checked history is repeated.")
-    histories: int = Field(100, ge=1, description="Random histories that are repeated at them.")
+    OPTIONAL: ClassVar[tuple[str, ...]] = ("along",)
+
+    group: Literal["planar", "translation"] = Field(
+        "planar",
+        description="planar: position and heading of `plant.symbolic.wheels`. translation: the gap does not depend on "
+        "the states `along`, such as where a cart stands.",
+    )
+    along: tuple[str, ...] = Field((), description="translation: the states on which the gap does not depend.")
+    headings: int = Field(8, ge=1, description="Random headings (or shifts) at which each checked history is repeated.")
+    histories: int = Field(100, ge=1, description="Random histories (or states) that are repeated at them.")
     tolerance: dict[str, float] = Field(
-        description="For each state the largest deviation between headings; above it the stage fails."
+        description="For each state the largest deviation between headings (or shifts); above it the stage fails."
     )
     seed: int = Field(3, ge=0, description="Of histories and headings.")
+
+    @model_validator(mode="after")
+    def _along_what(self) -> SymmetrySection:
+        if (self.group == "translation") != bool(self.along):
+            raise ValueError("a translation, and nothing else, is `along` states: name them there")
+        return self
 
 
 class HiddenStateSection(Section):

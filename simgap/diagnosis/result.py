@@ -141,6 +141,24 @@ class WindowPrediction:
 
 
 @dataclass(frozen=True)
+class RecordingFault:
+    """A fault of the data and not of the plant.
+
+    Attributes:
+        fault: its kind, such as `coloured_noise`; channel: the state or input ("" for all).
+        value, unit: its size in numbers; None where it has none.
+        sentence: what was found; remedy: what to do.
+    """
+
+    fault: str
+    channel: str
+    value: float | None
+    unit: str
+    sentence: str
+    remedy: str
+
+
+@dataclass(frozen=True)
 class Nearest:
     """What comes nearest where no effect is named: the share of the excess that it explains, why it falls short."""
 
@@ -209,6 +227,7 @@ class Diagnosis:
         left_over: effects of the library that would take away a part of what is left; None if the fitted data are down
             to their noise, so that there was nothing to test.
         concentrated: where the error is, if a small part of the time carries most of it.
+        recording: faults of the data, which the answer accounts for.
     """
 
     verdict: Verdict
@@ -229,3 +248,4 @@ class Diagnosis:
     nearest: Nearest | None = None
     left_over: tuple[LeftOver, ...] | None = None
     concentrated: Concentrated | None = None
+    recording: tuple[RecordingFault, ...] = ()

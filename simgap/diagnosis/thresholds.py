@@ -75,6 +75,13 @@ FIRST_EFFECTS = 3
 EQUALS_PRUNED = 8
 """Sets that predict the same, of which each effect is dropped in turn."""
 
+SECOND_EFFECTS = 2
+"""Sets with an effect of the second look from which a selection sets out."""
+
+SECOND_SHARE = 0.5
+"""Effects of the second look take over if chi^2/dof above 1 falls to this share of what the first search leaves. Of
+friction with memory it falls from several to nothing (tests/undeclared/test_drives.py); between is judgement."""
+
 SWAP_ROUNDS, SWAP_RIVALS = 4, 3
 """How often an effect is replaced by a rival, and by how many of them it is tried."""
 
@@ -180,3 +187,13 @@ noise would show. Windows that had ended in a valley of their own stood 1.6 to 6
 
 LAGS_REMEMBERED = 5.0
 """After this many time constants of a lag (e^-5 is less than a hundredth) what was commanded before has faded."""
+
+# Noise that is not white, from benchmarks/recording_faults.py and the effects outside the library.
+
+COLOUR_EVIDENCE = 10.0
+"""A residual is noise that remembers if that law of its spectrum is likelier by a factor of e to this power than white
+noise, and than a fall with the fourth power of the frequency, as a force would leave it."""
+
+STATIONARY = 5.0
+"""... and if nineteen of twenty windows have a sum of squares, made white, within so many standard deviations of the
+median window's."""

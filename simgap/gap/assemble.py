@@ -77,9 +77,11 @@ class GapResult:
 
 def assemble(
     where: SampleGrid, settings: GapSettings, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
-    calibration: Calibration | None = None, directed: Sequence[Directed] = (),
+    calibration: Calibration | None = None, directed: Sequence[Directed] = (), deviation: Floats | None = None,
 ) -> GapResult:  # fmt: skip
     """The gap function of all dimensions, padded; `directed` are those samples of each dimension, for an envelope.
+
+    `deviation`, (nx,), is by how much a declared symmetry does not hold; it is added on both sides.
 
     Raises:
         UserError: fits of different kinds, or a conformal bound without calibration samples.
@@ -99,6 +101,8 @@ def assemble(
     else:
         linear = [fit for fit in fits if isinstance(fit, LinearFit)]
         function, sides = linear_gap(where, settings, linear, lipschitz)
+    if deviation is not None:
+        function = function.raised(deviation, deviation)
     return GapResult(function, _reports(where, settings, function, lipschitz, sides), where.size)
 
 
@@ -118,7 +122,8 @@ def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence
         if local or not found.resolved:
             raise BrokenPromise(
                 f"the gap of {name} is not Lipschitz at this grid: L(h/2)/L(h) = {found.ratio.max():.2f} > {GATE}, "
-                f"{100 * found.rough_share:.2g} % of the cells are rough",
+                f"{100 * found.rough_share:.2g} % of the cells are rough; "
+                f"{found.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
                 "Use a smaller eps, or padding: inflate with a larger rough_limit if the jump is known.",
             )
 

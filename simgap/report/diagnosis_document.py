@@ -27,6 +27,7 @@ from simgap.diagnosis.verdict.words import verdict_sentence
 
 NUMBER_FROM = {
     "effects": ("fit", "choose"),
+    "recording": ("fit", "choose"),
     "candidates": ("fit", "choose"),
     "alternatives": ("fit", "choose"),
     "indistinguishable": ("fit", "choose"),
@@ -58,6 +59,7 @@ def document(
         "verdict": found.verdict,
         "sentence": "",
         "effects": [_effect(e) for e in found.effects],
+        "recording": [asdict(f) for f in found.recording],
         "error": {
             "before": _error(found.before),
             "after": _error(found.after),
@@ -69,6 +71,20 @@ def document(
         "data": [asdict(note) for note in reading.files],
         "candidates": [_candidate(c) for c in found.candidates],
         "warnings": [*reading.warnings, *look.warnings, *(w for w in found.warnings if w not in look.warnings)],
+        **_judgement(found),
+        "noise": dict(found.sigma),
+        "remainder": _remainder(remainder, use) if remainder is not None else None,
+        "survey": asdict(look),
+        "units": dict(units),
+        "provenance": dict(provenance),
+    }
+    content["sentence"] = verdict_sentence(content)
+    return content
+
+
+def _judgement(found: Diagnosis) -> dict[str, Any]:
+    """How far the answer goes: shares, what is left, what cannot be told apart."""
+    return {
         "explained_share": 1.0 - found.excess_share,
         "fit_quality": {
             "chi2_dof": {"before": found.before.chi2_dof, "after": found.after.chi2_dof},
@@ -86,14 +102,7 @@ def document(
             }
             for c in found.collinear
         ],
-        "noise": dict(found.sigma),
-        "remainder": _remainder(remainder, use) if remainder is not None else None,
-        "survey": asdict(look),
-        "units": dict(units),
-        "provenance": dict(provenance),
     }
-    content["sentence"] = verdict_sentence(content)
-    return content
 
 
 def _nearest(n: Nearest | None) -> dict[str, Any] | None:

@@ -20,8 +20,8 @@ TEMPLATE = "diagnosis.html.j2"
 MOST_OVERLAYS, WINDOWS_SHOWN = 2, 6
 MEANING = {
     "none": (
-        "Before any correction the windows are predicted down to the noise, those of confirm too, and no candidate "
-        "gains enough."
+        "Before any correction of the plant the windows are predicted down to the noise, those of confirm too, and no "
+        "candidate gains enough. Faults of the recording, if any were found, are allowed for."
     ),
     "attributed": (
         f"With these effects the fit reaches the noise floor (chi²/dof at most {FIT_QUALITY}), and so do data that "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -35,6 +35,16 @@ class EquationsSettings(EngineSection):
     integrator: Integrator = Field(
         description="How they are discretised: semi_implicit_euler (as PyBullet), explicit_euler, rk4 or exact_arc."
     )
+    parameters: dict[str, float] = Field(
+        default_factory=dict, description="Other values of parameters that the equations name."
+    )
+    slopes: Literal["enclosed", "sampled"] = Field(
+        "enclosed",
+        description="enclosed: the gap is bounded from the expressions, and nothing is estimated. sampled: as that of "
+        "any other engine; for many substeps, whose expressions are too large.",
+    )
+
+    OPTIONAL: ClassVar[tuple[str, ...]] = ("parameters", "slopes")
 
 
 class EquationsEngine(Engine):
@@ -65,14 +75,16 @@ class EquationsEngine(Engine):
         return not effect.remembers and effect.kind != "state"
 
     @classmethod
-    def closed_form(cls, case: Case, folder: Path) -> tuple[sp.Expr, ...]:
-        """The map over tau: its substeps put into each other.
+    def closed_form(cls, case: Case, folder: Path) -> tuple[sp.Expr, ...] | None:
+        """The map over tau: its substeps put into each other; None where the case asks for samples.
 
         Raises:
             UserError: as `build`, and a map that is too large to be enclosed.
         """
         import sympy as sp
 
+        if _section(case).slopes == "sampled":
+            return None
         step = _substep(case, folder)
         rows: tuple[sp.Expr, ...] = step.f
         for _ in range(_section(case).substeps - 1):
@@ -82,7 +94,7 @@ class EquationsEngine(Engine):
                 raise UserError(
                     f"the map over tau has more than {MOST_OPERATIONS} operations, too many to enclose its gap",
                     key="simulator.substeps",
-                    remedy="Use fewer substeps, or a simpler integrator.",
+                    remedy="Use fewer substeps, a simpler integrator, or simulator.slopes: sampled.",
                 )
         return rows
 
@@ -130,5 +142,25 @@ def _substep(case: Case, folder: Path) -> NominalModel:
         changes |= {"urdf": None, "symbolic": section.equations}
     elif section.urdf is not None:
         changes |= {"urdf": section.urdf, "symbolic": None}
+    if section.parameters:
+        changes["symbolic"] = _other_values(changes.get("symbolic", case.plant.symbolic), section.parameters)
     plant = case.plant.model_copy(update=changes)
     return PlantModel(plant, folder, case.domain.tau / section.substeps).sampled
+
+
+def _other_values(equations: object, values: dict[str, float]) -> SymbolicPlant:
+    """The equations with other values of their parameters.
+
+    Raises:
+        UserError: parameters that they do not have, or no equations.
+    """
+    known = equations.parameters if isinstance(equations, SymbolicPlant) else {}
+    unknown = sorted(set(values) - set(known))
+    if unknown or not isinstance(equations, SymbolicPlant):
+        raise UserError(
+            f"the equations have no parameter called {', '.join(unknown)}",
+            key="simulator.parameters",
+            remedy=f"They have {', '.join(known) or 'none; a URDF takes simulator.effects (parameter_error)'}.",
+        )
+    changed = {name: known[name].model_copy(update={"value": value}) for name, value in values.items()}
+    return equations.model_copy(update={"parameters": {**known, **changed}})

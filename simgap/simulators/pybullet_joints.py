@@ -52,6 +52,8 @@ class PyBulletJoints(JointEngine):
         self._forces = joint_forces(plant, section.effects)
         self._body, self._joints = self._load(section)
         self._position, self._velocity = plant.positions, plant.velocities
+        # A torque that nobody sets is 0 after each step anyway.
+        self._driven = [k for k, drive in enumerate(plant.inputs) if drive or self._forces is not None]
         self._single = len(self._joints) == 1 and self._forces is None and plant.inputs == ((0,),)
 
     def _load(self, section: PyBulletSettings) -> tuple[int, tuple[int, ...]]:
@@ -94,12 +96,12 @@ class PyBulletJoints(JointEngine):
             if self._forces is not None:
                 states = [p.getJointState(body, j, physicsClientId=client) for j in joints]
                 torques = list(self._forces(*(s[0] for s in states), *(s[1] for s in states), *u))
-            for j, torque in zip(joints, torques, strict=True):
-                p.setJointMotorControl2(body, j, p.TORQUE_CONTROL, force=torque, physicsClientId=client)
-            p.stepSimulation(physicsClientId=client)
+            for k in self._driven:
+                p.setJointMotorControl2(body, joints[k], p.TORQUE_CONTROL, force=torques[k], physicsClientId=client)
+            p.stepSimulation(client)
         x = np.empty(self.nx)
         for j, a, b in zip(joints, self._position, self._velocity, strict=True):
-            x[a], x[b] = p.getJointState(body, j, physicsClientId=client)[:2]
+            x[a], x[b] = p.getJointState(body, j, client)[:2]
         return x
 
     def _advance_single(self, torque: float) -> Floats:

@@ -116,6 +116,8 @@ def _rollouts(case: Case, ranges: Mapping[str, tuple[float, float]]) -> bool:
     ends = [*(v for n, v in case.domain.X.items() if n not in {f"{on}_lagged" for on in ranges}), *ranges.values()]
     if any(lo == hi for lo, hi in ends):
         return False
+    if case.grid.eps is None:  # no half-width is given for the lagged input
+        return False
     grid = Grid.covering(Box([lo for lo, _ in ends], [hi for _, hi in ends]), case.grid.eps)
     return math.prod(grid.cells) * _inputs(case) <= LARGEST_ROLLOUTS
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from simgap.gap.points import own_point
 from simgap.gap.steps.border_rollouts import roll_out_borders
-from simgap.gap.steps.borders import CHECK, FIT, border_states
+from simgap.gap.steps.borders import border_states, parts_of
 from simgap.gap.steps.tables import units
 from simgap.io.samples import write_columns
 from simgap.provenance import provenance
@@ -23,7 +23,7 @@ def run(case_path: Path, point: str | None, out: Path, engine_log: Path | None =
     context = Context.load(case_path)
     with context.blame():
         name = point or own_point(context.case)
-        states = {part: border_states(context, name, part).x for part in (FIT, CHECK)}
+        states = {part: border_states(context, name, part).x for part in parts_of(context)}
         job = (context.case, context.folder, states, context.input_set)
         ((columns, engine),) = run_in_processes(roll_out_borders, [job], log=engine_log)
     section = context.need(context.case.gap, "gap")

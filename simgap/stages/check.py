@@ -17,7 +17,7 @@ import numpy as np
 from simgap import plugins
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.geometry import Grid
+from simgap.gap.points import covering_grid, own_point
 from simgap.io.documents import write_json
 from simgap.plants.model_file import Link, ModelFile, read_model_file
 from simgap.provenance import provenance
@@ -158,7 +158,9 @@ def _cells(context: Context) -> dict[str, dict[str, int]]:
     case = context.case
     found: dict[str, dict[str, int]] = {}
     if case.grid is not None and case.domain is not None and case.hidden_state is None:
-        found["samples"] = dict(zip(context.states, Grid.covering(context.box, case.grid.eps).cells, strict=True))
+        found["samples"] = dict(
+            zip(context.states, covering_grid(case, context.box, own_point(case)).cells, strict=True)
+        )
     if case.synthesis is not None:
         found["controller"] = dict(zip(context.states, case.synthesis.cells, strict=True))
     return found

@@ -14,6 +14,7 @@ from simgap.config.audit import AuditSection
 from simgap.config.case import Case
 from simgap.config.context import Context
 from simgap.errors import UserError
+from simgap.gap.points import covering_grid, covering_point, free_axes, own_point
 from simgap.gap.thresholds import CHECK_LEVELS, MOST_BORDER_STATES
 from simgap.geometry import Grid
 
@@ -89,8 +90,9 @@ def _samples(context: Context, rollout: float, eps: float | None) -> Iterator[St
     if case.hidden_state is None:
         if case.grid is None:
             return
-        count = Grid.covering(context.box, eps or case.grid.eps).size * _inputs(case)
-        key, of, shards = "grid.eps", "samples of X x U", case.grid.shards
+        count = _grid(context, eps).size * _inputs(case)
+        key = "grid.half_widths" if case.grid.half_widths else "grid.eps"
+        of, shards = "samples of X x U", case.grid.shards
     else:
         hidden = case.hidden_state
         parts = {name: hidden.classes.get(name, 1) for name in hidden.previous}
@@ -105,15 +107,24 @@ def _samples(context: Context, rollout: float, eps: float | None) -> Iterator[St
         seconds = START + checks.fresh_samples * rollout
         yield StageCost("fresh", checks.fresh_samples, "fresh samples", seconds, more, f"{own}.fresh_samples")
     if case.hidden_state is None:
-        ends = Grid.covering(context.box, eps or case.grid.eps).cells if case.grid is not None else ()
-        fitted, checked = (math.prod(c + 2 for c in n) - math.prod(n) for n in (ends, [CHECK_LEVELS] * nx))
-        beside = (min(fitted, MOST_BORDER_STATES) + min(checked, MOST_BORDER_STATES)) * _inputs(case)
-        yield StageCost("borders", beside, "samples on borders of X", START + beside * rollout, 2 * BYTES, "grid.eps")
+        free = free_axes(case)
+        ends = [c for j, c in enumerate(_grid(context, eps).cells) if j not in free] if case.grid is not None else []
+        fitted, checked = (
+            math.prod(c + 2 for c in n) - math.prod(n) for n in (ends, [CHECK_LEVELS] * (nx - len(free)))
+        )
+        shifted = case.symmetry.histories * (1 + case.symmetry.headings) if case.symmetry is not None and free else 0
+        beside = (min(fitted, MOST_BORDER_STATES) + min(checked, MOST_BORDER_STATES) + shifted) * _inputs(case)
+        yield StageCost("borders", beside, "samples on borders of X", START + beside * rollout, 2 * BYTES, key)
     for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
         if case.gap is not None or case.hidden_state is not None:
             attacks = 0 if case.hidden_state is None or stage != "gap" else 2 * case.hidden_state.search
             more = attacks * (1 + case.hidden_state.search_length) * rollout if case.hidden_state and attacks else 0.0
             yield StageCost(stage, count, of, nx * (START + count * rate) + more, held, key)
+
+
+def _grid(context: Context, eps: float | None) -> Grid:
+    case = context.case
+    return covering_grid(case, context.box, own_point(case) if eps is None else covering_point(eps))
 
 
 def _control(context: Context, rollout: float) -> Iterator[StageCost]:

@@ -78,7 +78,7 @@ def run(
         for warning in (*reading.warnings, *look.warnings):
             log.warning("%s", warning)
         tell("searching for what the model lacks")
-        found = diagnose(model, record, _settings(section, reading, look), tell)
+        found = diagnose(model, record, _settings(section, reading), tell)
     tell("bounding what is left, drawing, writing")
     content = conclude(context, section, found, reading, look, paths, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
@@ -118,11 +118,11 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
     return [context.folder / name for name in section.files]
 
 
-def _settings(section: MeasuredSection, reading: Reading, look: Survey) -> DiagnosisSettings:
+def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
     return DiagnosisSettings(
         window_s=section.window_s,
         horizon_s=section.horizon_s,
-        noise={c.name: c.noise for c in look.channels if c.noise is not None},
+        noise=dict(section.noise),
         effects=section.effects,
         max_effects=section.max_effects,
         held_out_traces=reading.held_out,

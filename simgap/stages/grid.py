@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simgap.gap.points import own_point, radius, remembers, state_names
+from simgap.gap.points import known_radius, own_point, remembers, state_names
 from simgap.gap.steps.grid import grid
 from simgap.io.samples import write_points
 from simgap.provenance import provenance
@@ -21,7 +21,7 @@ def run(case_path: Path, point: str | None, out: Path) -> None:
     context = Context.load(case_path)
     with context.blame():
         name = point or own_point(context.case)
-        eps = radius(name) if not remembers(context.case) else None
+        eps = known_radius(name) if not remembers(context.case) else None
         affordable(context, [cost for cost in costs(context, eps=eps) if cost.key.startswith(("grid", "hidden_state"))])
         points = grid(context, name)
     states = state_names(context.case)

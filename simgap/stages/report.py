@@ -12,7 +12,7 @@ from simgap.gap.function import GapFunction
 from simgap.io.atomic import write_text
 from simgap.io.controller_file import load_controller, load_controller_of
 from simgap.io.documents import read_json, write_json
-from simgap.io.gap_file import load_gap
+from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import need_template, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
@@ -117,9 +117,9 @@ def run(case_path: Path, inputs: Inputs, out: Path, figures_out: Path) -> None:
 def read(case_path: Path, inputs: Inputs) -> Material:
     """Everything that the page needs, in memory."""
     context = Context.load(case_path)
-    bounds = sorted((load_gap(path, context) for path in inputs.gaps), key=lambda g: -float(g.content.get("eps", 0.0)))
+    bounds = sorted((load_gap(path, context) for path in inputs.gaps), key=lambda g: -_eps(g))
     grid = context.case.grid
-    gap = min(bounds, key=lambda g: abs(float(g.content["eps"]) - grid.eps)) if grid is not None else bounds[-1]
+    gap = min(bounds, key=lambda g: abs(_eps(g) - (grid.eps or 0.0))) if grid is not None else bounds[-1]
     given, found, later = inputs.printed, inputs.diagnosis, inputs.corrected
     printed = suprema_and_constants(read_yaml(given), context.case.name) if given is not None else {}
     return Material(
@@ -139,6 +139,11 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         margins=read_parquet(inputs.margins) if inputs.margins is not None else None,
         twin=read_json(inputs.twin) if inputs.twin is not None else None,
     )
+
+
+def _eps(bound: SavedGap) -> float:
+    """Of the point of a bound; 0 for one that has none, such as a grid of half-widths."""
+    return float(bound.content.get("eps") or 0.0)
 
 
 def _corrected(context: Context, files: CorrectedFiles, found: Measured | None, gap: GapFunction) -> Corrected:

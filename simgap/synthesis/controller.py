@@ -27,6 +27,8 @@ from simgap.synthesis.bits import preferred, unpack
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 RULES = ("least_effort", "middle")
+FARTHEST = 1e9
+"""Cells from the lower end of the box: an angle farther away is no measurement, whatever cell it would wrap into."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +87,7 @@ class Controller:
         return preferred(self.solution.mask, least_effort(self.input_set))
 
     def cell(self, x: ArrayLike) -> Ints:
-        """Cells of measured states: (n, nx) or (nx,) -> (n,), -1 outside.
+        """Cells of measured states: (n, nx) or (nx,) -> (n,), -1 outside, and farther away than turns can be counted.
 
         Raises:
             UserError: for another number of states than this controller has, or one that is no finite number.
@@ -98,7 +100,8 @@ class Controller:
             raise UserError(
                 f"a state must be finite numbers, not {points[~np.isfinite(points).all(axis=1)][0].tolist()}"
             )
-        return self.grid.index(points)
+        far = np.any(np.abs(points - self.grid.box.lo) >= FARTHEST * 2.0 * self.grid.h, axis=1, keepdims=True)
+        return np.where(far[:, 0], -1, self.grid.index(np.where(far, self.grid.box.lo, points)))
 
     def rows(self, x: ArrayLike, pending: ArrayLike | None = None) -> Ints:
         """Rows of `choice` and of the mask: measured states (n, nx), pending inputs (n,) -> (n,), -1 outside.
@@ -125,15 +128,22 @@ class Controller:
             BrokenPromise: outside the winning domain, or in the target, where the task is done.
             UserError: for what is no state of this controller.
         """
-        m = int(self.lookup(x, pending)[0])
+        m = int(self._of_one(x, self.lookup(x, pending)))
         if m < 0:
             raise BrokenPromise(f"the controller has no input at {np.asarray(x).tolist()}", "Ask `contains` first.")
         return self.input_set[m].copy()
 
     def inputs(self, x: ArrayLike, pending: int | None = None) -> Floats:
         """All admissible inputs at a measured state (nx,) -> (k, nu), k = 0 outside the winning domain."""
-        row = int(self.rows(x, pending)[0])
+        row = int(self._of_one(x, self.rows(x, pending)))
         return self.input_set[unpack(self.solution.mask[row], len(self.input_set))] if row >= 0 else self.input_set[:0]
+
+    def _of_one(self, x: ArrayLike, answers: Ints) -> np.int64:
+        if np.ndim(x) != 1:
+            raise UserError(
+                f"one state is asked about, not an array of shape {np.shape(x)}", remedy="`lookup` takes many."
+            )
+        return np.int64(answers[0])
 
     def contains(self, x: ArrayLike) -> NDArray[np.bool_]:
         """Whether measured states are in the winning domain: (n, nx) -> (n,)."""

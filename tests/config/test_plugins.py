@@ -140,7 +140,7 @@ def test_a_plug_in_without_its_methods_is_one_line(vary):
 @pytest.mark.parametrize(
     ("simulator", "words"),
     [
-        ({"engine": "bullet"}, "no engine is called 'bullet'. Known: pybullet, pybullet_wheeled, mujoco, equations."),
+        ({"engine": "bullet"}, "no engine is called 'bullet'. Known: pybullet, pybullet_wheeled, mujoco, equations"),
         ({"inertia": "file"}, "needs the key 'engine', one of pybullet"),
         ({"engine": "mine.py:Mine"}, "mine.py: the plug-in file does not exist"),
         ({"engine": "pybullet", "inertia": "file", "dampign": 1}, "simulator.dampign: unknown key"),

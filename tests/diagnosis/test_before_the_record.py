@@ -102,7 +102,7 @@ def test_a_fit_that_has_not_settled_is_no_more_than_partial():
     compiled = cached_supermodel(point_pendulum(1.0, 0.5, 1.0 / 3.0), ("angle",), NAMED)
     at = Fit(compiled.null, np.zeros((1, 2)), (0,), 1.0, np.eye(1), (), True)
     found = Explanation((compiled.candidates[0],), at, 1.0, True)
-    held = HeldOut(np.zeros((1, 2)), np.ones(1), 1.0, 100.0, 100, None)
+    held = HeldOut(np.zeros((1, 2)), np.ones(1), 1.0, 100.0, 100, np.ones(1), None)
     asked = Evidence(before=50.0, after=1.0, declared=held, corrected=held, share=0.01, agree=True, needed=True)
     unsettled = replace(found, fit=replace(at, converged=False))
     assert verdict(found, asked) == "attributed"
@@ -116,7 +116,7 @@ def test_what_confirms_must_ask_for_every_effect_and_be_down_to_its_noise(change
     found = Explanation(
         (compiled.candidates[0],), Fit(compiled.null, np.zeros((1, 2)), (0,), 1.0, np.eye(1), (), True), 1.0, True
     )
-    held = HeldOut(np.zeros((1, 2)), np.ones(1), 1.0, 100.0, 100, None)
+    held = HeldOut(np.zeros((1, 2)), np.ones(1), 1.0, 100.0, 100, np.ones(1), None)
     asked = Evidence(before=50.0, after=1.0, declared=held, corrected=held, share=0.01, agree=True, needed=True)
     if "corrected" in changed:
         changed = {"corrected": replace(held, ratio=changed["corrected"])}

@@ -132,3 +132,27 @@ def test_own_equations_of_a_plant_are_part_of_what_its_roll_outs_read(vary):
         assert "simulator" in sections_of(stage, known)
         assert "simulator" not in sections_of(stage, black_box)
     assert yaml.safe_load(known.model_dump_json())["simulator"]["equations"]["dynamics"] == EQUATIONS["dynamics"]
+
+
+def test_other_values_of_parameters_are_those_of_equations_that_have_them(vary):
+    path = equations(vary, parameters={"w": 9.0})
+    (x, u) = samples(5)
+    found = make_simulator(load_case(path), path.parent).rollouts(x, u)
+    rate_v = 4.0 * u[:, 0] - 9.0 * np.sin(x[:, 0]) - 0.3 * x[:, 1] * abs(x[:, 1])
+    np.testing.assert_allclose(found[:, 1], x[:, 1] + TAU * rate_v, atol=1e-15)
+    path = equations(vary, parameters={"mass": 9.0})
+    with pytest.raises(UserError, match=r"no parameter called mass.*b, w"):
+        make_simulator(load_case(path), path.parent)
+
+
+def test_a_map_too_large_to_enclose_is_sampled_if_the_case_says_so(vary):
+    path = equations(vary, integrator="rk4", substeps=3, slopes="sampled")
+    assert closed_form(load_case(path), path.parent) is None
+
+
+def test_keys_that_came_later_change_no_hash_until_they_are_used(vary):
+    plain = load_case(equations(vary)).model_dump(mode="json")["simulator"]
+    assert not {"parameters", "slopes"} & set(plain)
+    used = load_case(equations(vary, parameters={"w": 9.0}, slopes="sampled")).model_dump(mode="json")["simulator"]
+    assert used["parameters"] == {"w": 9.0}
+    assert used["slopes"] == "sampled"

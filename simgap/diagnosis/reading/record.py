@@ -21,12 +21,19 @@ class Trace:
         t: (n,) true time stamps in s, strictly increasing; they may jitter and start anywhere.
         y: (n, k) measured states, columns as in `Record.measured`.
         u: (n, m) recorded inputs, columns as in `Record.inputs`; each row holds from its stamp until the next.
+        used: (n, k) which readings are measurements; None: all. Others were bridged, and nothing is held against them.
     """
 
     name: str
     t: Floats
     y: Floats
     u: Floats
+    used: NDArray[np.bool_] | None = None
+
+    @property
+    def compared(self) -> Floats:
+        """(n, k) 1 for readings that are measurements, 0 for others."""
+        return np.ones_like(self.y) if self.used is None else self.used.astype(np.float64)
 
     def __post_init__(self) -> None:
         if (self.t.ndim, self.y.ndim, self.u.ndim) != (1, 2, 2) or not len(self.t) == len(self.y) == len(self.u):

@@ -15,7 +15,7 @@ from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, FIT_QUALITY, SAME_PROMISE
+from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, FIT_QUALITY, NEAR_TIE, SAME_PROMISE
 from simgap.notation import joined
 
 Floats = NDArray[np.float64]
@@ -128,7 +128,9 @@ class Search:
 
     def _best(self) -> str:
         """The best answer so far, in words."""
-        best = min((e for e in self.tried.values() if e.physical), key=lambda e: e.bic, default=None)
+        sound = [e for e in self.tried.values() if e.physical]
+        least = min((e.bic for e in sound), default=0.0)  # the simplest of those near it, as the choice takes it
+        best = min((e for e in sound if e.bic - least < NEAR_TIE), key=lambda e: (e.count, e.bic), default=None)
         if best is None or not best.members:
             return "the model as declared"
         named = joined([c.effect.phrase(c.on) for c in best.members])

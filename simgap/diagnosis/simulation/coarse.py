@@ -80,8 +80,14 @@ def _blocks(problem: Problem, k: int) -> Problem:
     firsts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
     t, y, u = (np.ascontiguousarray(np.concatenate([part[j] for part in parts])) for j in range(3))
     windows = _mapped(problem.windows, problem.firsts, firsts, k)
-    sigma = problem.sigma / np.sqrt(k) if mean else problem.sigma
-    return replace(problem, t=t, y=y, u=u, firsts=firsts, windows=windows, sigma=sigma, h_max=interval(t), memo=Memo())
+    sigma, colour = problem.sigma / np.sqrt(k) if mean else problem.sigma, problem.colour
+    if colour is not None:
+        colour, spread = colour.of_blocks(k, mean)
+        sigma = problem.sigma * spread
+    return replace(
+        problem, t=t, y=y, u=u, firsts=firsts, windows=windows, sigma=sigma, h_max=interval(t), memo=Memo(),
+        used=np.ones_like(y), colour=colour,
+    )  # fmt: skip
 
 
 def _thinned(problem: Problem, a: int, b: int, k: int, mean: bool) -> tuple[Floats, Floats, Floats]:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.problem import Problem
 
 
@@ -25,3 +29,17 @@ class Parts:
     def past_the_unknown(self, reach_s: float) -> Parts:
         """The same without the samples on which commands from before the record may still act."""
         return Parts(*(p.past_the_unknown(reach_s) for p in (self.known, self.fit, self.choose, self.confirm)))
+
+    def with_noise(self, size: NDArray[np.float64], colour: Colour) -> Parts:
+        """The same under another law of the noise, its standard deviation (k,) over that of before."""
+        return Parts(
+            *(
+                replace(p, sigma=p.sigma * size, colour=colour)
+                for p in (self.known, self.fit, self.choose, self.confirm)
+            )
+        )
+
+    def without(self, channels: NDArray[np.bool_]) -> Parts:
+        """The same with some of the channels (k,) left out of every fit."""
+        heard = np.where(channels, 0.0, self.known.heard)
+        return Parts(*(replace(p, heard=heard) for p in (self.known, self.fit, self.choose, self.confirm)))

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import Windows, past_the_unknown
+from simgap.diagnosis.simulation.colour import Colour, whiten
+from simgap.diagnosis.simulation.past import measured_speeds, memories
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import LAGS_REMEMBERED
@@ -25,7 +27,12 @@ _LARGE = 1e9
 
 
 class Memo(OrderedDict[bytes, Drive]):
-    """The inputs of the last few parameter vectors: a pass over chunks of windows asks for the same ones again."""
+    """The inputs of the last few parameter vectors: a pass over chunks of windows asks for the same ones again.
+
+    `speeds`: how the coordinates moved before the windows, for effects that remember it.
+    """
+
+    speeds: Floats | None = None
 
     def __setitem__(self, key: bytes, value: Drive) -> None:
         super().__setitem__(key, value)
@@ -44,6 +51,9 @@ class Problem:
         windows: the windows that are compared.
         sigma: (k,) noise of each channel.
         h_max: longest integration step, s.
+        used: (n, k) 1 for readings that are compared, 0 for those that are no measurement.
+        heard: (k,) 1 for channels that are fitted, 0 for one that was left out.
+        colour: law of the noise; None if it is white.
     """
 
     model: SuperModel
@@ -54,6 +64,9 @@ class Problem:
     windows: Windows
     sigma: Floats
     h_max: float
+    used: Floats
+    heard: Floats
+    colour: Colour | None = None
     memo: Memo = field(default_factory=lambda: Memo())
 
     def on(self, windows: Windows) -> Problem:
@@ -78,12 +91,12 @@ class Problem:
     @property
     def size(self) -> int:
         """Number of compared numbers."""
-        return self.windows.samples * self.y.shape[1]
+        return int(np.sum(self.counts))
 
     @cached_property
     def counts(self) -> Floats:
         """(w,) compared numbers of each window."""
-        return np.asarray(self.windows.stop - self.windows.start, dtype=np.float64) * self.y.shape[1]
+        return np.asarray(np.add.reduceat(self.used[self.samples] @ self.heard, self.rows[:-1]))
 
     @cached_property
     def rows(self) -> Ints:
@@ -105,25 +118,57 @@ class Problem:
         """Simulated states of all windows: theta, (w, nx) -> (rows, nx)."""
         level, excess, delay, lag = self._drive(theta)
         w, rows, constants = self.windows, self.rows, self.model.constants_at(theta)
-        out = np.empty((int(rows[-1]), x0.shape[1]))
+        begin = np.ascontiguousarray(x0)
+        if self.model.remembered:
+            begin = np.hstack([x0, memories(self.model, theta, self.t, self._speeds(), self.firsts)[w.start]])
+        out = np.empty((int(rows[-1]), begin.shape[1]))
         simulate(
-            self.model.rhs, self.t, level, excess, delay, lag, constants, np.ascontiguousarray(x0), w.first, w.start,
+            self.model.rhs, self.t, level, excess, delay, lag, constants, begin, w.first, w.start,
             w.stop, np.ascontiguousarray(rows[:-1]), self.model.speed, self.h_max, out,
         )  # fmt: skip
-        return out
+        return np.ascontiguousarray(out[:, : x0.shape[1]])
+
+    def _speeds(self) -> Floats:
+        """Measured speed between the stamps of each coordinate that an effect remembers, (n, h); kept."""
+        if self.memo.speeds is None:
+            on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
+            self.memo.speeds = measured_speeds(on, self.model.measured, self.t, self.y, self.firsts)
+        return self.memo.speeds
 
     def predict(self, theta: Floats, x0: Floats) -> Floats:
         """What the measured channels would read: theta, (w, nx) -> (rows, k)."""
         x = self.states(theta, x0)
         out = np.empty((len(x), self.y.shape[1]))
         self.model.read(x, theta, out)
+        for fault, column, slot in self.model.reading_faults:
+            if theta[slot] != 0.0:
+                own = np.ascontiguousarray(out[:, column])
+                fault.distort(own, float(theta[slot]), self._stamps, self.readings[:, column], self.rows, self._since)
+                out[:, column] = own
         return out
 
-    def residuals(self, theta: Floats, x0: Floats) -> Floats:
+    @cached_property
+    def _stamps(self) -> Floats:
+        """(rows,) s, window after window."""
+        return self.t[self.samples]
+
+    @cached_property
+    def _since(self) -> Floats:
+        """(rows,) s from the first sample of the trace."""
+        return self._stamps - np.repeat(self.t[self.windows.first], np.diff(self.rows))
+
+    def misses(self, theta: Floats, x0: Floats) -> Floats:
         """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""
         residual = self.predict(theta, x0)
-        _compare(self.readings, self.sigma, residual)
+        _compare(self.readings, self.sigma, self.used[self.samples], residual)
         return residual
+
+    def residuals(self, theta: Floats, x0: Floats) -> Floats:
+        """Misses made white by the law of the noise, (rows, k): of a perfect model they are independent, of size 1."""
+        residual = self.misses(theta, x0)
+        if self.colour is not None:
+            whiten(residual, self.rows, *self.colour.predictors)
+        return residual if self.heard.all() else residual * self.heard
 
     def _drive(self, theta: Floats) -> Drive:
         """Level, excess, delay and lag of the inputs; kept while the parameters of the inputs stay the same."""
@@ -135,11 +180,22 @@ class Problem:
     def _make_drive(self, theta: Floats) -> Drive:
         level = np.empty_like(self.u)
         self.model.static(self.u, theta, level)
-        delay, lag = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1)
+        delay, lag = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1).copy()
+        self._bring_forward(level, delay)
         excess = np.zeros_like(level)
         for c in np.flatnonzero(lag > 0.0):
             excess[:, c] = lagged_excess(self.t, np.ascontiguousarray(level[:, c]), self.firsts, float(lag[c]))
-        return level, excess, np.maximum(delay, 0.0), lag
+        return level, excess, delay, lag
+
+    def _bring_forward(self, level: Floats, delay: Floats) -> None:
+        """Delays (m,) below zero become whole samples by which an input (n, m) is brought forward, and a rest >= 0."""
+        spacing = interval(self.t)
+        ends = np.append(self.firsts[1:], len(self.t))
+        for c in np.flatnonzero(delay < 0.0):
+            ahead = int(np.ceil(-delay[c] / spacing - 1e-9))
+            delay[c] += ahead * spacing
+            for a, b in zip(self.firsts, ends, strict=True):
+                level[a:b, c] = level[np.minimum(np.arange(a, b) + ahead, b - 1), c]
 
 
 @njit(float64[::1](float64[::1], float64[::1], int64[::1], float64), cache=True)
@@ -158,13 +214,13 @@ def lagged_excess(t: Floats, level: Floats, firsts: Ints, lag: float) -> Floats:
     return excess
 
 
-@njit(void(float64[:, ::1], float64[::1], float64[:, ::1]), cache=True)
-def _compare(readings: Floats, sigma: Floats, predicted: Floats) -> None:
+@njit(void(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1]), cache=True)
+def _compare(readings: Floats, sigma: Floats, used: Floats, predicted: Floats) -> None:
     """Predictions become (measured - predicted) / sigma, in place; what diverged becomes a large number."""
     for i in range(predicted.shape[0]):
         for j in range(predicted.shape[1]):
             r = (readings[i, j] - predicted[i, j]) / sigma[j]
-            predicted[i, j] = min(max(r, -_LARGE), _LARGE) if r == r else _LARGE
+            predicted[i, j] = used[i, j] * (min(max(r, -_LARGE), _LARGE) if r == r else _LARGE)
 
 
 def interval(t: Floats) -> float:
@@ -186,4 +242,6 @@ def build_problem(model: SuperModel, record: Record, windows: Windows, sigma: Fl
         windows=windows,
         sigma=sigma,
         h_max=interval(t),
+        used=np.concatenate([trace.compared for trace in record.traces]),
+        heard=np.ones(len(record.measured)),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,10 @@ from numba import float64 as f64
 from numba import types, void
 from numpy.typing import NDArray
 
+from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
-from simgap.effects import EFFECTS, Effect, StaticInputEffect
-from simgap.effects.base import CoordinateEffect
+from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
+from simgap.effects.base import CoordinateEffect, MemoryForceEffect
 from simgap.effects.commands import InputEffect, MemoryInputEffect
 from simgap.errors import UserError
 from simgap.model.compile import Kernel, compile_kernel
@@ -44,6 +46,11 @@ class Candidate:
         """Name and target."""
         return self.effect.name, self.on
 
+    @property
+    def of_recording(self) -> bool:
+        """Whether it is a fault of the recording, and not of the plant."""
+        return is_fault(self.effect.name)
+
 
 @dataclass(frozen=True, eq=False)
 class SuperModel:
@@ -58,6 +65,7 @@ class SuperModel:
         constants: numba (theta) -> tuple, all that the dynamics need of the parameters.
         static: numba (u rows (n, m), theta, out (n, m)): commands through gain, bias, dead zone and saturation.
         read: numba (x rows (n, nx), theta, out (n, k)): what the measured channels read.
+        past: (z, v, theta) -> [dz/dt, ...] of the states of `remembered`, over arrays; None if there are none.
         memory: (theta) -> (2 m,), delays of the inputs, those that the model already declares among them, then their
             lags, s.
     """
@@ -73,12 +81,18 @@ class SuperModel:
     constants: Any
     static: Any
     read: Any
+    past: Any
     memory: Callable[[Floats], Sequence[float]]
 
     @property
     def nx(self) -> int:
-        """Number of states."""
+        """Number of states, those of the effects left out."""
         return len(self.model.states)
+
+    @property
+    def remembered(self) -> tuple[Candidate, ...]:
+        """Effects with a state of their own, in the order of these states, which come after the plant's."""
+        return tuple(c for c in self.candidates if isinstance(c.effect, MemoryForceEffect))
 
     def constants_at(self, theta: Floats) -> Floats:
         """What the dynamics need of the parameters: theta (q,) -> (c,)."""
@@ -86,8 +100,9 @@ class SuperModel:
 
     def rubs(self, theta: Floats) -> bool:
         """Whether any coordinate has dry friction at theta (q,): the sign of a speed matters at rest."""
-        constants, x, u = self.constants_at(theta), np.zeros(self.nx), np.zeros(len(self.model.inputs))
-        one, other, signs = np.empty(self.nx), np.empty(self.nx), np.zeros(len(self.speed))
+        size = self.nx + len(self.remembered)
+        constants, x, u = self.constants_at(theta), np.zeros(size), np.zeros(len(self.model.inputs))
+        one, other, signs = np.empty(size), np.empty(size), np.zeros(len(self.speed))
         for j, v in enumerate(self.speed):
             signs[:] = 0.0
             for sign, out in ((1.0, one), (-1.0, other)):
@@ -96,6 +111,15 @@ class SuperModel:
             if abs(one[v] - other[v]) > 1e-12:
                 return True
         return False
+
+    @cached_property
+    def reading_faults(self) -> tuple[tuple[ReadingFault, int, int], ...]:
+        """Faults of the readings, with their column among the measured channels and their place in theta."""
+        return tuple(
+            (c.effect, self.measured.index(c.on), c.slots[0])
+            for c in self.candidates
+            if isinstance(c.effect, ReadingFault)
+        )
 
     @property
     def input_slots(self) -> tuple[int, ...]:
@@ -107,8 +131,12 @@ class SuperModel:
         return next(c for c in self.candidates if c.key == (name, on))
 
 
-def build_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = ()) -> SuperModel:
+def build_supermodel(
+    model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = (), second: bool = False
+) -> SuperModel:
     """Put every effect of the library (or those named) on every target and compile the result once.
+
+    Effects that others are tried before are in it if they are named, or if `second` asks for them.
 
     Raises:
         UserError: for an unknown effect, or a measured channel that is not a state.
@@ -119,15 +147,14 @@ def build_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: C
     for name in measured:
         if name not in model.state_names:
             raise UserError(f"'{name}' is measured but not a state", remedy=f"States: {list(model.state_names)}.")
-    chosen = [e for e in EFFECTS.values() if not effects or e.name in effects]
+    chosen = [e for e in EFFECTS.values() if e.name in effects or (not effects and (second or not e.second))]
+    places = [(e, on) for e in chosen for on in (e.targets(model) if e.name in effects else e.sought_on(model))]
+    asked = [(e, on) for e, on in places if e.kind != "state" or on in measured]
     candidates: list[Candidate] = []
-    specs = []  # type: ignore[var-annotated]
-    for e in chosen:
-        for on in e.targets(model):
-            if e.kind == "state" and on not in measured:
-                continue
-            candidates.append(Candidate(e, on, tuple(range(len(specs), len(specs) + len(e.parameters)))))
-            specs += list(e.parameters)
+    specs: list[EffectParameter] = []
+    for e, on in [*asked, *possible(model, measured)]:
+        candidates.append(Candidate(e, on, tuple(range(len(specs), len(specs) + len(e.parameters)))))
+        specs += list(e.parameters)
     theta = tuple(symbol(f"theta_{k}") for k in range(len(specs)))
     plant, costly, commands = _insert(model, candidates, theta)
     values = model.values()
@@ -146,6 +173,7 @@ def build_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: C
         if commands
         else _no_columns,
         read=_rowwise(compile_kernel(_numeric(_readings(plant, measured), values), (_symbols(plant), theta))),
+        past=_past(candidates, theta),
         memory=sp.lambdify([theta], _memory(model, candidates, theta), modules="math"),
     )
 
@@ -201,6 +229,18 @@ def _memory(model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.S
     return [*delay.values(), *lag.values()]
 
 
+def _past(candidates: list[Candidate], theta: tuple[sp.Symbol, ...]) -> Any:
+    """Rates of the effects' own states over (z, v) of each, and theta."""
+    own = [c for c in candidates if isinstance(c.effect, MemoryForceEffect)]
+    z, v = ([symbol(f"{kind}_{k}") for k in range(len(own))] for kind in ("z", "v"))
+    rates = []
+    for c, memory, velocity in zip(own, z, v, strict=True):
+        values = {p.symbol: theta[k] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+        if isinstance(c.effect, MemoryForceEffect):
+            rates.append(c.effect.rate(memory, velocity, values))
+    return sp.lambdify([z, v, theta], rates, modules="numpy") if own else None
+
+
 def _rowwise(kernel: Kernel) -> Any:
     @kept_as(_ROWWISE)
     def rows(x: Any, th: Any, out: Any) -> None:
@@ -219,11 +259,13 @@ def _no_columns(x: Floats, theta: Floats, out: Floats) -> None:
 _COMPILED: dict[str, SuperModel] = {}
 
 
-def cached_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = ()) -> SuperModel:
+def cached_supermodel(
+    model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = (), second: bool = False
+) -> SuperModel:
     """`build_supermodel`, kept for the life of the process: a second record of the same plant compiles nothing."""
-    key = repr((model, measured, tuple(effects)))
+    key = repr((model, measured, tuple(effects), second))
     if key not in _COMPILED:
         if len(_COMPILED) >= 16:
             _COMPILED.clear()
-        _COMPILED[key] = build_supermodel(model, measured, effects)
+        _COMPILED[key] = build_supermodel(model, measured, effects, second)
     return _COMPILED[key]

@@ -14,8 +14,9 @@ from simgap.diagnosis.search.equivalence import Rival
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.recording import effect_or_fault
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.effects import AppliedEffect, effect
+from simgap.effects import AppliedEffect
 from simgap.model.symbolic import SymbolicModel
 
 _ANY_EXCITATION = "an excitation that moves them apart: other frequencies, sizes and positions"
@@ -28,14 +29,20 @@ def parameter_values(c: Candidate, at: Fit) -> dict[str, float]:
 
 
 def applied(found: Explanation) -> tuple[AppliedEffect, ...]:
-    """The effects with their numbers."""
+    """The effects with their numbers, faults of the recording apart."""
+    plant = [c for c in found.members if not c.of_recording]
+    return tuple(AppliedEffect(c.effect.name, c.on, parameter_values(c, found.fit)) for c in plant)
+
+
+def whole_set(found: Explanation) -> tuple[AppliedEffect, ...]:
+    """Effects and faults of the recording with their numbers."""
     return tuple(AppliedEffect(c.effect.name, c.on, parameter_values(c, found.fit)) for c in found.members)
 
 
 def found_effects(
     search: Search, found: Explanation, rivals: Sequence[Rival], reduced: float, at_floor: bool, model: SymbolicModel
 ) -> tuple[FoundEffect, ...]:
-    """The chosen effects with intervals and what could stand in their place."""
+    """What was chosen, faults of the recording included, with intervals and what could stand in its place."""
     errors = standard_errors(search.problem, found.fit, search.steps, reduced, at_floor)
     by_slot = dict(zip(found.fit.slots, errors.tolist(), strict=True))
     dof = degrees_of_freedom(search.problem, found.fit, at_floor)
@@ -61,7 +68,7 @@ def _replacements(key: Key, found: Explanation, rivals: Sequence[Rival]) -> tupl
 
 def alternatives(found: Explanation, rivals: Sequence[Rival]) -> tuple[Alternative, ...]:
     """Whole sets that fit as well."""
-    return tuple(Alternative(applied(r.explanation), r.explanation.bic - found.bic, r.exact) for r in rivals)
+    return tuple(Alternative(whole_set(r.explanation), r.explanation.bic - found.bic, r.exact) for r in rivals)
 
 
 def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, str]) -> tuple[CandidateScore, ...]:
@@ -99,7 +106,7 @@ def collinear_table(pairs: Sequence[tuple[Key, Key, float]], exact: float) -> tu
     """Pairs with what would separate them."""
     rows = []
     for a, b, correlation in pairs:
-        known, other = effect(a[0]).excitation, effect(b[0]).excitation
+        known, other = effect_or_fault(a[0]).excitation, effect_or_fault(b[0]).excitation
         advice = known if known and known == other else _ANY_EXCITATION
         if correlation > exact:
             advice = "to first order no motion separates them: measure one of them directly"

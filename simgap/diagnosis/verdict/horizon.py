@@ -49,7 +49,7 @@ def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonErr
     at = problem.on(Windows(base, middle, first, np.zeros_like(base)))
     start = fit(at, theta, initial_states(at), [], {}).x0
     whole = problem.on(Windows(base, end, first, at.windows.trace))
-    error = whole.residuals(theta, start)[whole.rows[1:] - 1] * problem.sigma
+    error = whole.misses(theta, start)[whole.rows[1:] - 1] * problem.sigma
     floor = _floor(at, whole, theta, start)
     return HorizonError(np.sqrt(np.mean(error**2, axis=0)), floor, error, middle - 1, end - 1)
 
@@ -94,7 +94,7 @@ def _floor(at: Problem, whole: Problem, theta: Floats, start: Floats) -> Floats:
         shift = np.zeros(start.shape[1])
         shift[i] = step
         back[:, :, i] = (at.residuals(theta, start - shift) - at.residuals(theta, start + shift)) / (2 * step)
-        low, high = whole.residuals(theta, start - shift), whole.residuals(theta, start + shift)
+        low, high = whole.misses(theta, start - shift), whole.misses(theta, start + shift)
         ahead[:, :, i] = ((low - high) / (2 * step))[whole.rows[1:] - 1]
     variance = np.ones((len(start), k))
     for w in range(len(start)):

@@ -36,6 +36,7 @@ class HeldOut:
     Attributes:
         states: (w, nx) initial states, refitted; rmse: (k,) with them; ratio: RMSE over noise, all channels together.
         chi2: with them; free: compared numbers less what the initial states took.
+        heard: (k,) 1 for channels that are fitted.
         horizon: the causal error ahead; None if it was not asked for, or no stretch is long enough.
     """
 
@@ -44,20 +45,22 @@ class HeldOut:
     ratio: float
     chi2: float
     free: int
+    heard: Floats
     horizon: HorizonError | None
 
 
 def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     """Refit only the initial states (w, nx) of held-out windows at theta (q,), and predict ahead causally."""
     at = fit(held, theta, initial_states(held), [], {})
-    residual = held.residuals(theta, at.x0)
-    lost = held.model.nx * len(held.windows) / residual.size  # degrees of freedom that the initial states took
+    residual, count = held.residuals(theta, at.x0), held.size
+    lost = held.model.nx * len(held.windows) / count  # degrees of freedom that the initial states took
     unbiased = math.sqrt(max(1.0 - lost, 0.1))
-    rmse = np.sqrt(np.mean(residual**2, axis=0)) * held.sigma / unbiased
-    ratio = float(np.sqrt(np.mean(residual**2))) / unbiased
-    free = max(residual.size - held.model.nx * len(held.windows), 1)
+    each = np.maximum(np.sum(held.used[held.samples], axis=0), 1.0)
+    rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / each) * held.sigma / unbiased
+    ratio = math.sqrt(float(np.sum(residual**2)) / count) / unbiased
+    free = max(count - held.model.nx * len(held.windows), 1)
     ahead = horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
-    return HeldOut(at.x0, rmse, ratio, float(np.sum(residual**2)), free, ahead)
+    return HeldOut(at.x0, rmse, ratio, float(np.sum(residual**2)), free, held.heard, ahead)
 
 
 def chi2_dof(problem: Problem, at: Fit) -> float:
@@ -74,10 +77,11 @@ def judged(problem: Problem, at: Fit, held: HeldOut, horizon_s: float) -> Judged
 
 
 def excess(held: HeldOut, floor: Floats | None, sigma: Floats) -> float:
-    """Excess of E(h) over F(h), all channels together in units of their noise; of the windows without a horizon."""
+    """Excess of E(h) over F(h), all fitted channels in units of their noise; of the windows without a horizon."""
     if held.horizon is None or floor is None:
         return math.sqrt(max(0.0, held.ratio**2 - 1.0))
-    return float(np.sqrt(np.mean(np.maximum(held.horizon.rmse**2 - floor**2, 0.0) / sigma**2)))
+    over = np.maximum(held.horizon.rmse**2 - floor**2, 0.0) / sigma**2
+    return float(np.sqrt(np.mean(over[held.heard > 0.0])))
 
 
 def excess_share(before: HeldOut, after: HeldOut, sigma: Floats) -> float:
@@ -161,10 +165,16 @@ class Evidence:
 
 
 def verdict(found: Explanation, evidence: Evidence) -> Verdict:
-    """The table of verdicts; a fit that has not settled is never more than `partial`."""
+    """The table of verdicts; a fit that has not settled is never more than `partial`.
+
+    Where faults of the recording alone explain the data down to their noise, the model lacks nothing.
+    """
     if not found.members:
         return "none" if evidence.before <= FIT_QUALITY and at_noise(evidence.declared) else "unexplained"
     at_floor = evidence.after <= FIT_QUALITY and evidence.corrected.ratio <= HELD_OUT_QUALITY
+    plant = any(not c.of_recording for c in found.members)
     if at_floor and found.fit.converged and evidence.needed:
-        return "attributed"
+        return "attributed" if plant else "none"
+    if not plant:
+        return "unexplained"
     return "partial" if evidence.share <= EXCESS_KEPT and found.physical and evidence.agree else "unexplained"

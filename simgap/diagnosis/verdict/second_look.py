@@ -5,6 +5,7 @@ from __future__ import annotations
 from simgap.diagnosis.result import LeftOver, Nearest
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.recording import is_fault
 from simgap.diagnosis.thresholds import EXCESS_KEPT, FIT_QUALITY, LOOKED_AT, WORTH_SAYING
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.judge import Evidence, HeldOut, chi2_dof, excess_share, judge, vanished
@@ -25,7 +26,7 @@ def second_look(
     said = []
     for e in search.joined(found, most=LOOKED_AT):
         (added,) = (c.key for c in e.members if c.key not in found.keys)
-        if added in {c.key for c in vanished(search, e, False)}:
+        if is_fault(added[0]) or added in {c.key for c in vanished(search, e, False)}:
             continue
         share = 1.0 - excess_share(left, judge(confirm, e.fit.theta, horizon_s), confirm.sigma)
         if share >= WORTH_SAYING:
@@ -45,6 +46,7 @@ def nearest(
         (not evidence.agree, "halves of the data give different numbers"),
         (not found.physical, "the numbers are not physical"),
         (not found.fit.converged, "the fit had not settled"),
+        (all(c.of_recording for c in found.members), "it is a fault of the recording, and more than noise is left"),
     )
     effects = answer.found_effects(full, found, (), evidence.after, at_floor, model)
     return Nearest(effects, 1.0 - evidence.share, tuple(reason for holds, reason in reasons if holds))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from simgap.effects import effect
+from simgap.diagnosis.simulation.recording import effect_or_fault
 from simgap.effects.quoted import Quoted
 from simgap.notation import joined, pretty_unit
 
@@ -14,23 +14,31 @@ Document = Mapping[str, Any]
 
 def describe(found: Mapping[str, Any]) -> str:
     """An effect with its numbers, as a noun phrase: 'Coulomb friction of 0.19 ± 0.01 N m at the hinge'."""
-    return effect(found["name"]).describe(str(found["on"]), Quoted(found["parameters"]))
+    return effect_or_fault(found["name"]).describe(str(found["on"]), Quoted(found["parameters"]))
 
 
 def phrase(found: Mapping[str, Any]) -> str:
     """An effect without numbers: 'Coulomb friction at the hinge', 'the torque gain', 'the mass of the rod'."""
-    return effect(found["name"]).phrase(str(found["on"]))
+    return effect_or_fault(found["name"]).phrase(str(found["on"]))
 
 
 def verdict_sentence(document: Document) -> str:
     """What was found, what it explains, what cannot be told apart, and where the error is if it is in one place."""
-    return f"{_answer(document)}{_where(document.get('concentrated'))}"
+    return f"{_answer(document)}{_where(document.get('concentrated'))}{_faults(document.get('recording', ()))}"
+
+
+def _faults(recording: Sequence[Mapping[str, Any]]) -> str:
+    """What is wrong with the recording, each once."""
+    if not recording:
+        return ""
+    return f" The recording is at fault: {' '.join(f['sentence'] for f in recording)}"
 
 
 def _answer(document: Document) -> str:
     verdict, effects = document["verdict"], document["effects"]
     if verdict == "none":
-        return f"The model explains these data down to their noise: no effect is missing.{_blind(document)}"
+        but = ", the faults of the recording allowed for" if document.get("recording") else ""
+        return f"The model explains these data down to their noise{but}: no effect is missing.{_blind(document)}"
     if verdict == "unexplained":
         return _unexplained(document)
     found = joined([describe(e) for e in effects])

@@ -12,29 +12,39 @@ from simgap.errors import UserError
 from simgap.gap.borders import Borders, critical_points
 from simgap.gap.function import GapDomain
 from simgap.gap.pairs import product
-from simgap.gap.points import Columns, radius, remembers
+from simgap.gap.points import Columns, covering_grid, free_axes, remembers
 from simgap.gap.samples import Directed
 from simgap.gap.steps.tables import stacked, successors
 from simgap.gap.switching import switching_surfaces
 from simgap.gap.thresholds import CHECK_LEVELS
-from simgap.geometry import Floats, Grid
+from simgap.gap.translation import shifted_states
+from simgap.geometry import Floats
 from simgap.plants.context import Context
 
-FIT, CHECK = "fit", "check"
+FIT, CHECK, SHIFTED = "fit", "check", "shifted"
 NO_BORDERS = "the samples on borders of X and beside switching surfaces are missing"
 MAKE_BORDERS = "Make them with `simgap borders` and give them as --borders."
 
 
+def parts_of(context: Context) -> tuple[str, ...]:
+    """The parts of the table: for the fit, for the check, and shifted ones where a translation is declared."""
+    return (FIT, CHECK, SHIFTED) if free_axes(context.case) else (FIT, CHECK)
+
+
 def border_states(context: Context, name: str, part: str) -> Borders:
-    """States for the fit or for the check, on the grid of that name.
+    """States for the fit, for the check, or shifted ones, on the grid of that name.
 
     Raises:
         UserError: a simulator that remembers earlier inputs, whose gap is no function of X.
     """
     if remembers(context.case):
         raise UserError("a gap taken over histories has no border of X", key="hidden_state")
-    box, grid = context.box, Grid.covering(context.box, radius(name))
-    domain = GapDomain(tuple(context.states), tuple(context.inputs), box, context.input_set)
+    box, grid = context.box, covering_grid(context.case, context.box, name)
+    if part == SHIFTED:
+        x = shifted_states(context)
+        return Borders(x, np.zeros(x.shape, dtype=bool))
+    names = tuple(context.states), tuple(context.inputs)
+    domain = GapDomain(*names, box, context.input_set, free_axes(context.case))
     if part == FIT:
         lattice = [grid.axis(j) for j in range(box.size)]
     else:  # fresh samples and means have streams of their own

@@ -14,15 +14,24 @@ from simgap.gap.assemble import assemble
 from simgap.gap.conformal import Calibration
 from simgap.gap.dimension_fit import fit_from_json
 from simgap.gap.fresh_check import FreshCheck, check_fresh
+from simgap.gap.hidden_state import tolerance_of
 from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.points import Columns, Points, radius, remembers
+from simgap.gap.points import Columns, Points, free_axes, known_radius, remembers
 from simgap.gap.settings import GapSettings
 from simgap.gap.steps.border_check import border_check
-from simgap.gap.steps.borders import MAKE_BORDERS, NO_BORDERS, directed_samples
+from simgap.gap.steps.borders import (
+    MAKE_BORDERS,
+    NO_BORDERS,
+    SHIFTED,
+    border_gaps,
+    border_states,
+    directed_samples,
+)
 from simgap.gap.steps.hidden_gap import hidden_bound
 from simgap.gap.steps.samples import check_drawn, motion_of, read_back, sample_grid, steps_of
 from simgap.gap.steps.tables import AFTER_PREVIOUS, stacked, successors
 from simgap.gap.tiers import Tier
+from simgap.gap.translation import ShiftDeviation
 from simgap.geometry import Floats
 from simgap.plants.context import Context
 
@@ -90,7 +99,9 @@ def gap(context: Context, made: Made) -> Bound:
     if made.borders is None:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
     directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
-    result = assemble(where, GapSettings.of(section), fits, known, drawn, directed)
+    shifts = _shifts(context, made.points.name, made.borders)
+    deviation = shifts.largest if shifts is not None else None
+    result = assemble(where, GapSettings.of(section), fits, known, drawn, directed, deviation)
     x, u, d = _gaps(context, step, made.fresh)
     check_drawn(context, x, u)
     check = check_fresh(result.function, x, u, d, section.confidence)
@@ -99,11 +110,31 @@ def gap(context: Context, made: Made) -> Bound:
     if section.bound != "conformal":
         none_outside(beside)
     memory = (REMEMBERED,) if made.shards and f"least_{names[0]}" in made.shards[0] else ()
-    tiers = [*confirmed(result.function.tiers, check), *memory, check.tier, beside.tier]
+    symmetric = (shifts.tier(names),) if shifts is not None else ()
+    tiers = [*confirmed(result.function.tiers, check), *memory, *symmetric, check.tier, beside.tier]
     function = covering_remainder(result.function.with_tiers(tiers), section.remainder)
     content = result.to_json() | function.to_json()
-    content |= {"eps": radius(made.points.name), "fresh": asdict(check), "borders": asdict(beside)}
+    eps = known_radius(made.points.name)
+    content |= {"fresh": asdict(check), "borders": asdict(beside)} | ({} if eps is None else {"eps": eps})
+    if shifts is not None or eps is None:
+        moving = [(n, float(h)) for n, h in zip(names, where.moving_half_widths, strict=True) if h > 0]
+        content["half_widths"] = dict(moving)
     return Bound(content, check, _thinned(context, step, where.size, made.shards))
+
+
+def _shifts(context: Context, name: str, borders: Columns) -> ShiftDeviation | None:
+    """By how much the gap depends on what a declared translation says it does not; None without one.
+
+    Raises:
+        BrokenPromise: by more than the case tolerates.
+    """
+    if not free_axes(context.case):
+        return None
+    _, _, lower, upper = border_gaps(context, borders, SHIFTED, border_states(context, name, SHIFTED))
+    found = ShiftDeviation.of(context, lower, upper)
+    symmetry = context.need(context.case.symmetry, "symmetry")
+    found.check(context.states, tolerance_of(context.states, symmetry.tolerance))
+    return found
 
 
 def seeds(context: Context) -> dict[str, int]:

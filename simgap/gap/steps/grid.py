@@ -5,8 +5,7 @@ from __future__ import annotations
 from simgap.config.context import Context
 from simgap.errors import UserError
 from simgap.gap.hidden_state import previous_inputs
-from simgap.gap.points import EVERY_HISTORY, HISTORIES, Points, radius, remembers
-from simgap.geometry import Grid
+from simgap.gap.points import EVERY_HISTORY, HISTORIES, Points, covering_grid, remembers
 
 
 def grid(context: Context, name: str) -> Points:
@@ -16,7 +15,7 @@ def grid(context: Context, name: str) -> Points:
         UserError: a point that the case does not have, or counts that do not fit U.
     """
     if not remembers(context.case):
-        return Points(name, Grid.covering(context.box, radius(name)).centres(), context.input_set)
+        return Points(name, covering_grid(context.case, context.box, name).centres(), context.input_set)
     hidden = context.need(context.case.hidden_state, "hidden_state")
     if name not in (HISTORIES, EVERY_HISTORY):
         raise UserError(

@@ -11,12 +11,12 @@ from simgap.config.pose import pose_axes
 from simgap.errors import UserError
 from simgap.gap.closed_form import ClosedFormGap
 from simgap.gap.pairs import draw, product
-from simgap.gap.points import Columns, Points, radius
+from simgap.gap.points import Columns, Points, covering_grid, free_axes
 from simgap.gap.previous import PreviousClasses
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.steps.tables import AFTER_PREVIOUS, HISTORY, SEQUENCE, body_samples, stacked, successors
 from simgap.gap.symmetry import nominal_motion
-from simgap.geometry import Floats, Grid
+from simgap.geometry import Floats
 from simgap.plants.context import Context
 from simgap.simulators.body_samples import BodySamples, joined
 from simgap.simulators.build import closed_form
@@ -45,12 +45,13 @@ def sample_grid(context: Context, points: Points) -> SampleGrid:
     Raises:
         UserError: states or inputs of another case.
     """
-    grid = Grid.covering(context.box, radius(points.name))
+    grid = covering_grid(context.case, context.box, points.name)
     same = points.states.shape == (grid.size, grid.box.size) and np.array_equal(points.inputs, context.input_set)
     if not same or not np.array_equal(points.states, grid.centres()):
         raise UserError("the grid was made for another case", remedy="Run the grid stage again, and those after it.")
     names = tuple(context.states), tuple(context.inputs)
-    return SampleGrid(grid, points.inputs, *names, periodic=context.periodic, known=known_gap(context))
+    free = free_axes(context.case)
+    return SampleGrid(grid, points.inputs, *names, free, context.periodic, known_gap(context))
 
 
 def known_gap(context: Context) -> ClosedFormGap | None:

@@ -1,0 +1,74 @@
+"""What `import simgap` offers beyond readers of single files: the calls that take paths and return values.
+
+Every one raises `UserError` for a person's mistake, one line with file, key and remedy, and `BrokenPromise` for a
+guarantee that does not hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from simgap.gap.function import GapFunction
+from simgap.io.documents import read_json
+from simgap.io.gap_file import load_gap as _load_gap
+from simgap.stages import check as _check
+from simgap.stages import diagnosis as _diagnosis
+from simgap.stages import new as _new
+from simgap.stages.check import Checked
+from simgap.stages.context import Context
+
+
+def load_gap(path: Path | str, case: Path | str) -> GapFunction:
+    """The bound of the gap in a `gap.json`, for the case file that it was made for.
+
+    `bounds(x, u)` gives lo and hi at states (n, nx) and inputs (n, nu), rounded outward; `sup()` the suprema over
+    X x U; `tiers` what the bound rests on.
+
+    Raises:
+        UserError: a file that is missing or damaged, or the bound of another case.
+    """
+    return _load_gap(Path(path), Context.load(Path(case))).function
+
+
+def load_summary(folder: Path | str) -> dict[str, Any]:
+    """The figures of a case's results, `results/<case>`: what its page says, as plain data.
+
+    Raises:
+        UserError: no summary there, or a damaged one.
+    """
+    content: dict[str, Any] = read_json(Path(folder) / "summary.json")
+    return content
+
+
+def check(case: Path | str) -> Checked:
+    """What `simgap check` finds: costs of the stages, cells an axis, what the engine does with the model file.
+
+    Raises:
+        UserError: whatever a stage would refuse later.
+    """
+    return _check.run(Path(case))
+
+
+def diagnose(case: Path | str, data: Sequence[Path | str] = (), out: Path | str = "diagnosis") -> dict[str, Any]:
+    """Find what the nominal model lacks, from recordings: -> the content of `diagnosis.json`.
+
+    Args:
+        case: case file; a nominal model is enough.
+        data: CSV or Parquet files; those of the case if none is given.
+        out: folder for page, corrected case, recording and pictures.
+
+    Raises:
+        UserError: whatever is wrong with case or data.
+    """
+    return _diagnosis.run(Path(case), [Path(file) for file in data], Path(out))
+
+
+def new_case(name: str, urdf: Path | str | None = None, folder: Path | str = ".") -> Path:
+    """Write a commented case for a URDF, or for equations to be replaced: its path.
+
+    Raises:
+        UserError: a name that is none, a file that is there already, or a model file that cannot be taken.
+    """
+    return _new.run(name, None if urdf is None else Path(urdf), Path(folder))

@@ -1,0 +1,101 @@
+"""A person's function in a file beside the case, `my_sim.py:step`: found and hashed here, never run here.
+
+Nothing of the file is executed: that it holds the function, and which neighbours it imports, is read from its syntax
+tree. The neighbours count as part of it, so that editing one makes again what the function made.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from simgap.errors import UserError, excerpt
+
+KEY = "simulator.function"
+
+
+@dataclass(frozen=True)
+class FunctionFile:
+    """Where a function stands: its file and its name there."""
+
+    path: Path
+    name: str
+
+    @staticmethod
+    def find(named: str, folder: Path) -> FunctionFile:
+        """The function that `file.py:name` means for a case in `folder`.
+
+        Raises:
+            UserError: another form of name, a file that is missing, broken or outside the folder, or that does not
+                hold the function.
+        """
+        file, _, name = named.rpartition(":")
+        if not file.endswith(".py") or not name.isidentifier():
+            raise UserError(
+                f"'{excerpt(named)}' names no function", key=KEY, remedy="Write file.py:name, such as my_sim.py:step."
+            )
+        path = (folder / file).resolve()
+        if not path.is_relative_to(folder.resolve()):
+            raise UserError(f"'{excerpt(file)}' lies outside the case's folder", key=KEY, remedy="Put it beside it.")
+        if not path.is_file():
+            raise UserError("the file of the function does not exist", file=path, remedy="Put it beside the case.")
+        if name not in _defined(path):
+            raise UserError(f"the file has no function '{excerpt(name)}'", file=path, remedy="Check its spelling.")
+        return FunctionFile(path, name)
+
+    def digests(self) -> dict[str, str]:
+        """A short hash of the file and of each neighbour that it imports, however indirectly, by name."""
+        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest()[:16] for path in sorted(_closure(self.path))}
+
+    @property
+    def neighbours(self) -> tuple[Path, ...]:
+        """Files of the same folder that it imports, however indirectly."""
+        return tuple(sorted(_closure(self.path) - {self.path}))
+
+
+def _closure(path: Path) -> set[Path]:
+    found, open_ = {path}, [path]
+    while open_:
+        new = set(_imported(open_.pop())) - found
+        found |= new
+        open_ += sorted(new)
+    return found
+
+
+def _imported(path: Path) -> Iterator[Path]:
+    """Files of the same folder that a file imports."""
+    for node in ast.walk(_tree(path)):
+        names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+        names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
+        for name in names:
+            beside = path.parent / f"{name.partition('.')[0]}.py"
+            if beside.is_file():
+                yield beside.resolve()
+
+
+def _defined(path: Path) -> set[str]:
+    """Names that the file defines, assigns or imports at its top."""
+    found: set[str] = set()
+    for node in _tree(path).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        elif isinstance(node, ast.Assign):
+            found |= {target.id for target in node.targets if isinstance(target, ast.Name)}
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            found |= {a.asname or a.name for a in node.names}
+    return found
+
+
+def _tree(path: Path) -> ast.Module:
+    try:
+        return ast.parse(path.read_bytes(), filename=path.name)
+    except (SyntaxError, ValueError) as error:
+        line = getattr(error, "lineno", None)
+        raise UserError(
+            f"the file is no Python: {error.args[0] if error.args else error}"
+            + (f" (line {line})" if line is not None else ""),
+            file=path,
+        ) from None

@@ -1,0 +1,122 @@
+"""Is what a model leaves the noise of a sensor that remembers, or the trace of a force?
+
+A force reaches a position through two integrations: whatever it is, what it leaves there falls at least with the fourth
+power of the frequency, from where the motion itself lies upward. Noise that a sensor or its filter makes falls with the
+second, and meets the white noise of the reading where no force could. So laws of the residual's spectrum compete by
+their likelihood (Whittle (1953), Ark. Mat. 2(5)): white noise and noise with the autocorrelation exp(-|t| / tau),
+against white noise and a steep fall that begins within twice the motion's frequency. Only where the first wins by far,
+and the windows agree on its size, is the residual taken for noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from simgap.diagnosis.simulation.colour import Colour, whiten
+from simgap.diagnosis.simulation.problem import Problem, interval
+from simgap.diagnosis.thresholds import COLOUR_EVIDENCE, STATIONARY
+
+Floats = NDArray[np.float64]
+Law = Callable[[Floats], Floats]
+_FIRST = 3  # the initial states of a window take what is slower
+_HOP = 5  # samples apart: noise weighs less
+_BINS = 1.5  # neighbouring frequencies that a Hann window makes one
+
+
+def noise_colour(problem: Problem, theta: Floats, x0: Floats) -> tuple[Floats, Colour] | None:
+    """Standard deviation (k,) over the problem's sigma, and law of the noise; None where the residual is no such noise.
+
+    Args:
+        problem: windows, noise taken as white.
+        theta, x0: the model that explains them best, (q,) and (w, nx).
+    """
+    residual, dt = problem.misses(theta, x0), interval(problem.t)
+    k = residual.shape[1]
+    size, shared, tau = np.ones(k), np.zeros(k), np.full(k, dt)
+    for c in range(k):
+        law = _law(*_spectrum(problem, residual[:, c]), dt, _motion(problem, c))
+        if law is not None:
+            size[c], shared[c], tau[c] = law
+    if not shared.any():
+        return None
+    colour = Colour(shared, tau, dt)
+    return (size, colour) if _stationary(problem, residual / size, colour) else None
+
+
+def _motion(problem: Problem, c: int) -> float:
+    """Root mean square frequency of what a channel reads, rad/s."""
+    y, t = problem.readings[:, c], problem.t[problem.samples]
+    span = t[_HOP:] - t[:-_HOP]
+    near = (span > 0.0) & (span < 2.0 * np.median(span))
+    rate = ((y[_HOP:] - y[:-_HOP])[near]) / span[near]
+    return float(np.sqrt(np.mean(rate**2) / max(float(np.var(y)), 1e-300)))
+
+
+def _spectrum(problem: Problem, residual: Floats) -> tuple[Floats, float]:
+    """Mean periodogram of the windows, (n // 2 - 1,) from the first frequency on, and how many it is the mean of."""
+    lengths = np.diff(problem.rows)
+    n = int(np.median(lengths)) - 1
+    whole = np.flatnonzero(lengths >= n)
+    taper = np.hanning(n + 2)[1:-1]
+    taper /= np.sqrt(np.mean(taper**2))
+    blocks = np.stack([residual[problem.rows[w] : problem.rows[w] + n] for w in whole])
+    power = np.mean(np.abs(np.fft.rfft(blocks * taper, axis=1)) ** 2, axis=0) / n
+    return np.asarray(power[1 : n // 2]), float(len(whole))
+
+
+def _law(power: Floats, count: float, dt: float, motion: float) -> tuple[float, float, float] | None:
+    """Standard deviation, share that remembers and tau (s) of the noise behind a spectrum; None if it is no such."""
+    n = 2 * (len(power) + 1)
+    turn = 2.0 * np.pi * np.arange(1, n // 2)[_FIRST - 1 :] / n  # rad a sample
+    power = power[_FIRST - 1 :]
+    worth = count / _BINS
+
+    def remembering(z: Floats) -> Floats:
+        a = np.exp(-dt / np.exp(z[2]))
+        return np.asarray(np.exp(z[0]) + np.exp(z[1]) * (1 - a * a) / np.abs(1 - a * np.exp(-1j * turn)) ** 2)
+
+    def steep(z: Floats) -> Floats:
+        return np.asarray(np.exp(z[0]) + np.exp(z[1]) / (1.0 + (turn / dt * np.exp(z[2])) ** 2) ** 2)
+
+    def steeper(z: Floats) -> Floats:
+        return np.asarray(np.exp(z[0]) + np.exp(z[1]) / (1.0 + (turn / dt * np.exp(z[2])) ** 2) ** 3)
+
+    white = float(np.log(np.mean(power)) + 1.0) * len(power) * worth
+    loss, z = _best(remembering, power, worth, 0.3 * dt, dt)
+    force = min(_best(law, power, worth, 0.5 / motion, dt)[0] for law in (steep, steeper))
+    if white - loss < COLOUR_EVIDENCE or force - loss < COLOUR_EVIDENCE:
+        return None
+    total = float(np.exp(z[0]) + np.exp(z[1]))
+    return float(np.sqrt(total)), float(np.exp(z[1]) / total), float(np.exp(z[2]))
+
+
+def _best(law: Law, power: Floats, worth: float, shortest: float, dt: float) -> tuple[float, Floats]:
+    """Smallest negative log-likelihood of a law with three numbers, and these."""
+
+    def loss(z: Floats) -> float:
+        model = np.maximum(law(z), 1e-12 * power.max())
+        return float(np.sum(np.log(model) + power / model)) * worth
+
+    level, low = float(np.median(power[len(power) // 2 :])), float(np.mean(power[: max(len(power) // 8, 2)]))
+    ends = [
+        minimize(loss, [np.log(level), np.log(max(low, level)) + extra, np.log(max(tau * dt, shortest))],
+                 method="Nelder-Mead", bounds=[(-40, 40), (-40, 60), (np.log(shortest), np.log(1e4 * dt + shortest))],
+                 options={"maxiter": 600})
+        for tau, extra in ((1.0, 0.0), (5.0, -2.0), (50.0, -4.0))
+    ]  # fmt: skip
+    best = min(ends, key=lambda e: float(e.fun))
+    return float(best.fun), np.asarray(best.x)
+
+
+def _stationary(problem: Problem, residual: Floats, colour: Colour) -> bool:
+    """Whether the windows' sums of squares, made white, scatter as those of one noise do."""
+    white = np.ascontiguousarray(residual)
+    whiten(white, problem.rows, *colour.predictors)
+    sums = np.add.reduceat(np.sum(white**2, axis=1), problem.rows[:-1]) / problem.counts
+    spread = np.sqrt(2.0 / problem.counts)
+    far = np.abs(sums / np.median(sums) - 1.0) > STATIONARY * spread
+    return bool(np.mean(far) < 0.05)

@@ -1,0 +1,171 @@
+"""Faults of a recording that compete with physical effects in one search: what a log does to inputs and readings.
+
+They are fitted like effects, but they are none: they change nothing in the plant, and no corrected case holds them.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import numpy as np
+import sympy as sp
+from numba import float64, int64, njit, void
+from numpy.typing import NDArray
+
+from simgap.effects import EFFECTS, Effect, EffectParameter, MemoryInputEffect, effect
+from simgap.effects.base import COMMAND, SENSOR, Kind, Values
+from simgap.effects.quoted import Quoted
+from simgap.effects.start import Scales, Start, multiple
+from simgap.model.symbolic import SymbolicModel
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class LateLog(MemoryInputEffect):
+    """An input that is logged after it has acted: the plant felt it earlier than the record says."""
+
+    name = "late_log"
+    formula = "u'(t) = u(t + late)"
+    source = "Ljung (1999), System Identification, sec. 14.1"
+    rank = COMMAND + 60
+    parameters = (EffectParameter("late", "s", "time from action to log", null=0.0, lower=0.0, upper=1.0),)
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """A few multiples of the sampling interval."""
+        return tuple(multiple("late", k * scales.interval) for k in (0.5, 2.0, 6.0))
+
+    def delay(self, values: Values) -> sp.Expr:
+        """A delay below zero."""
+        return -values["late"]
+
+    def phrase(self, on: str) -> str:
+        """Named by its channel."""
+        return f"a late log of {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In milliseconds."""
+        return f"{on} that is logged {quoted.number('late', 1e3, 'ms')} late"
+
+
+class ReadingFault(Effect):
+    """A fault of one measured channel, with one number that is 0 where there is none."""
+
+    kind: ClassVar[Kind] = "state"
+    rank: ClassVar[int] = SENSOR + 1
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Nothing changes in the plant."""
+        return model
+
+    @abstractmethod
+    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+        """What the channel shows of a true reading (n,), in place.
+
+        Args:
+            reading: predicted, window after window; measured: (n,) recorded.
+            value: the number of the fault.
+            t: (n,) s; since: (n,) s from the start of the trace.
+            rows: (w + 1,) first row of each window.
+        """
+
+
+class Drift(ReadingFault):
+    """A sensor whose zero runs away steadily."""
+
+    name = "drift"
+    formula = "y(t) = x(t) + rate t"
+    source = "Ljung (1999), System Identification, sec. 14.1"
+    parameters = (EffectParameter("rate", "{state}/s", "change of the sensor's zero", null=0.0),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Every state."""
+        return model.state_names
+
+    def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
+        """The unit of the state a second."""
+        return {"rate": f"{next(v.unit for v in model.states if v.name == on)}/s"}
+
+    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+        """A ramp from the start of each trace."""
+        reading += value * since
+
+    def phrase(self, on: str) -> str:
+        """Named by its sensor."""
+        return f"a drift of the sensor of {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """By how much a second."""
+        return f"a sensor of {on} that drifts by {quoted.number('rate')}"
+
+
+class FilteredVelocity(ReadingFault):
+    """A velocity that went through a first-order low-pass filter before it was logged."""
+
+    name = "filtered_velocity"
+    formula = "lag y' = v - y"
+    source = "Oppenheim, Schafer (2010), Discrete-Time Signal Processing, sec. 7.2"
+    parameters = (EffectParameter("lag", "s", "time constant of the filter", null=0.0, lower=0.0, upper=1.0),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """The velocity of every coordinate."""
+        return tuple(c.velocity for c in model.coordinates)
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """A few multiples of the sampling interval."""
+        return tuple(multiple("lag", k * scales.interval) for k in (1.0, 4.0))
+
+    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+        """The filter is exact between samples for a steady change; it begins at what was measured."""
+        if value > 0.0:
+            _filter(reading, value, t, np.ascontiguousarray(measured), rows)
+
+    def phrase(self, on: str) -> str:
+        """Named by its channel."""
+        return f"a filter on {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In milliseconds."""
+        return f"{on} that was filtered over {quoted.number('lag', 1e3, 'ms')}"
+
+
+@njit(void(float64[::1], float64, float64[::1], float64[::1], int64[::1]), cache=True)
+def _filter(reading: Floats, lag: float, t: Floats, measured: Floats, rows: Ints) -> None:
+    for w in range(rows.size - 1):
+        a, b = rows[w], rows[w + 1]
+        out, last = measured[a], reading[a]
+        reading[a] = out
+        for i in range(a + 1, b):
+            dt, now = t[i] - t[i - 1], reading[i]
+            ramp = lag * (now - last) / dt
+            out = now - ramp + (out - last + ramp) * np.exp(-dt / lag)
+            last = now
+            reading[i] = out
+
+
+RECORDING: dict[str, Effect] = {e.name: e for e in (LateLog(), Drift(), FilteredVelocity())}
+"""The faults that are fitted, by name; no name is that of an effect."""
+
+
+def possible(model: SymbolicModel, measured: tuple[str, ...]) -> list[tuple[Effect, str]]:
+    """Faults that a record of these channels may have, and of which channel.
+
+    A filter on a velocity alone is what a slow actuator would do; it takes another channel to tell.
+    """
+    found = [(e, on) for e in RECORDING.values() for on in e.targets(model) if e.kind == "input" or on in measured]
+    return [(e, on) for e, on in found if len(measured) > 1 or e.name != "filtered_velocity"]
+
+
+def is_fault(name: str) -> bool:
+    """Whether a name is that of a fault of the recording."""
+    return name in RECORDING
+
+
+def effect_or_fault(name: str) -> Effect:
+    """The effect or the fault of that name.
+
+    Raises:
+        UserError: for a name that is neither's.
+    """
+    return effect(name) if name in EFFECTS else RECORDING[name] if name in RECORDING else effect(name)

@@ -1,0 +1,142 @@
+"""A person's own simulator: a Python function of x, u and tau in a file beside the case."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, model_validator
+
+from simgap.config.function_file import KEY, FunctionFile
+from simgap.config.simulator import EngineSection
+from simgap.errors import UserError
+from simgap.geometry import Floats
+from simgap.simulators.base import Engine
+from simgap.simulators.function_process import FunctionProcess
+
+if TYPE_CHECKING:
+    from simgap.config.case import Case
+
+REPEATED = 8
+"""Calls that are made again in reverse order at the first roll-out: what differs then depends on what ran before it."""
+log = logging.getLogger("simgap")
+_told: set[Path] = set()
+
+
+class PythonSettings(EngineSection):
+    """A function of one's own as the simulator; it is code and runs with your rights."""
+
+    engine: Literal["python"] = Field("python", description="Which engine.")
+    function: str = Field(
+        description="file.py:name of a function in a file beside the case: name(x, u, tau) with arrays (states,) and "
+        "(inputs,) in the order and units of the case gives the state after tau seconds."
+    )
+    batch: bool = Field(
+        False, description="Whether it takes many at once: arrays (n, states) and (n, inputs), and gives (n, states)."
+    )
+    parameters: dict[str, float] = Field(default_factory=dict, description="Numbers that it is given by name.")
+    timeout: float = Field(10.0, gt=0, description="Longest time of one call, s; a call that takes longer is ended.")
+
+    @model_validator(mode="after")
+    def _there(self, info: ValidationInfo) -> PythonSettings:
+        """The file is there and holds the function; said before anything of it runs."""
+        folder = (info.context or {}).get("folder")
+        if folder is None:
+            return self
+        try:
+            found = FunctionFile.find(self.function, folder)
+        except UserError as error:
+            place = f"{error.file}: " if error.file else ""
+            raise ValueError(f"{place}{error.problem}. {error.remedy or ''}".strip()) from None
+        if found.path not in _told:
+            _told.add(found.path)
+            log.warning("the simulator %s is code and runs with your rights", found.path)
+        return self
+
+
+class PythonEngine(Engine):
+    """`f_hat` by a function: all its state is x, so a reset leaves nothing behind."""
+
+    Settings = PythonSettings
+    engine = "python function"
+
+    def __init__(self, process: FunctionProcess, names: tuple[list[str], list[str]], substeps: int) -> None:
+        """Calls go to `process`; `names` are those of states and inputs."""
+        self.nx, self.nu = len(names[0]), len(names[1])
+        self._process, self._names, self._substeps = process, names, substeps
+        self._x = np.zeros(self.nx)
+        self._repeated = False
+
+    @classmethod
+    def build(cls, case: Case, folder: Path) -> PythonEngine:
+        """The engine for a case.
+
+        Raises:
+            UserError: no domain, or a file that cannot be run.
+        """
+        section = case.simulator
+        if not isinstance(section, PythonSettings):
+            raise UserError("the simulator is no Python function", key="simulator.engine")
+        if case.domain is None:
+            raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
+        found = FunctionFile.find(section.function, folder)
+        tau = case.domain.tau / section.substeps
+        process = FunctionProcess(found, tau, dict(section.parameters), section.batch, section.timeout)
+        return cls(process, (list(case.plant.states), list(case.plant.inputs)), section.substeps)
+
+    def reset(self, x: Floats) -> None:
+        """Put the plant at x (nx,)."""
+        self._x = np.array(x, dtype=np.float64)
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold u (nu,) for tau: -> (nx,)."""
+        self._x = self.rollouts(self._x[None], np.asarray(u, dtype=np.float64).reshape(1, self.nu))[0]
+        return self._x.copy()
+
+    def rollouts(self, x: Floats, u: Floats) -> Floats:
+        """One step from each state: (n, nx), (n, nu) -> (n, nx).
+
+        Raises:
+            UserError: a call that fails, ends its process, takes too long or gives no finite state, with its x and u; a
+                function that answers the same call in two ways.
+        """
+        if not self._repeated and len(x):
+            self._repeated = True
+            self._repeat(x[:REPEATED], u[:REPEATED])
+        for _ in range(self._substeps):
+            x = self._checked(x, u)
+        return x
+
+    def _checked(self, x: Floats, u: Floats) -> Floats:
+        following = self._process.call(x, u, self._said)
+        bad = np.flatnonzero(~np.isfinite(following).all(axis=1))
+        if bad.size:
+            k = int(bad[0])
+            where = [name for name, value in zip(self._names[0], following[k], strict=True) if not np.isfinite(value)]
+            values = ", ".join(f"{n} = {following[k][self._names[0].index(n)]:g}" for n in where)
+            raise self._process.fault(f"gives {values}", self._said(x[k], u[k]))
+        return following
+
+    def _repeat(self, x: Floats, u: Floats) -> None:
+        first = self._checked(x, u)
+        again = self._checked(x[::-1].copy(), u[::-1].copy())[::-1]
+        differs = np.flatnonzero((first != again).any(axis=1))
+        if differs.size:
+            k = int(differs[0])
+            raise UserError(
+                f"the function answers the same call in two ways, {self._said(x[k], u[k])}: it keeps a state or draws "
+                "random numbers",
+                key=KEY,
+                remedy="Make its result depend on x, u and tau alone: put hidden states at rest, fix a seed in it.",
+            )
+
+    def _said(self, x: Any, u: Any) -> str:
+        """A call in words."""
+        pairs = [*zip(self._names[0], x, strict=True), *zip(self._names[1], u, strict=True)]
+        return "at " + ", ".join(f"{name} = {float(value):.9g}" for name, value in pairs)
+
+    def close(self) -> None:
+        """End the function's process."""
+        self._process.close()

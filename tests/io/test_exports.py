@@ -1,0 +1,163 @@
+"""Controllers and models as files for others: every cell compared with a compiled header, every number by hand."""
+
+import json
+import shutil
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import simgap
+from simgap.errors import UserError
+from simgap.geometry import Box, Grid
+from simgap.specifications.solution import Solution
+from simgap.synthesis.bits import packed_width
+from simgap.synthesis.controller import Controller
+
+COMPILER = shutil.which("cc") or shutil.which("gcc")
+MAIN = """\
+#include <stdio.h>
+#include "%(name)s.h"
+int main(void) {
+  double x[%(big)s_STATES], u[1]; long memory; int c;
+  while (scanf("%%la %%la %%ld", &x[0], &x[1], &memory) == 3) {
+    c = %(name)s_input(x, memory, u);
+    printf("%%d %%d %%ld\\n", c, c < 0 ? -1 : %(name)s_acting(memory, c), c < 0 ? -1 : %(name)s_next(memory, c));
+  }
+  return 0;
+}
+"""
+
+
+def made_up(seed, late=False, kind=None, periodic=()):
+    """A controller whose admissible inputs are drawn at random, none of them in a third of the cells."""
+    rng = np.random.default_rng(seed)
+    grid = Grid(Box([-0.7, -1.1], [0.3, 1.3]), [13, 7], periodic)
+    inputs = np.array([[-1.5], [-0.25], [0.0], [0.25], [1.5]])
+    memory = (len(inputs) if late else 1) * (1 if kind is None else max(kind) + 1)
+    bits = rng.random((grid.size * memory, len(inputs))) < 0.4
+    bits[np.repeat(rng.random(grid.size) < 0.3, memory)] = False
+    mask = np.packbits(bits, axis=1, bitorder="little")
+    assert mask.shape[1] == packed_width(len(inputs))
+    winning = bits.any(axis=1).reshape(grid.size, memory).all(axis=1)
+    solution = Solution(
+        grid=grid, winning=winning, mask=mask, free=np.ones(grid.size, bool), value=None, target=None, memory=memory,
+        first=0, late=late, kind=None if kind is None else np.array(kind), statistics={},
+    )  # fmt: skip
+    return Controller(inputs, ("q", "v"), ("u",), solution, "least_effort", {"case": "made_up"})
+
+
+KINDS = {
+    "plain": {},
+    "periodic": {"periodic": (0,)},
+    "late": {"late": True},
+    "classes": {"kind": [0, 0, 1, 2, 2]},
+    "late classes": {"late": True, "kind": [0, 0, 1, 2, 2]},
+}
+
+
+def asked(controller):
+    """All centres of cells with all memories; faces and corners of the box; points beside and far outside."""
+    centres = controller.grid.centres()
+    corners = np.array([[a, b] for a in (-0.7, 0.3) for b in (-1.1, 1.3)])
+    faces = centres + controller.grid.h
+    outside = np.array([[0.3000001, 0.0], [-0.8, 0.0], [0.0, 1.31], [7.0, 0.0], [-1e12, 0.0], [0.0, 1e300]])
+    points = np.concatenate([centres, corners, faces, outside])
+    memories = np.arange(controller.memory)
+    return np.repeat(points, len(memories), axis=0), np.tile(memories, len(points))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_python_and_c_choose_what_the_controller_chooses(tmp_path, kind):
+    controller = made_up(len(kind), **KINDS[kind])
+    x, memory = asked(controller)
+    wanted = controller.lookup(x, memory)
+    assert (wanted >= 0).sum() > 50
+    simgap.export_controller(controller, tmp_path / "law.py")
+    ask = "import json, sys, law; print(json.dumps([[c, *(law.after(m, c) if c >= 0 else (-1, -1))]"
+    ask += " for p, m in json.load(sys.stdin) for c in [law.choose(p, m)]]))"
+    rows = [[p, m] for p, m in zip(x.tolist(), memory.tolist(), strict=True)]
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", ask], cwd=tmp_path, input=json.dumps(rows), capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    python = np.array(json.loads(done.stdout))
+    assert python[:, 0].tolist() == wanted.tolist()
+    followed = [controller.solution.step(m, c) if c >= 0 else (-1, -1) for m, c in zip(memory, wanted, strict=True)]
+    assert python[:, 1:].tolist() == [[int(a), int(b)] for a, b in followed]
+
+    if COMPILER is None:
+        pytest.skip("no C compiler")
+    simgap.export_controller(controller, tmp_path / "law.h")
+    (tmp_path / "main.c").write_text(MAIN % {"name": "law", "big": "LAW"})
+    flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off"]
+    subprocess.run([COMPILER, *flags, "main.c", "-o", "main"], cwd=tmp_path, check=True)
+    lines = "".join(f"{a.hex()} {b.hex()} {m}\n" for (a, b), m in zip(x.tolist(), memory.tolist(), strict=True))
+    told = subprocess.run([tmp_path / "main"], input=lines, capture_output=True, text=True, check=True).stdout
+    compiled = np.array([row.split() for row in told.splitlines()], dtype=int)
+    assert compiled.tolist() == python.tolist()
+    far = np.abs(x).max(axis=1) > 1e9  # no angle that anyone measures, though a periodic axis would wrap it into a cell
+    assert (wanted[far] == -1).all()
+
+
+def test_a_name_of_which_nothing_can_be_called(tmp_path):
+    for name, words in (("law.txt", "neither a C header nor Python"), ("3.h", "begins with no letter")):
+        with pytest.raises(UserError, match=words):
+            simgap.export_controller(made_up(1), tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_comment_is_never_code(tmp_path):
+    controller = made_up(1)
+    controller.metadata["case"] = '*/ int x; """ import os\n"""'
+    simgap.export_controller(controller, tmp_path / "law.py")
+    simgap.export_controller(controller, tmp_path / "law.h")
+    compile((tmp_path / "law.py").read_text(), "law.py", "exec")
+    assert (tmp_path / "law.h").read_text().index("*/") > (tmp_path / "law.h").read_text().index("Needs no library")
+
+
+def test_one_state_is_asked_about():
+    controller = made_up(1)
+    for wrong in ([0.1], [0.1, 0.2, 0.3], [[0.1, 0.2]], 0.1, [0.1, float("nan")]):
+        with pytest.raises(UserError):
+            controller.input(wrong)
+        with pytest.raises(UserError):
+            controller.inputs(wrong)
+
+
+def test_found_effects_in_a_urdf(root, tmp_path, vary):
+    """Damping and friction add to what the file says; a denser rod has its mass and inertia scaled."""
+    effects = [
+        {"name": "viscous_friction", "on": "hinge", "parameters": {"b": 0.02}},
+        {"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.15}},
+        {"name": "parameter_error", "on": "rod.mass", "parameters": {"ratio": 1.5}},
+    ]
+    case = vary("pendulum", {"plant.effects": effects}, remove=("measured",))
+    simgap.export_model(case, tmp_path / "made.urdf")
+    robot = ElementTree.parse(tmp_path / "made.urdf").getroot()
+    assert {k: float(v) for k, v in robot.find("joint/dynamics").attrib.items()} == {"damping": 0.02, "friction": 0.15}
+    assert float(robot.find("link[@name='rod']/inertial/mass").get("value")) == 1.5
+    assert float(robot.find("link[@name='rod']/inertial/inertia").get("ixx")) == pytest.approx(0.125, rel=1e-15)
+    # without the friction, which Drake does not read, file and corrected case are the same model
+    plain = vary("pendulum", {"plant.effects": effects[::2]}, remove=("measured",))
+    same = simgap.load_plant(plain).sampled
+    simgap.export_model(plain, tmp_path / "drake.urdf")
+    read = vary("pendulum", {"plant.urdf": str(tmp_path / "drake.urdf")}, remove=("measured",))
+    x, u = np.array([[0.1, 0.4], [-0.2, -0.5]]), np.array([[0.3], [-1.0]])
+    assert np.allclose(simgap.load_plant(read).sampled.step(x, u), same.step(x, u), rtol=0, atol=1e-15)
+
+
+def test_what_a_urdf_cannot_say_is_refused(tmp_path, vary):
+    case = vary("pendulum", {"plant.effects": [{"name": "spring", "on": "hinge", "parameters": {"k": 1.0}}]})
+    with pytest.raises(UserError, match=r"plant.effects.0: a URDF cannot hold 'spring' on 'hinge'"):
+        simgap.export_model(case, tmp_path / "made.urdf")
+    assert not (tmp_path / "made.urdf").exists()
+
+
+def test_the_public_names_are_there_and_documented(root):
+    page = (root / "docs/api.md").read_text()
+    for name in simgap.__all__:
+        assert getattr(simgap, name).__doc__
+        assert f"`{name}" in page, name

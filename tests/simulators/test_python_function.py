@@ -1,0 +1,127 @@
+"""A person's function as the simulator: its results, and each way to go wrong named and bounded in time."""
+
+import time
+
+import numpy as np
+import pytest
+import yaml
+
+from simgap.config.copied_plugins import copied_plugins
+from simgap.config.load import load_case
+from simgap.errors import UserError
+from simgap.provenance import sections_digest
+from simgap.simulators.build import make_simulator
+
+GOOD = """
+import numpy as np
+
+def step(x, u, tau, friction=0.0):
+    return np.array([x[0] + tau * x[1], x[1] + tau * (u[0] - friction * x[1])])
+
+def many(x, u, tau, friction=0.0):
+    assert x.ndim == 2 and len(x) == len(u)
+    return np.stack([x[:, 0] + tau * x[:, 1], x[:, 1] + tau * (u[:, 0] - friction * x[:, 1])], axis=1)
+"""
+CASE = {
+    "name": "cart",
+    "plant": {
+        "states": {"x": {"unit": "m"}, "v": {"unit": "m/s"}},
+        "inputs": {"F": {"unit": "N"}},
+        "symbolic": {"dynamics": {"x": "v", "v": "F"}},
+    },
+    "domain": {"tau": 0.01, "X": {"x": [-1, 1], "v": [-1, 1]}, "U": {"F": {"values": [-1, 0, 1]}}},
+}
+
+
+def written(folder, source, **keys):
+    (folder / "my_sim.py").write_text(source)
+    section = {"engine": "python", "function": "my_sim.py:step"} | keys
+    (folder / "case.yaml").write_text(yaml.safe_dump(CASE | {"simulator": section}, sort_keys=False))
+    return folder / "case.yaml"
+
+
+def rolled(path, x, u):
+    simulator = make_simulator(load_case(path), path.parent)
+    try:
+        return simulator.rollouts(x, u)
+    finally:
+        simulator.close()
+
+
+X, U = np.array([[0.1, 0.2], [-0.3, 0.4], [0.9, -0.9]]), np.array([[1.0], [0.0], [-1.0]])
+
+
+@pytest.mark.parametrize("keys", [{}, {"function": "my_sim.py:many", "batch": True}])
+def test_its_steps_are_those_of_the_function_substeps_included(tmp_path, keys):
+    path = written(tmp_path, GOOD, parameters={"friction": 0.3}, substeps=2, **keys)
+    expected, h = X.copy(), 0.005
+    for _ in range(2):
+        q, v = expected.T
+        expected = np.stack([q + h * v, v + h * (U[:, 0] - 0.3 * v)], axis=1)
+    assert np.abs(rolled(path, X, U) - expected).max() < 1e-15
+
+
+BROKEN = {
+    "fails": ("def step(x, u, tau):\n    if x[0] < 0:\n        raise RuntimeError('no contact')\n    return x",
+              ["fails: RuntimeError: no contact (line 3)", "x = -0.3, v = 0.4, F = 0"]),
+    "ends its process": ("import os\ndef step(x, u, tau):\n    x[0] < 0 and os.abort()\n    return x",
+                         ["ends its process (signal SIGABRT)", "x = -0.3, v = 0.4"]),
+    "hangs": ("def step(x, u, tau):\n    while x[0] < 0:\n        pass\n    return x",
+              ["takes longer than 1 s", "x = -0.3, v = 0.4"]),
+    "nan": ("def step(x, u, tau):\n    return x / (x[0] >= 0)", ["gives x = -inf, v = inf", "x = -0.3, v = 0.4"]),
+    "shape": ("def step(x, u, tau):\n    return x[:1]", ["gives an array (1,) instead of (2,)"]),
+    "words": ("def step(x, u, tau):\n    return 'a'", ["gives 'a', which is no array of numbers"]),
+    "memory": ("n = [0]\ndef step(x, u, tau):\n    n[0] += 1\n    return x + n[0]",
+               ["answers the same call in two ways"]),
+    "import": ("import nothing_there\ndef step(x, u, tau):\n    return x", ["cannot be imported: ModuleNotFoundError"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", BROKEN)
+def test_what_goes_wrong_is_named_with_its_call(tmp_path, fault):
+    source, said = BROKEN[fault]
+    began = time.monotonic()
+    with pytest.raises(UserError) as caught, np.errstate(all="ignore"):
+        rolled(written(tmp_path, source, timeout=1), X, U)
+    assert all(words in str(caught.value) for words in said), str(caught.value)
+    assert time.monotonic() - began < 30
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [("my_sim.py:other", "no function 'other'"), ("../my_sim.py:step", "outside"), ("none.py:step", "does not exist"),
+     ("step", "names no function")],
+)  # fmt: skip
+def test_a_function_that_is_not_there_is_told_when_the_case_is_read(tmp_path, function, said):
+    with pytest.raises(UserError, match=said):
+        load_case(written(tmp_path, GOOD, function=function))
+
+
+def test_nothing_runs_while_a_case_is_read_and_it_is_told_that_it_is_code(tmp_path, caplog):
+    path = written(tmp_path, f"open({str(tmp_path / 'ran')!r}, 'w')\n" + GOOD)
+    load_case(path)
+    assert not (tmp_path / "ran").exists()
+    assert f"{tmp_path / 'my_sim.py'} is code and runs with your rights" in caplog.text
+
+
+def test_an_edit_of_the_file_or_of_what_it_imports_beside_it_makes_results_again(tmp_path):
+    (tmp_path / "beside.py").write_text("A = 1\n")
+    path = written(tmp_path, "import beside\n" + GOOD)
+
+    def digest():
+        return sections_digest(load_case(path), ("simulator",), tmp_path)
+
+    seen = [digest()]
+    (tmp_path / "beside.py").write_text("A = 2\n")
+    seen.append(digest())
+    written(tmp_path, "import beside\n" + GOOD + "# an edit\n")
+    seen.append(digest())
+    assert len(set(seen)) == 3
+
+
+def test_a_corrected_case_takes_the_file_along(tmp_path):
+    (copy,) = copied_plugins(load_case(written(tmp_path, GOOD)), tmp_path, tmp_path / "elsewhere")
+    assert copy.section == ("simulator",)
+    assert copy.key == "function"
+    assert copy.named == f"{copy.file}:step"
+    assert copy.content == GOOD.encode()
