@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,21 +16,24 @@ from simgap.diagnosis.reading.repair import repaired
 from simgap.diagnosis.reading.windows import stretches
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoldStretches, Judged, Key, RecordingFault
 from simgap.diagnosis.search.barred import barred
+from simgap.diagnosis.search.columns import better_columns
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.selection import on_all
+from simgap.diagnosis.search.noise_colour import noise_colour
+from simgap.diagnosis.search.scoring import list_starts
+from simgap.diagnosis.search.selection import best_so_far, carried_over, on_all, preferred, select
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
+from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
-from simgap.diagnosis.sought import sought
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.concentration import concentrated
-from simgap.diagnosis.verdict.faults import fitted_faults, gain_faults, noise_faults
+from simgap.diagnosis.verdict.faults import filtered_channels, fitted_faults, gain_faults, noise_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
@@ -43,8 +46,10 @@ from simgap.diagnosis.verdict.judge import (
     real,
     verdict,
 )
+from simgap.diagnosis.verdict.restated import told
 from simgap.diagnosis.verdict.second_look import nearest, second_look
 from simgap.diagnosis.verdict.transfer import Carried, Trial, independent_share, transferable
+from simgap.diagnosis.widen import screened, widened
 from simgap.effects import apply_effects
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
@@ -73,14 +78,35 @@ def diagnose(
     settings = settings or DiagnosisSettings()
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
-    record, seen = repaired(record)
-    record, lines = without_hum(record)
-    faults = (*seen, *lines)
-    parts, said = parts_of(model, record, settings)
+    record, parts, said, faults = _mended(model, record, settings)
     not_tried = barred(parts.known.model, record, settings.effects)
-    ends = sought(parts, settings.max_effects, not_tried, Watch(settings.budget_s, tell))
-    chosen = _chosen(ends.parts, ends.search, ends.base, ends.found, settings, ends.barred)
-    return _conclude(model, record, settings, ends.parts, chosen, said, (*faults, *ends.faults))
+    watch = Watch(settings.budget_s, tell)
+    begun = _begun(parts.known, not_tried, watch)
+    wider = screened(model, record, settings, *begun, not_tried)
+    if wider is None:
+        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, begun=begun)
+        wider = widened(model, record, settings, search, found, not_tried)
+    if wider is not None:
+        parts, (search, base, found) = wider
+    reach = parts.known.reach(found.fit.theta)
+    if reach > parts.known.reach(search.problem.model.null):  # commands from before the record are unknown: masked
+        parts = parts.past_the_unknown(reach)
+        if watch.stopped:
+            search, base, found = _fitted_again(parts.known, search, found, not_tried)
+        else:
+            reduced = chi2_dof(search.problem, found.fit)
+            search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, (found, reduced))
+    filtered = () if watch.stopped else filtered_channels(search, found)
+    if filtered:
+        parts = parts.without(np.isin(record.measured, [f.channel for f in filtered]))
+        not_tried |= {(f.fault, f.channel): "the channel was left out" for f in filtered}
+        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
+    noise = None if watch.stopped else _noise(parts.known, search, found)
+    if noise is not None:
+        parts = parts.with_noise(*noise)
+        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
+    chosen = _chosen(parts, search, base, found, settings, not_tried)
+    return _conclude(model, record, settings, parts, chosen, said, (*faults, *filtered))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +132,70 @@ class _Chosen:
     at_floor: bool
     agree: bool
     barred: Mapping[Key, str]
+
+
+def _mended(
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings
+) -> tuple[Record, Parts, tuple[str, ...], tuple[RecordingFault, ...]]:
+    """The record without what a look at it shows to be no measurement, its folds, what is to be said, the faults."""
+    record, seen = repaired(record)
+    record, lines = without_hum(record)
+    parts, said = parts_of(model, record, settings)
+    columns = better_columns(coarse(parts.known))
+    if columns is None:
+        return record, parts, said, (*seen, *lines)
+    record = columns.of_record(record)
+    return record, *parts_of(model, record, settings), (*seen, *lines, columns.finding)
+
+
+def _noise(known: Problem, search: Search, found: Explanation) -> tuple[Floats, Colour] | None:
+    """The law of the noise, where what was found leaves more than white noise and that is no trace of a force."""
+    if chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
+        return None
+    at = found.fit
+    if search.problem is not known:
+        at = fit(known, at.theta, initial_states(known), [], {})
+    return noise_colour(known, at.theta, at.x0)
+
+
+def _fitted_again(
+    problem: Problem, search: Search, found: Explanation, not_tried: Collection[Key]
+) -> tuple[Search, Fit, Explanation]:
+    """What a search found before it was stopped, fitted on another problem; nothing else is tried there."""
+    sought = coarse(problem)
+    base = fit(sought, sought.model.null, initial_states(sought), [], {})
+    again = Search(sought, list_starts(sought, not_tried), watch=search.watch)
+    return again, base, on_all(again, search, found, base)
+
+
+def _begun(problem: Problem, not_tried: Collection[Key], watch: Watch) -> tuple[Search, Fit]:
+    """A search on the problem in which nothing was tried yet, and the model as declared."""
+    sought = coarse(problem)
+    base = fit(sought, sought.model.null, initial_states(sought), [], {})
+    return Search(sought, list_starts(sought, not_tried), watch=watch), base
+
+
+def _searched(
+    problem: Problem, most: int, not_tried: Collection[Key], watch: Watch,
+    known: tuple[Explanation, float] | None = None, begun: tuple[Search, Fit] | None = None,
+) -> tuple[Search, Fit, Explanation]:  # fmt: skip
+    """A search on the problem, the model as declared, and what explains it best; begun from what is `known`.
+
+    What is known comes with its chi^2/dof where it was found. A search that is stopped ends with its best so far; one
+    that was `begun` goes on.
+    """
+    search, base = begun or _begun(problem, not_tried, watch)
+    if watch.stopped:
+        return search, base, best_so_far(search, base, most)
+    try:
+        found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
+        rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
+        return search, base, preferred(search, found, most)
+    except Stopped:
+        pass
+    except KeyboardInterrupt:
+        watch.interrupted()
+    return search, base, best_so_far(search, base, most)
 
 
 def _chosen(
@@ -155,11 +245,13 @@ def _conclude(
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, kept_held.states), True)
     empty = search.empty(chosen.sparse)
     tested = word in ("partial", "unexplained") and short is None
-    told = answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
+    every = answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
+    listed = answer.alternatives(chosen.found, others)
+    effects, listed = told([e for e in every if not is_fault(e.name)], listed, model, answer.applied(kept))
     return Diagnosis(
         verdict=word,
-        effects=tuple(e for e in told if not is_fault(e.name)),
-        alternatives=answer.alternatives(chosen.found, others),
+        effects=effects,
+        alternatives=listed,
         before=judged(known, base, old, horizon),
         after=judged(known, kept.fit, kept_held, horizon),
         floor=_floor(known, kept_held, horizon),
@@ -177,7 +269,7 @@ def _conclude(
         if tested
         else None,
         concentrated=concentrated(confirm, names, old, new),
-        recording=(*faults, *fitted_faults(told), *gain_faults(told), *noise_faults(known)),
+        recording=(*faults, *fitted_faults(every), *gain_faults(every), *noise_faults(known)),
     )
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
@@ -55,6 +56,15 @@ class Columns:
             used=np.ascontiguousarray(problem.used[:, order]),
             memo=Memo(),
         )
+
+    def of_record(self, record: Record) -> Record:
+        """The record with the columns as they really are."""
+        return replace(record, traces=tuple(self._of_trace(trace) for trace in record.traces))
+
+    def _of_trace(self, trace: Trace) -> Trace:
+        used = None if trace.used is None else trace.used[:, list(self.y_order)]
+        y, u = trace.y[:, list(self.y_order)] * self.y, trace.u[:, list(self.u_order)] * self.u
+        return replace(trace, y=y, u=u, used=used)
 
 
 def better_columns(problem: Problem) -> Columns | None:
