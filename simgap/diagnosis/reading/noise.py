@@ -29,8 +29,8 @@ def noise_floor(record: Record) -> Floats:
     """Standard deviation of white noise on each measured channel, (k,), in the channel's unit.
 
     sigma^2 is the mean square of the sixth difference of unit weight (for even spacing mean((6th difference)^2) / 924):
-    a motion that is smooth over seven samples drops out. Coloured or quantised noise is not seen in full. Readings that are no
-    measurement are not used.
+    a motion that is smooth over seven samples drops out. Coloured or quantised noise is not seen in full.
+    Readings that are no measurement are not used.
     """
     total, count = np.zeros(len(record.measured)), np.zeros(len(record.measured))
     for trace in record.traces:
