@@ -10,7 +10,7 @@ from simgap.config.base import Section
 class ValidationSection(Section):
     """How many runs, how long, and which of them are kept in full."""
 
-    starts: int = Field(1000, ge=1, description="Starts drawn from each winning domain.")
+    starts: int = Field(1000, ge=1, description="Starts, drawn from the winning domain of the gap-aware controller.")
     first: tuple[dict[str, float], ...] = Field(
         (), description="States to start from before the drawn ones; each must be in both winning domains."
     )

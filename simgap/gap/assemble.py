@@ -122,7 +122,8 @@ def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence
         if local or not found.resolved:
             raise BrokenPromise(
                 f"the gap of {name} is not Lipschitz at this grid: L(h/2)/L(h) = {found.ratio.max():.2f} > {GATE}, "
-                f"{100 * found.rough_share:.2g} % of the cells are rough",
+                f"{100 * found.rough_share:.2g} % of the cells are rough; "
+                f"{found.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
                 "Use a smaller eps, or padding: inflate with a larger rough_limit if the jump is known.",
             )
 

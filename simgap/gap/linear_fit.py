@@ -109,7 +109,7 @@ def linear_gap(
         if settings.padding == "inflate" and rough > settings.rough_limit:
             raise BrokenPromise(
                 f"the residual of {where.states[i]} is not Lipschitz at this grid: {100 * rough:.2g} % of the cells "
-                "are rough",
+                f"are rough; {known.grid.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
                 "Use a smaller eps, or a basis that follows the gap.",
             )
     tiers = _tiers(where, settings, lipschitz, sides)

@@ -27,3 +27,6 @@ MOST_BORDER_STATES = 50_000
 
 CHECK_LEVELS = 40
 """Of the random lattice of states on borders that check a bound, along each axis: 160 states on faces in the plane."""
+
+THIN = 0.34
+"""Share of an axis of X below which rough cells are said to lie near one value of it; only words depend on it."""

@@ -34,6 +34,16 @@ def need_template(template: str) -> None:
             )
 
 
+def described(picture: str, alt: str) -> str:
+    """A figure (an SVG or image element) with its alternative text, for who cannot see it."""
+    from markupsafe import Markup, escape
+
+    text = str(picture)
+    if text.startswith("<img"):
+        return Markup(text.replace('alt=""', f'alt="{escape(alt)}"', 1))
+    return Markup(text.replace("<svg", f'<svg role="img" aria-label="{escape(alt)}"', 1))
+
+
 def render(template: str, **content: Any) -> str:
     """A page from a template; figures given as SVG text are put in as they are, all else is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -46,7 +56,7 @@ def render(template: str, **content: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "unit": pretty_unit, "phrase": phrase}
+    environment.filters |= {"number": number, "unit": pretty_unit, "phrase": phrase, "described": described}
     style = Markup((folder() / STYLE).read_text())  # quotes of font names must stay quotes
     return environment.get_template(template).render(style=style, **content)
 

@@ -164,7 +164,7 @@ def _measured(m: Material) -> Rows:
 
 def sources(m: Material) -> Rows:
     """The provenance of every result that went into the page."""
-    named = [(f"gap, eps = {g['eps']:g}" if "eps" in g else "gap", g) for g in m.sweep]
+    named = [(f"gap, eps = {g['eps']:g}" if g.get("eps") else "gap", g) for g in m.sweep]
     named += [("synthesis, gap-aware", m.syntheses[ROBUST]), ("synthesis, nominal", m.syntheses[NOMINAL])]
     named.append(("validation", m.validation))
     return [{"what": what, **document["provenance"]} for what, document in named if "provenance" in document]

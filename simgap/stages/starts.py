@@ -1,4 +1,7 @@
-"""Where the closed-loop runs begin: states given in the case first, the rest drawn from the winning domain."""
+"""Where the closed-loop runs begin: states given in the case first, the rest drawn from the winning domain.
+
+Both controllers begin at the same states, so that what tells their runs apart is the controllers alone.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import numpy as np
 from simgap.config.validation import ValidationSection
 from simgap.errors import UserError
 from simgap.geometry import Floats, points_of_cells
+from simgap.io.traces import NOMINAL, ROBUST
 from simgap.stages.context import Context
 from simgap.synthesis.controller import Controller
 
@@ -20,6 +24,21 @@ def starts(context: Context, section: ValidationSection, controller: Controller)
     given = [given_start(context, controller, number, named) for number, named in enumerate(section.first)]
     drawn = draw_starts(controller, max(section.starts - len(given), 0), section.seed)
     return np.concatenate([np.array(given).reshape(-1, len(context.states)), drawn])
+
+
+def starts_by_kind(
+    context: Context, section: ValidationSection, nominal: Controller, robust: Controller
+) -> dict[str, Floats]:
+    """Starts of the gap-aware controller, and those of them that the nominal-only one wins too: (n, nx) each.
+
+    Where it wins none of them, the nominal-only one begins in its own winning domain.
+
+    Raises:
+        UserError: as `starts` does.
+    """
+    own = starts(context, section, robust)
+    shared = own[nominal.contains(own)]
+    return {NOMINAL: shared if len(shared) else starts(context, section, nominal), ROBUST: own}
 
 
 def given_start(context: Context, controller: Controller, number: int, named: dict[str, float]) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +13,11 @@ from simgap.config.pose import pose_axes
 from simgap.errors import UserError
 from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Floats
+from simgap.io.atomic import write_text
 from simgap.io.controller_file import save_controller
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
+from simgap.io.pages import render
 from simgap.model.paths import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.provenance import provenance
@@ -25,12 +28,15 @@ from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
 from simgap.stages.costs import affordable, costs
 from simgap.synthesis.controller import Controller
+from simgap.synthesis.explain import explain
 from simgap.synthesis.intersample import excursion, rates
 from simgap.synthesis.previous import PreviousBounds
+from simgap.synthesis.refusals import EmptyDomain
 from simgap.synthesis.swept import SweptCells, planar_swept_cells
 from simgap.synthesis.synthesise import Problem, synthesise
 
 FIRST_INPUT = 1e-9  # how far the first input may be from the one of U that it is
+EMPTY_PAGE = "empty.html.j2"
 PATH_POINTS = 20  # poses on the nominal path between two samples
 
 
@@ -45,7 +51,7 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
         affordable(context, [cost for cost in costs(context) if cost.stage == "synthesis"])
         problem, between = pose(context, gap_path)
         began = time.perf_counter()
-        solution = synthesise(problem, threads)
+        solution = _solved(context, problem, gap_path, summary, threads)
     log.info("%d of %d cells win (%.4f)", solution.winning.sum(), solution.free.sum(), solution.fraction)
     log.info("synthesis took %.2f s, compilation included", time.perf_counter() - began)
     record = provenance("synthesis", context.case, context.folder)
@@ -67,6 +73,37 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
         "provenance": record,
     }
     write_json(summary, figures)
+
+
+def _solved(context: Context, problem: Problem, gap_path: Path | None, summary: Path, threads: int) -> Solution:
+    """The solution; where there is none, why: as a block of the log, in the summary and on a page beside it.
+
+    Raises:
+        EmptyDomain: no cell wins.
+    """
+    try:
+        return synthesise(problem, threads)
+    except EmptyDomain as error:
+        found = explain(problem, _retimed(context), threads, error.alone)
+        for line in found.block():
+            log.warning("%s", line)
+        record = provenance("synthesis", context.case, context.folder)
+        model = "with gap" if gap_path is not None else "nominal"
+        figures = {"model": model, "cells": list(problem.cells), "inputs": len(problem.inputs), "winning_cells": 0}
+        write_json(summary, {**figures, "empty": found.to_json(), "provenance": record})
+        page = summary.with_name("empty.html")
+        write_text(page, render(EMPTY_PAGE, title=context.case.title or context.case.name, found=found, model=model))
+        raise EmptyDomain(
+            error.problem, file=error.file, key=error.key, remedy=f"{error.remedy}. {found.sentence} See {page}"
+        ) from None
+
+
+def _retimed(context: Context) -> Callable[[float], NominalModel] | None:
+    """The nominal model at other sampling times, where it does not carry a delay of one sample."""
+    tau = context.domain.tau
+    if context.case.sensing is not None and context.case.sensing.latency:
+        return None
+    return lambda times: replace(context.plant, tau=tau * times).sampled
 
 
 def _clearance(problem: Problem) -> str | None:

@@ -27,7 +27,7 @@ from simgap.specifications.base import specification_of
 from simgap.specifications.monitor import Run, Verdict
 from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
-from simgap.stages.starts import starts
+from simgap.stages.starts import starts_by_kind
 from simgap.synthesis.controller import Controller
 
 CHUNK = 50  # runs a worker does between two signs of life
@@ -43,7 +43,7 @@ def run(
     workers: int = 2,
     engine_log: Path | None = None,
 ) -> None:
-    """Run every start of each winning domain, audit every step, keep a few traces.
+    """Run both controllers from the same starts, audit every step, keep a few traces.
 
     Raises:
         BrokenPromise: if the gap-aware controller violates anything in the simulator.
@@ -56,16 +56,19 @@ def run(
     record = provenance("validation", context.case, context.folder, {"starts": section.seed})
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
-    for kind, path in ((NOMINAL, nominal), (ROBUST, robust)):
-        controller = load_controller_of(path, context)
+    paths = {NOMINAL: nominal, ROBUST: robust}
+    controllers = {kind: load_controller_of(path, context) for kind, path in paths.items()}
+    with context.blame():
+        begin = starts_by_kind(context, section, controllers[NOMINAL], controllers[ROBUST])
+    for kind, path in paths.items():
+        controller = controllers[kind]
         with context.blame():
-            begin = starts(context, section, controller)
             monitor = specification.monitor(space, controller.solution)
         judge = Judge(space, monitor, section.steps, controller.input_set, model, gap)
         proven = replace(judge, certificate=controller.solution, tolerant=tolerated(context.case) > 0)
         for plant, runs in (
-            (SIMULATOR, _simulated(context, path, begin, workers, engine_log)),
-            (MODEL, batch_loop(model.step, controller, begin, section.steps, monitor)),
+            (SIMULATOR, _simulated(context, path, begin[kind], workers, engine_log)),
+            (MODEL, batch_loop(model.step, controller, begin[kind], section.steps, monitor)),
         ):
             figures, kept = (proven if (kind, plant) == (ROBUST, SIMULATOR) else judge).count(runs, section.kept)
             tallies.setdefault(kind, {})[plant] = figures

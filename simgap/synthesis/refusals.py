@@ -19,9 +19,18 @@ Floats = NDArray[np.float64]
 _SAMPLES = 4096
 
 
+class EmptyDomain(UserError):
+    """No run can start anywhere.
+
+    `alone` is the share that the nominal model alone wins on the same cells, None where that was not looked at.
+    """
+
+    alone: float | None = None
+
+
 def hopeless_dimension(
     model: Model, grid: Grid, inputs: Floats, gap: Kernel | None, space: Space, holding: bool
-) -> UserError | None:
+) -> EmptyDomain | None:
     """A dimension in which the gap exceeds the largest step that f can make, everywhere looked at.
 
     Then none of the inputs (M, nu) can hold (`holding`) or advance that state against the gap in any cell. Looked at
@@ -30,13 +39,13 @@ def hopeless_dimension(
     """
     centres = grid.centres()[:: max(1, grid.size // _SAMPLES)]
     steps = np.zeros((len(centres), grid.box.size, 4))
-    _extremes(model.kernel, no_gap if gap is None else gap, centres, inputs, steps)
+    extremes(model.kernel, no_gap if gap is None else gap, centres, inputs, steps)
     for j, name in enumerate(space.states):
         authority = float(np.abs(steps[:, j, :2]).max())
         below, above = float(steps[:, j, 2].min()), float(steps[:, j, 3].min())
         worst = max(below, above) if holding else min(below, above)
         if worst > authority and j not in grid.periodic:
-            return UserError(
+            return EmptyDomain(
                 f"no input can {'hold' if holding else 'steer'} {name}: the gap in {name} is at least {worst:.6g} "
                 f"everywhere, while the largest step of the nominal model in {name} is {authority:.6g} (cell centres)",
                 key="synthesis",
@@ -52,14 +61,14 @@ def reason_for_empty(
     latency: int,
     causes: Sequence[str],
     undisturbed: Solution,
-) -> UserError:
+) -> EmptyDomain:
     """The reason when no single dimension is hopeless: `causes` and what the controller does not know.
 
     `error` is (nx,); `undisturbed` is the solution for f alone on the same cells, at sampling instants.
     """
     cells = ", ".join(f"{2 * h:.6g} along {name}" for name, h in zip(space.states, grid.h, strict=True))
     if not undisturbed.useful:
-        return UserError(
+        return EmptyDomain(
             f"the winning domain is empty even for the nominal model alone, on cells of {cells}",
             key="synthesis.cells",
             remedy="Use more cells, or a specification that the inputs can meet",
@@ -69,7 +78,7 @@ def reason_for_empty(
         causes.append(f"the measurement error {np.asarray(error).tolist()}")
     if latency:
         causes.append(f"the latency of {latency} sample")
-    return UserError(
+    return EmptyDomain(
         f"the winning domain is empty because of {' and '.join(causes) or 'the disturbance'}: the nominal model alone "
         f"wins {undisturbed.fraction:.3f} of the free cells ({cells})",
         key="synthesis",
@@ -78,7 +87,7 @@ def reason_for_empty(
 
 
 @nb.njit(error_model="numpy")
-def _extremes(kernel, gap, centres, inputs, out):  # type: ignore[no-untyped-def]
+def extremes(kernel, gap, centres, inputs, out):  # type: ignore[no-untyped-def]
     """Per centre and dimension over U: least and largest f_i - x_i, then the least -lo_i and hi_i of the gap."""
     n = centres.shape[1]
     lo, hi = np.empty(n), np.empty(n)

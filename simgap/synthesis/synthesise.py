@@ -129,4 +129,6 @@ def synthesise(problem: Problem, threads: int = 1) -> Solution:
     alone = undisturbed.specification.solve(undisturbed.game(threads))
     between = problem.swept is not None or (problem.stray is not None and bool(np.any(problem.stray)))
     causes = [name for name, holds in (("the gap", problem.gap), ("the path between samples", between)) if holds]
-    raise reason_for_empty(problem.space, problem.grid, problem.error, problem.latency, causes, alone)
+    reason = reason_for_empty(problem.space, problem.grid, problem.error, problem.latency, causes, alone)
+    reason.alone = alone.fraction if alone.useful else 0.0
+    raise reason

@@ -55,6 +55,16 @@ def test_rough_cells_are_those_around_the_jump():
     assert found.jump >= 2.0
 
 
+def test_a_jump_is_told_with_its_place_and_size_and_a_bend_as_a_bend():
+    grid = Grid(X, [20, 100])
+    jump = estimate(values(lambda x: np.sign(x[:, 1]) + x[:, 0], grid), grid)
+    said = jump.place(("q", "v"), X.lo, X.hi)
+    assert "jumps by up to 2" in said
+    assert "something switches near v = " in said
+    assert "< q <" not in said  # it lies along all of q
+    assert "no jump" in estimate(values(lambda x: np.sin(x[:, 0]), grid), grid).place(("q", "v"), X.lo, X.hi)
+
+
 @pytest.mark.parametrize("at_rest", [0.0, 0.2, -0.3])
 def test_a_jump_on_a_sample_is_rough_too(at_rest):
     """Dry friction sampled at v = 0: half of the jump on either side, which no single difference gives away."""

@@ -1,10 +1,13 @@
 """Closed-loop runs begin where they prove something: outside the target, on faces and corners too."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
+from simgap.config.validation import ValidationSection
 from simgap.geometry import Box, Grid, points_of_cells
 from simgap.specifications.solution import Solution
-from simgap.stages.starts import draw_starts
+from simgap.stages.starts import draw_starts, starts_by_kind
 from simgap.synthesis.controller import Controller
 
 GRID = Grid(Box([0.1, -0.3], [1.3, 0.7]), (12, 7))
@@ -59,3 +62,17 @@ def test_points_on_faces_are_their_cells_own():
         chosen = rng.integers(0, grid.size, 5000)
         place = rng.choice([-1.0, 1.0], (5000, 2))
         assert np.array_equal(grid.index(points_of_cells(grid, chosen, place)), chosen)
+
+
+def test_both_controllers_begin_at_the_same_states():
+    context, section = SimpleNamespace(states=("a", "b")), ValidationSection(starts=300, steps=1)
+    left = np.arange(GRID.size) < GRID.size // 2
+    for nominal, shared in ((checkerboard(), checkerboard() & left), (left, left)):
+        begin = starts_by_kind(context, section, controller(nominal), controller(left))
+        assert controller(left).contains(begin["gap"]).all()
+        assert len(begin["gap"]) == 300
+        both = controller(shared).contains(begin["gap"])
+        np.testing.assert_array_equal(begin["nominal"], begin["gap"][both])
+    apart = starts_by_kind(context, section, controller(~left), controller(left))
+    assert controller(~left).contains(apart["nominal"]).all()
+    assert len(apart["nominal"]) == 300

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from simgap.gap.thresholds import GATE
+from simgap.gap.thresholds import GATE, THIN
 from simgap.geometry import Floats
 
 
@@ -43,6 +43,21 @@ class GridLipschitz:
     def resolved(self) -> bool:
         """Whether the grid resolves the slope along every axis."""
         return bool(np.all(self.ratio <= GATE))
+
+    def place(self, states: Sequence[str], lo: Floats, hi: Floats) -> str:
+        """Where the gap jumps and by how much, and what usually does; lo, hi (nx,) are the ends of X."""
+        if self.rough_box is None:
+            ratios = ", ".join(f"{r:.2f} along {s}" for s, r in zip(states, self.ratio, strict=True) if r > GATE)
+            seen = ratios or "in what the basis leaves"
+            return f"the gap has no jump, it bends faster than the grid sees ({seen})"
+        low, high = self.rough_box
+        thin = [j for j in range(len(states)) if high[j] - low[j] < THIN * (hi[j] - lo[j])]
+        ends = [f"{low[j]:.3g} < {states[j]} < {high[j]:.3g}" for j in (thin or range(len(states)))]
+        found = f"the gap jumps by up to {self.jump:.3g} where {' and '.join(ends)}"
+        if thin:
+            at = ", ".join(f"{states[j]} = {0.5 * (low[j] + high[j]):.3g}" for j in thin)
+            found += f": something switches near {at}, such as dry friction at rest, a contact or a stop"
+        return found
 
     def to_json(self) -> dict[str, Any]:
         """Everything as plain data."""

@@ -114,8 +114,9 @@ def gap(context: Context, made: Made) -> Bound:
     tiers = [*confirmed(result.function.tiers, check), *memory, *symmetric, check.tier, beside.tier]
     function = covering_remainder(result.function.with_tiers(tiers), section.remainder)
     content = result.to_json() | function.to_json()
-    content |= {"eps": known_radius(made.points.name), "fresh": asdict(check), "borders": asdict(beside)}
-    if shifts is not None or content["eps"] is None:
+    eps = known_radius(made.points.name)
+    content |= {"fresh": asdict(check), "borders": asdict(beside)} | ({} if eps is None else {"eps": eps})
+    if shifts is not None or eps is None:
         moving = [(n, float(h)) for n, h in zip(names, where.moving_half_widths, strict=True) if h > 0]
         content["half_widths"] = dict(moving)
     return Bound(content, check, _thinned(context, step, where.size, made.shards))

@@ -1,0 +1,259 @@
+"""Why a winning domain is empty: what one step does to each state, and what a quick search on coarse cells finds.
+
+Looked at are cells spread over the grid with all inputs: what the inputs can move in one step, how wide the gap and the
+successor of a cell are against that, and along which state every input leads out. Then the same problem is solved again
+with more cells, a narrower gap, the nominal model alone and other sampling times, each on as many cells as a short
+budget allows. These are searches, not proofs: what they do not find may exist on finer cells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numba as nb
+import numpy as np
+
+from simgap.errors import UserError
+from simgap.synthesis.nominal import Model
+from simgap.synthesis.product import Kernel, no_gap
+from simgap.synthesis.refusals import extremes
+from simgap.synthesis.synthesise import Problem
+
+SAMPLED = 2_000
+"""Cells that are looked at one by one."""
+PAIRS = 6_000_000
+"""Most pairs of cell and input of one try: some seconds. A judgement; the synthesis itself may take minutes."""
+GROWTH, ROUNDS = 4, 6
+"""Times as many cells from one try to the next, and tries at most."""
+MOST_PAIRS = 150_000_000
+"""Beyond `PAIRS`, cells are refined once more than was asked for, up to this: what was asked for was worth its time."""
+NARROWER = (0.5, 0.0)
+"""Shares of the gap's width around its middle."""
+OTHER_TAU = (2.0, 0.5)
+"""Times the sampling time."""
+NOMINAL = "the nominal model"
+
+
+@dataclass(frozen=True)
+class AxisNumbers:
+    """One state in one step.
+
+    Attributes:
+        cell: width of a cell. step: largest |f - x|. moves: what the choice of the input changes, median over cells.
+        gamma, gamma_width: largest size and width of the gap over a cell, 0 for the nominal model alone.
+        spans, spans_nominal: cells that a successor of one cell covers, median, with the gap and without it.
+        leaves: share of the cells in which every input leads out of the region along this state.
+    """
+
+    state: str
+    cell: float
+    step: float
+    moves: float
+    gamma: float
+    gamma_width: float
+    spans: float
+    spans_nominal: float
+    leaves: float
+
+
+@dataclass(frozen=True)
+class Try:
+    """One thing that was tried: what, with which key, on which cells, and the share of the free cells that win."""
+
+    what: str
+    key: str
+    with_gap: bool
+    cells: tuple[int, ...]
+    wins: float
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Why nothing wins.
+
+    Attributes:
+        cause: specification, cells, gap, between_samples or sensing. sentence: the same in words.
+        first: the state that runs out first. axes: numbers of each state. tries: what was tried, in order.
+    """
+
+    cause: str
+    sentence: str
+    first: str
+    axes: tuple[AxisNumbers, ...]
+    tries: tuple[Try, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+    def block(self) -> list[str]:
+        """Lines for a terminal."""
+        head = ("state", "cell", "inputs move", "gamma", "its width", "successor", "nominal", "all leave")
+        rows = [
+            (a.state, f"{a.cell:.3g}", f"{a.moves:.3g}", f"{a.gamma:.3g}", f"{a.gamma_width:.3g}",
+             f"{a.spans:.3g} cells", f"{a.spans_nominal:.3g} cells", f"{100 * a.leaves:.3g} %") for a in self.axes
+        ]  # fmt: skip
+        tried = [(f"{t.what}, {' x '.join(map(str, t.cells))} cells", f"{t.wins:.3g} wins") for t in self.tries]
+        return [
+            "Why nothing wins: " + self.sentence,
+            *_table([head, *rows]),
+            "A quick search on coarse cells (not a proof; * the nominal model alone):",
+            *_table([(("  " if t.with_gap else "* ") + a, b) for t, (a, b) in zip(self.tries, tried, strict=True)]),
+        ]
+
+
+def explain(
+    problem: Problem, retimed: Callable[[float], Model] | None = None, threads: int = 1, alone: float | None = None
+) -> Explanation:
+    """The reasons of a problem whose winning domain is empty.
+
+    Args:
+        problem: the problem.
+        retimed: the nominal model at so many times the sampling time; None where it has no other.
+        threads: for the kernels.
+        alone: share that the nominal model alone wins on the cells of the problem, None where nobody knows.
+    """
+    axes = axis_numbers(problem)
+    tries = tuple(_tries(problem, retimed, threads, alone))
+    first = max(axes, key=lambda a: (a.leaves, a.spans / max(a.moves / a.cell, 1e-9))).state
+    cause, sentence = _verdict(problem, first, tries)
+    return Explanation(cause, sentence, first, axes, tries)
+
+
+def axis_numbers(problem: Problem) -> tuple[AxisNumbers, ...]:
+    """What one step does to each state, from cells spread evenly over the grid."""
+    grid, inputs = problem.grid, problem.inputs
+    cells = np.unique(np.linspace(0, grid.size - 1, min(SAMPLED, grid.size)).astype(np.int64))
+    centres, gap = grid.centres()[cells], problem.gap or no_gap
+    steps = np.zeros((len(centres), grid.box.size, 4))
+    extremes(problem.model.kernel, gap, centres, inputs, steps)
+    widest = np.zeros((grid.box.size, 2))
+    _widest(gap, centres, np.array(grid.h), inputs, widest)
+    boxes = replace(problem, swept=None).abstraction().boxes(cells)
+    alone = replace(problem, gap=None, swept=None, error=None).abstraction().boxes(cells)
+    out = (boxes[:, :, 0] < 0) | (boxes[:, :, 1] >= np.array(grid.cells))
+    out[..., list(grid.periodic)] = False
+    leaves = out.all(axis=1).mean(axis=0)
+    spans, plain = (np.median(b[:, :, 1] - b[:, :, 0] + 1, axis=(0, 1)) for b in (boxes, alone))
+    return tuple(
+        AxisNumbers(
+            name, 2.0 * float(grid.h[j]), float(np.abs(steps[:, j, :2]).max()),
+            float(np.median(steps[:, j, 1] - steps[:, j, 0])), float(widest[j, 0]), float(widest[j, 1]),
+            float(spans[j]), float(plain[j]), float(leaves[j]),
+        )
+        for j, name in enumerate(problem.space.states)
+    )  # fmt: skip
+
+
+def _tries(
+    problem: Problem, retimed: Callable[[float], Model] | None, threads: int, known: float | None
+) -> Iterator[Try]:
+    """Finer cells and narrower gaps as far as the budget goes; the path between samples is left aside."""
+    plain = replace(problem, swept=None, stray=None, previous=None, latency=0)
+    alone = replace(plain, gap=None, error=None)
+    finer = _finer(problem.cells, len(problem.inputs))
+    for k, cells in enumerate(finer):
+        if k == 0 and known is not None:
+            yield Try(NOMINAL, "synthesis.cells", False, cells, known)
+        else:
+            yield _tried(NOMINAL, "synthesis.cells", False, replace(alone, cells=cells), threads)
+    if problem.gap is not None:
+        for cells in finer:
+            yield _tried("with the gap", "synthesis.cells", True, replace(plain, cells=cells), threads)
+        for share in NARROWER:
+            what = f"with {'half' if share else 'none'} of the gap's width"
+            yield _tried(what, "gap", True, replace(plain, gap=_narrowed(problem.gap, share)), threads)
+    for times in OTHER_TAU if retimed is not None else ():
+        assert retimed is not None
+        own = replace(alone, model=retimed(times), cells=finer[-1])
+        yield _tried(f"{NOMINAL}, {times:g} times tau", "domain.tau", False, own, threads)
+
+
+def _tried(what: str, key: str, with_gap: bool, problem: Problem, threads: int) -> Try:
+    try:
+        solution = problem.specification.solve(problem.game(threads))
+    except UserError:  # sets that these cells cannot express
+        return Try(what, key, with_gap, problem.cells, 0.0)
+    return Try(what, key, with_gap, problem.cells, solution.fraction if solution.useful else 0.0)
+
+
+def _finer(cells: Sequence[int], inputs: int) -> list[tuple[int, ...]]:
+    """The cells that were asked for, then `GROWTH` times as many from one to the next while they are affordable."""
+    asked = math.prod(cells) * inputs
+    most = max(PAIRS, min(1.3 * GROWTH * asked, MOST_PAIRS))
+    found = [tuple(cells)]
+    for k in range(1, ROUNDS):
+        more = tuple(math.ceil(c * GROWTH ** (k / len(cells))) for c in cells)
+        if math.prod(more) * inputs > most:
+            break
+        found.append(more)
+    return found
+
+
+def _verdict(problem: Problem, first: str, tries: Sequence[Try]) -> tuple[str, str]:
+    alone = [t for t in tries if t.key == "synthesis.cells" and not t.with_gap]
+    gapped = [t for t in tries if t.key == "synthesis.cells" and t.with_gap]
+    narrow, other = ([t for t in tries if t.key == key and t.wins > 0] for key in ("gap", "domain.tau"))
+    taus = "; another sampling time helps: " + ", ".join(t.what.split(", ")[1] for t in other) if other else ""
+    run_out = f"{first} runs out first"
+    if not any(t.wins > 0 for t in alone):
+        finest = " x ".join(map(str, alone[-1].cells))
+        return "specification", (
+            f"{run_out}. The nominal model alone wins nothing either, up to {finest} cells: the inputs cannot meet "
+            f"synthesis.specification on cells as fine as these{taus}."
+        )
+    won = next(t for t in alone if t.wins > 0)
+    if problem.gap is None or any(t.wins > 0 for t in gapped):
+        better = next((t for t in gapped if t.wins > 0), won)
+        if math.prod(better.cells) > math.prod(problem.cells):
+            needed = " x ".join(map(str, better.cells))
+            return "cells", f"{run_out}. The cells are too large: {needed} of them win {better.wins:.3g}."
+        blurred = problem.error is not None or problem.latency > 0
+        cause = "sensing" if blurred else "between_samples"
+        what = "what the controller does not know of the state" if blurred else "the path between samples"
+        return (
+            cause,
+            f"{run_out}. At sampling instants and with a perfect measurement {better.wins:.3g} wins: {what} is.",
+        )
+    helps = f"; with {narrow[0].what.removeprefix('with ')} it wins {narrow[0].wins:.3g}" if narrow else ""
+    return "gap", (
+        f"{run_out}. The gap is the reason: the nominal model alone wins {won.wins:.3g}{helps}. "
+        "A smaller grid.eps, a basis that follows the gap or gap.sides: signed make gamma narrower."
+    )
+
+
+def _narrowed(gap: Kernel, share: float) -> Kernel:
+    """The gap with a share of its width around its middle."""
+
+    @nb.njit(error_model="numpy")
+    def narrowed(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
+        gap(xlo, xhi, u, lo, hi)
+        for i in range(len(lo)):
+            middle, half = 0.5 * (lo[i] + hi[i]), 0.5 * (hi[i] - lo[i]) * share
+            lo[i], hi[i] = middle - half, middle + half
+
+    found: Kernel = narrowed
+    return found
+
+
+@nb.njit(error_model="numpy")
+def _widest(gap, centres, h, inputs, out):  # type: ignore[no-untyped-def]
+    """Largest size and width of the gap over the cells around `centres` (k, n), for each dimension: (n, 2)."""
+    n = centres.shape[1]
+    lo, hi = np.empty(n), np.empty(n)
+    for c in range(centres.shape[0]):
+        for m in range(inputs.shape[0]):
+            gap(centres[c] - 0.999 * h, centres[c] + 0.999 * h, inputs[m], lo, hi)
+            for j in range(n):
+                out[j, 0] = max(out[j, 0], abs(lo[j]), abs(hi[j]))
+                out[j, 1] = max(out[j, 1], hi[j] - lo[j])
+
+
+def _table(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return [
+        "  " + "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]

@@ -1,0 +1,73 @@
+"""What a browser makes of the pages: nothing overflows, on a desk or a phone, in the light or the dark; no errors."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import loop_example as example
+
+from simgap.stages import report
+from simgap.stages.report import Inputs
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
+LOOK = """<!DOCTYPE html><body><script>
+const frame = document.createElement("iframe");
+frame.style = "border: 0; height: 900px; width: WIDTHpx"; frame.src = "report.html";
+frame.onload = () => {
+  const page = frame.contentDocument, wide = frame.clientWidth;
+  const scrolls = e => { for (; e; e = e.parentElement) if (getComputedStyle(e).overflowX == "auto") return true; };
+  const over = [...page.body.querySelectorAll("*")].filter(
+    e => e.getBoundingClientRect().right > wide + 1 && !scrolls(e)).map(e => e.tagName);
+  const unsaid = [...page.querySelectorAll("figure")].filter(
+    f => !f.querySelector("figcaption")?.textContent.trim() ||
+      !f.querySelector("[aria-label], img[alt]:not([alt=''])"));
+  const found = {over, unsaid: unsaid.length, figures: page.querySelectorAll("figure").length,
+    ground: getComputedStyle(page.body).backgroundColor, scroll: page.documentElement.scrollWidth - wide};
+  document.body.innerHTML = "<pre>" + JSON.stringify(found) + "</pre>";
+};
+document.body.append(frame);
+</script></body>"""
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory, root) -> Path:
+    folder = tmp_path_factory.mktemp("page")
+    case = example.pendulum(root, folder)
+    report.run(case, Inputs(**example.arguments(folder)), folder / "report.html", folder / "summary.json")
+    return folder
+
+
+def look(folder: Path, width: int, *more: str) -> tuple[dict, str]:
+    """What the browser finds on the page at a width, and what it says on its console."""
+    (folder / "look.html").write_text(LOOK.replace("WIDTH", str(width)))
+    call = [BROWSER, "--headless=new", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files", *more]
+    call += [f"--user-data-dir={folder / 'profile'}", "--window-size=1300,1000", "--virtual-time-budget=5000"]
+    call += ["--enable-logging=stderr", "--dump-dom", (folder / "look.html").as_uri()]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=120, check=True)
+    said = re.search(r"<pre>(\{.*\})</pre>", done.stdout)
+    assert said is not None, done.stdout[:500]
+    return json.loads(said[1]), "\n".join(line for line in done.stderr.splitlines() if "CONSOLE" in line)
+
+
+@pytest.mark.parametrize("width", [1100, 390])
+def test_nothing_overflows_and_every_figure_is_described(page, width):
+    found, console = look(page, width)
+    assert found["over"] == []
+    assert found["scroll"] <= 0
+    assert found["figures"] >= 4
+    assert found["unsaid"] == 0
+    assert console == ""
+
+
+def test_the_page_is_dark_where_the_reader_prefers_it(page):
+    light, dark = (look(page, 1100, *more)[0]["ground"] for more in ((), ("--force-dark-mode",)))
+    assert (light, dark) == ("rgb(246, 247, 249)", "rgb(20, 23, 28)")
