@@ -99,7 +99,10 @@ def snakemake(
     """
     status = _status(folder, cases, cores, options, sweeps or folder)
     if status:
-        raise WorkflowFailed("the run has failed; what failed stands above, and in results/<case>/logs")
+        raise WorkflowFailed(
+            "the run has failed; what failed stands above, and in results/<case>/logs. If this folder is locked "
+            "by a run that was killed: `simgap run CASE --unlock`, then the same command again"
+        )
 
 
 def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[str], sweeps: Path) -> int:
