@@ -59,6 +59,12 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "input_bias": "simgap.effects.input_bias:InputBias",
                 "input_gain": "simgap.effects.input_gain:InputGain",
                 "input_delay": "simgap.effects.input_delay:InputDelay",
+                "reflected_inertia": "simgap.effects.reflected_inertia:ReflectedInertia",
+                "constant_force": "simgap.effects.constant_force:ConstantForce",
+                "directional_friction": "simgap.effects.directional_friction:DirectionalFriction",
+                "dahl_friction": "simgap.effects.dahl_friction:DahlFriction",
+                "load_friction": "simgap.effects.load_friction:LoadFriction",
+                "input_directional_gain": "simgap.effects.input_directional_gain:InputDirectionalGain",
             }
         ),
         "specifications": MappingProxyType(

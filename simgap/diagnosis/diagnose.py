@@ -43,8 +43,10 @@ from simgap.diagnosis.verdict.judge import (
     real,
     verdict,
 )
+from simgap.diagnosis.verdict.restated import told
 from simgap.diagnosis.verdict.second_look import nearest, second_look
 from simgap.diagnosis.verdict.transfer import Carried, Trial, independent_share, transferable
+from simgap.diagnosis.widen import screened, widened
 from simgap.effects import apply_effects
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
@@ -76,7 +78,13 @@ def diagnose(
     parts, said = parts_of(model, record, settings)
     not_tried = barred(parts.known.model, record, settings.effects)
     watch = Watch(settings.budget_s, tell)
-    search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
+    begun = _begun(parts.known, not_tried, watch)
+    wider = screened(model, record, settings, *begun, not_tried)
+    if wider is None:
+        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, begun=begun)
+        wider = widened(model, record, settings, search, found, not_tried)
+    if wider is not None:
+        parts, (search, base, found) = wider
     reach = parts.known.reach(found.fit.theta)
     if reach > parts.known.reach(search.problem.model.null):  # commands from before the record are unknown: masked
         parts = parts.past_the_unknown(reach)
@@ -143,17 +151,25 @@ def _fitted_again(
     return again, base, on_all(again, search, found, base)
 
 
+def _begun(problem: Problem, not_tried: Collection[Key], watch: Watch) -> tuple[Search, Fit]:
+    """A search on the problem in which nothing was tried yet, and the model as declared."""
+    sought = coarse(problem)
+    base = fit(sought, sought.model.null, initial_states(sought), [], {})
+    return Search(sought, list_starts(sought, not_tried), watch=watch), base
+
+
 def _searched(
     problem: Problem, most: int, not_tried: Collection[Key], watch: Watch,
-    known: tuple[Explanation, float] | None = None,
+    known: tuple[Explanation, float] | None = None, begun: tuple[Search, Fit] | None = None,
 ) -> tuple[Search, Fit, Explanation]:  # fmt: skip
     """A search on the problem, the model as declared, and what explains it best; begun from what is `known`.
 
-    What is known comes with its chi^2/dof where it was found. A search that is stopped ends with its best so far.
+    What is known comes with its chi^2/dof where it was found. A search that is stopped ends with its best so far; one
+    that was `begun` goes on.
     """
-    sought = coarse(problem)
-    base = fit(sought, sought.model.null, initial_states(sought), [], {})
-    search = Search(sought, list_starts(sought, not_tried), watch=watch)
+    search, base = begun or _begun(problem, not_tried, watch)
+    if watch.stopped:
+        return search, base, best_so_far(search, base, most)
     try:
         found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
         rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
@@ -212,11 +228,13 @@ def _conclude(
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, kept_held.states), True)
     empty = search.empty(chosen.sparse)
     tested = word in ("partial", "unexplained") and short is None
-    told = answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
+    every = answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
+    listed = answer.alternatives(chosen.found, others)
+    effects, listed = told([e for e in every if not is_fault(e.name)], listed, model, answer.applied(kept))
     return Diagnosis(
         verdict=word,
-        effects=tuple(e for e in told if not is_fault(e.name)),
-        alternatives=answer.alternatives(chosen.found, others),
+        effects=effects,
+        alternatives=listed,
         before=judged(known, base, old, horizon),
         after=judged(known, kept.fit, kept_held, horizon),
         floor=_floor(known, kept_held, horizon),
@@ -234,7 +252,7 @@ def _conclude(
         if tested
         else None,
         concentrated=concentrated(confirm, names, old, new),
-        recording=(*faults, *fitted_faults(told), *gain_faults(told), *noise_faults(known)),
+        recording=(*faults, *fitted_faults(every), *gain_faults(every), *noise_faults(known)),
     )
 
 

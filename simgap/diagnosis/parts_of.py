@@ -25,9 +25,11 @@ _NO_COORDINATES = (
 )
 
 
-def parts_of(model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> tuple[Parts, tuple[str, ...]]:
-    """The folds as problems, and what is to be said of them."""
-    compiled = cached_supermodel(model, record.measured, settings.effects)
+def parts_of(
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, second: bool = False
+) -> tuple[Parts, tuple[str, ...]]:
+    """The folds as problems, and what is to be said of them; `second`: with effects that others are tried before."""
+    compiled = cached_supermodel(model, record.measured, settings.effects, second)
     sigma = np.maximum(noise_floor(record), resolution(record) / np.sqrt(12.0))  # rounding is noise, at rest too
     for name, value in settings.noise.items():
         if name in record.measured:

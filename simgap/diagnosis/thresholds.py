@@ -75,6 +75,13 @@ FIRST_EFFECTS = 3
 EQUALS_PRUNED = 8
 """Sets that predict the same, of which each effect is dropped in turn."""
 
+SECOND_EFFECTS = 2
+"""Sets with an effect of the second look from which a selection sets out."""
+
+SECOND_SHARE = 0.5
+"""Effects of the second look take over if chi^2/dof above 1 falls to this share of what the first search leaves. Of
+friction with memory it falls from several to nothing (tests/undeclared/test_drives.py); between is judgement."""
+
 SWAP_ROUNDS, SWAP_RIVALS = 4, 3
 """How often an effect is replaced by a rival, and by how many of them it is tried."""
 

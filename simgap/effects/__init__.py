@@ -7,11 +7,10 @@ the plant backwards, so that a command is delayed, amplified, shifted, loses its
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 
 from simgap import plugins
-from simgap.effects.base import CoordinateEffect, Effect, EffectParameter
+from simgap.effects.base import AppliedEffect, CoordinateEffect, Effect, EffectParameter
 from simgap.effects.commands import InputEffect, MemoryInputEffect, StaticInputEffect
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
@@ -65,15 +64,6 @@ def effect(name: str) -> Effect:
     if name not in EFFECTS:
         raise UserError(f"no effect is called '{name}'", remedy=f"Known: {', '.join(EFFECTS)}.")
     return EFFECTS[name]
-
-
-@dataclass(frozen=True)
-class AppliedEffect:
-    """An effect with its target and the values of its parameters."""
-
-    name: str
-    on: str
-    values: Mapping[str, float]
 
 
 def apply_effects(model: SymbolicModel, applied: Iterable[AppliedEffect]) -> SymbolicModel:

@@ -8,21 +8,31 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+import numpy as np
 import sympy as sp
 
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 from simgap.errors import UserError
-from simgap.model.symbolic import Parameter, SymbolicModel, symbol
+from simgap.model.symbolic import Parameter, SymbolicModel, Variable, symbol
 
 Kind = Literal["coordinate", "input", "state", "parameter", "plant"]
 Values = Mapping[str, sp.Expr]
 PLANT, FORCE, SENSOR, COMMAND = 0, 100, 200, 300
 """Ranks: in the plant itself, forces on it, its sensors, the path of a command from the plant backwards."""
+
+
+@dataclass(frozen=True)
+class AppliedEffect:
+    """An effect with its target and the values of its parameters."""
+
+    name: str
+    on: str
+    values: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -60,6 +70,8 @@ class Effect(ABC):
     """Whether what it does depends on the past beyond the plant's own state."""
     several_valleys: ClassVar[bool] = False
     """Whether fits begun at different starts end in different places: then each start is fitted."""
+    second: ClassVar[bool] = False
+    """Whether it refines or resembles effects that are tried first: sought where these leave more than noise."""
     pulls_to_a_place: ClassVar[bool] = False
     """Whether it pulls a coordinate back to one place: on an angle that winds on it is tried only if it is named."""
     excitation: ClassVar[str] = ""
@@ -70,6 +82,10 @@ class Effect(ABC):
     @abstractmethod
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """What the effect can act on in this model (its possible `on`)."""
+
+    def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
+        """The targets on which a search tries it: all, but for those where it is another effect under a second name."""
+        return self.targets(model)
 
     @abstractmethod
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
@@ -87,6 +103,12 @@ class Effect(ABC):
     def beyond(self, contained: Mapping[str, float], start: Mapping[str, float]) -> dict[str, float]:
         """Where to begin from the fit of the effect that this one contains, and from one of its own starts."""
         return {**start, **contained}
+
+    def restates(
+        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect]
+    ) -> tuple[frozenset[int], dict[str, float]] | None:
+        """Which of the effects that were found it moves the plant as, exactly, and with which values; None if none."""
+        return None
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
         """Where the effect switches or changes faster than a grid may see: expressions, each 0 on one such surface.
@@ -178,27 +200,100 @@ class WheelEffect(Effect):
         """Factors on the speeds of the left and the right wheel."""
 
 
-class CoordinateEffect(Effect):
-    """A generalised force on a coordinate; an engine of joints acts it out at each of its steps."""
+class CoordinateTarget(Effect):
+    """Whatever acts on a coordinate."""
 
     kind: ClassVar[Kind] = "coordinate"
-    rank: ClassVar[int] = FORCE
-
-    @abstractmethod
-    def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
-        """The generalised force on the coordinate at this position and velocity."""
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """Every coordinate of the plant."""
         return tuple(c.name for c in model.coordinates)
-
-    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
-        """Add the force to the equations of motion."""
-        c = model.coordinate(on)
-        return model.with_force(on, self.force(symbol(c.position), symbol(c.velocity), values))
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """Units from those of the coordinate's force and of the state that is its position."""
         c = model.coordinate(on)
         position = next(v.unit for v in model.states if v.name == c.position)
         return {p.symbol: p.unit.format(force=c.force_unit, position=position) for p in self.parameters}
+
+
+class CoordinateEffect(CoordinateTarget):
+    """A generalised force on a coordinate; an engine of joints acts it out at each of its steps."""
+
+    rank: ClassVar[int] = FORCE
+
+    @abstractmethod
+    def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
+        """The generalised force on the coordinate at this position and velocity."""
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Add the force to the equations of motion."""
+        c = model.coordinate(on)
+        return model.with_force(on, self.force(symbol(c.position), symbol(c.velocity), values))
+
+
+class MemoryForceEffect(CoordinateTarget):
+    """A force on a coordinate that depends on how it came where it is: a state z beside the plant's own.
+
+    The rate of z is affine in z and vanishes at rest, so that the motion before a window tells z at its start.
+    """
+
+    rank: ClassVar[int] = FORCE
+    remembers: ClassVar[bool] = True
+
+    @abstractmethod
+    def rate(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
+        """dz/dt."""
+
+    @abstractmethod
+    def force(self, memory: sp.Expr, values: Values) -> sp.Expr:
+        """The generalised force on the coordinate."""
+
+    def memory_of(self, on: str) -> str:
+        """Name of z."""
+        return f"{on}_{self.name}"
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Add the state and the force."""
+        state, velocity = self.memory_of(on), symbol(model.coordinate(on).velocity)
+        grown = model.with_state(Variable(state, "1"), self.rate(symbol(state), velocity, values))
+        return grown.with_force(on, self.force(symbol(state), values))
+
+
+def drives(model: SymbolicModel, name: str) -> str | None:
+    """The coordinate on which an input is a force, one to one; None if there is none.
+
+    That is where d xdot / d u is the column of the coordinate's force, here at a few random points.
+    """
+    return _driven(model).get(name)
+
+
+def driven_by(model: SymbolicModel, coordinate: str) -> tuple[str, ...]:
+    """The inputs that are a force on the coordinate, one to one."""
+    return tuple(u for u, on in _driven(model).items() if on == coordinate)
+
+
+_POINTS = 3
+_DRIVEN: dict[int, tuple[SymbolicModel, dict[str, str]]] = {}
+
+
+def _driven(model: SymbolicModel) -> dict[str, str]:
+    """Input -> the coordinate that it drives; of the last few models."""
+    if id(model) in _DRIVEN and _DRIVEN[id(model)][0] is model:
+        return _DRIVEN[id(model)][1]
+    numbers, found = model.values(), dict[str, str]()
+    every = set().union(
+        *(sp.sympify(e).free_symbols for column in (model.xdot, *model.force_map.values()) for e in column)
+    )
+    free = sorted(every - set(numbers), key=str)  # states, inputs, and parameters of effects that are still open
+    draws = np.random.default_rng(0).uniform(0.2, 1.0, (_POINTS, len(free)))
+    points = [numbers | {s: float(v) for s, v in zip(free, at, strict=True)} for at in draws]
+    for u in model.input_names:
+        pulls = [sp.diff(e, symbol(u)) for e in model.xdot]
+        for c in model.coordinates:
+            off = [p - f for p, f in zip(pulls, model.force_map[c.name], strict=True)]
+            if all(abs(sp.N(e.subs(at))) < 1e-9 for at in points for e in off):
+                found[u] = c.name
+    if len(_DRIVEN) >= 16:
+        _DRIVEN.clear()
+    _DRIVEN[id(model)] = model, found
+    return found

@@ -140,7 +140,7 @@ class PlantModel:
         """`corrected` with further effects but no further memory: -> model, input -> seconds by which it acts later."""
         late: dict[str, float] = {}
         for e in found:
-            if effect(e.name).remembers:
+            if effect(e.name).remembers and effect(e.name).kind == "input":
                 late[e.on] = late.get(e.on, 0.0) + effect(e.name).lateness(e.values)
         return apply_effects(self.corrected, [e for e in found if not effect(e.name).remembers]), late
 

@@ -20,10 +20,14 @@ SYMBOLS = {
     "input_gain": ["ratio"], "input_bias": ["bias"], "input_delay": ["delay"], "input_lag": ["T"],
     "input_dead_zone": ["width"], "input_saturation": ["limit"], "sensor_offset": ["offset"],
     "parameter_error": ["ratio"], "gravity_tilt": ["tilt"], "wheel_mismatch": ["ratio"], "lateral_slip": ["ratio"],
+    "reflected_inertia": ["I"], "constant_force": ["F_0"], "directional_friction": ["F_p", "F_m"],
+    "dahl_friction": ["F_c", "d"], "load_friction": ["mu"],
+    "input_directional_gain": ["ratio_p", "ratio_m"],
 }  # fmt: skip
 VALUES = {
     "b": 0.1, "F_c": 0.1, "F_s": 0.2, "v_s": 0.1, "c": 0.1, "k": 0.3, "k3": 0.2, "A": 0.05, "n": 6.0, "phase": 0.4,
     "ratio": 1.2, "bias": 0.1, "delay": 0.01, "T": 0.02, "width": 0.2, "limit": 1.5, "offset": 0.05, "tilt": 0.1,
+    "I": 0.15, "F_0": 0.12, "F_p": 0.1, "F_m": 0.2, "d": 0.05, "mu": 0.25, "ratio_p": 1.2, "ratio_m": 0.7,
 }  # fmt: skip
 AT = {"angle": 0.7, "rate": -0.6, "torque": 1.9}
 
@@ -67,6 +71,9 @@ def test_vanishes_at_its_null(name, plant, by_hand):
         for _ in range(20):
             at = {n: rng.uniform(-2.0, 2.0) for n in (*model.state_names, *model.input_names)}
             here = {symbol(n): v for n, v in at.items()} | ({symbol(memory): at[on]} if memory else {})
+            here |= {
+                symbol(v.name): rng.uniform(-1.0, 1.0) for v in null.states[len(model.states) :] if v.name != memory
+            }
             rows = null.xdot[: len(model.states)]  # a lag of 0 s has no rate of its own, its limit is the command
             moved = [float(sp.sympify(row).subs(values).subs(here)) for row in rows]
             assert moved == pytest.approx(by_hand(at), rel=1e-12, abs=1e-12)
@@ -80,7 +87,8 @@ def test_every_effect_acts_on_a_plant_of_these_tests():
 
 
 def test_effects_enter_from_the_plant_outwards_and_commands_backwards():
-    path = ["input_lag", "input_saturation", "input_dead_zone", "input_bias", "input_gain", "input_delay"]
+    path = ["input_lag", "input_saturation", "input_dead_zone", "input_bias", "input_gain"]
+    path += ["input_directional_gain", "input_delay"]
     order = sorted(EFFECTS.values(), key=lambda e: e.rank)
     assert [e.name for e in order][-len(path) :] == path
     assert [e.kind for e in order[:3]] == ["parameter", "plant", "plant"]
@@ -110,6 +118,10 @@ def test_becomes_named_parameters_with_units(name):
         ("spring", "hinge", -0.3 * 0.7),
         ("cubic_spring", "hinge", -0.2 * 0.343),
         ("cogging", "hinge", 0.05 * math.sin(4.2 + 0.4)),
+        ("constant_force", "hinge", 0.12),
+        ("directional_friction", "hinge", 0.2),
+        ("load_friction", "torque", 0.25 * 1.9),
+        ("input_directional_gain", "torque", 0.2 * 1.9),
         ("input_gain", "torque", 0.2 * 1.9),
         ("input_bias", "torque", 0.1),
         ("input_dead_zone", "torque", -0.2),
@@ -121,6 +133,25 @@ def test_adds_the_torque_of_its_formula(name, on, torque):
     e = EFFECTS[name]
     changed = e.apply(pendulum(), on, {p.symbol: VALUES[p.symbol] for p in e.parameters})
     assert acceleration(changed) == pytest.approx(declared() + 3.0 * torque, rel=1e-12)
+
+
+def test_reflected_inertia_slows_every_force():
+    """(J + I) a = torques, with friction inserted before or after it."""
+    some = [
+        AppliedEffect("viscous_friction", "hinge", {"b": 0.1}),
+        AppliedEffect("reflected_inertia", "hinge", {"I": 0.15}),
+    ]
+    by_hand = (1.9 + 0.06 - 4.905 * math.sin(0.7)) / (1.0 / 3.0 + 0.15)
+    assert acceleration(apply_effects(pendulum(), some)) == pytest.approx(by_hand, rel=1e-12)
+
+
+def test_dahl_friction_is_a_state_that_turns_round_over_a_distance():
+    changed = EFFECTS["dahl_friction"].apply(pendulum(), "hinge", {"F_c": 0.1, "d": 0.05})
+    assert changed.state_names == ("angle", "rate", "hinge_dahl_friction")
+    at = {symbol("hinge_dahl_friction"): 0.5, **{symbol(k): v for k, v in AT.items()}}
+    _, rate, bending = (float(e.subs(at)) for e in changed.numeric())
+    assert rate == pytest.approx(declared() - 3.0 * 0.1 * 0.5, rel=1e-12)
+    assert bending == pytest.approx((-0.6 - 0.6 * 0.5) / 0.05, rel=1e-12)
 
 
 def test_parameter_errors_scale_what_they_name():

@@ -9,7 +9,7 @@ from tests.undeclared.rig.seal import produce
 from tests.undeclared.scoring import examine
 
 
-@pytest.mark.parametrize(("kind", "verdict"), [("dahl", "partial"), ("sine", "unexplained"), ("backlash", "partial")])
+@pytest.mark.parametrize(("kind", "verdict"), [("sine", "unexplained"), ("backlash", "partial")])
 def test_outside_the_library(tmp_path, kind, verdict):
     produce(tmp_path, kind, 0)
     diagnosis, mark = examine(tmp_path, pendulum(), False)
@@ -18,3 +18,13 @@ def test_outside_the_library(tmp_path, kind, verdict):
     assert mark.held_out_ratio > 1.08  # something is left, and the figures say so
     if verdict == "partial":
         assert mark.held_out_ratio < diagnosis.before.held_out_ratio
+
+
+def test_friction_with_memory_is_named(tmp_path):
+    """Dahl friction, by another integrator: once `partial` under other names, now in the library."""
+    produce(tmp_path, "dahl", 0)
+    diagnosis, mark = examine(tmp_path, pendulum(), False)
+    assert mark.verdict == "attributed"
+    assert mark.answer == mark.truth == [["dahl_friction", "hinge"]]
+    assert max(mark.errors.values()) < 0.01
+    assert diagnosis.after.held_out_ratio < 1.05

@@ -12,8 +12,7 @@ from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.effects import InputEffect
-from simgap.effects.base import CoordinateEffect
+from simgap.effects.base import drives
 from simgap.effects.start import Scales, Start
 
 Floats = NDArray[np.float64]
@@ -49,9 +48,11 @@ def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
         if c.key in barred:
             continue
         scales = Scales(interval)
-        if isinstance(c.effect, InputEffect):
-            scales = Scales(interval, command=float(commands[c.on]))
-        elif isinstance(c.effect, CoordinateEffect):
+        if c.effect.kind == "input":
+            moved = drives(model, c.on)
+            speed = _speed(problem, moved) if moved is not None else 1.0
+            scales = Scales(interval, command=float(commands[c.on]), speed=speed)
+        elif c.effect.kind == "coordinate":
             scales = Scales(interval, speed=_speed(problem, c.on))
         items += [(c, start) for start in c.effect.starts(scales)]
     return Starts(tuple(items))

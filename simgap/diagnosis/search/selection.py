@@ -22,12 +22,17 @@ from simgap.diagnosis.thresholds import (
 
 
 def choose(options: Iterable[Explanation]) -> Explanation | None:
-    """Smallest BIC; among near-ties the one with fewest parameters. A fit that diverged is none."""
+    """Smallest BIC; among near-ties the one with fewest parameters, of equals the one that stands first in the library.
+
+    A fit that diverged is none.
+    """
     listed = [e for e in options if math.isfinite(e.bic)]
     if not listed:
         return None
     best = min(e.bic for e in listed)
-    return min((e for e in listed if e.bic - best < NEAR_TIE), key=lambda e: (e.count, e.bic))
+    first = min((e for e in listed if e.bic - best < NEAR_TIE), key=lambda e: (e.count, e.bic))
+    same = [e for e in listed if e.count == first.count and e.bic - first.bic < SAME_BIC]
+    return min(same, key=lambda e: (max(c.slots[0] for c in e.members), e.bic) if e.members else (-1, e.bic))
 
 
 def select(search: Search, base: Fit, most: int) -> Explanation:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import Windows, past_the_unknown
 from simgap.diagnosis.simulation.colour import Colour, whiten
+from simgap.diagnosis.simulation.past import measured_speeds, memories
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import LAGS_REMEMBERED
@@ -26,7 +27,12 @@ _LARGE = 1e9
 
 
 class Memo(OrderedDict[bytes, Drive]):
-    """The inputs of the last few parameter vectors: a pass over chunks of windows asks for the same ones again."""
+    """The inputs of the last few parameter vectors: a pass over chunks of windows asks for the same ones again.
+
+    `speeds`: how the coordinates moved before the windows, for effects that remember it.
+    """
+
+    speeds: Floats | None = None
 
     def __setitem__(self, key: bytes, value: Drive) -> None:
         super().__setitem__(key, value)
@@ -112,12 +118,22 @@ class Problem:
         """Simulated states of all windows: theta, (w, nx) -> (rows, nx)."""
         level, excess, delay, lag = self._drive(theta)
         w, rows, constants = self.windows, self.rows, self.model.constants_at(theta)
-        out = np.empty((int(rows[-1]), x0.shape[1]))
+        begin = np.ascontiguousarray(x0)
+        if self.model.remembered:
+            begin = np.hstack([x0, memories(self.model, theta, self.t, self._speeds(), self.firsts)[w.start]])
+        out = np.empty((int(rows[-1]), begin.shape[1]))
         simulate(
-            self.model.rhs, self.t, level, excess, delay, lag, constants, np.ascontiguousarray(x0), w.first, w.start,
+            self.model.rhs, self.t, level, excess, delay, lag, constants, begin, w.first, w.start,
             w.stop, np.ascontiguousarray(rows[:-1]), self.model.speed, self.h_max, out,
         )  # fmt: skip
-        return out
+        return np.ascontiguousarray(out[:, : x0.shape[1]])
+
+    def _speeds(self) -> Floats:
+        """Measured speed between the stamps of each coordinate that an effect remembers, (n, h); kept."""
+        if self.memo.speeds is None:
+            on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
+            self.memo.speeds = measured_speeds(on, self.model.measured, self.t, self.y, self.firsts)
+        return self.memo.speeds
 
     def predict(self, theta: Floats, x0: Floats) -> Floats:
         """What the measured channels would read: theta, (w, nx) -> (rows, k)."""

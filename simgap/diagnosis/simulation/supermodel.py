@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
 from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
-from simgap.effects.base import CoordinateEffect
+from simgap.effects.base import CoordinateEffect, MemoryForceEffect
 from simgap.effects.commands import InputEffect, MemoryInputEffect
 from simgap.errors import UserError
 from simgap.model.compile import Kernel, compile_kernel
@@ -65,6 +65,7 @@ class SuperModel:
         constants: numba (theta) -> tuple, all that the dynamics need of the parameters.
         static: numba (u rows (n, m), theta, out (n, m)): commands through gain, bias, dead zone and saturation.
         read: numba (x rows (n, nx), theta, out (n, k)): what the measured channels read.
+        past: (z, v, theta) -> [dz/dt, ...] of the states of `remembered`, over arrays; None if there are none.
         memory: (theta) -> (2 m,), delays of the inputs, those that the model already declares among them, then their
             lags, s.
     """
@@ -80,12 +81,18 @@ class SuperModel:
     constants: Any
     static: Any
     read: Any
+    past: Any
     memory: Callable[[Floats], Sequence[float]]
 
     @property
     def nx(self) -> int:
-        """Number of states."""
+        """Number of states, those of the effects left out."""
         return len(self.model.states)
+
+    @property
+    def remembered(self) -> tuple[Candidate, ...]:
+        """Effects with a state of their own, in the order of these states, which come after the plant's."""
+        return tuple(c for c in self.candidates if isinstance(c.effect, MemoryForceEffect))
 
     def constants_at(self, theta: Floats) -> Floats:
         """What the dynamics need of the parameters: theta (q,) -> (c,)."""
@@ -93,8 +100,9 @@ class SuperModel:
 
     def rubs(self, theta: Floats) -> bool:
         """Whether any coordinate has dry friction at theta (q,): the sign of a speed matters at rest."""
-        constants, x, u = self.constants_at(theta), np.zeros(self.nx), np.zeros(len(self.model.inputs))
-        one, other, signs = np.empty(self.nx), np.empty(self.nx), np.zeros(len(self.speed))
+        size = self.nx + len(self.remembered)
+        constants, x, u = self.constants_at(theta), np.zeros(size), np.zeros(len(self.model.inputs))
+        one, other, signs = np.empty(size), np.empty(size), np.zeros(len(self.speed))
         for j, v in enumerate(self.speed):
             signs[:] = 0.0
             for sign, out in ((1.0, one), (-1.0, other)):
@@ -123,8 +131,12 @@ class SuperModel:
         return next(c for c in self.candidates if c.key == (name, on))
 
 
-def build_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = ()) -> SuperModel:
+def build_supermodel(
+    model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = (), second: bool = False
+) -> SuperModel:
     """Put every effect of the library (or those named) on every target and compile the result once.
+
+    Effects that others are tried before are in it if they are named, or if `second` asks for them.
 
     Raises:
         UserError: for an unknown effect, or a measured channel that is not a state.
@@ -135,8 +147,9 @@ def build_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: C
     for name in measured:
         if name not in model.state_names:
             raise UserError(f"'{name}' is measured but not a state", remedy=f"States: {list(model.state_names)}.")
-    chosen = [e for e in EFFECTS.values() if not effects or e.name in effects]
-    asked = [(e, on) for e in chosen for on in e.targets(model) if e.kind != "state" or on in measured]
+    chosen = [e for e in EFFECTS.values() if e.name in effects or (not effects and (second or not e.second))]
+    places = [(e, on) for e in chosen for on in (e.targets(model) if e.name in effects else e.sought_on(model))]
+    asked = [(e, on) for e, on in places if e.kind != "state" or on in measured]
     candidates: list[Candidate] = []
     specs: list[EffectParameter] = []
     for e, on in [*asked, *possible(model, measured)]:
@@ -160,6 +173,7 @@ def build_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: C
         if commands
         else _no_columns,
         read=_rowwise(compile_kernel(_numeric(_readings(plant, measured), values), (_symbols(plant), theta))),
+        past=_past(candidates, theta),
         memory=sp.lambdify([theta], _memory(model, candidates, theta), modules="math"),
     )
 
@@ -215,6 +229,18 @@ def _memory(model: SymbolicModel, candidates: list[Candidate], theta: tuple[sp.S
     return [*delay.values(), *lag.values()]
 
 
+def _past(candidates: list[Candidate], theta: tuple[sp.Symbol, ...]) -> Any:
+    """Rates of the effects' own states over (z, v) of each, and theta."""
+    own = [c for c in candidates if isinstance(c.effect, MemoryForceEffect)]
+    z, v = ([symbol(f"{kind}_{k}") for k in range(len(own))] for kind in ("z", "v"))
+    rates = []
+    for c, memory, velocity in zip(own, z, v, strict=True):
+        values = {p.symbol: theta[k] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
+        if isinstance(c.effect, MemoryForceEffect):
+            rates.append(c.effect.rate(memory, velocity, values))
+    return sp.lambdify([z, v, theta], rates, modules="numpy") if own else None
+
+
 def _rowwise(kernel: Kernel) -> Any:
     @kept_as(_ROWWISE)
     def rows(x: Any, th: Any, out: Any) -> None:
@@ -233,11 +259,13 @@ def _no_columns(x: Floats, theta: Floats, out: Floats) -> None:
 _COMPILED: dict[str, SuperModel] = {}
 
 
-def cached_supermodel(model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = ()) -> SuperModel:
+def cached_supermodel(
+    model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = (), second: bool = False
+) -> SuperModel:
     """`build_supermodel`, kept for the life of the process: a second record of the same plant compiles nothing."""
-    key = repr((model, measured, tuple(effects)))
+    key = repr((model, measured, tuple(effects), second))
     if key not in _COMPILED:
         if len(_COMPILED) >= 16:
             _COMPILED.clear()
-        _COMPILED[key] = build_supermodel(model, measured, effects)
+        _COMPILED[key] = build_supermodel(model, measured, effects, second)
     return _COMPILED[key]

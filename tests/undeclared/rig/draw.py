@@ -141,11 +141,13 @@ def draw(rng: np.random.Generator, names: Sequence[str]) -> Hidden:
 
 
 def draw_outside(rng: np.random.Generator, name: str) -> Hidden:
-    """Something that the library cannot express."""
+    """Something that the library cannot express; or friction with memory, which it could not for long."""
     if name == "dahl":
         force = float(rng.uniform(0.05, 0.15))
-        rig = {"dahl": force, "dahl_stiffness": force / float(rng.uniform(0.02, 0.1))}
-    elif name == "sine":
+        way = float(rng.uniform(0.02, 0.1))
+        rig = {"dahl": force, "dahl_stiffness": force / way}
+        return Hidden((("dahl_friction", "hinge"),), {"dahl_friction hinge": {"F_c": force, "d": way}}, rig)
+    if name == "sine":
         rig = {"sine": float(rng.uniform(0.05, 0.15)), "sine_hz": float(rng.uniform(0.3, 5.0))}
         rig["sine_phase"] = float(rng.uniform(-np.pi, np.pi))
     elif name == "backlash":

@@ -1,0 +1,136 @@
+"""A second look with the whole library: effects that refine or resemble others, where these leave more than noise.
+
+They are left out of the first search because each promises at least as much as what it resembles: they would cost as
+much again and crowd it out. Here they are tried alone and beside the first answer, and take over if one of them
+explains what that leaves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from simgap.diagnosis.parts_of import parts_of
+from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.result import DiagnosisSettings, Key
+from simgap.diagnosis.search.equivalence import rivals
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.scoring import list_starts
+from simgap.diagnosis.search.selection import grow, preferred
+from simgap.diagnosis.search.watch import Stopped
+from simgap.diagnosis.simulation.coarse import coarse
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.parts import Parts
+from simgap.diagnosis.simulation.sensitivity import with_values
+from simgap.diagnosis.thresholds import FIT_QUALITY, SECOND_EFFECTS, SECOND_SHARE
+from simgap.diagnosis.verdict.judge import chi2_dof
+from simgap.model.symbolic import SymbolicModel
+
+Searched = tuple[Search, Fit, Explanation]
+
+
+def screened(
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, search: Search, base: Fit,
+    not_tried: Mapping[Key, str],
+) -> tuple[Parts, Searched] | None:  # fmt: skip
+    """One such effect by itself, if it reaches the noise and none of the others does by itself; cheap, and first.
+
+    Args:
+        model, record, settings: of the diagnosis; search, base: without those effects, and the model as declared there.
+        not_tried: candidates that are barred.
+    """
+    if settings.effects or chi2_dof(search.problem, base) <= FIT_QUALITY:
+        return None
+    try:
+        if any(chi2_dof(search.problem, e.fit) <= FIT_QUALITY for e in search.joined(search.empty(base))):
+            return None
+        wide = _wide(model, record, settings, search, not_tried)
+        if wide is None:
+            return None
+        parts, other, start = wide
+        alone = other.joined(other.empty(start), exclude=_known(other))
+        fine = [e for e in alone if chi2_dof(other.problem, e.fit) <= FIT_QUALITY]
+        if not fine:
+            return None
+        best = min(fine, key=lambda e: e.bic)
+        rivals(other, best)
+        return parts, (other, start, preferred(other, best, settings.max_effects))
+    except Stopped:
+        return None
+    except KeyboardInterrupt:
+        search.watch.interrupted()
+        return None
+
+
+def widened(
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, first: Search, found: Explanation,
+    not_tried: Mapping[Key, str],
+) -> tuple[Parts, Searched] | None:  # fmt: skip
+    """The folds and the search with every effect of the library; None if the first search has all that is needed.
+
+    Args:
+        model, record, settings: of the diagnosis; where the case names the effects to try, there is no second look.
+        first: the search without those effects, and what it found; not_tried: candidates that are barred.
+    """
+    left = chi2_dof(first.problem, found.fit) - 1.0
+    if settings.effects or first.watch.stopped or left <= FIT_QUALITY - 1.0:
+        return None
+    try:
+        wide = _wide(model, record, settings, first, not_tried)
+        if wide is None:
+            return None
+        parts, search, base = wide
+        best = _best(search, base, _again(search, base, found), settings.max_effects)
+        if best is None or chi2_dof(search.problem, best.fit) - 1.0 > SECOND_SHARE * left:
+            return None
+        rivals(search, best)
+        return parts, (search, base, preferred(search, best, settings.max_effects))
+    except Stopped:
+        return None
+    except KeyboardInterrupt:
+        first.watch.interrupted()
+        return None
+
+
+def _wide(
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, first: Search, not_tried: Mapping[Key, str]
+) -> tuple[Parts, Search, Fit] | None:
+    """The folds, a search and the model as declared with every effect of the library; None if that adds none."""
+    parts, _ = parts_of(model, record, settings, second=True)
+    if not any(c.effect.second for c in parts.known.model.candidates):
+        return None
+    problem = coarse(parts.known)
+    base = fit(problem, problem.model.null, initial_states(problem), [], {})
+    return parts, Search(problem, list_starts(problem, not_tried), watch=first.watch), base
+
+
+def _known(search: Search) -> list[Key]:
+    """Effects that the first search tries."""
+    return [c.key for c in search.problem.model.candidates if not c.effect.second]
+
+
+def _again(search: Search, base: Fit, found: Explanation) -> Explanation:
+    """What the first search found, fitted in the wider problem."""
+    if not found.members:
+        return search.empty(base)
+    members = tuple(search.problem.model.find(*c.key) for c in found.members)
+    values = {
+        new: float(found.fit.theta[old])
+        for c, m in zip(found.members, members, strict=True) for old, new in zip(c.slots, m.slots, strict=True)
+    }  # fmt: skip
+    return search.explain(members, with_values(search.problem.model.null, values), base)
+
+
+def _best(search: Search, base: Fit, found: Explanation, most: int) -> Explanation | None:
+    """The best set with one of the effects that were not tried yet; the rest of the library joins it freely."""
+    known = [c.key for c in search.problem.model.candidates if not c.effect.second]
+    options = [
+        *search.joined(search.empty(base), exclude=known),
+        *(search.joined(found, known) if found.members else ()),
+    ]
+    for e in sorted(options, key=lambda e: e.bic)[:SECOND_EFFECTS]:
+        grow(search, preferred(search, e, most) if len(e.members) >= most else e, most)
+    new = [e for e in search.tried.values() if e.physical and any(c.effect.second for c in e.members)]
+    fine = [e for e in new if len(e.members) <= most and math.isfinite(e.bic)]
+    return preferred(search, min(fine, key=lambda e: e.bic), most) if fine else None

@@ -1,0 +1,30 @@
+"""A force that is always there."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from simgap.effects.base import CoordinateEffect, EffectParameter, Values, driven_by
+from simgap.effects.quoted import Quoted
+from simgap.model.symbolic import SymbolicModel
+
+
+class ConstantForce(CoordinateEffect):
+    """A steady wind, an unbalanced weight on a slide, the pull of a cable."""
+
+    name = "constant_force"
+    formula = "F = F_0"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2 (offset of the friction)"
+    parameters = (EffectParameter("F_0", "{force}", "force", null=0.0),)
+
+    def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Where no input is a force on the same coordinate: there it is the input's bias."""
+        return tuple(on for on in self.targets(model) if not driven_by(model, on))
+
+    def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
+        """F_0."""
+        return values["F_0"]
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Its size."""
+        return f"a constant force of {quoted.number('F_0')} at the {on}"
