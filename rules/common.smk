@@ -28,8 +28,8 @@ from simgap.provenance import (
 )
 
 # Stages run the `simgap` of this very environment, whether it was activated or not.
-os.environ["PATH"] = os.pathsep.join(
-    [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
+os.environ.update(
+    PATH=os.pathsep.join([str(Path(sys.executable).parent), *os.get_exec_path()])
 )
 
 
