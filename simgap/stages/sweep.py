@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,14 @@ import yaml
 
 from simgap.config.sweep import base_of, load_sweep, points_of_sweep
 from simgap.errors import UserError
+from simgap.gap.load import from_json
 from simgap.io.atomic import write_text
 from simgap.io.documents import read_json
 from simgap.io.figures_sweep import figure
 from simgap.io.pages import render
 from simgap.io.parquet import write_parquet
 
+GAP = "gap.json"
 LEFT_OUT = ("provenance", "checksum", "guarantee", "case", "title", "verdict")
 SHOWN = ("promise_kept", "sup_gamma", "winning_fraction", "audit.violations", "size", "width")
 """Figures on the page; all of them are in the table."""
@@ -55,7 +58,7 @@ def run(path: Path, results: Sequence[Path], out: Path, table_out: Path) -> None
     if len(points) != len(results):
         raise UserError(f"has {len(points)} points, {len(results)} results are given", file=path, remedy="Run again.")
     rows = [
-        {"point": p.name, **{k: _plain(v) for k, v in p.values.items()}, **flat(read_json(file))}
+        {"point": p.name, **{k: _plain(v) for k, v in p.values.items()}, **_figures(file)}
         for p, file in zip(points, results, strict=True)
     ]
     columns = list(dict.fromkeys(name for row in rows for name in row))
@@ -70,6 +73,14 @@ def run(path: Path, results: Sequence[Path], out: Path, table_out: Path) -> None
     about = {"title": title, "case": Path(sweep.case).stem, "table": table_out.name, "figure": drawn}
     pairs = list(zip(rows, links, strict=True))
     write_text(out, render("sweep.html.j2", **about, keys=keys, shown=shown, rows=pairs))
+
+
+def _figures(file: Path) -> dict[str, Any]:
+    """Figures of a summary, or of a bound with its suprema."""
+    content = read_json(file)
+    if file.name != GAP:
+        return flat(content)
+    return flat({"sup_gamma": {s: asdict(sup) for s, sup in from_json(content).sup().items()}}) | flat(content)
 
 
 def flat(content: Mapping[str, Any], above: str = "") -> dict[str, Any]:

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
@@ -12,6 +13,12 @@ import yaml
 from simgap.config.load import load_case
 from simgap.config.sweep import points_of_sweep
 from simgap.errors import UserError
+from simgap.gap.bases import Basis
+from simgap.gap.forms import Form
+from simgap.gap.function import GapDomain
+from simgap.gap.linear import LinearGap
+from simgap.gap.tiers import Tier
+from simgap.geometry import Box
 from simgap.io.documents import write_json
 from simgap.stages import new, sweep
 
@@ -110,3 +117,22 @@ def test_points_share_what_is_the_same(root, write, tmp_path):
         "grid": 1, "fresh": 1, "borders": 1, "gap": 4, "synthesis": 8, "sweep": 1,
     }  # fmt: skip
     assert int(jobs["rollouts"]) == load_case(path.parents[1] / "mine.yaml").grid.shards
+
+
+def test_a_point_without_a_controller_shows_its_bound(write, tmp_path):
+    path = write({"gap.seed": [3], "synthesis": [None]})
+    (point,) = points_of_sweep(path)
+    assert point.case.synthesis is None
+    domain = GapDomain(("q", "v"), ("u",), Box([-1.0, -1.0], [1.0, 1.0]), np.array([[0.0], [1.0]]))
+    basis = Basis(("1",), domain.states, domain.inputs)
+    ranges = basis.ranges(domain.box, domain.input_set)
+    forms = [Form(basis, ranges, domain.box, np.array([c])) for c in (-0.25, 0.0, 0.125, 0.5)]
+    bound = LinearGap(domain, (Tier(1, "Made up."),), tuple(forms[:2]), tuple(forms[2:]))
+    file = tmp_path / "results" / point.name / "gap/eps~0.01/gap.json"
+    file.parent.mkdir(parents=True)
+    write_json(file, bound.to_json())
+    out = tmp_path / "results/sweeps/two/report.html"
+    sweep.run(path, [file], out, out.with_name("table.parquet"))
+    table = pq.read_table(out.with_name("table.parquet")).to_pydict()
+    assert table["sup_gamma.q.size"][0] == pytest.approx(0.25, rel=1e-9)
+    assert table["sup_gamma.v.width"][0] == pytest.approx(0.5, rel=1e-9)
