@@ -13,20 +13,17 @@ NARROWEST = 0.02  # share of the cells, or all of the same number, from which na
 
 
 class WorstStarts:
-    """Winning cells in which a run does not end at once, by what makes them narrow.
+    """Winning cells in which a run does not end at once (`beginnings`), by what makes them narrow.
 
     A quarter of the starts each come from cells of the smallest `margin` (cells,) if it is known, from those at the
-    edge of the winning domain, from those of the greatest level, and from all.
+    edge of the winning domain, from those of the greatest level, and from all `cells` (k,).
     """
 
-    def __init__(self, solution: Solution, danger: Danger, margin: NDArray[np.float32] | None) -> None:
-        every = np.ones(solution.grid.size, np.bool_)
-        begin = every if solution.target is None else solution.at_first(solution.served)
-        cells = np.flatnonzero(solution.winning & begin)
+    def __init__(self, danger: Danger, margin: NDArray[np.float32] | None, cells: NDArray[np.int64]) -> None:
         fields = [danger.edge[cells]]
         fields += [np.nan_to_num(-margin[cells], nan=-np.inf)] if margin is not None else []
         fields += [danger.level[cells]] if danger.level is not None else []
-        self._grid = solution.grid
+        self._grid = danger.grid
         self._pools = [cells, *(_largest(cells, field) for field in fields)]
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
@@ -39,6 +36,13 @@ class WorstStarts:
         where = rng.integers(0, 4, count)[:, None]
         pinned = (where < 2) | ((where == 2) & face)
         return points_of_cells(self._grid, chosen, np.where(pinned, 2.0 * sign - 1.0, place))
+
+
+def beginnings(solution: Solution) -> NDArray[np.int64]:
+    """Winning cells in which a run does not end at once, (k,)."""
+    every = np.ones(solution.grid.size, np.bool_)
+    begin = every if solution.target is None else solution.at_first(solution.served)
+    return np.flatnonzero(solution.winning & begin)
 
 
 def _largest(cells: NDArray[np.int64], field: NDArray[np.float32]) -> NDArray[np.int64]:

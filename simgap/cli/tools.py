@@ -47,6 +47,19 @@ def schema(
 
 
 @app.command()
+def times(
+    results: Annotated[Path, typer.Argument(help="Folder of results, or of one case.")] = Path("results"),
+) -> None:
+    """Show where the time of a run went: every job with its wall time, CPU time and memory, the costliest first."""
+    from rich.console import Console
+
+    from simgap.cli.timed import show
+    from simgap.stages.times import job_times
+
+    show(Console(), job_times(results))
+
+
+@app.command()
 def export(
     what: Annotated[Path, typer.Argument(help="controller.npz, or a case file with effects.", show_default=False)],
     out: Annotated[Path, typer.Option(help="law.h, law.py or model.urdf.", show_default=False, callback=new_file)],

@@ -148,6 +148,8 @@ class GapFunction(ABC):
         lo, hi = np.full(xlo.shape, np.inf), np.full(xhi.shape, -np.inf)
         box = self.domain.box
         for rows, a, b in parts(xlo, xhi, box, self.domain.wrapping):
+            if len(rows) == 0:
+                continue
             inner_lo = np.clip(self.domain.pinned(a), box.lo, box.hi)
             inner_hi = np.clip(self.domain.pinned(b), box.lo, box.hi)
             low, high = self._box_bounds(inner_lo, inner_hi, u[rows])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -75,13 +76,18 @@ class BodyFrameGap(GapFunction):
 
     def bounds_after(self, x: Floats, u: Floats, previous: Ints) -> tuple[Floats, Floats]:
         """See `GapFunction.bounds_after`."""
-        lo, hi = self.bounds(x, u)
-        if self.previous is not None:
-            number = self.classes.after(previous)
-            for c in np.unique(number):
-                rows = number == c
-                lo[rows], hi[rows] = self.after(int(c)).bounds(x[rows], u[rows])
+        if self.previous is None:
+            return self.bounds(x, u)
+        lo, hi, number = np.empty(x.shape), np.empty(x.shape), self.previous.after(previous)
+        for c in np.unique(number).tolist():
+            rows = number == c
+            lo[rows], hi[rows] = self._each[c].bounds(x[rows], u[rows])
         return lo, hi
+
+    @cached_property
+    def _each(self) -> list[BodyFrameGap]:
+        """The bound after each class."""
+        return [self.after(c) for c in range(self.classes.count)]
 
     def _rotated(self, m: int, t0: float, t1: float) -> tuple[Floats, Floats]:
         i, j, k = self.pose

@@ -10,9 +10,11 @@ import numpy as np
 from simgap.geometry import Floats, Grid
 from simgap.io import figure_style as style
 from simgap.notation import axis_label, pretty_unit
+from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 
 MAP = "cividis"  # one hue after another in order of lightness, alike to all kinds of colour vision
 FACTOR = "gamma may grow by a factor of"
+REACHED = 1e-5  # a margin this near to the largest that is looked for is that one: margins are rounded down
 
 
 def plane_figure(grid: Grid, factor: Floats, extra: Floats, states: Sequence[str], units: Mapping[str, str]) -> Any:
@@ -26,27 +28,28 @@ def plane_figure(grid: Grid, factor: Floats, extra: Floats, states: Sequence[str
 
     titles = ["factor on gamma", *(f"added to {n} alone ({pretty_unit(units.get(n, ''))})" for n in states)]
     figure, axes = plt.subplots(1, 3, figsize=(1.4 * style.WIDTH, 4.2), sharex=True, sharey=True)
-    for axis, title, values in zip(axes, titles, (factor, *extra.T), strict=True):
+    most = (LARGEST_FACTOR, *(2.0 * grid.h * grid.cells).tolist())
+    for axis, title, values, end in zip(axes, titles, (factor, *extra.T), most, strict=True):
         picture = _layer(axis, grid, values.reshape(grid.cells), _scale(values))
         axis.set_title(title)
         axis.set_xlabel(axis_label(states[0], units))
-        bar = figure.colorbar(picture, ax=axis, orientation="horizontal", shrink=0.95)
-        bar.ax.minorticks_off()
+        _ends(figure.colorbar(picture, ax=axis, orientation="horizontal", shrink=0.95), values, end)
     axes[0].set_ylabel(axis_label(states[1], units))
     return figure
 
 
 def slices_figure(grid: Grid, factor: Floats, states: Sequence[str], units: Mapping[str, str], count: int = 6) -> Any:
-    """The common factor (cells,) over the first two states at `count` values of the third."""
+    """The common factor (cells,) over the first two states at `count` values of the third, those with any."""
     import matplotlib.pyplot as plt
 
-    layers = np.unique((np.arange(count) * grid.cells[2]) // count)
+    shown = factor.reshape(grid.cells)
+    layers = [k for k in shown_layers(grid.cells[2], count) if np.isfinite(shown[:, :, k]).any()] or [0]
     columns = min(3, len(layers))
     rows = -(-len(layers) // columns)
     figure, axes = plt.subplots(
         rows, columns, figsize=(style.WIDTH, 2.75 * rows + 0.5), sharex=True, sharey=True, squeeze=False
     )
-    shown, scale = factor.reshape(grid.cells), _scale(factor)
+    scale = _scale(factor)
     picture: Any = None
     for axis, k in zip(axes.ravel(), layers, strict=False):
         picture = _layer(axis, grid, shown[:, :, k], scale, "equal")
@@ -56,7 +59,7 @@ def slices_figure(grid: Grid, factor: Floats, states: Sequence[str], units: Mapp
         axis.set_xlabel(axis_label(states[0], units))
     for axis in axes[:, 0]:
         axis.set_ylabel(axis_label(states[1], units))
-    figure.colorbar(picture, ax=axes, label=FACTOR, shrink=0.8).ax.minorticks_off()
+    _ends(figure.colorbar(picture, ax=axes, label=FACTOR, shrink=0.8), factor, LARGEST_FACTOR)
     return figure
 
 
@@ -67,6 +70,22 @@ def _scale(values: Floats) -> Any:
     known = values[np.isfinite(values) & (values > 0)]
     low, high = (float(v) for v in np.quantile(known, (0.001, 1.0))) if len(known) else (1.0, 10.0)
     return LogNorm(low, max(high, 1.01 * low))
+
+
+def _ends(bar: Any, values: Floats, most: float) -> None:
+    """Say at the ends of a colour bar that margins were looked for up to `most` only, and that small ones are cut."""
+    bar.ax.minorticks_off()
+    low, high = bar.norm.vmin, bar.norm.vmax
+    known = values[values > 0]
+    ticks = [tick for tick in bar.get_ticks() if low < tick < high]
+    names = [f"{tick:g}" for tick in ticks]
+    if len(known) and known.max() >= most * (1.0 - REACHED):
+        apart = [k for k, tick in enumerate(ticks) if tick < high * (low / high) ** 0.1]
+        ticks, names = [*(ticks[k] for k in apart), high], [*(names[k] for k in apart), f"\u2265 {high:.3g}"]
+    if len(known) and known.min() < low:
+        apart = [k for k, tick in enumerate(ticks) if tick > low * (high / low) ** 0.1]
+        ticks, names = [low, *(ticks[k] for k in apart)], [f"\u2264 {low:.3g}", *(names[k] for k in apart)]
+    bar.set_ticks(ticks, labels=names)
 
 
 def _layer(axis: Any, grid: Grid, values: Floats, scale: Any, aspect: str = "auto") -> Any:

@@ -93,6 +93,10 @@ class Specification(Section, ABC):
     operator is `Game.invariant`."""
     words: ClassVar[Words] = Words()
 
+    def on_floor(self, space: Space) -> bool:
+        """Whether what a body that drives must not touch is said by its place alone, as swept boxes need it."""
+        return space.pose is not None
+
     @abstractmethod
     def region(self, space: Space) -> Box:
         """The box that the cells tile; the closed loop never leaves it.

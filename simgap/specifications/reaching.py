@@ -25,6 +25,7 @@ from simgap.specifications.regions import (
     upright,
 )
 from simgap.specifications.space import Space
+from simgap.specifications.surroundings import on_floor
 
 RADIUS = 0.15
 """Radius of a footprint to draw where a case gives no clearance."""
@@ -76,6 +77,10 @@ class Reaching(Specification):
         if np.any(bounded & ((goal.lo < within.lo) | (goal.hi > within.hi))):
             raise UserError("the target lies outside the arena", key=f"{KEY}.target", remedy="Move it inside")
         return arena
+
+    def on_floor(self, space: Space) -> bool:
+        """Whether obstacles and clearance are about x and y alone: swept boxes do not say which headings a path has."""
+        return space.pose is not None and on_floor(self.boxes(space), space.vector(self.clearance), space.pose)
 
     def boxes(self, space: Space) -> tuple[Box, ...]:
         """The obstacles, infinite along the states that they do not name."""

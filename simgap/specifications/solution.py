@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,15 +48,15 @@ class Solution:
         """Winning cells over free cells."""
         return float(self.winning.sum() / max(1, self.free.sum()))
 
-    @property
+    @cached_property
     def served(self) -> NDArray[np.bool_]:
-        """Nodes (measured cell, memory) at which the controller has an input, (cells * memory,)."""
+        """Nodes (measured cell, memory) at which the controller has an input, (cells * memory,); looked up once."""
         flags: NDArray[np.bool_] = np.any(self.mask, axis=1)
         return flags
 
-    @property
+    @cached_property
     def ended(self) -> NDArray[np.bool_]:
-        """Measured cells that are the goal whatever the memory, (cells,)."""
+        """Measured cells that are the goal whatever the memory, (cells,); looked up once."""
         if self.target is None:
             return np.zeros(self.grid.size, np.bool_)
         flags: NDArray[np.bool_] = np.all(self.target.reshape(self.grid.size, self.memory), axis=1)

@@ -48,7 +48,7 @@ class Surroundings:
     def of(space: Space, obstacles: tuple[Box, ...], region: Box, clearance: Floats) -> Surroundings:
         """From boxes over all states and the clearance (nx,) of the case."""
         wraps = space.wrapping(region)
-        floor = space.pose is not None and _on_floor(obstacles, clearance, space.pose)
+        floor = space.pose is not None and on_floor(obstacles, clearance, space.pose)
         axes = list(space.pose[:2] if space.pose is not None and floor else range(space.size))
         walls = np.stack([region.lo, region.hi])
         walls[:, list(wraps)] = [[-np.inf], [np.inf]]
@@ -103,7 +103,7 @@ class Surroundings:
         return np.stack([middle + n * self.period[j] for n in (-1.0, 0.0, 1.0)])
 
 
-def _on_floor(obstacles: tuple[Box, ...], clearance: Floats, pose: tuple[int, int, int]) -> bool:
+def on_floor(obstacles: tuple[Box, ...], clearance: Floats, pose: tuple[int, int, int]) -> bool:
     """Whether obstacles and clearance are about x and y alone, so that the footprint is round."""
     others = np.ones(clearance.size, np.bool_)
     others[list(pose[:2])] = False

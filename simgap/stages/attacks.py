@@ -28,7 +28,7 @@ from simgap.gap.steps.samples import motion_of
 from simgap.gap.switching import switching_surfaces
 from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Floats
-from simgap.io.controller_file import load_controller
+from simgap.io.shared_solution import SharedSolution
 from simgap.judge import Judge
 from simgap.simulators.base import PathSimulator, Simulator
 from simgap.simulators.body_samples import BodySamples
@@ -47,7 +47,8 @@ class Job:
 
     Attributes:
         case, path: the case and its file. gap: content of gap.json. seed: of this part alone.
-        controller: its file. margin: (cells,) of the winning cells, None where it is not known.
+        solution: the controller's. danger, beginnings: over its cells. margin: (cells,) of those that win, or None
+            where it is not known.
         evaluations, steps: of this part.
         known: where searches over the gap begin, worst first: states (n, nx) and input numbers (n,), or sequences of
             input numbers (n, length + 1).
@@ -57,7 +58,9 @@ class Job:
     path: Path
     gap: dict[str, Any]
     seed: tuple[int, int]
-    controller: Path
+    solution: SharedSolution
+    danger: Danger
+    beginnings: Any
     margin: Any
     evaluations: int
     steps: int
@@ -125,10 +128,10 @@ def _loops(
 ) -> dict[str, Campaign]:
     """Both campaigns: in the simulator and against the worst disturbance."""
     case, space = context.case, Space.of(context.case)
-    solution = load_controller(job.controller).solution
+    solution, danger = job.solution.read(), job.danger
     monitor = specification_of(case).monitor(space, solution)
     error = space.vector(case.sensing.error if case.sensing else {})
-    law, danger = Law(solution, context.input_set, error), Danger.of(solution)
+    law = Law(solution, context.input_set, error)
     model, inputs = context.plant.sampled, context.input_set
     most = case.validation.steps if case.validation is not None else 2000
     judge = Judge(space, monitor, most, inputs, model, gap, solution)
@@ -151,7 +154,7 @@ def _loops(
         model.step, lambda x, u, before: gap.bounds_after(space.wrapped(x), u, before), danger, monitor, rng
     )
 
-    worst = WorstStarts(solution, danger, job.margin)
+    worst = WorstStarts(danger, job.margin, job.beginnings)
 
     def starts(count: int) -> Floats:
         return worst.draw(count, rng)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -12,30 +13,30 @@ from typing import Any
 import numpy as np
 
 from simgap.attack.campaign import Campaign
+from simgap.attack.danger import Danger
 from simgap.attack.known import worst_histories, worst_steps
 from simgap.attack.share import Searched
+from simgap.attack.starts import beginnings
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
 from simgap.config.audit import AuditSection
 from simgap.errors import BrokenPromise
 from simgap.gap.function import GapFunction
 from simgap.gap.steps.samples import motion_of
-from simgap.geometry import Floats
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.parquet import table, write_parquet
 from simgap.io.samples import read_columns
+from simgap.io.shared_solution import SharedSolution
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
-from simgap.specifications.solution import Solution
-from simgap.specifications.space import Space
 from simgap.stages.attacks import Job, attack
 from simgap.stages.context import Context, log
+from simgap.stages.margins import margins_of, summary
 from simgap.stages.validation import tolerated
-from simgap.synthesis.margins import LARGEST_FACTOR, Margins, one_step_margins
+from simgap.synthesis.margins import Margins
 
 PARTS = 2  # each with random numbers of its own, whatever the number of workers
-SHARES = (0.0, 0.05, 0.5)  # quantiles of the margins that are printed
 
 
 @dataclass(frozen=True)
@@ -71,11 +72,14 @@ def run(
     out.witness.unlink(missing_ok=True)
     with context.blame():
         bound = load_gap(inputs.gap, context)
-        solution = load_controller(inputs.controller).solution
-        margins = _margins(context, bound.function, solution)
-        jobs = _jobs(context, section, bound, inputs, margins, times)
-    with engine_pool(workers, engine_log) as pool:
-        parts = _done(pool, jobs)
+        known = _known(context, bound, inputs)
+    # A robot's table of inputs is a gigabyte: it is read and checked here, and the workers map what they look at.
+    with tempfile.TemporaryDirectory(prefix="simgap-audit-") as scratch:
+        with context.blame():
+            shared, margins = _shared(context, bound.function, inputs.controller, Path(scratch))
+        jobs = _jobs(context, section, bound, shared, known, times)
+        with engine_pool(workers, engine_log) as pool:
+            parts = _done(pool, jobs)
     found = Searched.joined([part for part, _ in parts])
     loops = {name: Campaign.joined([own[name] for _, own in parts]) for name in (SIMULATOR, DISTURBANCE)}
     record = provenance("audit", context.case, context.folder, {"audit": section.seed})
@@ -112,70 +116,54 @@ def _done(pool: ProcessPoolExecutor, jobs: list[Job]) -> list[tuple[Searched, di
     return [job.result() for job in [pool.submit(attack, job) for job in jobs]]
 
 
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """What all parts begin from: the solution, and what makes its cells narrow."""
+
+    solution: SharedSolution
+    danger: Danger
+    beginnings: Any
+    margin: Any
+
+
+def _shared(context: Context, gap: GapFunction, controller: Path, scratch: Path) -> tuple[_Ground, Margins | None]:
+    """Read the controller, look at all of its cells once, and leave its tables in a folder."""
+    solution = load_controller(controller).solution
+    margins = margins_of(context, gap, solution)
+    factor = None if margins is None else margins.factor
+    shared = SharedSolution.of(solution, scratch)
+    return _Ground(shared, Danger.of(solution), beginnings(solution), factor), margins
+
+
+def _known(context: Context, bound: SavedGap, inputs: Inputs) -> tuple[Any, ...]:
+    """Where searches over the gap begin."""
+    hidden, tables = context.case.hidden_state, [read_columns(path) for path in (*inputs.rollouts, inputs.fresh)]
+    if hidden is None:
+        return worst_steps(context, bound.function, tables)
+    return (worst_histories(context, bound.function, motion_of(context), tables, hidden.length),)
+
+
 def _jobs(
-    context: Context, section: AuditSection, bound: SavedGap, inputs: Inputs, margins: Margins | None, times: int
+    context: Context, section: AuditSection, bound: SavedGap, ground: _Ground, known: tuple[Any, ...], times: int
 ) -> list[Job]:
     """The parts; what is known goes to them in turns."""
-    hidden = context.case.hidden_state
-    evaluations, steps = (times * n for n in section.budget(hidden is not None))
-    tables = [read_columns(path) for path in (*inputs.rollouts, inputs.fresh)]
-    known: tuple[Any, ...] = (
-        (worst_histories(context, bound.function, motion_of(context), tables, hidden.length),)
-        if hidden is not None
-        else worst_steps(context, bound.function, tables)
-    )
-    factor = None if margins is None else margins.factor
+    evaluations, steps = (times * n for n in section.budget(context.case.hidden_state is not None))
     return [
         Job(
             case=context.case,
             path=context.path,
             gap=bound.content,
             seed=(section.seed, part),
-            controller=inputs.controller,
-            margin=factor,
+            solution=ground.solution,
+            danger=ground.danger,
+            beginnings=ground.beginnings,
+            margin=ground.margin,
             evaluations=-(-evaluations // PARTS),
             steps=-(-steps // PARTS),
             known=tuple(a[part::PARTS] for a in known),
         )
         for part in range(PARTS)
     ]
-
-
-def _margins(context: Context, gap: GapFunction, solution: Solution) -> Margins | None:
-    """None where cells alone do not say what the controller may do.
-
-    That is so where it remembers an input, and where it keeps cells of the true state by inputs of the measured one.
-    """
-    if solution.memory > 1:
-        return None
-    space, sensing = Space.of(context.case), context.case.sensing
-    error: Floats | None = space.vector(sensing.error) if sensing else None
-    if solution.value is None and error is not None and np.any(error > 0):
-        return None
-    inside, mask = solution.winning if solution.value is None else solution.value >= 0, solution.mask
-    axes = [j for j in range(space.size) if j not in gap.domain.free]
-    model = context.plant.sampled
-    return one_step_margins(model, solution.grid, context.input_set, gap.kernel(), inside, mask, axes, error)
-
-
-def summary(context: Context, margins: Margins | None) -> dict[str, Any] | None:
-    """Least, 5 % and median margin over the cells that have one, and how many cells that is."""
-    if margins is None:
-        return None
-    known = np.isfinite(margins.factor)
-    if not known.any():
-        return None
-
-    def quantiles(values: Any) -> dict[str, float]:
-        named = zip(("least", "five_percent", "median"), np.quantile(values, SHARES, method="lower"), strict=True)
-        return {name: float(v) for name, v in named}
-
-    return {
-        "cells": int(known.sum()),
-        "factor": quantiles(margins.factor[known]),
-        "largest_looked_for": LARGEST_FACTOR,
-        "extra": {n: quantiles(margins.extra[known, j]) for j, n in enumerate(context.states)},
-    }
 
 
 def counts(found: Searched, loops: Mapping[str, Campaign], states: Sequence[str]) -> dict[str, Any]:

@@ -134,7 +134,8 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     on_the_path = specification.between_samples and (bound is not None or section.nominal_between_samples)
     sensing = context.case.sensing
     error = space.vector(sensing.error) if sensing else None
-    boxes_do = on_the_path and specification.swept_boxes and not specification.on_true_cells
+    on_boxes = specification.swept_boxes and specification.on_floor(space)
+    boxes_do = on_the_path and on_boxes and not specification.on_true_cells
     swept = _swept(context, model, bound) if boxes_do else None
     flow = rates(context.plant.carried)
     spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and swept is None else np.zeros(model.nx)

@@ -7,6 +7,8 @@ cell is that of f, moved by lo and hi (`product`). The margin of a cell is
     extra_i   = max over m of the largest e such that the box, grown by e on both sides along axis i alone,
 
 still covers winning cells only. Admissible are the controller's inputs: towards a target those that go down a level.
+Where the class of the previous input is remembered, gamma and the inputs are those after an input of one class, and the
+cells that are covered have to win after an input of the class of m.
 It is a statement about one cell and one step: gamma has grown at this cell alone and the winning domain is the old one.
 Where gamma grows everywhere, cells may be lost sooner, since those that they rely on are lost first. What the path
 between samples touches is not asked again.
@@ -45,10 +47,31 @@ class Margins:
     Attributes:
         factor: (cells,) on gamma's half-width, at most `LARGEST_FACTOR`.
         extra: (cells, nx) for each state alone, in its unit, at most the width of the region.
+        only: of which cells, where it is not all of them, as words.
     """
 
     factor: NDArray[np.float32]
     extra: NDArray[np.float32]
+    only: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Remembered:
+    """What a controller that remembers the class of the previous input adds.
+
+    Attributes:
+        winning: (cells, C) bool, cells that win after an input of each class. kind: (M,) class of each input.
+        layers: indices along the last axis on which boxes depend that are looked at, all when None: nodes are many.
+    """
+
+    winning: NDArray[np.bool_]
+    kind: NDArray[np.int64]
+    layers: NDArray[np.int64] | None = None
+
+
+def shown_layers(cells: int, count: int = 6) -> NDArray[np.int64]:
+    """At most `count` indices spread over an axis of so many cells, the first included."""
+    return np.unique((np.arange(count) * cells) // count)
 
 
 def one_step_margins(
@@ -60,6 +83,7 @@ def one_step_margins(
     mask: NDArray[np.uint8],
     gap_axes: Sequence[int] | None = None,
     error: ArrayLike | None = None,
+    remembered: Remembered | None = None,
 ) -> Margins:
     """Margins of the cells that win and have an input.
 
@@ -68,6 +92,8 @@ def one_step_margins(
         gap: kernel of the bound; gap_axes: state axes on which it depends, all when None.
         winning: (cells,) bool; mask: (cells, ceil(M / 8)) packed admissible inputs.
         error: bound of the measurement error that boxes account for, (nx,).
+        remembered: where successors must win instead, if the controller remembers the class of the previous input; gap,
+            winning and mask are those after an input of one class.
     """
     n, nothing = grid.box.size, np.zeros(grid.box.size)
     errors = nothing if error is None else np.asarray(error, dtype=np.float64)
@@ -77,8 +103,11 @@ def one_step_margins(
     own = tuple(sorted(on))
     others = tuple(j for j in range(n) if j not in on)
     shape, inside = layout(grid.cells, grid.periodic), winning.astype(np.uint8)
-    table = np.empty(table_size(shape, n), np.int32)
-    count_holes(inside, shape, n, table)
+    sets = winning[:, None] if remembered is None else remembered.winning
+    kind = np.zeros(len(inputs), np.int64) if remembered is None else remembered.kind
+    tables = np.empty((sets.shape[1], table_size(shape, n)), np.int32)
+    for c in range(len(tables)):
+        count_holes(np.ascontiguousarray(sets[:, c]).astype(np.uint8), shape, n, tables[c])
     header = frame.header
     free = header.copy()
     for j in others:
@@ -89,8 +118,11 @@ def one_step_margins(
     rest = _offsets(grid, others)
     cells = reduced_cells(grid, own)
     cells[:, list(others)] = 0
+    if remembered is not None and remembered.layers is not None and own:
+        cells = cells[np.isin(cells[:, own[-1]], remembered.layers)]
     flags = np.array([j in on for j in range(n)])
-    search(cells, rest, strides, flags, free, header, frame.inputs, shape, table, inside, mask, factor, extra)
+    about = (frame.inputs, kind, shape, tables, inside, mask)
+    search(cells, rest, strides, flags, free, header, *about, factor, extra)
     return Margins(_rounded_down(factor), _rounded_down(extra))
 
 
@@ -172,7 +204,9 @@ def _searcher(image_of_box: Kernel, gap: Kernel) -> Any:
     """numba: the loop over cells; boxes are computed once for all cells that differ along axes that do not matter."""
 
     @kept
-    def search(cells, rest, strides, own, free, header, inputs, shape, table, inside, mask, factor, extra):  # type: ignore[no-untyped-def]
+    def search(  # type: ignore[no-untyped-def]
+        cells, rest, strides, own, free, header, inputs, kind, shape, tables, inside, mask, factor, extra
+    ):  # fmt: skip
         n, count = cells.shape[1], inputs.shape[0]
         lo, hi, by = np.empty((count, n)), np.empty((count, n)), np.empty((count, n))
         box, ranges, low, high = np.empty((5, n)), np.empty((2, n)), np.empty(n), np.empty(n)
@@ -204,7 +238,7 @@ def _searcher(image_of_box: Kernel, gap: Kernel) -> Any:
                             low[j], high[j] = lo[m, j] + shift, hi[m, j] + shift
                             axis[j] = by[m, j] if q == 0 else (1.0 if q - 1 == j else 0.0)
                         most = LARGEST_FACTOR - 1.0 if q == 0 else header[n + q - 1] * shape[0, q - 1]
-                        found = _largest(shape, n, table, low, high, axis, best, most, header, work, spare)
+                        found = _largest(shape, n, tables[kind[m]], low, high, axis, best, most, header, work, spare)
                         if found > best:
                             best, liked[q] = found, m
                         if best >= most:

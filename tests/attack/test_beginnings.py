@@ -16,8 +16,8 @@ from simgap.geometry import Box, Grid
 from simgap.simulators.body_samples import REST, BodySamples
 from simgap.specifications.solution import Solution
 from simgap.stages.attacks import question
-from simgap.stages.audit import _margins
 from simgap.stages.context import Context
+from simgap.stages.margins import margins_of
 
 FRICTION = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.01}}]
 
@@ -136,4 +136,4 @@ def test_cells_of_the_true_state_that_are_measured_with_an_error_have_no_margins
     grid = Grid(context.box, (4, 4))
     every = np.ones(grid.size, np.bool_)
     solution = Solution(grid, every, np.full((grid.size, 4), 255, np.uint8), every)
-    assert _margins(context, None, solution) is None
+    assert margins_of(context, None, solution) is None

@@ -15,7 +15,7 @@ from simgap.attack.danger import Danger
 from simgap.attack.law import Law
 from simgap.attack.plants import WorstDisturbance
 from simgap.attack.rules import Scene
-from simgap.attack.starts import WorstStarts
+from simgap.attack.starts import WorstStarts, beginnings
 from simgap.closed_loop import batch_loop
 from simgap.geometry import Box, Grid
 from simgap.judge import Judge
@@ -57,7 +57,7 @@ def attack(problem, solution, gamma=GAMMA, error=(0.0, 0.0), seed=0, monitor=Non
     plant = WorstDisturbance(model.step, bounds, danger, monitor, rng)
     judge = Judge(SPACE, monitor, 200, inputs, model, None, solution)
     scene = Scene(lambda x, m, before: model.step(x, inputs[m]), None, danger, inputs, solution.late)
-    worst = WorstStarts(solution, danger, None)
+    worst = WorstStarts(danger, None, beginnings(solution))
     return campaign(Opponent(plant, judge, False, 32, holds), law, scene, lambda n: worst.draw(n, rng), STEPS, rng)
 
 

@@ -11,13 +11,15 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
 import loop_example as example
 
 from simgap.gap.load import from_json
-from simgap.geometry import Box
+from simgap.geometry import Box, Grid
 from simgap.io import figure_style as style
 from simgap.io import figures_arena, figures_domains, figures_gap, figures_traces
 from simgap.io.controller_file import load_controller
+from simgap.io.figures_margins import slices_figure
 from simgap.io.parquet import stack
 from simgap.io.recording_phase import domains_image, to_pixels
 from simgap.io.traces import NOMINAL, ROBUST, shown, split
+from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 
 UNITS = example.UNITS["pendulum"]
 
@@ -138,3 +140,23 @@ def test_times_are_in_seconds():
 
 def test_a_bound_over_states_is_not_shown_over_inputs(made):
     assert figures_gap.over_inputs(made[0]) is None
+
+
+def test_maps_of_margins_show_the_layers_that_have_some_and_say_where_a_bar_ends():
+    import matplotlib.pyplot as plt
+
+    grid = Grid(Box([0.0, 0.0, -3.0], [1.0, 1.0, 3.0]), (40, 40, 48), (2,))
+    factor = np.full(grid.cells, np.nan)
+    layers = shown_layers(48, 3)
+    factor[:, :, layers] = np.geomspace(1.01, 50.0, 40)[:, None, None]
+    figure = slices_figure(grid, factor.reshape(-1), ("x", "y", "theta"), {"x": "m", "y": "m", "theta": "rad"})
+    titles = [axis.get_title() for axis in figure.axes if axis.get_title()]
+    assert titles == [f"theta = {-3.0 + (k + 0.5) / 8:.2f} rad" for k in (0, 16, 32)]
+    names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
+    assert not any("\u2265" in name for name in names)
+    plt.close(figure)
+    factor[0, 0, 0] = LARGEST_FACTOR
+    figure = slices_figure(grid, factor.reshape(-1), ("x", "y", "theta"), {})
+    names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
+    assert names[-1] == "\u2265 1e+04"
+    plt.close(figure)

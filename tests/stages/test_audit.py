@@ -1,6 +1,8 @@
 """The audit from the case to its counts: what holds survives it, what does not is found, kept and shown again."""
 
+import pickle
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +16,12 @@ from simgap.cli import main
 from simgap.config.load import case_content
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.steps.tables import successor_columns, units
+from simgap.io.controller_file import load_controller, save_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
 from simgap.io.recording_check import read_curves
 from simgap.io.samples import write_columns
+from simgap.io.shared_solution import SharedSolution
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import audit, replay, synthesis
@@ -48,8 +52,8 @@ def made(root, tmp_path_factory):
     return folder, context, (x, u, following)
 
 
-def attack(folder, gap, out):
-    files = audit.Inputs(gap, folder / "controller.npz", [], folder / "fresh.parquet")
+def attack(folder, gap, out, controller=None):
+    files = audit.Inputs(gap, controller or folder / "controller.npz", [], folder / "fresh.parquet")
     to = audit.Outputs(out / "audit.json", out / "margins.parquet", out / "witness.json")
     audit.run(folder / "pendulum.yaml", files, to, 1)
     return read_json(to.counts)
@@ -108,6 +112,34 @@ def test_a_fault_that_random_samples_miss_is_found_kept_and_shown_again(made, tm
     assert gaps[f"{at}/actual"][1][0] > gaps[f"{at}/upper"][1][0]
 
 
+def test_runs_that_break_are_shown_again_in_the_simulator_and_against_the_disturbance(made, tmp_path, capsys):
+    """A controller that admits every input wherever it has one leaves what is certified."""
+    folder, context, _ = made
+    whole = load_controller(folder / "controller.npz")
+    all_inputs = np.packbits(np.ones(len(context.input_set), bool), bitorder="little")
+    mask = np.where(whole.solution.served[:, None], all_inputs, 0).astype(np.uint8)
+    save_controller(replace(whole, solution=replace(whole.solution, mask=mask)), tmp_path / "careless.npz")
+    with pytest.raises(BrokenPromise, match="the first: a run under the rule"):
+        attack(folder, folder / "gap.json", tmp_path, tmp_path / "careless.npz")
+    counts, data = read_json(tmp_path / "audit.json"), read_json(tmp_path / "witness.json")
+    assert counts["gap"]["violations"] == 0
+    assert min(loop["violations"] for loop in counts["closed_loop"].values()) > 0
+    assert (data["kind"], data["plant"]) == ("closed-loop run", "simulator")
+    steps = len(data["inputs"])
+    recorded = tmp_path / "witness.rrd"
+    main_status(["replay", str(tmp_path / "witness.json"), "--out", str(recorded)])
+    shown = capsys.readouterr().out
+    assert data["what"] in shown
+    assert "Simulated again: 0 steps outside gamma; the largest difference from what the audit saw is 0." in shown
+    assert len(read_curves(recorded)["runs/gap/simulator/run-0/gap/x2/actual"][1]) == steps
+    data["states"][-1][1] += 1.0  # nobody simulates the adversary's own states again: they are shown, and so is this
+    write_json(tmp_path / "witness.json", data | {"plant": "disturbance"})
+    main_status(["replay", str(tmp_path / "witness.json")])
+    shown = capsys.readouterr().out
+    assert "The states are those that the adversary chose within f + gamma." in shown
+    assert shown.count(" *") == 1
+
+
 def main_status(arguments):
     with pytest.raises(SystemExit) as caught:
         main(arguments)
@@ -118,6 +150,21 @@ def test_a_witness_is_read_with_care(made, tmp_path):
     write_json(tmp_path / "no.json", {"kind": "nothing"})
     with pytest.raises(UserError, match="not a witness"):
         replay.run(tmp_path / "no.json")
+
+
+def test_workers_map_the_tables_of_a_solution_and_load_nothing(made, tmp_path):
+    folder, _, _ = made
+    solution = load_controller(folder / "controller.npz").solution
+    shared = SharedSolution.of(solution, tmp_path)
+    assert len(pickle.dumps(shared)) < 4000 < solution.mask.nbytes
+    again = pickle.loads(pickle.dumps(shared)).read()
+    assert isinstance(again.mask, np.memmap)
+    assert not again.mask.flags.writeable
+    for name in ("winning", "mask", "free"):
+        assert np.array_equal(getattr(again, name), getattr(solution, name))
+    assert again.value is again.target is None
+    assert (again.grid.cells, again.memory, again.first) == (solution.grid.cells, solution.memory, solution.first)
+    assert again.served is again.served
 
 
 def test_the_same_audit_gives_the_same_bytes(made, tmp_path):

@@ -11,6 +11,7 @@ from simgap.errors import UserError
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
 from simgap.stages import fresh, synthesis, validation
+from simgap.stages.context import Context
 
 START = {"x": 0.6, "y": 0.6, "theta": 0.5}
 U = {"v": {"min": -0.2, "max": 0.2, "step": 0.1}, "w": {"min": -0.4, "max": 0.4, "step": 0.4}}
@@ -165,3 +166,21 @@ def test_a_symmetry_that_the_model_does_not_have(small, bound, tmp_path, capsys)
     assert "symmetry.group" in line
     assert "declared but false" in line
     assert not out.exists()
+
+
+def test_an_obstacle_that_bounds_the_heading_is_kept_clear_of_by_samples(small):
+    """A swept box says where a path is and not which way the robot looks on it: it cannot see such an obstacle."""
+    obstacle = {"x": [1.0, 1.4], "theta": [0.0, 1.0]}
+    arenas = (
+        (ARENA, True),
+        (ARENA | {"obstacles": [obstacle]}, False),
+        (ARENA | {"clearance": ARENA["clearance"] | {"theta": 0.1}}, False),
+    )
+    for arena, by_boxes in arenas:
+        case = small(**{"synthesis.specification": arena, "synthesis.nominal_between_samples": True})
+        problem, between = synthesis.pose(Context.load(case), None)
+        assert (problem.swept is not None) == by_boxes
+        assert (problem.stray is None) == by_boxes
+        if not by_boxes:
+            assert np.array_equal(problem.stray, between)
+            assert between[2] >= 0.5 * 0.4  # half a sample of the fastest turn

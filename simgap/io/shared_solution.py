@@ -1,0 +1,39 @@
+"""A solution that several processes read: its large tables lie in files that they map into memory, and only once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from simgap.specifications.solution import Solution
+
+TABLES = ("winning", "mask", "free", "value", "target")
+FLAGS, BYTES = np.empty(0, np.bool_), np.empty((0, 0), np.uint8)  # in the place of tables that lie in files
+
+
+@dataclass(frozen=True, eq=False)
+class SharedSolution:
+    """Where the tables of a solution are.
+
+    Attributes:
+        folder: of the files. names: of the tables that the solution has. rest: the solution without them.
+    """
+
+    folder: Path
+    names: tuple[str, ...]
+    rest: Solution
+
+    @staticmethod
+    def of(solution: Solution, folder: Path) -> SharedSolution:
+        """Write the tables; the folder must outlive every process that reads them."""
+        names = tuple(name for name in TABLES if getattr(solution, name) is not None)
+        for name in names:
+            np.save(folder / f"{name}.npy", getattr(solution, name))
+        rest = replace(solution, winning=FLAGS, mask=BYTES, free=FLAGS, value=None, target=None)
+        return SharedSolution(folder, names, rest)
+
+    def read(self) -> Solution:
+        """The solution, its tables mapped and read-only: what is never looked at is never read."""
+        return replace(self.rest, **{n: np.load(self.folder / f"{n}.npy", mmap_mode="r") for n in self.names})

@@ -1,0 +1,51 @@
+"""Where the time of a run went: the `benchmark:` files that Snakemake leaves for every job, as rows."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+from simgap.errors import UserError, excerpt
+
+
+@dataclass(frozen=True)
+class JobTime:
+    """One job: case and job by name, wall time and CPU time in s, largest resident memory in bytes."""
+
+    case: str
+    job: str
+    wall: float
+    cpu: float
+    memory: float
+
+
+def job_times(results: Path) -> list[JobTime]:
+    """Every job below a folder of results, the costliest first.
+
+    Raises:
+        UserError: no such file there, or one that Snakemake did not write.
+    """
+    found = [_one(results, path) for path in sorted(results.rglob("benchmarks/*.tsv"))]
+    if not found:
+        raise UserError(
+            "no job has left its times here", file=results, remedy="Give the folder `results` of a run, or of one case."
+        )
+    return sorted(found, key=lambda job: -job.cpu)
+
+
+def _one(results: Path, path: Path) -> JobTime:
+    try:
+        with path.open(newline="") as stream:
+            row = list(csv.DictReader(stream, delimiter="\t"))[-1]
+        wall, cpu, memory = (_number(row[key]) for key in ("s", "cpu_time", "max_rss"))
+    except (KeyError, IndexError, ValueError, csv.Error) as error:
+        raise UserError(
+            f"not a benchmark file of Snakemake ({excerpt(error)})", file=path, remedy="Delete it and run again."
+        ) from None
+    case = path.parents[1].relative_to(results)
+    return JobTime(str(case) if case.parts else results.resolve().name, path.stem, wall, cpu, memory * 2**20)
+
+
+def _number(text: str) -> float:
+    return 0.0 if text in ("-", "NA") else float(text)  # a job that ended before Snakemake looked
