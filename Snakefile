@@ -22,6 +22,7 @@ include: "rules/gap.smk"
 include: "rules/control.smk"
 include: "rules/diagnosis.smk"
 include: "rules/report.smk"
+include: "rules/sweep.smk"
 include: "rules/paper.smk"
 
 
