@@ -101,7 +101,12 @@ def test_what_is_masked_after_the_end_is_fitted_and_not_searched(monkeypatch):
     """A delay masks what was commanded before the record; a search that has ended does not begin anew for that."""
     begun = []
     searched = module._searched
-    monkeypatch.setattr(module, "_searched", lambda *given: begun.append(1) or _ended(searched(*given), given[3]))
+
+    def once(*given, **more):
+        begun.append(1)
+        return _ended(searched(*given, **more), given[3])
+
+    monkeypatch.setattr(module, "_searched", once)
     d = diagnose(block(), _record(late=LATE), DiagnosisSettings(effects=("input_delay",)))
     assert len(begun) == 1
     assert any("ended after" in w for w in d.warnings)
