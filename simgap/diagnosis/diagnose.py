@@ -30,7 +30,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
-from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY
+from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FIT_QUALITY, HELD_OUT_QUALITY, MOST_COLOURED
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.concentration import concentrated
 from simgap.diagnosis.verdict.faults import filtered_channels, fitted_faults, gain_faults, noise_faults
@@ -150,7 +150,7 @@ def _mended(
 
 def _noise(known: Problem, search: Search, found: Explanation) -> tuple[Floats, Colour] | None:
     """The law of the noise, where what was found leaves more than white noise and that is no trace of a force."""
-    if chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
+    if not FIT_QUALITY < chi2_dof(search.problem, found.fit) <= MOST_COLOURED:
         return None
     at = found.fit
     if search.problem is not known:

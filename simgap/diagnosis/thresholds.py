@@ -194,6 +194,10 @@ COLOUR_EVIDENCE = 10.0
 """A residual is noise that remembers if that law of its spectrum is likelier by a factor of e to this power than white
 noise, and than a fall with the fourth power of the frequency, as a force would leave it."""
 
+MOST_COLOURED = 10.0
+"""... and if chi^2/dof for white noise is at most this: noise of 20 ms at 200 Hz shows 7. What a motor-driven pendulum of
+real hardware keeps shows 46, and taken for noise it hid the friction."""
+
 STATIONARY = 5.0
 """... and if nineteen of twenty windows have a sum of squares, made white, within so many standard deviations of the
 median window's."""
