@@ -195,7 +195,7 @@ COLOUR_EVIDENCE = 10.0
 noise, and than a fall with the fourth power of the frequency, as a force would leave it."""
 
 MOST_COLOURED = 10.0
-"""... and if chi^2/dof for white noise is at most this: noise of 20 ms at 200 Hz shows 7. What a motor-driven pendulum of
+"""... and if chi^2/dof for white noise is at most this: noise of 20 ms at 200 Hz shows 7. What a driven pendulum of
 real hardware keeps shows 46, and taken for noise it hid the friction."""
 
 STATIONARY = 5.0
