@@ -101,10 +101,13 @@ def diagnose(
         parts = parts.without(np.isin(record.measured, [f.channel for f in filtered]))
         not_tried |= {(f.fault, f.channel): "the channel was left out" for f in filtered}
         search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
-    noise = None if watch.stopped else _noise(parts.known, search, found)
+    full = len(found.members) >= settings.max_effects  # all that it may take: what is left is no noise
+    noise = None if watch.stopped or full else _noise(parts.known, search, found)
     if noise is not None:
-        parts = parts.with_noise(*noise)
-        search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
+        louder = parts.with_noise(*noise)
+        ends = _searched(louder.known, settings.max_effects, not_tried, watch)
+        if chi2_dof(ends[0].problem, ends[2].fit) <= FIT_QUALITY:  # else it was not the noise that was missing
+            parts, (search, base, found) = louder, ends
     chosen = _chosen(parts, search, base, found, settings, not_tried)
     return _conclude(model, record, settings, parts, chosen, said, (*faults, *filtered))
 
