@@ -8,7 +8,7 @@
 #   snakemake --cores 2 sensing                          the pendulum, measured with an error and a sample late
 #   snakemake --cores 2 sensing_robot                    the robot, measured with an error and a sample late
 #   snakemake --cores 2 mujoco                           the pendulum in another engine (extra `mujoco`)
-#   snakemake --cores 2 textbook                         small cases in equations: the boost converter
+#   snakemake --cores 2 textbook                         small cases in equations: converter and motor
 #   snakemake --cores 2 cart_pole                        a pole on a cart from its URDF, four states
 #   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
 
@@ -22,6 +22,7 @@ include: "rules/gap.smk"
 include: "rules/control.smk"
 include: "rules/diagnosis.smk"
 include: "rules/report.smk"
+include: "rules/sweep.smk"
 include: "rules/paper.smk"
 
 
@@ -86,7 +87,7 @@ rule proven:
 
 rule textbook:
     input:
-        pages("dcdc"),
+        pages("dcdc") + pages("dc_motor"),
 
 
 rule cart_pole:

@@ -8,8 +8,9 @@ from pathlib import Path
 from simgap.config.load import load_case
 from simgap.config.reads import READS
 from simgap.config.rig import case_of_rig
+from simgap.config.sweep import MARK, base_of, points_of_sweep
 from simgap.config.workflow import workflow_config
-from simgap.errors import SimgapError
+from simgap.errors import SimgapError, UserError
 from simgap.gap.points import (
     EVERY_HISTORY,
     own_point,
@@ -27,8 +28,8 @@ from simgap.provenance import (
 )
 
 # Stages run the `simgap` of this very environment, whether it was activated or not.
-os.environ["PATH"] = os.pathsep.join(
-    [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
+os.environ.update(
+    PATH=os.pathsep.join([str(Path(sys.executable).parent), *os.get_exec_path()])
 )
 
 
@@ -61,8 +62,13 @@ def base(name):
     return name.split("/")[0]
 
 
-def simulated(name):
-    """The case whose roll-outs count: effects found on the simulator leave it as it is, those found on hardware do not."""
+def simulated(name, *stages):
+    """The case whose roll-outs count: effects found on the simulator leave it as it is, those found on hardware do not.
+
+    Points of a sweep that need the same roll-outs (or what else the stages make) share those of the first of them.
+    """
+    if sweep_of(name) is not None:
+        return first_alike(name, stages or ("grid", "rollouts"))
     if base(name) not in LOADED:
         LOADED[base(name)] = load(base(name))
     measured = LOADED[base(name)].measured
@@ -70,7 +76,50 @@ def simulated(name):
     return name if hardware else base(name)
 
 
+def sweep_of(name):
+    """The sweep file of which a case is a point, if it is one."""
+    path = Path(SETTINGS.sweep_folder) / f"{name.partition(MARK)[0]}.yaml"
+    return path if MARK in name and path.is_file() else None
+
+
+SWEPT = {}
+
+
+def swept(path):
+    """The points of a sweep file, by name."""
+    if path not in SWEPT:
+        try:
+            SWEPT[path] = {point.name: point for point in points_of_sweep(path)}
+        except SimgapError as error:
+            told(error)
+    return SWEPT[path]
+
+
+def first_alike(name, stages):
+    """The first of the sweep's case and its points that needs the same of these stages, whatever it is called."""
+    path = sweep_of(name)
+    cases = {point: swept(path)[point].case for point in swept(path)}
+    own = base_of(path)
+    if own.parent.resolve() == CASE_FOLDER.resolve() and own.stem not in cases:
+        cases = {own.stem: case_of(own.stem)} | cases
+
+    def needs(case):
+        nameless = case.model_copy(update={"name": "any"})
+        sections = [sections_of(stage, case) for stage in stages]
+        return [sections_digest(nameless, part, own.parent) for part in sections]
+
+    return next(n for n, case in cases.items() if needs(case) == needs(cases[name]))
+
+
+def folder_of(name):
+    """Where the relative paths of a case start from."""
+    path = sweep_of(name)
+    return CASE_FOLDER if path is None else base_of(path).parent
+
+
 def case_path(name):
+    if sweep_of(name) is not None:
+        return f"results/sweeps/{name.partition(MARK)[0]}/cases/{name}.yaml"
     if name != base(name):
         return f"results/{base(name)}/diagnosis/corrected_case.yaml"
     return str(CASE_FOLDER / f"{name}.yaml")
@@ -78,10 +127,26 @@ def case_path(name):
 
 def correction(wildcards):
     """A corrected case's file is made by a rule, so it is an input; a case's own file is hashed section by section."""
+    if sweep_of(wildcards.case) is not None:
+        return ancient(
+            case_path(wildcards.case)
+        )  # what the stages read of it is hashed
     return case_path(wildcards.case) if wildcards.case != base(wildcards.case) else []
 
 
 def load(name):
+    path = sweep_of(name)
+    if path is not None:
+        if name not in swept(path):
+            told(
+                UserError(
+                    "has no such point",
+                    file=path,
+                    key=name,
+                    remedy="Its values have changed.",
+                )
+            )
+        return swept(path)[name].case
     try:
         return load_case(Path(case_path(name)))
     except SimgapError as error:
@@ -102,7 +167,9 @@ def case_of(wildcards):
 def reads(stage):
     """What the stage reads of the case, as a hash for `params`."""
     return lambda wildcards: sections_digest(
-        case_of(wildcards), sections_of(stage, case_of(wildcards)), CASE_FOLDER
+        case_of(wildcards),
+        sections_of(stage, case_of(wildcards)),
+        folder_of(wildcards.case),
     )
 
 
@@ -111,7 +178,7 @@ def code(stage, case=None):
 
     def made_by(wildcards):
         name = case or wildcards.get("case")
-        of = (case_of(name), CASE_FOLDER) if name else ()
+        of = (case_of(name), folder_of(name)) if name else ()
         return digest([code_digest(stage, *of), versions(stage, *of)])
 
     return made_by
@@ -134,5 +201,6 @@ def flagged(flag, paths):
 def sweep_points(case):
     """The case's own point and those of the sweep over eps."""
     return points_of(
-        LOADED[case], list(SETTINGS.sweeps[case].eps) if case in SETTINGS.sweeps else []
+        case_of(case),
+        list(SETTINGS.sweeps[case].eps) if case in SETTINGS.sweeps else [],
     )

@@ -12,7 +12,7 @@ def known_samples(wildcards):
     """The samples that the case's own bound was made of: roll-outs and borders."""
     case, point = case_of(wildcards), own_point(case_of(wildcards))
     folder = f"results/{simulated(wildcards.case)}/rollouts/{point}"
-    borders = f"results/{wildcards.case}/borders/{point}/samples.parquet"
+    borders = f"results/{bordered(wildcards.case)}/borders/{point}/samples.parquet"
     shards = [f"{folder}/shard-{k}.parquet" for k in range(shard_count(case))]
     return shards if remembers(case) else [*shards, borders]
 
@@ -78,7 +78,7 @@ rule audit:
         gap=lambda w: f"{gap_folder(w)}/gap.json",
         robust="results/{case}/synthesis/gap/controller.npz",
         rollouts=known_samples,
-        fresh=lambda w: f"results/{simulated(w.case)}/fresh/samples.parquet",
+        fresh=lambda w: f"results/{simulated(w.case, 'fresh')}/fresh/samples.parquet",
         after=ancient("results/{case}/validation/validation.json"),
     output:
         counts="results/{case}/{depth}/audit.json",

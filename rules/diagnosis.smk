@@ -33,7 +33,7 @@ def own_recordings(case):
 
     They are parameters and no inputs: a person's file name may hold braces, which Snakemake takes for wildcards.
     """
-    measured = LOADED[case].measured
+    measured = case_of(case).measured
     files = [
         CASE_FOLDER / name for name in (measured.files if measured is not None else ())
     ]
@@ -48,7 +48,7 @@ def rig_recordings(wildcards):
 
 
 def diagnosed(case):
-    measured = LOADED[case].measured
+    measured = case_of(case).measured
     return rig_file(case) is not None or (measured is not None and bool(measured.files))
 
 

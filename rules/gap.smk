@@ -87,7 +87,7 @@ rule gap:
         rollouts=shards,
         scp=dimensions("scp"),
         lipschitz=dimensions("lipschitz"),
-        fresh=lambda w: f"results/{simulated(w.case)}/fresh/samples.parquet",
+        fresh=lambda w: f"results/{simulated(w.case, 'fresh')}/fresh/samples.parquet",
         calibration=calibration,
         borders=borders,
     output:

@@ -18,7 +18,7 @@ def pages(case):
 
 def final_results(case):
     """What a plain run makes of a case, as far as its sections go."""
-    folder, sections = f"results/{case}", LOADED[case]
+    folder, sections = f"results/{case}", case_of(case)
     bounded = sections.gap is not None or sections.hidden_state is not None
     if sections.synthesis is None or not bounded:
         bound = [f"{folder}/gap/{own_point(sections)}/gap.json"] if bounded else []

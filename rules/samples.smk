@@ -141,7 +141,14 @@ def borders(wildcards):
     """The corrected model may switch where the case does not, so it has its own; a gap over histories has no border."""
     if remembers(case_of(wildcards)):
         return []
-    return f"results/{wildcards.case}/borders/{wildcards.point}/samples.parquet"
+    return (
+        f"results/{bordered(wildcards.case)}/borders/{wildcards.point}/samples.parquet"
+    )
+
+
+def bordered(name):
+    """The case whose samples on borders count: its own, but for points of a sweep that need the same."""
+    return simulated(name, "borders") if sweep_of(name) is not None else name
 
 
 rule calibration:
@@ -172,4 +179,4 @@ def calibration(wildcards):
     section = case_of(wildcards).gap
     if section is None or section.bound != "conformal":
         return []
-    return f"results/{simulated(wildcards.case)}/calibration/samples.parquet"
+    return f"results/{simulated(wildcards.case, 'calibration')}/calibration/samples.parquet"

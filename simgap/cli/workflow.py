@@ -47,9 +47,7 @@ def run(
     (folder, *others) = dict.fromkeys(path.parent for path in files)
     if others:
         raise UserError("stands in another folder than the first case", file=others[0], remedy="Run it by itself.")
-    status = _snakemake(folder, [path.stem for path in files], cores, options)
-    if status:
-        raise WorkflowFailed("the run has failed; what failed stands above, and in results/<case>/logs")
+    snakemake(folder, [path.stem for path in files], cores, options)
 
 
 @app.command()
@@ -91,14 +89,28 @@ def workflow_file(name: str) -> Path:
     return packaged if packaged.exists() else PACKAGE.parent / name
 
 
-def _snakemake(folder: Path, cases: Sequence[str], cores: int, options: Sequence[str]) -> int:
-    """Run the workflow in this folder: -> its exit status."""
+def snakemake(
+    folder: Path, cases: Sequence[str], cores: int, options: Sequence[str], sweeps: Path | None = None
+) -> None:
+    """Run the workflow in this folder.
+
+    Raises:
+        WorkflowFailed: what failed has been shown.
+    """
+    status = _status(folder, cases, cores, options, sweeps or folder)
+    if status:
+        raise WorkflowFailed(
+            "the run has failed; what failed stands above, and in results/<case>/logs. If this folder is locked "
+            "by a run that was killed: `simgap run CASE --unlock`, then the same command again"
+        )
+
+
+def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[str], sweeps: Path) -> int:
     with tempfile.TemporaryDirectory(prefix="simgap-") as temporary:
         config = Path(temporary) / "run.yaml"
-        place = Path(os.path.relpath(folder))
-        config.write_text(
-            yaml.safe_dump({"case_folder": str(place), "rig_folder": str(place / "rigs"), "cases": list(cases)})
-        )
+        place, points = Path(os.path.relpath(folder)), os.path.relpath(sweeps)
+        about = {"case_folder": str(place), "rig_folder": str(place / "rigs"), "sweep_folder": points}
+        config.write_text(yaml.safe_dump(about | {"cases": list(cases)}))
         command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
         command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
         process = subprocess.Popen([*command, *options])

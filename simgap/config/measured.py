@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from simgap.config.base import Section
 
@@ -105,8 +105,30 @@ class HeldOut(Section):
     )
 
 
+class Condition(Section):
+    """Under which conditions a file was recorded: `file`, and parameters of the plant with their values there."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, float] = Field(init=False)
+
+    file: str = Field(description="The file (its name, or the end of its path).")
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameter -> value."""
+        return dict(self.__pydantic_extra__)
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Condition:
+        if not self.__pydantic_extra__:
+            raise ValueError("a condition names a file and a parameter of the plant at least: add one, such as m: 2.0")
+        return self
+
+
 class MeasuredSection(Section):
     """Recordings of the real thing, for `simgap diagnose` and the diagnosis stage."""
+
+    OPTIONAL = ("conditions",)
 
     files: tuple[str, ...] = Field(
         default=(),
@@ -120,6 +142,11 @@ class MeasuredSection(Section):
         default="trace", description="Column that tells the traces of one file apart, if it is there."
     )
     masks: tuple[Mask, ...] = Field(default=(), description="Time ranges to keep or to drop.")
+    conditions: tuple[Condition, ...] = Field(
+        default=(),
+        description="Parameters of the plant that are known to differ from file to file, such as a weight or a supply "
+        "voltage; a file that is not named has the declared values. One set of effects is fitted to all files.",
+    )
     held_out: HeldOut = Field(default_factory=HeldOut, description="The data that are kept for judging.")
     window_s: float = Field(
         default=1.0, gt=0, description="Length of the windows that are simulated in the fit, in seconds."

@@ -43,6 +43,8 @@ class SymbolicParameter(Section):
 class SymbolicCoordinate(Section):
     """A degree of freedom of written equations on which friction, springs and the like may act."""
 
+    OPTIONAL = ("force_map",)
+
     model_config = ConfigDict(coerce_numbers_to_str=True)  # a plain number is an expression too
 
     position: str = Field(description="The state that is its position.")
@@ -73,6 +75,8 @@ class Wheels(Section):
 
 class SymbolicPlant(Section):
     """Dynamics written as expressions; parsed by a whitelist and never evaluated as code."""
+
+    OPTIONAL = ("mass_matrix",)
 
     model_config = ConfigDict(coerce_numbers_to_str=True)  # a plain number is an expression too
 

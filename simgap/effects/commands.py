@@ -19,8 +19,8 @@ class InputEffect(Effect):
     rank: ClassVar[int] = COMMAND
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """Every input of the plant."""
-        return model.input_names
+        """Every input of the plant that is commanded."""
+        return tuple(name for name in model.input_names if name not in model.conditions)
 
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """Units from the input's."""

@@ -83,6 +83,7 @@ class SymbolicModel:
     `force_map[j]` is the column d xdot / d Q_j of the generalised force Q_j on coordinate j (a column of M(q)^-1
     in the velocity rows), so that a force term F changes xdot by `force_map[j] * F`. `outputs` maps a state to
     what its sensor reads; a state that is not listed is read as it is. `delays` maps an input to a pure delay (s).
+    `conditions` are inputs that are known parameters, on which no effect of a command acts.
     All changes return a new model.
     """
 
@@ -97,6 +98,7 @@ class SymbolicModel:
     wheels: PlanarWheels | None = None
     outputs: Mapping[str, sp.Expr] = field(default_factory=dict)
     delays: Mapping[str, sp.Expr] = field(default_factory=dict)
+    conditions: tuple[str, ...] = ()
 
     @property
     def state_names(self) -> tuple[str, ...]:

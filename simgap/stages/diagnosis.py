@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from simgap.config.copied_plugins import copied_plugins
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.reading.survey import Survey, survey
 from simgap.diagnosis.reading.traces import Reading
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
@@ -77,8 +79,11 @@ def run(
         look = survey(record, model, section.noise)
         for warning in (*reading.warnings, *look.warnings):
             log.warning("%s", warning)
+        known = [Known(c.file, c.values) for c in section.conditions]
+        record, names = under_conditions(record, model, known, reading.origins)
         tell("searching for what the model lacks")
-        found = diagnose(model, record, _settings(section, reading), tell)
+        found = diagnose(conditioned(model, names), record, _settings(section, reading), tell)
+        reading = replace(reading, record=record)
     tell("bounding what is left, drawing, writing")
     content = conclude(context, section, found, reading, look, paths, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
@@ -95,7 +100,8 @@ def conclude(
     out_dir: Path,
 ) -> dict[str, Any]:
     """Bound what is left and write all files: the content of `diagnosis.json`."""
-    corrected = context.plant.corrected_by(found.applied)
+    model, shifts = context.plant.corrected_by(found.applied)
+    corrected = conditioned(model, _conditions(reading, context)), shifts
     remainder = _remainder(context, section, corrected, found, reading)
     case = context.case
     use = use_of(remainder, found.verdict, section.rig, case.gap is not None, case.hidden_state is not None)
@@ -131,6 +137,16 @@ def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
     )
 
 
+def _conditions(reading: Reading, context: Context) -> tuple[str, ...]:
+    """Parameters that differ among the recordings."""
+    return reading.record.inputs[len(context.inputs) :]
+
+
+def _declared(context: Context, reading: Reading) -> SymbolicModel:
+    """The model before this diagnosis, its known conditions as inputs."""
+    return conditioned(context.plant.corrected, _conditions(reading, context))
+
+
 def _remainder(
     context: Context, section: MeasuredSection, corrected: Corrected, found: Diagnosis, reading: Reading
 ) -> Remainder | None:
@@ -138,7 +154,7 @@ def _remainder(
     return bound_remainder(
         found.windows,
         {name: found.sigma[name] for name in reading.record.measured},
-        (context.plant.corrected, model),
+        (_declared(context, reading), model),
         shifts,
         domain.tau if domain is not None else 0.0,
         context.case.plant.integrator if domain is not None else "rk4",
@@ -161,17 +177,17 @@ def _write(
     record, title = reading.record, context.case.title or context.case.name
     model, shifts = corrected
     sigma = np.array([found.sigma[s] for s in record.measured])
-    lacking = missing_terms(record, context.plant.corrected, model, shifts, sigma)
-    stretches = overlays(found.windows, record.measured, record.inputs, found.sigma)
+    lacking = missing_terms(record, _declared(context, reading), model, shifts, sigma)
+    inputs = record.inputs[: len(context.inputs)]
+    windows = [replace(w, inputs=w.inputs[:, : len(inputs)]) for w in found.windows]
+    stretches = overlays(windows, record.measured, inputs, found.sigma)
     target = out_dir / CASE
     text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], use.by)
     out_dir.mkdir(parents=True, exist_ok=True)
     figures = draw(content, stretches, lacking, out_dir)
     write_text(out_dir / PAGE, page(content, title, figures))
-    write_recording(
-        out_dir / RECORDING, found.windows, record.measured, record.inputs, context.units, context.case.name
-    )
-    columns = transition_columns(context, found.windows, record.measured, shifts)
+    write_recording(out_dir / RECORDING, windows, record.measured, inputs, context.units, context.case.name)
+    columns = transition_columns(context, windows, record.measured, shifts)
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
     for plugin in copied_plugins(context.case, context.folder, out_dir):

@@ -115,7 +115,7 @@ def gap(context: Context, made: Made) -> Bound:
     function = covering_remainder(result.function.with_tiers(tiers), section.remainder)
     content = result.to_json() | function.to_json()
     eps = known_radius(made.points.name)
-    content |= {"fresh": asdict(check), "borders": asdict(beside)} | ({} if eps is None else {"eps": eps})
+    content |= ({} if eps is None else {"eps": eps}) | {"fresh": asdict(check), "borders": asdict(beside)}
     if shifts is not None or eps is None:
         moving = [(n, float(h)) for n, h in zip(names, where.moving_half_widths, strict=True) if h > 0]
         content["half_widths"] = dict(moving)

@@ -1,0 +1,115 @@
+"""A sweep: a case, and the values of any of its keys. Each combination is a case of its own, named by its values."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import itertools
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, ValidationError
+
+from simgap.config.base import Section
+from simgap.config.case import Case
+from simgap.config.load import case_content, parse_case
+from simgap.config.load_yaml import read_yaml
+from simgap.config.words import told
+from simgap.errors import UserError
+
+MARK = "--"
+"""Between the name of a sweep and that of a point."""
+MOST_POINTS = 1000
+
+
+class Sweep(Section):
+    """A sweep file."""
+
+    case: str = Field(description="Case file, relative to the sweep file.")
+    title: str = Field("", description="What the page is headed with.")
+    mode: Literal["grid", "zip"] = Field(
+        "grid", description="grid: every combination. zip: the first values, the second ones, ..."
+    )
+    axes: dict[str, tuple[Any, ...]] = Field(
+        min_length=1, description="Values by dotted key of the case, such as gap.basis or synthesis.cells."
+    )
+
+
+@dataclass(frozen=True)
+class Point:
+    """One case of a sweep: its name, what its keys are set to, its content and the checked case."""
+
+    name: str
+    values: dict[str, Any]
+    content: dict[str, Any]
+    case: Case
+
+
+def load_sweep(path: Path) -> Sweep:
+    """Read a sweep file.
+
+    Raises:
+        UserError: a file that is missing or no YAML, an unknown or wrong key.
+    """
+    try:
+        return Sweep.model_validate(read_yaml(path))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"]) or None
+        if first["type"] in ("extra_forbidden", "missing"):
+            known = ", ".join(Sweep.model_fields)
+            problem = "unknown key" if first["type"] == "extra_forbidden" else "this key is missing"
+            raise UserError(problem, file=path, key=key, remedy=f"A sweep has: {known}.") from None
+        problem, remedy = told(first)
+        raise UserError(problem, file=path, key=key, remedy=remedy) from None
+
+
+def base_of(path: Path) -> Path:
+    """The case file that a sweep file names."""
+    return path.parent / load_sweep(path).case
+
+
+def points_of_sweep(path: Path) -> list[Point]:
+    """The points of a sweep file, the last axis running fastest.
+
+    A point is the case with its keys set, without recordings of its own: what it is asked is what the keys change.
+
+    Raises:
+        UserError: axes of different lengths where they are zipped, too many points, or a point that is no case.
+    """
+    sweep = load_sweep(path)
+    if sweep.mode == "zip" and len({len(values) for values in sweep.axes.values()}) > 1:
+        raise UserError("zipped axes have different lengths", file=path, key="axes", remedy="Give each as many values.")
+    together = (
+        itertools.product(*sweep.axes.values()) if sweep.mode == "grid" else zip(*sweep.axes.values(), strict=True)
+    )
+    rows = list(itertools.islice(together, MOST_POINTS + 1))
+    if not 0 < len(rows) <= MOST_POINTS:
+        problem = "there is no point" if not rows else f"there are more than {MOST_POINTS} points"
+        raise UserError(problem, file=path, key="axes", remedy="Give other values.")
+    base = path.parent / sweep.case
+    content = case_content(base)
+    parse_case(copy.deepcopy(content), base)  # a mistake of its own is told with its own file
+    content.pop("measured", None)
+    return [_point(path, base, content, dict(zip(sweep.axes, row, strict=True))) for row in rows]
+
+
+def _point(path: Path, base: Path, content: dict[str, Any], values: dict[str, Any]) -> Point:
+    name = f"{path.stem}{MARK}{hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:8]}"
+    changed = copy.deepcopy(content)
+    for key, value in values.items():
+        _set(changed, key, value, path)
+    title = content.get("title") or content["name"]
+    changed |= {"name": name, "title": f"{title}: {', '.join(f'{k} = {v}' for k, v in values.items())}"}
+    return Point(name, values, changed, parse_case(copy.deepcopy(changed), path, plugins_beside=base))
+
+
+def _set(content: dict[str, Any], key: str, value: Any, path: Path) -> None:
+    place, (*parents, last) = content, key.split(".")
+    for part in parents:
+        place = place.setdefault(part, {})
+        if not isinstance(place, dict):
+            raise UserError(f"'{part}' holds no keys", file=path, key=f"axes.{key}", remedy="Correct the dotted key.")
+    place[last] = value

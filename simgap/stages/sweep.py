@@ -1,0 +1,109 @@
+"""Stage `sweep`: cases of its points, and one table and page over their results."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import yaml
+
+from simgap.config.sweep import base_of, load_sweep, points_of_sweep
+from simgap.errors import UserError
+from simgap.gap.load import from_json
+from simgap.io.atomic import write_text
+from simgap.io.documents import read_json
+from simgap.io.figures_sweep import figure
+from simgap.io.pages import render
+from simgap.io.parquet import write_parquet
+
+GAP = "gap.json"
+LEFT_OUT = ("provenance", "checksum", "guarantee", "case", "title", "verdict")
+SHOWN = ("promise_kept", "sup_gamma", "winning_fraction", "audit.violations", "size", "width")
+"""Figures on the page; all of them are in the table."""
+
+
+def write_point(path: Path, name: str, out: Path) -> None:
+    """Write the case file of one point; its model files are named as they are found from there.
+
+    Raises:
+        UserError: a sweep that is none, or no point of that name.
+    """
+    found = [p for p in points_of_sweep(path) if p.name == name]
+    if not found:
+        raise UserError(f"has no point '{name}'", file=path, key="axes", remedy="Its values have changed: run again.")
+    content, folder = found[0].content, base_of(path).parent
+    for section in ("plant", "simulator"):
+        inner = content.get(section)
+        if isinstance(inner, dict) and isinstance(inner.get("urdf"), str):
+            inner["urdf"] = Path(os.path.relpath(folder / inner["urdf"], out.parent)).as_posix()
+    write_text(out, f"# A point of the sweep {path.name}.\n" + yaml.safe_dump(content, sort_keys=False))
+
+
+def run(path: Path, results: Sequence[Path], out: Path, table_out: Path) -> None:
+    """Write table and page of a sweep.
+
+    Args:
+        path: sweep file. results: summary.json (or gap.json) of its points, in their order.
+        out: page. table_out: table, one row a point: its keys, then every figure.
+
+    Raises:
+        UserError: another number of results than points, or one that is damaged.
+    """
+    points = points_of_sweep(path)
+    if len(points) != len(results):
+        raise UserError(f"has {len(points)} points, {len(results)} results are given", file=path, remedy="Run again.")
+    rows = [
+        {"point": p.name, **{k: _plain(v) for k, v in p.values.items()}, **_figures(file)}
+        for p, file in zip(points, results, strict=True)
+    ]
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    write_parquet(table_out, pa.table({name: _column([row.get(name) for row in rows]) for name in columns}))
+    keys = list(points[0].values)
+    shown = [c for c in columns if c not in ("point", *keys) and c.startswith(SHOWN)]
+    pages = [Path(os.path.relpath(file.parent / "report.html", out.parent)).as_posix() for file in results]
+    links = [page if (out.parent / page).exists() else None for page in pages]
+    sweep = load_sweep(path)
+    title = sweep.title or f"Sweep {path.stem} over {', '.join(keys)}"
+    drawn = figure(keys, shown, rows)
+    about = {"title": title, "case": Path(sweep.case).stem, "table": table_out.name, "figure": drawn}
+    pairs = list(zip(rows, links, strict=True))
+    write_text(out, render("sweep.html.j2", **about, keys=keys, shown=shown, rows=pairs))
+
+
+def _figures(file: Path) -> dict[str, Any]:
+    """Figures of a summary, or of a bound with its suprema."""
+    content = read_json(file)
+    if file.name != GAP:
+        return flat(content)
+    return flat({"sup_gamma": {s: asdict(sup) for s, sup in from_json(content).sup().items()}}) | flat(content)
+
+
+def flat(content: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Figures of a nested document by dotted name; texts and lists are left out."""
+    found: dict[str, Any] = {}
+    for key, value in content.items():
+        if not above and key in LEFT_OUT:
+            continue
+        if isinstance(value, Mapping):
+            found |= flat(value, f"{above}{key}.")
+        elif isinstance(value, bool | int | float):
+            found[f"{above}{key}"] = value
+    return found
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, bool | int | float | str) else json.dumps(value)
+
+
+def _column(values: list[Any]) -> pa.Array:
+    kinds = {type(v) for v in values if v is not None}
+    if kinds <= {int, float} and len(kinds) > 1:
+        return pa.array([None if v is None else float(v) for v in values])
+    if len(kinds) > 1:
+        return pa.array([None if v is None else str(v) for v in values])
+    return pa.array(values)
