@@ -118,8 +118,11 @@ def test_an_effect_with_memory(added, vary):
     assert "slow_drive" in listing(None)
     # fitted: the delay and the lag of the input as functions of the one parameter
     fit = build_supermodel(pendulum(), ("angle", "rate"), ("slow_drive",))
-    assert list(fit.memory(fit.null)) == [0.0, 0.0]
-    assert list(fit.memory(np.array([0.01]))) == pytest.approx([0.01, 0.02])
+    (slot,) = fit.find("slow_drive", "torque").slots  # beside faults of the recording
+    theta = fit.null.copy()
+    assert list(fit.memory(theta)) == [0.0, 0.0]
+    theta[slot] = 0.01
+    assert list(fit.memory(theta)) == pytest.approx([0.01, 0.02])
     # described
     assert phrase({"name": "slow_drive", "on": "torque"}) == "the slow drive of torque"
     assert "T = 0.010 ± 0.001 s" in describe(found(effect, "torque", "T", 0.01, "s"))

@@ -49,6 +49,21 @@ def vanishing(problem: Problem, members: Sequence[Candidate], at: Fit, errors: F
     return gone
 
 
+def undetermined(problem: Problem, members: Sequence[Candidate], at: Fit, errors: Floats, dof: int) -> list[Candidate]:
+    """Effects that refine another one by a number the data do not give: its 95 % interval leaves what is possible.
+
+    A Stribeck peak of a width that may be 0 is Coulomb friction to these data. `errors`: (p,) standard deviations.
+    """
+    by_slot, loose = dict(zip(at.slots, errors.tolist(), strict=True)), []
+    for c in members:
+        if c.effect.contains is None:
+            continue
+        shapes = [(p, k) for p, k in zip(c.effect.parameters, c.slots, strict=True) if p.shape and k in by_slot]
+        if any(interval(float(at.theta[k]), by_slot[k], dof)[0] <= p.lower for p, k in shapes):
+            loose.append(c)
+    return loose
+
+
 def _reached(problem: Problem, c: Candidate, null: float, lo: float, hi: float) -> bool:
     if math.isinf(null) and c.on in problem.model.model.input_names:
         return hi >= float(np.abs(problem.u[:, problem.model.model.input_names.index(c.on)]).max())

@@ -54,8 +54,8 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
             :RIVALS_EXTENDED
         ]:
             search.extend(base, s)
-    spanned = _spanned(search, chosen)
-    for members in _other_sets(chosen, spanned):
+    spanned, gram = _spanned(search, chosen)
+    for members in _other_sets(chosen, spanned, gram):
         theta = _reset(search, chosen, members)
         search.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
     return _listed(search, chosen, {c.key for c in spanned})
@@ -96,8 +96,11 @@ def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Riva
     return sorted(found, key=lambda r: r.explanation.bic)
 
 
-def _spanned(search: Search, chosen: Explanation) -> list[Candidate]:
-    """Candidates whose projected sensitivity lies in the span of the chosen effects' at the fitted point."""
+def _spanned(search: Search, chosen: Explanation) -> tuple[list[Candidate], Floats]:
+    """Candidates whose projected sensitivity lies in the span of the chosen effects' at the fitted point.
+
+    With the normalised Gram matrix of the free slots of the chosen effects, then of these candidates.
+    """
     problem, at = search.problem, chosen.fit
     own = [slot_direction(problem, at.theta, k, search.steps[k]) for k in at.slots]
     asked, directions = [], list(own)
@@ -107,17 +110,18 @@ def _spanned(search: Search, chosen: Explanation) -> list[Candidate]:
         asked.append(c)
         directions.append(column(at.theta, c, start, 0, small_amplitude(problem, at, c, start, index, search.starts)))
     if not own or not asked:
-        return []
+        return [], np.zeros((0, 0))
     linear = linearise(problem, at.theta, at.x0, directions)
     gram, visible, p = _normalised(linear.gram), linear.visible, len(own)
-    inside = []
-    for j, c in enumerate(asked, start=p):
-        if not visible[j]:
-            continue
-        weights = np.linalg.lstsq(gram[:p, :p], gram[:p, j], rcond=1e-9)[0]
-        if float(weights @ gram[:p, j]) > EXACTLY_COLLINEAR**2:
-            inside.append(c)
-    return inside
+    inside = [j for j in range(p, len(directions)) if visible[j] and _in_span(gram, list(range(p)), j)]
+    kept = [*range(p), *inside]
+    return [asked[j - p] for j in inside], np.asarray(gram[np.ix_(kept, kept)])
+
+
+def _in_span(gram: Floats, among: list[int], j: int) -> bool:
+    """Whether direction j lies in the span of others, by their Gram matrix."""
+    weights = np.linalg.lstsq(gram[np.ix_(among, among)], gram[among, j], rcond=1e-9)[0]
+    return float(weights @ gram[among, j]) > EXACTLY_COLLINEAR**2
 
 
 def _normalised(gram: Floats) -> Floats:
@@ -125,17 +129,20 @@ def _normalised(gram: Floats) -> Floats:
     return np.asarray(gram / np.outer(scale, scale))
 
 
-def _other_sets(chosen: Explanation, spanned: list[Candidate]) -> list[tuple[Candidate, ...]]:
-    """Sets of the same size, at least two effects replaced (single replacements were fitted already)."""
-    size = len(chosen.members)
-    pool = [*chosen.members, *spanned]
-    sets = [
-        s
-        for s in itertools.combinations(pool, size)
-        if len({c.key for c in s} - chosen.keys) >= (1 if size == 1 else 2)
-    ]
-    if size > 1:  # replacements of one effect by something in the span are cheap to confirm as well
-        sets += [s for s in itertools.combinations(pool, size) if len({c.key for c in s} - chosen.keys) == 1]
+def _other_sets(chosen: Explanation, spanned: list[Candidate], gram: Floats) -> list[tuple[Candidate, ...]]:
+    """Other sets of the same size that span what the chosen one does; those with two effects replaced or more first,
+    since single replacements were fitted already."""
+    free = [[j for j, k in enumerate(chosen.fit.slots) if k in c.slots] for c in chosen.members]
+    first = len(chosen.fit.slots)
+    pool = [*zip(chosen.members, free, strict=True), *((c, [first + n]) for n, c in enumerate(spanned))]
+    sets = []
+    for picked in itertools.combinations(pool, len(chosen.members)):
+        members = tuple(c for c, _ in picked)
+        directions = [j for _, own in picked for j in own]
+        others = [j for j in range(first) if j not in directions]
+        if others and all(_in_span(gram, directions, j) for j in others):
+            sets.append(members)
+    sets.sort(key=lambda s: len({c.key for c in s} - chosen.keys) == 1)
     return sets[:SETS_REFITTED]
 
 

@@ -108,6 +108,21 @@ class Search:
         null = {k: float(self.problem.model.null[k]) for k in member.slots}
         return self.explain(kept, with_values(base.fit.theta, null), base.fit, again=True)
 
+    def coarser(self, base: Explanation, member: Candidate) -> Explanation:
+        """Fit the base with the effect that one of its effects contains in that one's place.
+
+        Without it where it is not among the candidates.
+        """
+        inner = member.effect.contains
+        found = [c for c, _ in self.starts.items if inner is not None and c.key == (inner.name, member.on)]
+        if not found or found[0].key in base.keys:
+            return self.without(base, member)
+        kept = tuple(found[0] if c.key == member.key else c for c in base.members)
+        own, null = _values(member, base.fit.theta), {k: float(self.problem.model.null[k]) for k in member.slots}
+        names = zip((p.symbol for p in found[0].effect.parameters), found[0].slots, strict=True)
+        theta = with_values(base.fit.theta, null | {k: own[name] for name, k in names if name in own})
+        return self.explain(kept, theta, base.fit, again=True)
+
     def _key(self, members: tuple[Candidate, ...], theta: Floats) -> tuple[frozenset[Key], tuple[float, ...]]:
         discrete = tuple(float(theta[k]) for c in members for k in _integers(c))
         return frozenset(c.key for c in members), discrete

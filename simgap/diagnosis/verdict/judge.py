@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2 as chi_squared
 
 from simgap.diagnosis.result import Judged, Verdict
-from simgap.diagnosis.search.confidence import degrees_of_freedom, standard_errors, vanishing
+from simgap.diagnosis.search.confidence import degrees_of_freedom, standard_errors, undetermined, vanishing
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
@@ -92,9 +92,16 @@ def excess_share(before: HeldOut, after: HeldOut, sigma: Floats) -> float:
 
 
 def real(search: Search, found: Explanation, at_floor: bool) -> Explanation:
-    """Without the effects whose interval contains "no effect", one after another, the rest fitted again."""
-    while gone := vanished(search, found, at_floor):
-        found = search.without(found, gone[0])
+    """Without the effects whose interval contains "no effect", and with what they contain in the place of those that
+    refine it by a number the data do not give; one after another, the rest fitted again."""
+    while found.members:
+        gone, loose = (asked(search, found, at_floor) for asked in (vanished, _loose))
+        if gone:
+            found = search.without(found, gone[0])
+        elif loose:
+            found = search.coarser(found, loose[0])
+        else:
+            break
     return found
 
 
@@ -102,10 +109,18 @@ def vanished(search: Search, found: Explanation, at_floor: bool) -> list[Candida
     """Its effects whose 95 % interval contains "no effect"."""
     if not found.members:
         return []
+    return vanishing(search.problem, found.members, found.fit, *_errors(search, found, at_floor))
+
+
+def _loose(search: Search, found: Explanation, at_floor: bool) -> list[Candidate]:
+    return undetermined(search.problem, found.members, found.fit, *_errors(search, found, at_floor))
+
+
+def _errors(search: Search, found: Explanation, at_floor: bool) -> tuple[Floats, int]:
+    """Standard errors (p,) of what was fitted, and the degrees of freedom of its intervals."""
     reduced = chi2_dof(search.problem, found.fit)
     errors = standard_errors(search.problem, found.fit, search.steps, reduced, at_floor)
-    dof = degrees_of_freedom(search.problem, found.fit, at_floor)
-    return vanishing(search.problem, found.members, found.fit, errors, dof)
+    return errors, degrees_of_freedom(search.problem, found.fit, at_floor)
 
 
 def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], samples: float) -> bool:
