@@ -47,6 +47,17 @@ def schema(
 
 
 @app.command()
+def reference(
+    out: Annotated[Path, typer.Option(help="File to write.", callback=new_file)] = Path("docs/reference.md"),
+) -> None:
+    """Write the reference of all keys of a case and of all effects."""
+    from simgap.io.atomic import write_text
+    from simgap.stages.reference import reference as text
+
+    write_text(out, text())
+
+
+@app.command()
 def times(
     results: Annotated[Path, typer.Argument(help="Folder of results, or of one case.")] = Path("results"),
 ) -> None:

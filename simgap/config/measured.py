@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from simgap.config.base import Section
+
+
+def _column(value: object) -> object:
+    """A bare name is the name of the column."""
+    return {"column": value} if isinstance(value, str) else value
+
 
 Range = Annotated[tuple[float, float], Field(description="From and to, in seconds as the time column reads.")]
 
@@ -134,10 +140,12 @@ class MeasuredSection(Section):
         default=(),
         description="CSV or Parquet files, relative to the case file; files on the command line replace them.",
     )
-    columns: dict[str, ColumnMap] = Field(
+    columns: dict[str, Annotated[ColumnMap, BeforeValidator(_column, str | ColumnMap)]] = Field(
         default_factory=dict, description="For a state or an input: its column, if it is not a column of the same name."
     )
-    time: TimeMap = Field(default_factory=TimeMap, description="The column of time stamps.")
+    time: Annotated[TimeMap, BeforeValidator(_column, str | TimeMap)] = Field(
+        default_factory=TimeMap, description="The column of time stamps."
+    )
     trace_column: str = Field(
         default="trace", description="Column that tells the traces of one file apart, if it is there."
     )

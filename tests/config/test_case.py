@@ -8,8 +8,10 @@ import yaml
 
 from simgap.cli import main
 from simgap.config.load import load_case
+from simgap.config.measured import MeasuredSection
 from simgap.config.schema import schema_text
 from simgap.errors import UserError
+from simgap.stages.reference import reference
 
 
 def shipped(root):
@@ -25,6 +27,18 @@ def test_shipped_cases_check_against_models_and_schema(root):
 
 def test_the_schema_file_is_what_the_sections_say(root):
     assert (root / "configs" / "schema.json").read_text() == schema_text(), "run `simgap schema`"
+
+
+def test_the_reference_is_what_sections_and_effects_say(root):
+    text = (root / "docs" / "reference.md").read_text()
+    assert text == reference(), "run `simgap reference`"
+    assert "`domain.U.<name>.step` | number > 0" in text
+    assert "`measured.columns.<name>.unit`" in text
+
+
+def test_a_bare_name_is_that_of_a_column():
+    short = MeasuredSection.model_validate({"columns": {"q": "angle"}, "time": "stamp"})
+    assert short == MeasuredSection.model_validate({"columns": {"q": {"column": "angle"}}, "time": {"column": "stamp"}})
 
 
 def test_a_case_extends_another_section_by_section(vary):
