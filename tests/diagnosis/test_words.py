@@ -69,6 +69,34 @@ SAID = {
         "Stribeck friction at the hinge (0.30 ± 0.05 N m to break away, 0.10 ± 0.02 N m when sliding)",
         "Stribeck friction at the hinge",
     ),
+    "dahl_friction": (
+        "hinge", {"F_c": (0.19, 0.01, "N*m"), "d": (0.02, 0.001, "rad")},
+        "Dahl friction of 0.19 ± 0.01 N m at the hinge that turns round over 0.020 ± 0.001 rad",
+        "Dahl friction at the hinge",
+    ),
+    "directional_friction": (
+        "hinge", {"F_p": (0.2, 0.01, "N*m"), "F_m": (0.3, 0.01, "N*m")},
+        "directional friction at the hinge (0.20 ± 0.01 N m forwards, 0.30 ± 0.01 N m backwards)",
+        "directional friction at the hinge",
+    ),
+    "load_friction": (
+        "torque", {"mu": (0.12, 0.01, "1")},
+        "load-dependent friction of 12 ± 1 % of the torque", "load-dependent friction of the torque",
+    ),
+    "constant_force": (
+        "hinge", {"F_0": (0.5, 0.01, "N*m")},
+        "a constant force of 0.50 ± 0.01 N m at the hinge", "constant force at the hinge",
+    ),
+    "input_directional_gain": (
+        "torque", {"ratio_p": (1.2, 0.01, "1"), "ratio_m": (0.9, 0.01, "1")},
+        "a gain of torque that differs with the sign (20 ± 1 % above for positive, 10 ± 1 % below for negative "
+        "commands)",
+        "the directional gain of torque",
+    ),
+    "reflected_inertia": (
+        "hinge", {"I": (0.02, 0.001, "kg*m^2")},
+        "a reflected inertia of 0.020 ± 0.001 kg m² at the hinge", "reflected inertia at the hinge",
+    ),
     "quadratic_drag": (
         "hinge", {"c": (0.5, 0.01, "N*m*s^2/rad^2")},
         "quadratic drag of 0.50 ± 0.01 N m s²/rad² at the hinge", "quadratic drag at the hinge",
