@@ -49,9 +49,11 @@ def main(arguments: list[str] | None = None) -> None:
         sys.stderr.write("simgap: interrupted\n")
         status = 130
     finally:
-        for handler in logging.getLogger("simgap").handlers[:]:
-            logging.getLogger("simgap").removeHandler(handler)
+        logger = logging.getLogger("simgap")
+        for handler in logger.handlers[:]:
+            logger.removeHandler(handler)
             handler.close()
+        logger.propagate = True  # as it was, for who calls this from Python
     sys.exit(status)
 
 
