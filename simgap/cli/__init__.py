@@ -53,7 +53,8 @@ def main(arguments: list[str] | None = None) -> None:
         for handler in logger.handlers[:]:
             logger.removeHandler(handler)
             handler.close()
-        logger.propagate = True  # as it was, for who calls this from Python
+        logger.propagate = True  # as they were, for who calls this from Python
+        logger.setLevel(logging.NOTSET)
     sys.exit(status)
 
 
