@@ -9,6 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from simgap.cache import keep_machine_code_by_sources
+
 if TYPE_CHECKING:
     from simgap.api import check, diagnose, load_gap, load_summary, new_case
     from simgap.config.load import load_case
@@ -41,6 +43,9 @@ _ROOMS = {
     "load_controller": "io.controller_file",
     "load_plant": "plants.plant_model",
 }
+
+
+keep_machine_code_by_sources()
 
 
 def __getattr__(name: str) -> Any:

@@ -71,9 +71,11 @@ def _imported(path: Path) -> Iterator[Path]:
         names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
         names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
         for name in names:
-            beside = path.parent / f"{name.partition('.')[0]}.py"
-            if beside.is_file():
-                yield beside.resolve()
+            beside = path.parent / name.partition(".")[0]
+            if beside.with_suffix(".py").is_file():
+                yield beside.with_suffix(".py").resolve()
+            if (beside / "__init__.py").is_file():
+                yield from (inner.resolve() for inner in sorted(beside.rglob("*.py")))
 
 
 def _defined(path: Path) -> set[str]:

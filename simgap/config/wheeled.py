@@ -31,6 +31,8 @@ class SymmetrySection(Section):
     def _along_what(self) -> SymmetrySection:
         if (self.group == "translation") != bool(self.along):
             raise ValueError("a translation, and nothing else, is `along` states: name them there")
+        if self.along and self.headings < 3:
+            raise ValueError("a translation is measured at both ends of X and between: headings is at least 3")
         return self
 
 

@@ -132,7 +132,10 @@ class DimensionSamples:
         if self.where.known is None:
             return None
         if self.where.free or self.d_upper is not None:
-            raise UserError("a gap in closed form has neither a declared symmetry nor hidden states", key="simulator")
+            raise UserError(
+                "a gap in closed form has neither a declared symmetry nor hidden states", key="simulator",
+                remedy="Leave out `symmetry`, or say simulator.slopes: sampled.",
+            )  # fmt: skip
         found = self.where.known.ranges(self.i, self.where.grid, self.where.inputs)
         found.check_samples(self.d, self.where.states[self.i])
         return found

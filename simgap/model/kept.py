@@ -26,7 +26,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from simgap.cache import cache_folder
+from simgap.cache import cache_folder, kernel_sources
 
 Kernel = Callable[..., Any]
 _PACKAGE = "simgap_kernels"
@@ -125,7 +125,7 @@ def _folder() -> Path:
     home = cache_folder()
     if home is None:
         raise _NotWritable("no home")
-    path = home / "kernels"
+    path = home / "kernels" / kernel_sources()
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not os.access(path, os.W_OK):
         raise _NotWritable(str(path))
@@ -150,14 +150,8 @@ def _whole(path: Path) -> Iterator[Any]:
 
 @cache
 def _sources() -> str:
-    """Digest of every source of the package with kernels in it, and the version of the compiler.
-
-    numba looks at a function's own file alone; what it calls may have changed in another.
-    """
-    root = Path(__file__).parents[1]
-    texts = (path.read_bytes() for path in sorted(root.rglob("*.py")))
-    kernels = [hashlib.sha256(text).hexdigest() for text in texts if b"jit" in text]
-    return hashlib.sha256("".join([nb.__version__, sys.version, *kernels]).encode()).hexdigest()
+    """The package's kernels and the version of the compiler: what a kernel calls may stand in any of their files."""
+    return "".join([nb.__version__, sys.version, kernel_sources()])
 
 
 @cache

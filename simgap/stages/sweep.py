@@ -12,6 +12,7 @@ from typing import Any
 import pyarrow as pa
 import yaml
 
+from simgap.config.copied_plugins import copied_plugins, renamed
 from simgap.config.sweep import base_of, load_sweep, points_of_sweep
 from simgap.errors import UserError
 from simgap.gap.load import from_json
@@ -36,7 +37,11 @@ def write_point(path: Path, name: str, out: Path) -> None:
     found = [p for p in points_of_sweep(path) if p.name == name]
     if not found:
         raise UserError(f"has no point '{name}'", file=path, key="axes", remedy="Its values have changed: run again.")
-    content, folder = found[0].content, base_of(path).parent
+    folder = base_of(path).parent
+    copies = copied_plugins(found[0].case, folder, out.parent)
+    content = renamed(found[0].content, copies)
+    for copy in copies:  # first: a case does not name what is not there
+        write_text(out.parent / copy.file, copy.content.decode())
     for section in ("plant", "simulator"):
         inner = content.get(section)
         if isinstance(inner, dict) and isinstance(inner.get("urdf"), str):

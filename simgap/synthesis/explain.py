@@ -152,8 +152,8 @@ def _tries(
     problem: Problem, retimed: Callable[[float], Model] | None, threads: int, known: float | None
 ) -> Iterator[Try]:
     """Finer cells and narrower gaps as far as the budget goes; the path between samples is left aside."""
-    plain = replace(problem, swept=None, stray=None, previous=None, latency=0)
-    alone = replace(plain, gap=None, error=None)
+    plain = replace(problem, swept=None, stray=None, previous=None, latency=0, error=None)
+    alone = replace(plain, gap=None)
     finer = _finer(problem.cells, len(problem.inputs))
     for k, cells in enumerate(finer):
         if k == 0 and known is not None:
@@ -221,7 +221,7 @@ def _verdict(problem: Problem, first: str, tries: Sequence[Try]) -> tuple[str, s
     helps = f"; with {narrow[0].what.removeprefix('with ')} it wins {narrow[0].wins:.3g}" if narrow else ""
     return "gap", (
         f"{run_out}. The gap is the reason: the nominal model alone wins {won.wins:.3g}{helps}. "
-        "A smaller grid.eps, a basis that follows the gap or gap.sides: signed make gamma narrower."
+        "Smaller cells of the grid, a basis that follows the gap or gap.sides: signed make gamma narrower."
     )
 
 

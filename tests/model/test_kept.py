@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from simgap.cache import kernel_sources
+
 SCRIPT = """
 import sys
 import numpy as np
@@ -53,3 +55,18 @@ def test_without_a_place_to_keep_them_kernels_are_compiled(tmp_path: Path) -> No
     value, module, _ = run(tmp_path, "10", {"XDG_CACHE_HOME": str(tmp_path / "file")})
     assert value == "60.5"
     assert not module.startswith("simgap_kernels")
+
+
+def test_machine_code_of_another_version_of_any_kernel_is_left_aside(tmp_path: Path) -> None:
+    """numba looks at the file of a function alone: what it calls from another may have changed."""
+    (tmp_path / "inner").mkdir()
+    for name in ("outer.py", "inner/called.py"):
+        (tmp_path / name).write_text("from numba import njit\n")
+    before = kernel_sources(tmp_path)
+    (tmp_path / "inner" / "called.py").write_text("from numba import njit  # another\n")
+    kernel_sources.cache_clear()
+    assert kernel_sources(tmp_path) != before
+    code = "import simgap, numba; from simgap.gap import cells; print(numba.config.CACHE_DIR)"
+    env = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {"XDG_CACHE_HOME": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == str(tmp_path / "simgap" / "machine_code" / kernel_sources())
