@@ -9,6 +9,14 @@ def sweep_file(wildcards):
     return Path(SETTINGS.sweep_folder) / f"{wildcards.sweep}.yaml"
 
 
+def point_digest(path, name):
+    """Of the content of a point, and of plug-ins that are copied along."""
+    point = swept(path)[name]
+    return digest(
+        [point.content, code_digest("rollouts", point.case, base_of(path).parent)]
+    )
+
+
 def point_result(name):
     """What a point has to show: its summary, or its bound where no controller is asked for."""
     case = case_of(name)
@@ -27,7 +35,7 @@ rule point:
         runtime=5,
     params:
         sweep=sweep_file,
-        content=lambda w: digest(swept(sweep_file(w))[w.case].content),
+        content=lambda w: point_digest(sweep_file(w), w.case),
     message:
         "{wildcards.case}: the case of this point"
     shell:

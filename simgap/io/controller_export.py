@@ -78,6 +78,7 @@ def _c(c: Controller, name: str) -> str:
  */
 #ifndef {big}_H
 #define {big}_H
+typedef char {name}_needs_doubles_of_64_bits[sizeof(double) == 8 ? 1 : -1];
 #define {big}_STATES {nx}
 #define {big}_INPUTS {nu}
 #define {big}_CHOICES {m}

@@ -69,6 +69,7 @@ def _of_urdf(name: str, urdf: Path, out: Path) -> str:
     volume = (2 * REACH * 2 * SPEED) ** len(axes)
     eps = 0.5 * math.sqrt(nx) * (volume / STATES) ** (1.0 / nx)
     values = 11 if len(axes) == 1 else 3
+    steps = {n: _round_up(2 * u / (values - 1)) for n, u in limits.items()}  # 0 is among the values
     ranges = {a.joint: (_round(a.centre - REACH), _round(a.centre + REACH)) for a in axes}
     return text(
         "new_urdf.yaml.j2",
@@ -77,8 +78,8 @@ def _of_urdf(name: str, urdf: Path, out: Path) -> str:
         axes=axes,
         ranges=ranges,
         speed=SPEED,
-        limits=limits,
-        steps={n: _round(2 * u / (values - 1)) for n, u in limits.items()},
+        limits={n: round(step * (values - 1) / 2, 12) for n, step in steps.items()},
+        steps=steps,
         efforts={a.drive: file.joints[a.joint].effort for a in axes},
         tau=TAU,
         eps=_round(eps),
@@ -127,6 +128,12 @@ def _inputs(name: str, urdf: str, axes: list[Axis], folder: Path) -> dict[str, f
         needed = (np.abs(free[:, k]).max() + AUTHORITY * SPEED**2 / (2 * REACH)) / max(gain, 1e-12)
         found[a.drive] = _round(float(needed))
     return found
+
+
+def _round_up(value: float) -> float:
+    """At least the value, in two digits."""
+    rounded = _round(value)
+    return rounded if rounded >= value else _round(rounded + 10.0 ** (math.floor(math.log10(value)) - 1))
 
 
 def _round(value: float) -> float:

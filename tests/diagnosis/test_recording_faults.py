@@ -8,10 +8,11 @@ import pytest
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.hum import without_hum
-from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.repair import repaired
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.columns import better_columns
+from simgap.diagnosis.search.noise_colour import _law
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from tests.diagnosis import rigs
@@ -106,3 +107,27 @@ def test_swapped_columns_are_exchanged_and_the_model_lacks_nothing():
     d = _diagnosed(rigs.oscillator(), "columns swapped")
     assert (d.verdict, d.effects) == ("none", ())
     assert [f.fault for f in d.recording] == ["swapped_columns"]
+
+
+@pytest.mark.parametrize(("speed", "found"), [(5.0, []), (0.0, ["hum"])])
+def test_the_lines_of_a_shaft_that_turns_steadily_are_no_hum(speed, found):
+    """Cogging of 24 teeth at 5 rad/s: a line at 19.1 Hz, which a force makes."""
+    t, rng = np.arange(4000) / 200.0, np.random.default_rng(4)
+    slow = 0.3 * np.sin(0.9 * t)
+    q = speed * t + slow + 2e-3 * np.sin(24 * (5.0 * t)) + 1e-4 * rng.standard_normal(len(t))
+    _, faults = without_hum(Record((Trace("a", t, q[:, None], np.zeros((len(t), 0))),), ("q",), ()))
+    assert [f.fault for f in faults] == found
+
+
+def test_a_line_of_one_trace_alone_is_no_hum():
+    t, rng = np.arange(4000) / 200.0, np.random.default_rng(4)
+    traces = []
+    for name, size in (("a", 2e-3), ("b", 0.0)):
+        q = 0.3 * np.sin(0.9 * t) + size * np.sin(120.0 * t) + 1e-4 * rng.standard_normal(len(t))
+        traces.append(Trace(name, t, q[:, None], np.zeros((len(t), 0))))
+    assert without_hum(Record(tuple(traces), ("q",), ()))[1] == ()
+    assert len(without_hum(Record(tuple(traces[:1]), ("q",), ()))[1]) == 1
+
+
+def test_windows_of_a_few_samples_have_no_law_of_the_noise():
+    assert _law(np.ones(2), 5.0, 0.125, 1.0) is None

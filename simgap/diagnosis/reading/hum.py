@@ -1,7 +1,9 @@
 """A line in a channel's spectrum that no force could make: hum of the mains or of a converter, found and taken away.
 
 A sine of amplitude A at omega that were a motion would need an acceleration of omega^2 A. Where that exceeds what the
-motion itself shows, and no input has such a line, it is in the reading alone.
+motion itself shows, and no input has such a line, it is in the reading alone - unless something turns steadily: a force
+that depends on the position (cogging, an eccentric wheel) then has lines of its own, at multiples of the speed, and
+records that do so are left as they are. A hum stands at the same frequency in every trace.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from simgap.diagnosis.thresholds import HUM_ACCELERATION, HUM_LINE
 
 Floats = NDArray[np.float64]
 _MOST_LINES = 3
+_TURNS, _EVEN = 4.0 * math.pi, 4.0  # of steady turning: least travel, and times the scatter around it
 _AROUND = 40  # frequencies on either side that are the background of a line
 
 
@@ -44,6 +47,8 @@ def without_hum(record: Record) -> tuple[Record, tuple[RecordingFault, ...]]:
 
 def _line(record: Record, k: int) -> float | None:
     """Frequency (Hz) of the strongest line of channel k that is hum, if there is one."""
+    if any(_steady(trace, y) for trace in record.traces for y in trace.y.T):
+        return None
     trace = max(record.traces, key=lambda tr: len(tr.t))
     power, hertz = _power(trace, trace.y[:, k])
     if len(power) < 4 * _AROUND:
@@ -58,9 +63,32 @@ def _line(record: Record, k: int) -> float | None:
         size = float(np.hypot(*_sine(trace, trace.y[:, k], f)))
         slow = hertz < 0.5 * f
         moved = math.sqrt(float(np.sum(power[slow] * (2 * np.pi * hertz[slow]) ** 4)))
-        if size * (2 * np.pi * f) ** 2 > HUM_ACCELERATION * moved:
+        if size * (2 * np.pi * f) ** 2 > HUM_ACCELERATION * moved and all(_stands(tr, k, f) for tr in record.traces):
             return f
     return None
+
+
+def _steady(trace: Trace, y: Floats) -> bool:
+    """Whether a channel (n,) shows steady turning: a position that travels on evenly, or a speed that stays.
+
+    Two turns of travel at least, with a scatter that is small against it.
+    """
+    slope, level = np.polyfit(trace.t - trace.t[0], y, 1)
+    travels = abs(slope) * trace.duration > max(
+        _TURNS, _EVEN * float(np.std(y - slope * (trace.t - trace.t[0]) - level))
+    )
+    stays = abs(float(np.mean(y))) * trace.duration > _TURNS and abs(float(np.mean(y))) > 0.5 * _EVEN * float(np.std(y))
+    return bool(travels or stays)
+
+
+def _stands(trace: Trace, k: int, hertz: float) -> bool:
+    """Whether channel k of a trace has a line there; too short a trace says nothing against it."""
+    power, at = _power(trace, trace.y[:, k])
+    here = int(np.argmin(np.abs(at - hertz)))
+    if len(power) < 4 * _AROUND or not _AROUND < here < len(power) - 3:
+        return True
+    near = np.concatenate([power[max(here - _AROUND, 0) : here - 3], power[here + 4 : here + _AROUND]])
+    return bool(power[here - 1 : here + 2].max() > 0.1 * HUM_LINE * np.median(near))
 
 
 def _power(trace: Trace, values: Floats) -> tuple[Floats, Floats]:

@@ -38,7 +38,8 @@ def noise_colour(problem: Problem, theta: Floats, x0: Floats) -> tuple[Floats, C
     k = residual.shape[1]
     size, shared, tau = np.ones(k), np.zeros(k), np.full(k, dt)
     for c in range(k):
-        law = _law(*_spectrum(problem, residual[:, c]), dt, _motion(problem, c))
+        motion = _motion(problem, c)
+        law = _law(*_spectrum(problem, residual[:, c]), dt, motion) if motion > 0.0 else None
         if law is not None:
             size[c], shared[c], tau[c] = law
     if not shared.any():
@@ -70,6 +71,8 @@ def _spectrum(problem: Problem, residual: Floats) -> tuple[Floats, float]:
 
 def _law(power: Floats, count: float, dt: float, motion: float) -> tuple[float, float, float] | None:
     """Standard deviation, share that remembers and tau (s) of the noise behind a spectrum; None if it is no such."""
+    if len(power) < _FIRST + 5:  # three numbers are not to be had from fewer frequencies
+        return None
     n = 2 * (len(power) + 1)
     turn = 2.0 * np.pi * np.arange(1, n // 2)[_FIRST - 1 :] / n  # rad a sample
     power = power[_FIRST - 1 :]
