@@ -16,6 +16,7 @@ from simgap.diagnosis.thresholds import LEAST_STALE, MOST_SPIKES, MOST_STALE, SP
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+_LONGEST = 4  # samples from one fresh count to the next across stale ones
 
 
 def repaired(record: Record) -> tuple[Record, tuple[RecordingFault, ...]]:
@@ -65,7 +66,8 @@ def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Mask:
     """Readings (n,) that repeat the one before although what lies around them says that it moved.
 
     Continuous readings with noise never repeat: there all that do are stale, if some of them visibly are. Counts repeat
-    where a motion is slow: there only those are stale that miss the line between their neighbours by more than steps.
+    where a motion is slow or rests: there only those of short runs are stale that miss the line between their
+    neighbours by more than steps.
     """
     y, t = trace.y[:, k], trace.t
     repeats = np.concatenate([[False], np.diff(y) == 0.0])
@@ -79,7 +81,8 @@ def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Mask:
     span = np.maximum(t[after] - t[before], 1e-300)
     miss = np.abs(y[before] + (y[after] - y[before]) * (t - t[before]) / span - y)
     if quantum > 0.0:
-        return np.asarray(repeats & (miss > np.maximum(STALE_STEPS * quantum, 3.0 * sigma)))
+        short = after - before <= _LONGEST  # a longer run is a rest, and the line across it begins where the rest did
+        return np.asarray(repeats & short & (miss > np.maximum(STALE_STEPS * quantum, 3.0 * sigma)))
     visible = np.mean(miss[repeats] > STALE_MISS * sigma)
     return repeats if visible > 0.2 else np.zeros(len(y), dtype=bool)
 
