@@ -116,6 +116,16 @@ Gaussian's draws carry 28 %, of a sine's 10 %."""
 FEWEST_PREDICTIONS = 20
 """Of fewer predictions a twentieth is less than one."""
 
+# Windows in which something else acts than in the rest (a push), from benchmarks/other_plants.py --kinds push.
+
+FAR, MOST_ASIDE, FEWEST_WINDOWS, ROUNDS_ASIDE = 4.0, 0.2, 6, 3
+"""A window is set aside if its chi^2/dof is so many times the median window's (and noise's); more than this share of
+the windows, or two, are not a push but something that acts all along. Fewer windows have no rest to stand out of."""
+
+LEFT_BY_CALM = 0.1
+"""Windows stay set aside only if without them the model reaches the noise, or keeps this share at most of chi^2/dof
+above 1, fitted and judged alike. Judgement: what stays must be another order of magnitude."""
+
 MASKING_TELLS = 0.5
 """Off the noise floor, masking what was commanded before the record is worth a search of its own only if it lowers
 chi^2/dof of what was found to this share: with a wrong first window it falls twentyfold and more, else by a few per
