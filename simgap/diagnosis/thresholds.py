@@ -109,6 +109,12 @@ LOOK_BACK_S, LOOK_BACK_SAMPLES = 0.2, 10
 COVERED_ERRORS = 2.0
 """Coefficients of two folds agree within this many standard errors of their difference."""
 
+NEGLIGIBLE, SLIGHT_SHARE = 0.1, 1e-4
+"""Of no practical size is what adds, left out, less than this share of the noise to the misses of windows (root mean
+square), and a fault of the recording that accounts for less than this share of the squared error of the declared model
+(a hundredth of the error). What benchmarks/other_plants.py hides adds 3.5 times the noise and more, and accounts for
+4 % of the squared error and more; where in between is judgement (tests/diagnosis/test_size.py)."""
+
 SMALL_PART, MOST_OF_THE_ERROR = 0.05, 0.5
 """The error is in one place if this part of the predictions carries this share of its square. The largest 5 % of a
 Gaussian's draws carry 28 %, of a sine's 10 %."""

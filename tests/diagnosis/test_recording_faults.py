@@ -17,6 +17,8 @@ from simgap.diagnosis.search.noise_colour import _law
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from tests.diagnosis import rigs
+from tests.undeclared.nominals import nominal, record
+from tests.undeclared.rig.textbook import Hidden, dc_motor
 
 FEW = DiagnosisSettings(effects=("viscous_friction", "coulomb_friction", "input_gain", "input_delay", "spring"))
 
@@ -151,3 +153,22 @@ def test_friction_behind_swapped_columns_is_named():
     lo, hi = d.effects[0].parameters["b"].ci95
     assert lo <= 0.3 <= hi
     assert [f.fault for f in d.recording] == ["swapped_columns"]
+
+
+def test_a_reading_that_is_logged_later_than_the_others_is_told_with_its_size():
+    """The shaft of a DC motor is logged 20 ms after its current; it rubs."""
+    plant, rubs = dc_motor(), 4e-4
+    good = record(plant, Hidden(viscous={"shaft": rubs}), 3, seconds=8.0)
+    traces = tuple(Trace(r.name, r.t[2:], np.stack([r.y[:-2, 0], r.y[2:, 1]], axis=1), r.u[2:]) for r in good.traces)
+    settings = DiagnosisSettings(effects=("viscous_friction", "coulomb_friction", "input_gain", "input_delay"))
+    late, clean_ = (
+        diagnose(nominal("dc_motor"), r, settings) for r in (Record(traces, plant.measured, plant.inputs), good)
+    )
+    assert [(f.fault, f.channel) for f in late.recording] == [("late_log", "q")]
+    assert late.recording[0].value == pytest.approx(0.02, rel=0.02)
+    assert clean_.recording == ()
+    for d in (late, clean_):
+        assert d.verdict == "attributed"
+        (effect,) = d.effects
+        assert effect.name == "viscous_friction"
+        assert effect.parameters["b"].value == pytest.approx(rubs, rel=0.02)

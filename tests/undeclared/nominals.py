@@ -113,8 +113,7 @@ def nominal(name: str) -> SymbolicModel:
     units = {q: "m" if joint == "rail" else "rad" for q, joint in joints.items()}
     states = {q: JointState(joint, "position", units[q]) for q, joint in joints.items()}
     states |= {
-        v: JointState(joint, "velocity", f"{units[q]}/s")
-        for v, (q, joint) in zip(speeds, joints.items(), strict=True)
+        v: JointState(joint, "velocity", f"{units[q]}/s") for v, (q, joint) in zip(speeds, joints.items(), strict=True)
     }
     return load_urdf(MODELS / file, states, inputs)
 
@@ -124,4 +123,3 @@ def record(plant: Textbook, hidden: Hidden, seed: int, **more: float) -> Record:
     made = runs(plant, hidden, seed, **more)
     traces = tuple(Trace(f"run{k + 1}", t, np.ascontiguousarray(y), u) for k, (t, y, u) in enumerate(made))
     return Record(traces, plant.measured, plant.inputs)
-

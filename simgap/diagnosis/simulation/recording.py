@@ -214,8 +214,8 @@ _RELATIVE = ("filtered_velocity", "late_reading")
 def possible(model: SymbolicModel, measured: tuple[str, ...]) -> list[tuple[Effect, str]]:
     """Faults that a record of these channels may have, and of which channel.
 
-    A filter on a velocity alone is what a slow actuator would do, and a reading that is late alone is a late actuator; it
-    takes another channel to tell.
+    A filter on a velocity alone is what a slow actuator would do, a late reading alone what a late one would: it takes
+    another channel to tell.
     """
     found = [(e, on) for e in RECORDING.values() for on in e.targets(model) if e.kind == "input" or on in measured]
     return [(e, on) for e, on in found if len(measured) > 1 or e.name not in _RELATIVE]

@@ -1,8 +1,8 @@
 """A few windows in which something else acts than in all others: a push, a knock, a stop that was hit.
 
-Least squares trusts every window alike, so that one that was pushed outweighs the rest and bends every fit. Windows that
-stand out under what was found are set aside, the rest is searched again, and so on until the same windows stand out:
-the concentration steps of least trimmed squares. Source: Rousseeuw, Leroy (1987), Robust Regression and Outlier
+Least squares trusts every window alike, so that one that was pushed outweighs the rest and bends every fit. Windows
+that stand out under what was found are set aside, the rest is searched again, until the same windows stand out: the
+concentration steps of least trimmed squares. Source: Rousseeuw, Leroy (1987), Robust Regression and Outlier
 Detection, sec. 1.2; Rousseeuw, Van Driessen (2006), Data Mining and Knowledge Discovery 12(1).
 """
 
@@ -91,7 +91,9 @@ class Confirmed:
     apart: Windows | None = None
 
 
-def confirmed(confirm: Problem, old: HeldOut, new: HeldOut, thetas: tuple[Floats, Floats], horizon_s: float) -> Confirmed:
+def confirmed(
+    confirm: Problem, old: HeldOut, new: HeldOut, thetas: tuple[Floats, Floats], horizon_s: float
+) -> Confirmed:
     """*confirm* without windows that stand out under the corrected model, where that is another order of error.
 
     Which they are is a matter of that model, which was chosen without *confirm*, and of limits that hold for all.
@@ -111,7 +113,7 @@ def confirmed(confirm: Problem, old: HeldOut, new: HeldOut, thetas: tuple[Floats
 
 
 def located(problem: Problem, theta: Floats, names: Sequence[str]) -> Stretches:
-    """Where in a problem's windows something else acts: (trace, from, to) in s, by predictions a tenth of a second ahead.
+    """Where in a problem's windows something else acts: (trace, from, to) in s, by predictions over a tenth of one.
 
     It begins after the last good prediction ended, and is over where the look-back of the next good one begins. The
     span of the windows where no prediction is that short.
