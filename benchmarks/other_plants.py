@@ -84,13 +84,14 @@ def _wheeled(kind: str, size: float, gain: tuple[Hidden, Truth]) -> tuple[Hidden
     return gain if kind == "gain" else (Hidden(), {})
 
 
-def _changed_later(plant: str, hidden: Hidden, seed: int) -> Hidden:
-    """From somewhere in the second run on there is twice the friction (or another gain)."""
+def _changed_later(plant: str, seed: int) -> tuple[Hidden, Truth]:
+    """From somewhere in the second run on there is more friction (or another gain)."""
     at = 2.0 + 6.0 * float(np.random.default_rng([seed, 5]).uniform())
     if plant == "wheeled":
-        return Hidden(after=(1, at), later=Hidden(gain={"w": 1.2}))
+        return Hidden(gain={"w": 1.1}, after=(1, at), later=Hidden(gain={"w": 1.25})), {("input_gain", "w"): {}}
     here, b = SIZES[plant][0], SIZES[plant][1] * 1.5
-    return Hidden(viscous={here: b}, after=(1, at), later=Hidden(viscous={here: 2.5 * b}))
+    told: Truth = {("viscous_friction", here): {}}
+    return Hidden(viscous={here: b}, after=(1, at), later=Hidden(viscous={here: 2.5 * b})), told
 
 
 def make(plant: str, kind: str, seed: int) -> Made:
@@ -103,7 +104,7 @@ def make(plant: str, kind: str, seed: int) -> Made:
         pushes = tuple((k, float(a), float(a) + 0.1, here, force) for k, a in enumerate(at))
         hidden, more = Hidden(coulomb=hidden.coulomb, viscous=hidden.viscous, pushes=pushes), ("push",)
     if kind == "plant changed":
-        hidden, more = _changed_later(plant, hidden, seed), ("plant_changed",)
+        (hidden, truth), more = _changed_later(plant, seed), ("plant_changed",)
     made = record(book, hidden, seed)
     fault = RECORDERS.get(kind)
     if fault is not None:

@@ -18,7 +18,7 @@ from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from tests.diagnosis import rigs
 from tests.undeclared.nominals import nominal, record
-from tests.undeclared.rig.textbook import Hidden, dc_motor
+from tests.undeclared.rig.textbook import Hidden, cart_pole
 
 FEW = DiagnosisSettings(effects=("viscous_friction", "coulomb_friction", "input_gain", "input_delay", "spring"))
 
@@ -156,19 +156,19 @@ def test_friction_behind_swapped_columns_is_named():
 
 
 def test_a_reading_that_is_logged_later_than_the_others_is_told_with_its_size():
-    """The shaft of a DC motor is logged 20 ms after its current; it rubs."""
-    plant, rubs = dc_motor(), 4e-4
-    good = record(plant, Hidden(viscous={"shaft": rubs}), 3, seconds=8.0)
+    """The place of a cart that rubs is logged 20 ms after the angle of its pole."""
+    plant, rubs = cart_pole(), 0.6
+    good = record(plant, Hidden(viscous={"cart": rubs}), 3, seconds=8.0)
     traces = tuple(Trace(r.name, r.t[2:], np.stack([r.y[:-2, 0], r.y[2:, 1]], axis=1), r.u[2:]) for r in good.traces)
     settings = DiagnosisSettings(effects=("viscous_friction", "coulomb_friction", "input_gain", "input_delay"))
     late, clean_ = (
-        diagnose(nominal("dc_motor"), r, settings) for r in (Record(traces, plant.measured, plant.inputs), good)
+        diagnose(nominal("cart_pole"), r, settings) for r in (Record(traces, plant.measured, plant.inputs), good)
     )
-    assert [(f.fault, f.channel) for f in late.recording] == [("late_log", "q")]
+    assert [(f.fault, f.channel) for f in late.recording] == [("late_log", "x")]
     assert late.recording[0].value == pytest.approx(0.02, rel=0.02)
     assert clean_.recording == ()
     for d in (late, clean_):
         assert d.verdict == "attributed"
         (effect,) = d.effects
-        assert effect.name == "viscous_friction"
+        assert (effect.name, effect.on) == ("viscous_friction", "cart")
         assert effect.parameters["b"].value == pytest.approx(rubs, rel=0.02)

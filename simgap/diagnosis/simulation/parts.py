@@ -46,7 +46,13 @@ class Parts:
 
     def changed(self, change: Callable[[Problem], Problem]) -> Parts:
         """Each of the problems, changed."""
-        return Parts(*(change(p) for p in (self.known, self.fit, self.choose, self.confirm)), self.aside)
+        return replace(
+            self,
+            known=change(self.known),
+            fit=change(self.fit),
+            choose=change(self.choose),
+            confirm=change(self.confirm),
+        )
 
     def with_noise(self, size: NDArray[np.float64], colour: Colour) -> Parts:
         """The same under another law of the noise, its standard deviation (k,) over that of before."""
