@@ -44,6 +44,7 @@ def on_files(files: Any, config: Any) -> Any:
 def from_root(name: str) -> str:
     """A page that stands beside docs/, its links as they are inside."""
     text = (ROOT / name).read_text()
+    text = text.replace("](docs/notebook.ipynb)", "](notebook.md)")
     for outside, inside in (("docs/", ""), ("CHANGELOG.md", "changelog.md"), ("CONTRIBUTING.md", "contributing.md")):
         text = text.replace(f"]({outside}", f"]({inside}")
     return text
