@@ -119,8 +119,9 @@ def run(
     said = content(material)
     drawn = draw(material)
     page = render(TEMPLATE, figures=drawn.markup, notes=drawn.notes, provenance=record, **said)
-    for name, data in drawn.files.items() if folder is not None else ():
-        write_bytes(folder / name, data)
+    if folder is not None:
+        for name, data in drawn.files.items():
+            write_bytes(folder / name, data)
     if picture is not None:
         write_bytes(picture, drawn.picture)
     write_text(out, page)
