@@ -77,11 +77,19 @@ def test_the_full_table_holds_every_pair_of_inputs(bound):
 
 def test_from_the_case_to_the_closed_loop(bound, tmp_path):
     case, folder = bound
-    for kind, path in (("nominal", None), ("gap", folder / "gap.json")):
-        synthesis.run(case, path, tmp_path / f"{kind}.npz", tmp_path / f"{kind}.json", 1)
+    for kind, path in (("nominal", None), ("careful", None), ("gap", folder / "gap.json")):
+        synthesis.run(case, path, tmp_path / f"{kind}.npz", tmp_path / f"{kind}.json", 1, kind == "careful")
         assert read_json(tmp_path / f"{kind}.json")["winning_fraction_after_inflation"] > 0.5
-    files = (tmp_path / name for name in ("nominal.npz", "gap.npz"))
-    validation.run(case, *files, folder / "gap.json", tmp_path / "v.json", tmp_path / "traces.parquet", 1)
+        assert read_json(tmp_path / f"{kind}.json")["looks_between_samples"] == (kind != "nominal")
+    files, careful = (tmp_path / name for name in ("nominal.npz", "gap.npz")), tmp_path / "careful.npz"
+    traces = tmp_path / "traces.parquet"
+    validation.run(case, *files, folder / "gap.json", tmp_path / "v.json", traces, 1, careful=careful)
+    loops = read_json(tmp_path / "v.json")["controllers"]
+    assert loops["careful"]["simulator"]["runs"] == 4
+    assert loops["careful"]["simulator"]["steps_that_left_the_certified_box"] >= 0
+    kept = loops["careful"]["nominal model"]  # the path of its model is what it minds
+    assert kept["runs_that_kept_the_specification"] == kept["runs"]
+    assert kept["least_clearance"] > 0
     judged = read_json(tmp_path / "v.json")["controllers"]["gap"]["simulator"]
     assert judged["runs_that_kept_the_specification"] == judged["runs"] == 4
     assert judged["steps_outside_gamma"] == 0
