@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.conclude import Chosen, conclude
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.exchanged import put_back
@@ -70,6 +72,10 @@ def diagnose(
     if wider is None:
         search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, begun=begun)
         calm = _without_pushes(parts, search, found, settings.max_effects, not_tried)
+        if calm is None:
+            apart = sides_apart(record, settings, search, found, _part_by(model, watch, tell))
+            if apart is not None:
+                return replace(apart, recording=(*faults, *apart.recording))
         wider = calm or widened(model, record, settings, search, found, not_tried)
     if wider is not None:
         parts, (search, base, found) = wider
@@ -107,6 +113,15 @@ def _mended(
         return record, parts, said, seen
     record = columns.of_record(record)
     return record, *parts_of(model, record, settings), (*seen, columns.finding)
+
+
+def _part_by(model: SymbolicModel, watch: Watch, tell: Callable[[str], None]) -> Answer:
+    """Diagnoses a part of the record within what is left of the budget."""
+
+    def answer(part: Record, settings: DiagnosisSettings) -> Diagnosis:
+        return diagnose(model, part, replace(settings, budget_s=watch.left), tell)
+
+    return answer
 
 
 def _without_pushes(

@@ -132,6 +132,10 @@ LEFT_BY_CALM = 0.1
 """Windows stay set aside only if without them the model reaches the noise, or keeps this share at most of chi^2/dof
 above 1, fitted and judged alike. Judgement: what stays must be another order of magnitude."""
 
+CHANGE_PROMISES = 0.3
+"""A change in mid-record is looked into where it promises this share of the chi^2 above noise that the best answer
+leaves. Judgement: what then decides is that both sides by themselves are down to their noise, with other numbers."""
+
 MASKING_TELLS = 0.5
 """Off the noise floor, masking what was commanded before the record is worth a search of its own only if it lowers
 chi^2/dof of what was found to this share: with a wrong first window it falls twentyfold and more, else by a few per

@@ -33,6 +33,11 @@ class Watch:
     best: str = ""
     stopped: str = ""
 
+    @property
+    def left(self) -> float | None:
+        """What is left of the budget, s; at least a second."""
+        return None if self.budget_s is None else max(self.budget_s - (time.process_time() - self.begun), 1.0)
+
     def step(self, best: str) -> None:
         """One set of effects was fitted, and this is the best answer so far.
 

@@ -1,0 +1,122 @@
+"""A plant that changed in mid-record: the times before and after are diagnosed apart, and what differs is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Estimate, FoundEffect, RecordingFault
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.thresholds import FIT_QUALITY, MIN_SAMPLES
+from simgap.diagnosis.verdict.changed import Change, change_promised
+from simgap.diagnosis.verdict.judge import chi2_dof
+from simgap.effects import EFFECTS
+from simgap.effects.quoted import Quoted
+from simgap.errors import UserError
+from simgap.notation import joined
+
+Answer = Callable[[Record, DiagnosisSettings], Diagnosis]
+
+
+def sides_apart(
+    record: Record, settings: DiagnosisSettings, search: Search, found: Explanation, answer: Answer
+) -> Diagnosis | None:
+    """The answer for the longer side of a change, with the change among the faults of the recording.
+
+    None where no change promises much, where a side by itself is not down to its noise, or no number differs.
+
+    Args:
+        record: the data; settings: of the diagnosis.
+        search, found: on the whole record, off the noise.
+        answer: diagnoses a part of the record.
+    """
+    if search.watch.stopped or chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
+        return None
+    change = change_promised(search, found)
+    if change is None:
+        return None
+    before, after = _cut(record, change, settings.window_s)
+    if before is None or after is None:
+        return None
+    long, short = (before, after) if before.rows >= after.rows else (after, before)
+    try:
+        main = answer(long, _for(long, settings))
+        if not _whole(main):
+            return None
+        other = answer(short, _for(short, settings))
+    except UserError:  # a side is too short for three folds
+        return None
+    if not _whole(other):
+        return None
+    sides = (main, other) if long is before else (other, main)
+    fault = _fault(change, record, sides, "before" if long is before else "after")
+    return None if fault is None else replace(main, recording=(*main.recording, fault))
+
+
+def _whole(d: Diagnosis) -> bool:
+    """Whether a side is down to its noise, each effect asked for."""
+    return d.verdict in ("none", "attributed")
+
+
+def _for(part: Record, settings: DiagnosisSettings) -> DiagnosisSettings:
+    """The settings for a part: traces that are held out if it has some of them and others."""
+    names = {trace.name for trace in part.traces}
+    held = tuple(n for n in settings.held_out_traces if n in names)
+    return replace(settings, held_out_traces=held if len(held) < len(names) else ())
+
+
+def _cut(record: Record, change: Change, window_s: float) -> tuple[Record | None, ...]:
+    """What is surely before and surely after; pieces shorter than a window are left out."""
+
+    def piece(trace: Trace, which: np.ndarray) -> Trace:
+        used = None if trace.used is None else trace.used[which]
+        return Trace(trace.name, trace.t[which], trace.y[which], trace.u[which], used)
+
+    before, after = list(record.traces[: change.trace]), list(record.traces[change.trace + 1 :])
+    split = record.traces[change.trace]
+    for side, at, which in ((before, len(before), split.t < change.begin), (after, 0, split.t > change.end)):
+        if np.count_nonzero(which) >= MIN_SAMPLES and np.ptp(split.t[which]) >= window_s:
+            side.insert(at, piece(split, which))
+    if change.begin == change.end:  # between two traces
+        before, after = list(record.traces[: change.trace]), list(record.traces[change.trace :])
+    return tuple(replace(record, traces=tuple(s)) if s else None for s in (before, after))
+
+
+def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], about: str) -> RecordingFault | None:
+    """The finding in words: when, and which effects have another number."""
+    first, second = ({(e.name, e.on): e for e in d.effects} for d in sides)
+    keys = [k for k in {**first, **second} if _differs(first.get(k), second.get(k), k[0])]
+    if not keys:
+        return None
+    then, now = (joined([_said(side.get(k), k) for k in keys]) for side in (first, second))
+    name = record.traces[change.trace].name
+    if change.begin == change.end:
+        when, at = f"Before {name}", change.begin
+    else:
+        when, at = f"Between {change.begin:.4g} and {change.end:.4g} s of {name}", 0.5 * (change.begin + change.end)
+    sentence = f"{when} the plant changed: {then} before, {now} after; the answer is about what came {about}."
+    remedy = "Diagnose the times before and after apart (measured.masks), or say what differs (measured.conditions)."
+    return RecordingFault("plant_changed", "", at, "s", sentence, remedy)
+
+
+def _differs(a: FoundEffect | None, b: FoundEffect | None, name: str) -> bool:
+    """Whether a number has intervals that do not meet; an effect that is not there is at its null."""
+    for p in EFFECTS[name].parameters:
+        ends = [(p.null, p.null) if e is None else e.parameters[p.symbol].ci95 for e in (a, b)]
+        if ends[0][1] < ends[1][0] or ends[1][1] < ends[0][0]:
+            return True
+    return False
+
+
+def _said(found: FoundEffect | None, key: tuple[str, str]) -> str:
+    effect = EFFECTS[key[0]]
+    if found is None:
+        return f"no {effect.phrase(key[1]).removeprefix('the ')}"
+    return effect.describe(key[1], Quoted(_quoted(found.parameters)))
+
+
+def _quoted(parameters: Mapping[str, Estimate]) -> dict[str, dict[str, object]]:
+    return {s: {"value": p.value, "ci95": list(p.ci95), "unit": p.unit} for s, p in parameters.items()}

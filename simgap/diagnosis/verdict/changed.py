@@ -1,0 +1,94 @@
+"""Did the plant change in mid-record? From when on another value of one number would fit, by the windows' scores.
+
+A change promises a drop of chi^2 beside the fit: one more coefficient that acts on the windows from some instant on, by
+the windows' shares of gradient and Gram matrix, initial states eliminated. It is the score test for a change at an
+unknown time. Source: Andrews (1993), Tests for parameter instability and structural change with unknown change point,
+Econometrica 61(4).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.scoring import column, small_amplitude
+from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
+from simgap.diagnosis.thresholds import CHANGE_PROMISES, FEWEST_WINDOWS
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Change:
+    """Between which windows it lies: the trace, and the span (s) from the start of the one to the end of the other."""
+
+    trace: int
+    begin: float
+    end: float
+    share: float
+
+
+def change_promised(search: Search, found: Explanation) -> Change | None:
+    """The instant from which on another value of one number promises most; None if that is not most of the excess.
+
+    Both sides have at least half of `FEWEST_WINDOWS` windows.
+    """
+    problem, at = search.problem, found.fit
+    w = problem.windows
+    order = np.argsort(w.start)
+    excess = at.chi2 - problem.size
+    if len(w) < 2 * FEWEST_WINDOWS or excess <= 0.0:
+        return None
+    own = [slot_direction(problem, at.theta, k, search.steps[k]) for k in at.slots]
+    linear = linearise(problem, at.theta, at.x0, [*own, *_others(search, found)])
+    grams, gradients = linear.window_gram[order], linear.window_gradient[order]
+    best, place = 0.0, 0
+    least = FEWEST_WINDOWS // 2
+    for j in range(linear.gram.shape[0]):
+        free = sorted({*range(len(own)), j})
+        plain = _drop(grams[:, free][:, :, free].sum(axis=0), gradients[:, free].sum(axis=0))
+        for k in range(least, len(w) - least + 1):
+            gain = _split(grams, gradients, free, j, k) - plain
+            if gain > best:
+                best, place = gain, k
+    if best < CHANGE_PROMISES * excess:
+        return None
+    before, after = int(order[place - 1]), int(order[place])
+    t = problem.t
+    if w.trace[before] != w.trace[after]:
+        edge = float(t[w.start[after]])
+        return Change(int(w.trace[after]), edge, edge, best / excess)
+    return Change(int(w.trace[after]), float(t[w.start[before]]), float(t[w.stop[after] - 1]), best / excess)
+
+
+def _others(search: Search, found: Explanation) -> list[Direction]:
+    """One direction of every candidate that is not in the set and has one near its null."""
+    seen, out = set(found.keys), []
+    for index, (c, start) in enumerate(search.starts.items):
+        if start.size != 1 or c.key in seen or c.of_recording:
+            continue
+        seen.add(c.key)
+        amplitude = small_amplitude(search.problem, found.fit, c, start, index, search.starts)
+        out.append(column(found.fit.theta, c, start, 0, amplitude))
+    return out
+
+
+def _drop(gram: Floats, gradient: Floats) -> float:
+    """What the coefficients promise together: (p, p), (p,)."""
+    if not len(gradient):
+        return 0.0
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    return float(np.linalg.lstsq(gram / np.outer(scale, scale), gradient / scale, rcond=1e-10)[0] @ (gradient / scale))
+
+
+def _split(grams: Floats, gradients: Floats, free: list[int], j: int, k: int) -> float:
+    """What they promise with another value of coefficient j from window k on."""
+    p = len(free)
+    gram, gradient = np.empty((p + 1, p + 1)), np.empty(p + 1)
+    gram[:p, :p], gradient[:p] = grams[:, free][:, :, free].sum(axis=0), gradients[:, free].sum(axis=0)
+    gram[:p, p] = gram[p, :p] = grams[k:, free, j].sum(axis=0)
+    gram[p, p], gradient[p] = grams[k:, j, j].sum(), gradients[k:, j].sum()
+    return _drop(gram, gradient)
