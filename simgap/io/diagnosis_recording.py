@@ -11,8 +11,7 @@ import numpy as np
 from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
-from simgap.io.atomic import atomic
-from simgap.io.recording_log import line, send
+from simgap.io.recording_log import line, recording_file, send
 from simgap.notation import axis_label
 
 _LINES = (("measured", style.MEASURED, 3.0), ("before", style.BEFORE, 1.5), ("after", style.AFTER, 1.5))
@@ -31,17 +30,12 @@ def write_recording(
     Entities: `/<trace>/<state>/{measured,before,after}`, `/<trace>/residual/<state>/{before,after}` and
     `/<trace>/input/<input>`, each a scalar over `sim_time`; the traces' own stamps are kept.
     """
-    import rerun as rr
-
     traces = list(dict.fromkeys(w.trace for w in windows))
-    with atomic(path) as temporary:
-        recording = rr.RecordingStream("simgap_diagnosis", recording_id=_identifier(title))
-        recording.save(temporary, default_blueprint=_blueprint(traces, measured, inputs, units))
+    look = _blueprint(traces, measured, inputs, units)
+    with recording_file(path, "simgap_diagnosis", _identifier(title), look) as recording:
         for trace in traces:
             own = sorted((w for w in windows if w.trace == trace), key=lambda w: float(w.t[0]))
             _log_trace(recording, _entity(trace), own, measured, inputs)
-        recording.flush()
-        recording.disconnect()
 
 
 def _identifier(title: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -20,16 +19,16 @@ from simgap.attack.starts import beginnings
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
 from simgap.config.audit import AuditSection
 from simgap.errors import BrokenPromise
-from simgap.gap.function import GapFunction
 from simgap.gap.steps.samples import motion_of
-from simgap.io.controller_file import load_controller
+from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.parquet import table, write_parquet
 from simgap.io.samples import read_columns
-from simgap.io.shared_solution import SharedSolution
+from simgap.io.shared_solution import SharedSolution, shared_solution
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
+from simgap.specifications.solution import Solution
 from simgap.stages.attacks import Job, attack
 from simgap.stages.context import Context, log
 from simgap.stages.margins import margins_of, summary
@@ -74,10 +73,13 @@ def run(
         bound = load_gap(inputs.gap, context)
         known = _known(context, bound, inputs)
     # A robot's table of inputs is a gigabyte: it is read and checked here, and the workers map what they look at.
-    with tempfile.TemporaryDirectory(prefix="simgap-audit-") as scratch:
-        with context.blame():
-            shared, margins = _shared(context, bound.function, inputs.controller, Path(scratch))
-        jobs = _jobs(context, section, bound, shared, known, times)
+    with context.blame():
+        solution = load_controller_of(inputs.controller, context).solution
+        margins = margins_of(context, bound.function, solution)
+    with shared_solution(solution) as shared:
+        ground = _ground(solution, shared, margins)
+        del solution
+        jobs = _jobs(context, section, bound, ground, known, times)
         with engine_pool(workers, engine_log) as pool:
             parts = _done(pool, jobs)
     found = Searched.joined([part for part, _ in parts])
@@ -126,13 +128,10 @@ class _Ground:
     margin: Any
 
 
-def _shared(context: Context, gap: GapFunction, controller: Path, scratch: Path) -> tuple[_Ground, Margins | None]:
-    """Read the controller, look at all of its cells once, and leave its tables in a folder."""
-    solution = load_controller(controller).solution
-    margins = margins_of(context, gap, solution)
+def _ground(solution: Solution, shared: SharedSolution, margins: Margins | None) -> _Ground:
+    """Look at all cells of the controller once."""
     factor = None if margins is None else margins.factor
-    shared = SharedSolution.of(solution, scratch)
-    return _Ground(shared, Danger.of(solution), beginnings(solution), factor), margins
+    return _Ground(shared, Danger.of(solution), beginnings(solution), factor)
 
 
 def _known(context: Context, bound: SavedGap, inputs: Inputs) -> tuple[Any, ...]:

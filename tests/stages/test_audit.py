@@ -2,6 +2,7 @@
 
 import pickle
 import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
 from simgap.io.recording_check import read_curves
 from simgap.io.samples import write_columns
-from simgap.io.shared_solution import SharedSolution
+from simgap.io.shared_solution import shared_solution
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import audit, replay, synthesis
@@ -152,12 +153,14 @@ def test_a_witness_is_read_with_care(made, tmp_path):
         replay.run(tmp_path / "no.json")
 
 
-def test_workers_map_the_tables_of_a_solution_and_load_nothing(made, tmp_path):
+def test_workers_map_the_tables_of_a_solution_and_load_nothing(made, tmp_path, monkeypatch):
     folder, _, _ = made
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     solution = load_controller(folder / "controller.npz").solution
-    shared = SharedSolution.of(solution, tmp_path)
-    assert len(pickle.dumps(shared)) < 4000 < solution.mask.nbytes
-    again = pickle.loads(pickle.dumps(shared)).read()
+    with shared_solution(solution) as shared:
+        assert len(pickle.dumps(shared)) < 4000 < solution.mask.nbytes
+        again = pickle.loads(pickle.dumps(shared)).read()
+    assert not list(tmp_path.iterdir())  # files without a name: a process that is killed leaves none
     assert isinstance(again.mask, np.memmap)
     assert not again.mask.flags.writeable
     for name in ("winning", "mask", "free"):
