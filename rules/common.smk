@@ -39,7 +39,7 @@ os.environ.update(
 )
 
 # A run that was killed leaves Snakemake's locks: they go where no run is alive that could hold them.
-if workflow.is_main_process and join(Path()):
+if workflow.is_main_process and join(Path(), workflow.snakemake_tmp_dir):
     sys.stderr.write("simgap: removed the locks of a run that was killed\n")
 
 

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 
 import pytest
 
@@ -55,6 +56,19 @@ def test_locks_that_another_machine_may_hold_stay(tmp_path):
     process, told = holder(tmp_path)
     process.communicate("")
     assert (told, locks(tmp_path)) == ("False", ["0.output.lock"])
+
+
+def test_only_the_temporary_folders_of_snakemake_go(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    own, others = tmp_path / "tmp/snakemakeab12cd_9", [tmp_path / "tmp/snakemake", tmp_path / "snakemakeab12cd_9"]
+    for folder in (own, *others):
+        folder.mkdir(parents=True)
+    (tmp_path / ".snakemake").mkdir()
+    listed = "\n".join(map(str, (own, *others, tmp_path / "tmp/../snakemakeab12cd_9")))
+    (tmp_path / ".snakemake/simgap.lock").write_text(f"{host()}\n{listed}")
+    assert not join(tmp_path)
+    assert not own.exists()
+    assert all(folder.exists() for folder in others)
 
 
 def test_a_folder_that_takes_no_lock_is_left_to_snakemake(tmp_path):
