@@ -202,6 +202,28 @@ def undeclared(data: Mapping[str, Any]) -> str:
     return markdown(["study", *shown], [[n, *(text(f.get(k)) for k in shown)] for n, f in figures.items()])
 
 
+FAULTS = (
+    ("kill", "killed", "not_recovered", "stages and runs killed (SIGKILL)", "not taken up to the same bytes"),
+    ("fuzz", "inputs", "findings", "hostile and damaged inputs", "neither read nor refused in one line"),
+    ("storage", "injected", "wrong", "faults of files and disks, in every stage", "neither refused nor harmless"),
+    ("reproducible", "files_compared", "differ", "files of two runs compared", "differ"),
+    ("mutants", "mutants", "caught", "mutants of the code", "caught"),
+)
+"""Of each benchmark: its name, the keys of its two figures, and what they are."""
+
+
+def faults(_: Any) -> str:
+    """What was done to simgap, how often, and what came of it."""
+    rows = []
+    for name, number, outcome, what, words in FAULTS:
+        path = RESULTS / f"{name}.json"
+        if path.is_file():
+            data = json.loads(path.read_text())
+            found = data[outcome] if isinstance(data[outcome], int) else len(data[outcome])
+            rows.append([what, f"{data[number]:,}", f"{found:,} {words}", f"`python benchmarks/{name}.py`"])
+    return markdown(["what", "number", "outcome", "command"], rows)
+
+
 TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "tightness": ("tightness_pendulum.json", tightness),
     "tightness_turtlebot": ("tightness_turtlebot.json", robot_tightness),
@@ -214,6 +236,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "dry_friction": ("dry_friction.json", dry_friction),
     "recording_faults": ("recording_faults.json", recording_faults),
     "long_record": ("long_record.json", long_record),
+    "faults": ("kill.json", faults),
     "suprema": ("../../results/pendulum/summary.json", suprema),
 }
 

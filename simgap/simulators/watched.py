@@ -147,8 +147,9 @@ def watched(engine: Simulator, watch: Watch) -> Simulator:
     def advance_watched(u: Floats) -> Floats:
         before = begun[0]
         found = watch.call(watch.at(before, u), lambda: advance(u))
-        begun[0] = watch.state(found, before, u)
-        return begun[0].copy()
+        following = watch.state(found, before, u)
+        begun[0] = following.copy()
+        return following
 
     def rollouts_watched(x: Floats, u: Floats) -> Floats:
         def block(a: Floats, b: Floats) -> Floats:
