@@ -95,9 +95,10 @@ def in_child(kind: str, first: int, last: int, folder: Path) -> list[dict[str, A
                 os.chdir(folder)
                 warnings.simplefilter("ignore")
                 content = block(kind, first, last, folder, place)
-                resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY,) * 2) if not content else None
                 report.write_text(json.dumps(content))
                 status = 0
+            except BaseException:
+                traceback.print_exc()
             finally:
                 os._exit(status)
         _, status = os.waitpid(child, 0)
@@ -120,7 +121,7 @@ def main() -> None:
     asked = parser.parse_args()
     end = time.monotonic() + 60 * asked.minutes
     prepare(asked.folder)
-    os.environ["TMPDIR"] = str(asked.folder)
+    os.environ |= dict.fromkeys(("TMPDIR", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"), str(asked.folder))
     warnings.simplefilter("ignore")
     journal = asked.folder / "blocks.jsonl"
     done = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []

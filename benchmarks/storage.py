@@ -5,7 +5,8 @@
 Stages of the tiny cases (stage_runs.py) run as their rules type them, each with one fault: a bit of an input flipped,
 an input cut off, emptied, replaced by a folder or by another result; a disk that takes no more after some bytes; a
 folder in the place of an output. A stage must end with status 0 and the same bytes, or with one line on stderr, no
-traceback, nothing hidden left, and be taken up by the same command when the fault is gone. Results: results/storage.json.
+traceback, nothing hidden left, and be taken up by the same command when the fault is gone.
+Results: results/storage.json.
 """
 
 from __future__ import annotations

@@ -97,6 +97,7 @@ def test_a_key_that_stands_twice_an_edit_and_a_foreign_document_are_refused(tmp_
         (text.replace("0.1", "0.2"), "checksum does not fit"),
         (text.replace('"eps": 0.1', '"eps": 0.2, "eps": 0.1'), "'eps' stands there twice"),
         (text.replace("2.5", "2.5, NaN"), "NaN is no number"),
+        (text.replace("2.5", "1e400"), "1e400 is too large a number"),
         (text.replace("0.1", "1" * 5001), "damaged"),
         ("[" * 100_000, "damaged"),
         ("{}", "without its checksum"),
