@@ -39,6 +39,8 @@ def run(
 
     options = [word for word in (*map(str, cases), *context.args) if word.startswith("-")]
     files = [path for path in cases if not str(path).startswith("-")]
+    if not files:
+        raise UserError("no case is given", remedy="Name one or more case files, such as robot.yaml.")
     for path in files:
         name = load_case(path).name
         if path.name != f"{name}.yaml":
@@ -101,8 +103,13 @@ def snakemake(
     """
     status = _status(folder, cases, cores, options, sweeps or folder)
     if status:
+        locks = Path(".snakemake/locks")
+        locked = locks.is_dir() and any(locks.iterdir())
         raise WorkflowFailed(
-            "the run has failed; what failed stands above, and in results/<case>/logs. Mend it and type the same "
+            "this folder is locked: another run is at work in it, or one of another machine was killed; wait for it, or "
+            "give the same command with --unlock, then again without"
+            if locked
+            else "the run has failed; what failed stands above, and in results/<case>/logs. Mend it and type the same "
             "command again: what was finished is kept"
         )
 
