@@ -38,7 +38,8 @@ FORBIDDEN = {"subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.f
 
 def watch(folder: Path, seen: list[str]) -> None:
     """Note what an input must not do; reading is allowed."""
-    allowed = (str(folder), "/dev/null", "/dev/full")
+    # Byte code has a place of its own; whether /proc, which a command line names, takes files is tried and refused.
+    allowed = (str(folder), "/dev/null", "/dev/full", "/proc", *filter(None, [sys.pycache_prefix]))
 
     def hook(event: str, arguments: tuple[Any, ...]) -> None:
         if event in FORBIDDEN:

@@ -106,7 +106,7 @@ def snakemake(
         locks = Path(".snakemake/locks")
         locked = locks.is_dir() and any(locks.iterdir())
         raise WorkflowFailed(
-            "this folder is locked: another run is at work in it, or one of another machine was killed; wait for it, or "
+            "this folder is locked: another run is at work in it, or one of another machine was killed. Wait, or "
             "give the same command with --unlock, then again without"
             if locked
             else "the run has failed; what failed stands above, and in results/<case>/logs. Mend it and type the same "
