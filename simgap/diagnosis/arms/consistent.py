@@ -44,7 +44,9 @@ def consistent(tree: Tree, base: BaseParameters, found: Floats, information: Flo
 
     n = tree.size
     declared = tree.inertial
-    scale = np.maximum(np.abs(declared), 0.05 * np.abs(declared).max(axis=0))
+    mass, length = float(declared[:, 0].max()), float(np.linalg.norm(tree.place, axis=1).max())
+    typical = mass * np.repeat([1.0, length, length**2], (1, 3, 6))
+    scale = np.maximum(np.abs(declared), 0.05 * np.maximum(typical, 1e-9))
     root = np.linalg.cholesky(information + 1e-9 * np.diag(np.diag(information))).T
     p = cp.Variable((n, 10))
     misfit = root @ (base.combine @ cp.reshape(p, (10 * n,), order="C") - found)

@@ -93,7 +93,7 @@ def _weights(folds: ArmFolds, size: int) -> tuple[Floats, Floats]:
 def _settled(
     keys: Sequence[Key], known: Part, weights: Floats, active: tuple[int, ...]
 ) -> tuple[tuple[int, ...], Floats, Floats]:
-    """Coefficients on fit and choose; a term whose 95 % interval holds 0, or of the wrong sign, goes: the least certain first."""
+    """Coefficients on fit and choose; terms whose 95 % interval holds 0, or of the wrong sign, go one by one."""
     gram, right = known.grams(weights)
     while True:
         solution = solve(gram, right, active, len(keys))

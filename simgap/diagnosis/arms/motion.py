@@ -123,7 +123,8 @@ def _even(trace: Trace, where: Columns, rate: float) -> tuple[Floats, Floats, Fl
 
 def _band(v: Floats, rate: float) -> float:
     """Frequency, Hz, below which `ENERGY` of the velocities' energy lies."""
-    power = np.square(np.abs(np.fft.rfft(v - v.mean(axis=0), axis=0))).sum(axis=1)
+    taper = np.hanning(len(v))[:, None]  # the ends of a trace are no jumps
+    power = np.square(np.abs(np.fft.rfft(taper * (v - v.mean(axis=0)), axis=0))).sum(axis=1)
     if not power.sum() > 0.0 or np.abs(v).max() < 1e-2:  # at rest: what moves is noise
         return 0.0
     share = np.cumsum(power) / power.sum()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from simgap.diagnosis.arms.base import BaseParameters, independent
 from simgap.diagnosis.arms.motion import Motion
 from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.arms.thresholds import TURNING_SHARE
 from simgap.geometry import Floats
 from simgap.model.inverse_dynamics import regressor
 from simgap.model.tree import PARAMETERS, Tree
@@ -92,7 +93,7 @@ def part_of(
     xs, ys, lives, traces, times, torques = [], [], [], [], [], []
     for m in motions:
         whole = m.smooth(regressor(tree, m.q, m.v, m.a))[m.used]
-        way = m.smooth(np.clip(m.v / rest, -1.0, 1.0))
+        way = m.smooth(np.clip(m.v / (TURNING_SHARE * rest), -1.0, 1.0))
         terms = np.zeros((*m.q.shape, tree.size, len(TERMS)))
         for j in range(tree.size):
             for k, term in enumerate(TERMS.values()):

@@ -14,7 +14,7 @@ import numpy as np
 from simgap.diagnosis.arms.fit import Solution, score, solve
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part
 from simgap.diagnosis.arms.terms import TERMS
-from simgap.diagnosis.arms.thresholds import SAME_DIRECTION, TERM_GAIN
+from simgap.diagnosis.arms.thresholds import EXPECTED, SAME_DIRECTION, TERM_GAIN
 from simgap.diagnosis.thresholds import BIC_GAIN
 from simgap.effects import effect
 from simgap.geometry import Floats
@@ -63,9 +63,10 @@ def _forward(
                 if not physical(keys, solve(gram, right, trial, len(keys))):
                     continue
                 value = _bic(gram, right, judge, together, trial)
-                if best is None or value < best[0]:
+                enough = TERM_GAIN if keys[k].effect in EXPECTED else BIC_GAIN
+                if bic - value > enough and (best is None or value < best[0]):
                     best = value, k
-        if best is None or best[0] > bic - TERM_GAIN:
+        if best is None:
             return Choice(active, bic, gains)
         gains[best[1]] = bic - best[0]
         bic, active = best[0], (*active, best[1])
