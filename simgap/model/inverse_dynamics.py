@@ -56,7 +56,9 @@ def _motion(
 ) -> tuple[list[Floats], list[Floats], list[Floats]]:
     """Of each body, in its frame: angular velocity and acceleration, acceleration of its origin less gravity."""
     still = np.zeros((len(v), 3))
-    spin, pull, lift = [], [], []
+    spin: list[Floats] = []
+    pull: list[Floats] = []
+    lift: list[Floats] = []
     for j in range(tree.size):
         p = int(tree.parent[j])
         w, dw, up = (spin[p], pull[p], lift[p]) if p >= 0 else (still, still, still - tree.gravity)

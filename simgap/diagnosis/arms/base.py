@@ -44,7 +44,7 @@ def base_parameters(tree: Tree) -> BaseParameters:
     v, a = rng.normal(size=(2, _DRAWS, tree.size))
     columns = regressor(tree, q, v, a).reshape(_DRAWS * tree.size, -1)
     kept = independent(columns)
-    combine = np.linalg.lstsq(columns[:, kept], columns, rcond=None)[0]
+    combine = np.asarray(np.linalg.lstsq(columns[:, kept], columns, rcond=None)[0], dtype=np.float64)
     combine[np.abs(combine) < 1e-9] = 0.0
     names = tuple(_named(row, tree.names, int(k)) for row, k in zip(combine, kept, strict=True))
     return BaseParameters(

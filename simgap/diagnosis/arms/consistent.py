@@ -9,6 +9,7 @@ IEEE Robotics and Automation Letters 3(1).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -74,10 +75,10 @@ def possible(inertial: Floats) -> bool:
     return bool(np.linalg.eigvalsh(pseudo)[0] >= -1e-9 * max(1.0, float(np.abs(pseudo).max())))
 
 
-def _pseudo(p: object, k: int) -> object:
+def _pseudo(p: Any, k: int) -> Any:
     """The pseudo-inertia of body k as an expression."""
     import cvxpy as cp
 
-    m, hx, hy, hz, xx, xy, xz, yy, yz, zz = (p[k, i] for i in range(10))  # type: ignore[index]
+    m, hx, hy, hz, xx, xy, xz, yy, yz, zz = (p[k, i] for i in range(10))
     half = 0.5 * (xx + yy + zz)
     return cp.bmat([[half - xx, -xy, -xz, hx], [-xy, half - yy, -yz, hy], [-xz, -yz, half - zz, hz], [hx, hy, hz, m]])

@@ -90,7 +90,8 @@ def part_of(
     Args:
         known: terms that the case declares, effect -> (n,) parameters, which are part of the declared model.
     """
-    xs, ys, lives, traces, times, torques = [], [], [], [], [], []
+    xs, ys, lives, times, torques = [], [], [], [], []
+    traces: list[NDArray[np.int64]] = []
     for m in motions:
         whole = m.smooth(regressor(tree, m.q, m.v, m.a))[m.used]
         way = m.smooth(np.clip(m.v / (TURNING_SHARE * rest), -1.0, 1.0))
