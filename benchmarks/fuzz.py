@@ -121,8 +121,8 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("/tmp/simgap-fuzz"))
     asked = parser.parse_args()
     end = time.monotonic() + 60 * asked.minutes
-    prepare(asked.folder)
     os.environ |= dict.fromkeys(("TMPDIR", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"), str(asked.folder))
+    prepare(asked.folder)
     warnings.simplefilter("ignore")
     journal = asked.folder / "blocks.jsonl"
     done = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []

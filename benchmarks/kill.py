@@ -42,7 +42,21 @@ def left_behind(folder: Path, scratch: Path, shared: set[str], mark: str) -> lis
     hidden = (p for p in folder.rglob(".*") if ".snakemake" not in p.parts)
     found += [str(path.relative_to(folder)) for path in hidden]
     found += [f"temporary {path.name}" for path in scratch.iterdir()]
-    return found + [f"shared memory {name}" for name in set(os.listdir("/dev/shm")) - shared]
+    return found + [f"shared memory {name}" for name in unused(set(os.listdir("/dev/shm")) - shared)]
+
+
+def unused(names: set[str]) -> set[str]:
+    """Of shared memory that which no process maps: nobody will take it away."""
+    left = set(names)
+    for maps in Path("/proc").glob("[0-9]*/maps"):
+        if not left:
+            break
+        try:
+            text = maps.read_text()
+        except OSError:
+            continue
+        left -= {name for name in left if name in text}
+    return {name for name in left if (Path("/dev/shm") / name).exists()}
 
 
 def kill_stage(stage: Stage, source: Path, place: Path, rng: random.Random, number: int) -> dict[str, Any]:
