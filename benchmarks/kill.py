@@ -7,7 +7,8 @@ again by the same command. Counted are kills after which every file has the byte
 no process of the killed run is alive, and no temporary file, lock or shared memory is left. `--workflow` kills go to
 `simgap run` as a whole, after a random time, and it is typed again. Kills are numbered, each with random numbers of
 its own; with `--minutes` the benchmark stops and goes on where it was when it is called again. Results:
-benchmarks/results/kill.json.
+benchmarks/results/kill.json. Semaphores that others leave behind meanwhile would count too: run it alone, or within
+`unshare -m` with a /dev/shm of its own.
 """
 
 from __future__ import annotations

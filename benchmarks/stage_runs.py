@@ -115,8 +115,10 @@ class Stage:
 
 
 def reference(folder: Path) -> list[Stage]:
-    """The stages of the tiny cases, from a run that nothing disturbs; kept in `folder` for the next time."""
-    kept = folder / "stages.json"
+    """The stages of the tiny cases, from a run that nothing disturbs; kept in `folder` until the code changes."""
+    sources = sorted((ROOT / "simgap").rglob("*.py"))
+    code = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
+    kept = folder / f"stages-{code}.json"
     if kept.exists():
         return [Stage(**{k: tuple(v) if isinstance(v, list) else v for k, v in s.items()})
                 for s in json.loads(kept.read_text())]  # fmt: skip

@@ -67,12 +67,12 @@ def _tracker_apart() -> None:
             os.set_inheritable(descriptor, True)
         return os.posix_spawn(path, list(arguments), os.environ, setsid=True)
 
-    usual = multiprocessing.util.spawnv_passfds  # type: ignore[attr-defined]
-    multiprocessing.util.spawnv_passfds = spawn  # type: ignore[attr-defined]
+    util: Any = multiprocessing.util
+    usual, util.spawnv_passfds = util.spawnv_passfds, spawn
     try:
         resource_tracker.ensure_running()
     finally:
-        multiprocessing.util.spawnv_passfds = usual  # type: ignore[attr-defined]
+        util.spawnv_passfds = usual
 
 
 @contextmanager
