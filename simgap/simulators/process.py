@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import multiprocessing.connection
-import multiprocessing.util
 import os
 import sys
 import threading
@@ -12,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -55,26 +53,6 @@ def _end_with_parent(note: Note) -> None:
     os._exit(1)
 
 
-def _tracker_apart() -> None:
-    """Start the process that takes back a pool's semaphores, in a session of its own.
-
-    Python starts it in the group of this process: a group that is killed took it along, and the semaphores stayed in
-    the system. Apart it sees that all who held its pipe are gone, cleans up after them, and ends.
-    """
-
-    def spawn(path: str, arguments: Sequence[str], descriptors: Sequence[int]) -> int:
-        for descriptor in descriptors:
-            os.set_inheritable(descriptor, True)
-        return os.posix_spawn(path, list(arguments), os.environ, setsid=True)
-
-    util: Any = multiprocessing.util
-    usual, util.spawnv_passfds = util.spawnv_passfds, spawn
-    try:
-        resource_tracker.ensure_running()
-    finally:
-        util.spawnv_passfds = usual
-
-
 @contextmanager
 def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPoolExecutor]:
     """A pool of fresh processes whose engine chatter goes to `log`.
@@ -82,7 +60,6 @@ def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPo
     Raises:
         EngineCrash: if a process died, with what it computed, where it is known, and where its last words are.
     """
-    _tracker_apart()
     context = multiprocessing.get_context("spawn")  # a forked engine would share its parent's threads and state
     notes, taken = context.RawArray("c", workers * NOTE), context.Value("i", 0)
     begin = (str(log.resolve()) if log else None, plugins.files(), notes, taken)
