@@ -62,6 +62,7 @@ class SuperModel:
         null: theta at which no effect acts.
         speed: index of the velocity of each coordinate (dry friction acts on these).
         rhs: numba, `RHS_SIGNATURE`; its u is what the plant feels, its third argument what `constants` returns.
+        glide: numba, `GLIDE_SIGNATURE`: steps under `rhs`.
         constants: numba (theta) -> tuple, all that the dynamics need of the parameters.
         static: numba (u rows (n, m), theta, out (n, m)): commands through gain, bias, dead zone and saturation.
         read: numba (x rows (n, nx), theta, out (n, k)): what the measured channels read.
@@ -78,6 +79,7 @@ class SuperModel:
     speed: NDArray[np.int64]
     measured: tuple[str, ...]
     rhs: Any
+    glide: Any
     constants: Any
     static: Any
     read: Any
@@ -168,6 +170,7 @@ def build_supermodel(
         speed=dynamics.speed,
         measured=measured,
         rhs=dynamics.rhs,
+        glide=dynamics.glide,
         constants=dynamics.constants,
         static=_rowwise(compile_kernel(_numeric(commands, values), ([v.symbol for v in model.inputs], theta)))
         if commands
