@@ -67,7 +67,8 @@ def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbo
                 out[i] += more[i]
 
     index = [plant.state_names.index(c.velocity) for c in plant.coordinates]
-    return Dynamics(rhs, _glide(main, rest, nx, len(plant.inputs)), constants, np.array(index, dtype=np.int64))
+    glide = _glide(main, rest, nx, len(plant.inputs))
+    return Dynamics(rhs, glide, constants, np.array(index, dtype=np.int64))
 
 
 def _glide(main: Any, rest: Any, nx: int, m: int) -> Any:

@@ -7,13 +7,13 @@ Source: Hairer, Norsett, Wanner (1993), Solving Ordinary Differential Equations 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numba import float64, njit, void
+from numba import float64, int64, njit, void
 from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.events import EPS, advance, any_of, coast, rubbing
+from simgap.diagnosis.simulation.handed_over import function_at
 from simgap.diagnosis.simulation.runge_kutta import GLIDE, INDICES, RHS, VECTOR, input_at
 
 Floats = NDArray[np.float64]
@@ -45,8 +45,8 @@ def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> f
 
 @njit(
     void(
-        RHS,
-        GLIDE,
+        int64,
+        int64,
         VECTOR,
         MATRIX,
         MATRIX,
@@ -65,13 +65,13 @@ def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> f
     cache=True,
 )
 def simulate(
-    rhs: Any, glide: Any, t: Floats, level: Floats, excess: Floats, delay: Floats, lag: Floats, theta: Floats,
+    rhs_at: int, glide_at: int, t: Floats, level: Floats, excess: Floats, delay: Floats, lag: Floats, theta: Floats,
     x0: Floats, first: Ints, start: Ints, stop: Ints, offset: Ints, speed: Ints, h_max: float, out: Floats,
 ) -> None:  # fmt: skip
     """Simulate every window from its own initial state.
 
     Args:
-        rhs, glide: compiled dynamics and steps under them, first-class functions: `RHS_SIGNATURE`, `GLIDE_SIGNATURE`.
+        rhs_at, glide_at: addresses of the compiled dynamics and of steps under them (`RHS`, `GLIDE`).
         t: (n,) time stamps of all traces one after another, s.
         level: (n, m) inputs after their static maps, held from each stamp until the next.
         excess: (n, m) lagged input minus `level` at each stamp (0 without lag).
@@ -84,6 +84,7 @@ def simulate(
         h_max: longest step, s.
         out: (sum of lengths, nx), filled with the states at the samples.
     """
+    rhs, glide = function_at(RHS, rhs_at), function_at(GLIDE, glide_at)
     nx, m = x0.shape[1], level.shape[1]
     work, x, new = np.empty((6, nx)), np.empty(nx), np.empty(nx)
     u, middle, last = np.empty(m), np.empty(m), np.empty(m)

@@ -13,8 +13,10 @@ from numba import float64 as f64
 from numba import types, void
 from numpy.typing import NDArray
 
+from simgap.diagnosis.simulation.handed_over import address_of
 from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
+from simgap.diagnosis.simulation.runge_kutta import GLIDE, RHS
 from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
 from simgap.effects.base import CoordinateEffect, MemoryForceEffect
 from simgap.effects.commands import InputEffect, MemoryInputEffect
@@ -85,6 +87,11 @@ class SuperModel:
     read: Any
     past: Any
     memory: Callable[[Floats], Sequence[float]]
+
+    @cached_property
+    def entries(self) -> tuple[int, int]:
+        """Addresses of `rhs` and `glide`, for `simulate`."""
+        return address_of(self.rhs, RHS), address_of(self.glide, GLIDE)
 
     @property
     def nx(self) -> int:
