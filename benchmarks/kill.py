@@ -1,6 +1,6 @@
 """Kills every stage, at random moments and within every write, runs it again, and compares bytes.
 
-    python benchmarks/kill.py [--kills 270] [--workflow 30] [--first 0] [--folder DIR] [--minutes 4]
+    python benchmarks/kill.py [--kills 300] [--workflow 0] [--folder DIR] [--minutes 4]
 
 Each kill (SIGKILL to the process group) hits a stage of a tiny case, run as its rule types it; the stage is then run
 again by the same command. Counted are kills after which every file has the bytes of the run that nothing disturbed,
@@ -129,8 +129,8 @@ def kill_workflow(folder: Path, rng: random.Random, number: int, wanted: dict[st
 def main() -> None:
     """Kill, recover, count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kills", type=int, default=270)
-    parser.add_argument("--workflow", type=int, default=30)
+    parser.add_argument("--kills", type=int, default=300)
+    parser.add_argument("--workflow", type=int, default=0)
     parser.add_argument("--folder", type=Path, default=Path("/tmp/simgap-kill"))
     parser.add_argument("--minutes", type=float, default=1e9)
     parser.add_argument("--seed", type=int, default=14)

@@ -219,10 +219,8 @@ def undeclared(data: Mapping[str, Any]) -> str:
 
 
 FAULTS = (
-    ("kill", "killed", "not_recovered", "stages and runs killed (SIGKILL)", "not taken up to the same bytes"),
+    ("kill", "killed", "not_recovered", "stages killed (SIGKILL)", "not taken up to the same bytes"),
     ("fuzz", "inputs", "findings", "hostile and damaged inputs", "neither read nor refused in one line"),
-    ("storage", "injected", "wrong", "faults of files and disks, in every stage", "neither refused nor harmless"),
-    ("reproducible", "files_compared", "differ", "files of two runs compared", "differ"),
     ("mutants", "mutants", "caught", "mutants of the code", "caught"),
 )
 """Of each benchmark: its name, the keys of its two figures, and what they are."""
@@ -253,7 +251,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "recording_faults": ("recording_faults.json", recording_faults),
     "diagnosis_cost": ("diagnosis_cost.json", diagnosis_cost),
     "long_record": ("long_record.json", long_record),
-    "faults": ("kill.json", faults),
+    "faults": ("fuzz.json", faults),
     "suprema": ("../../results/pendulum/summary.json", suprema),
 }
 
