@@ -18,8 +18,9 @@ from simgap.diagnosis.arms.base import BaseParameters, base_parameters
 from simgap.diagnosis.arms.consistent import Consistent, consistent
 from simgap.diagnosis.arms.fit import correlation_rows, solve, spread, standard_errors
 from simgap.diagnosis.arms.folds import ArmFolds, folds_of, together
+from simgap.diagnosis.arms.gains import gains, scaled
 from simgap.diagnosis.arms.motion import Columns, motions, rest_speeds
-from simgap.diagnosis.arms.problem import Key, Part, Payload, keys_of, part_of
+from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload, keys_of, part_of
 from simgap.diagnosis.arms.result import ArmDiagnosis
 from simgap.diagnosis.arms.select import admissible, choose
 from simgap.diagnosis.arms.terms import TERMS
@@ -74,9 +75,17 @@ def diagnose_arm(
     chosen = choose(keys, folds.fit, folds.choose, weights, correlated, settings.most, tree.size)
     known = together(folds.fit, folds.choose)
     active, theta, errors = _settled(keys, known, weights, chosen.active)
+    shared = [k for k, key in enumerate(keys) if key.effect in (INERTIAL, PAYLOAD)]
+    drives = None
+    if any(p.mass is not None for p in settings.payloads):
+        drives = gains(known, active, [k for k in active if k in shared], theta, weights, correlated)
+    if drives is not None:
+        known = scaled(known, drives.g, shared)
+        active, theta, errors = _settled(keys, known, weights, active)
+        errors[shared] = drives.of_columns[shared]  # of a mass: with the gains open too
     noise = _noise(record, where, every[0].low_pass.noise_gain)
     used, bodies = _of_bodies(tree, base, keys, known, weights, correlated, active, theta)
-    found = Found(keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies)
+    found = Found(keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies, drives, shared)
     return answer(tree, found, folds, names, inputs, units, settings.payloads, every[0].low_pass.cut)
 
 
