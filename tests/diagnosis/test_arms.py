@@ -211,7 +211,7 @@ def test_gains_of_the_drives_are_found_from_a_known_weight(tmp_path):
     result = stage.run(tmp_path / "case.yaml", [], tmp_path / "found")
     value = {(e["name"], e["on"]): next(iter(e["parameters"].values()))["value"] for e in result["effects"]}
     for k in range(3):
-        assert value["input_gain", f"torque{k + 1}"] == pytest.approx(ratio[k], rel=0.02)
+        assert value["input_gain", f"torque{k + 1}"] == pytest.approx(ratio[k], rel=0.05)
         assert value["viscous_friction", f"joint{k + 1}"] == pytest.approx(b[k], rel=0.05)
         assert value["coulomb_friction", f"joint{k + 1}"] == pytest.approx(f[k], rel=0.05)
     assert result["verdict"] in ("attributed", "partial")

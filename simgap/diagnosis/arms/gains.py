@@ -63,6 +63,13 @@ def gains(
     return None
 
 
+def open_gains(part: Part, shared: Sequence[int], weights: Floats, correlated: Floats) -> Floats:
+    """(n,) gains beside every column at once, to begin from; ones if they do not settle."""
+    size, n = part.x.shape[2], part.y.shape[1]
+    found = _settled(part, range(size), shared, np.zeros(size), weights, correlated, range(n))
+    return np.ones(n) if found is None else found.g
+
+
 def _settled(
     part: Part, active: Sequence[int], shared: Sequence[int], theta: Floats, weights: Floats, correlated: Floats,
     open_: Sequence[int],
