@@ -29,6 +29,8 @@ class Solution:
         statistics: counts such as passes, steps and admissible pairs, and the backend that was used.
         first: memory before the first sample. late: whether the input that is remembered acts now and the chosen one a
             sample later. kind: (M,) class of each input, 0 to C - 1; None for one class.
+        acting: (cells, ceil(M / 8)) uint8, inputs that may act from cells of the true state; None but for a controller
+            that keeps such cells by late measurements, which does not know them itself.
     """
 
     grid: Grid
@@ -42,6 +44,7 @@ class Solution:
     first: int = 0
     late: bool = False
     kind: NDArray[np.int64] | None = None
+    acting: NDArray[np.uint8] | None = None
 
     @property
     def fraction(self) -> float:
