@@ -109,8 +109,21 @@ rule report:
         printed=PRINTED if Path(PRINTED).is_file() else [],
         case=correction,
     output:
-        page="results/{case}/report.html",
+        page=report(
+            "results/{case}/report.html",
+            caption="../reports/captions/page.rst",
+            category="{case}",
+            labels={"what": "the whole page"},
+        ),
         summary="results/{case}/summary.json",
+        picture="results/{case}/picture.png",
+        figures=report(
+            directory("results/{case}/figures"),
+            patterns=["{name}.svg", "{name}.png"],
+            caption="../reports/captions/figure.rst",
+            category="{case}",
+            labels={"what": "{name}"},
+        ),
     log:
         "results/{case}/logs/report.log",
     benchmark:
@@ -133,7 +146,25 @@ rule report:
         " --robust {input.robust:q} --robust-summary {input.robust_summary:q}"
         " --validation {input.validation:q} --traces {input.traces:q}"
         " --audit {input.audit:q} --margins {input.margins:q} {params.more:q}"
+        " --picture {output.picture:q} --figures {output.figures:q}"
         " --out {output.page:q} --summary {output.summary:q} --log {log:q}"
+
+
+# What Rerun's viewer shows of a recording, for a page or a talk: snakemake --cores 1 results/<case>/trace/trace.png
+rule picture:
+    input:
+        "results/{case}/trace/trace.rrd",
+    output:
+        "results/{case}/trace/trace.png",
+    log:
+        "results/{case}/logs/picture.log",
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    message:
+        "{wildcards.case}: picture of its recording"
+    shell:
+        "simgap view {input:q} --picture {output:q} > {log:q} 2>&1"
 
 
 # Cases of other configs have pages too: what they made stays on the index, as it is.

@@ -30,6 +30,7 @@ from simgap.provenance import provenance
 from simgap.report.diagnosis_document import document
 from simgap.report.diagnosis_page import TEMPLATE, draw, overlays, page
 from simgap.report.measured_share import transition_columns
+from simgap.stages import arm_diagnosis
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
 from simgap.stages.measured_data import load_reading
@@ -70,6 +71,10 @@ def run(
     context = Context.load(case_path)
     section = context.case.measured or MeasuredSection()
     paths = _paths(context, section, data)
+    with context.blame():
+        tree = None if context.plant.declared.derived else context.plant.tree
+    if tree is not None:
+        return arm_diagnosis.run(context, tree, section, paths, out_dir, not data, tell)
     with context.blame():
         model = context.plant.corrected
         tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")
@@ -182,11 +187,12 @@ def _write(
     windows = [replace(w, inputs=w.inputs[:, : len(inputs)]) for w in found.windows]
     stretches = overlays(windows, record.measured, inputs, found.sigma)
     target = out_dir / CASE
+    out_dir.mkdir(parents=True, exist_ok=True)  # first: `out/../rod.urdf` is no file before
     text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], use.by)
-    out_dir.mkdir(parents=True, exist_ok=True)
     figures = draw(content, stretches, lacking, out_dir)
     write_text(out_dir / PAGE, page(content, title, figures))
-    write_recording(out_dir / RECORDING, windows, record.measured, inputs, context.units, context.case.name)
+    names = (record.measured, inputs, context.units, context.case.name)
+    write_recording(out_dir / RECORDING, windows, *names, content["sentence"])
     columns = transition_columns(context, windows, record.measured, shifts)
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
