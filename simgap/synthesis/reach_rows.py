@@ -105,10 +105,13 @@ class RowSystem:
     def worth_trying(self, kind: Ints) -> NDArray[np.bool_]:
         """The inputs that can win a node first, (layers, M): no input of the same class (M,) has smaller boxes."""
         of_input = np.broadcast_to(kind[None, :, None], (*self.rel.shape[:2], 1))
-        lower, upper = [of_input, self.rel], [of_input, self.rel + self.extent]
+        lower: list[Ints] = [of_input, self.rel.astype(np.int64)]
+        upper: list[Ints] = [of_input, lower[1] + self.extent]
         if len(self.swept):
-            lower, upper = [*lower, self.swept], [*upper, self.swept + self.swept_shapes[self.swept_of]]
-        return smallest_boxes(*(np.concatenate(side, axis=2).astype(np.int32) for side in (lower, upper)))
+            lower.append(self.swept.astype(np.int64))
+            upper.append(lower[2] + self.swept_shapes[self.swept_of])
+        low, high = (np.concatenate(side, axis=2).astype(np.int32) for side in (lower, upper))
+        return smallest_boxes(low, high)
 
 
 def _offsets(abstraction: Abstraction, used: tuple[int, ...], order: list[int]) -> tuple[NDArray[np.int32], ...]:
