@@ -54,7 +54,8 @@ class Solution:
     @cached_property
     def served(self) -> NDArray[np.bool_]:
         """Nodes (measured cell, memory) at which the controller has an input, (cells * memory,); looked up once."""
-        flags: NDArray[np.bool_] = np.any(self.mask, axis=1)
+        wide = self.mask.shape[1] % 8 == 0 and self.mask.flags.c_contiguous
+        flags: NDArray[np.bool_] = np.any(self.mask.view(np.uint64) if wide else self.mask, axis=1)
         return flags
 
     @cached_property
