@@ -71,6 +71,12 @@ def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPo
             said = [words for place in places if (words := place.said())]
             where = f"; its output is in {log}" if log else ""
             raise EngineCrash(f"an engine process ended: {' or '.join(said) or 'it died'}{where}") from None
+        except BaseException:  # an error, Ctrl-C, an exit: nobody waits for what the others are at
+            children = [*(getattr(pool, "_processes", None) or {}).values()]
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in children:
+                child.terminate()
+            raise
 
 
 def run_in_processes(
