@@ -145,7 +145,8 @@ def _write_gap(folder, box, inputs, states, input_names, gap, units):
     check = check_fresh(result.function, fresh_x, fresh_u, gap(fresh_x, fresh_u))
     function = result.function.with_tiers([*result.function.tiers, check.tier])
     fresh = {"samples": 200, "violations": check.violations, "upper": check.upper, "confidence": check.confidence}
-    content = result.to_json() | function.to_json() | {"eps": 0.05, "fresh": fresh, "provenance": RECORD}
+    point = {"eps": 0.05} if box.size == 2 else {}  # a robot's bound over histories has none
+    content = result.to_json() | function.to_json() | {**point, "fresh": fresh, "provenance": RECORD}
     write_json(folder / "gap.json", content)
     columns = {n: x.reshape(-1, box.size)[:, j] for j, n in enumerate(states)}
     columns |= {n: np.tile(inputs[:, j], grid.size) for j, n in enumerate(input_names)}

@@ -96,6 +96,12 @@ def test_the_robot_has_its_pictures(robot):
     assert "in the target without touching anything" in shown.text
 
 
+def test_a_bound_without_a_point_of_eps_has_a_page(robot):
+    """A robot's bound over histories has neither eps nor half-widths; its page is the last step of a long run."""
+    assert "eps" not in example.read_json(robot / "gap.json")
+    assert re.search(r"Fitted on [\d,]+ roll-outs\.", page(robot).text)
+
+
 def test_no_machine_paths_and_no_dates(pendulum):
     folder, _ = pendulum
     for name in ("report.html", "summary.json"):
