@@ -27,10 +27,10 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "pybullet": "simgap.simulators.pybullet_joints:PyBulletJoints",
                 "pybullet_wheeled": "simgap.simulators.wheeled:PyBulletWheeled",
                 "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
-                "drake": "simgap.simulators.drake_joints:DrakeJoints",
-                "fmu": "simgap.simulators.fmu:FmuEngine",
                 "equations": "simgap.simulators.equations:EquationsEngine",
                 "python": "simgap.simulators.python_function:PythonEngine",
+                "drake": "simgap.simulators.drake_joints:DrakeJoints",
+                "fmu": "simgap.simulators.fmu:FmuEngine",
             }
         ),
         "bases": MappingProxyType(

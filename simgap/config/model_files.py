@@ -1,4 +1,4 @@
-"""Which keys of a case name model files: their bytes are part of what a result was made from, their paths move along."""
+"""Which keys of a case name model files: their bytes are part of what made a result, their paths move along."""
 
 from __future__ import annotations
 

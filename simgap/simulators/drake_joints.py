@@ -108,9 +108,7 @@ def _diagram(plant: JointPlant, section: DrakeSettings) -> tuple[Any, Any]:
     try:
         (model,) = Parser(bodies).AddModels(plant.urdf)
     except (RuntimeError, ValueError) as error:
-        raise UserError(
-            f"Drake cannot read it: {excerpt(str(error).splitlines()[0], 300)}", file=plant.urdf
-        ) from None
+        raise UserError(f"Drake cannot read it: {excerpt(str(error).splitlines()[0], 300)}", file=plant.urdf) from None
     root = root_link(plant.urdf)
     if root != "world":
         bodies.WeldFrames(bodies.world_frame(), bodies.GetFrameByName(root, model))

@@ -163,4 +163,4 @@ class Unit:
 
 
 def _said(error: BaseException) -> str:
-    return excerpt(str(error).splitlines()[0] if str(error) else type(error).__name__, 200)
+    return excerpt(" ".join(str(error).split()) or type(error).__name__, 200)

@@ -1,4 +1,4 @@
-"""Drake as the simulator: the same step as other engines where nothing touches, its own contact where something does."""
+"""Drake as the simulator: the step of other engines where nothing touches, its own contact where something does."""
 
 from pathlib import Path
 
@@ -48,7 +48,7 @@ def cart(tmp_path, shape=BALL, **simulator):
         "domain": {"tau": 0.5, "X": {"x": [-0.5, 0.5], "v": [-1, 1]}, "U": {"F": {"values": [-2, 0, 2]}}},
         "simulator": {"engine": "drake", "substeps": 500} | simulator,
     }
-    (tmp_path / "cart.yaml").write_text(yaml.safe_dump(content))
+    (tmp_path / "cart.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     return tmp_path / "cart.yaml"
 
 
@@ -58,12 +58,12 @@ def test_it_makes_the_step_of_pybullet_where_nothing_damps_or_touches(vary, name
     x, u = rng.uniform(-0.5, 0.5, (10, 4)), rng.uniform(-0.2, 0.2, (10, 2 if name == "two_link" else 1))
     drake = vary(name, {"simulator": {"engine": "drake", "substeps": 24}})
     found, engine = rolled(drake, x, u)
-    other, _ = rolled(vary(name, {}), x, u)
-    assert np.abs(found - other).max() < 1e-13
     assert engine.startswith("drake 1.")
     order = rng.permutation(10)
     assert np.array_equal(rolled(drake, x[order], u[order])[0], found[order])
     assert not check.run(drake).findings
+    other, _ = rolled(vary(name, {}), x, u)
+    assert np.abs(found - other).max() < 1e-13
 
 
 def test_links_touch_what_the_file_fixes_to_the_world(tmp_path):

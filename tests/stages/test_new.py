@@ -61,7 +61,9 @@ def test_inputs_can_hold_the_plant_and_stop_it(root, tmp_path):
 def test_X_stays_inside_the_range_of_a_joint(root, tmp_path, limits):
     """An engine stops a joint there and the nominal model does not: a new case begins without that finding."""
     text = (root / "configs/models/pendulum.urdf").read_text()
-    (tmp_path / "m.urdf").write_text(text.replace('lower="-12.6" upper="12.6"', 'lower="%s" upper="%s"' % limits))
+    (tmp_path / "m.urdf").write_text(
+        text.replace('lower="-12.6" upper="12.6"', 'lower="{}" upper="{}"'.format(*limits))
+    )
     case = new.run("mine", tmp_path / "m.urdf", tmp_path)
     lo, hi = Context.load(case).case.domain.X["q"]
     assert limits[0] < lo < hi < limits[1]

@@ -112,7 +112,7 @@ def test_table_and_page(write, tmp_path):
 
 
 def test_points_share_what_is_the_same(root, write, tmp_path):
-    """Four points over slack and cells need one grid, one set of roll-outs and slopes, and two scenario programs a state."""
+    """Four points over slack and cells need one grid, one set of roll-outs and of slopes, two programs a state."""
     path = write(AXES)
     config = {"case_folder": ".", "sweep_folder": "sweeps", "cases": ["mine"]}
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(config))
