@@ -12,9 +12,13 @@
 #   snakemake --cores 2 cart_pole                        a pole on a cart from its URDF, four states
 #   snakemake --cores 2 two_link                         an arm of two links, reach and avoid in joint space
 #   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
+#   snakemake --report results/report.zip                what is there, every page and figure with its caption, in one file
 
 
 configfile: "configs/default.yaml"
+
+
+report: "reports/captions/workflow.rst"
 
 
 include: "rules/common.smk"

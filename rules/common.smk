@@ -53,7 +53,7 @@ wildcard_constraints:
     point=r"eps~[0-9]+(\.[0-9]+)?(e-?[0-9]+)?|cells~[0-9]+(-[0-9]+)*|hidden-state|full-table",
     state="[^/]+",
     shard="[0-9]+",
-    kind="nominal|gap",
+    kind="nominal|careful|gap",
     depth="audit|audit-deep",
 
 

@@ -5,7 +5,20 @@ DEEP = 10  # times the budget of a plain run
 
 
 def gap_option(wildcards, input):
+    if wildcards.kind == "careful":
+        return ["--careful"]
     return ["--gap", input.gap] if wildcards.kind == "gap" else []
+
+
+def careful_file(name):
+    """What is made of the controller that minds the path of its model, where the case asks for it."""
+
+    def path(wildcards):
+        section = case_of(wildcards).validation
+        asked = section is not None and section.fair_baseline
+        return f"results/{wildcards.case}/synthesis/careful/{name}" if asked else []
+
+    return path
 
 
 def known_samples(wildcards):
@@ -49,6 +62,7 @@ rule validation:
         case=correction,
         nominal="results/{case}/synthesis/nominal/controller.npz",
         robust="results/{case}/synthesis/gap/controller.npz",
+        careful=careful_file("controller.npz"),
         gap=lambda w: f"{gap_folder(w)}/gap.json",
     output:
         summary="results/{case}/validation/validation.json",
@@ -65,11 +79,12 @@ rule validation:
         case=lambda w: case_path(w.case),
         reads=reads("validation"),
         code=code("validation"),
+        careful=lambda w, input: flagged("--careful", input.careful),
     message:
         "{wildcards.case}: both controllers in closed loop, {threads} processes"
     shell:
         "simgap validation {params.case:q} --nominal {input.nominal:q} --robust {input.robust:q} --gap {input.gap:q}"
-        " --out {output.summary:q} --traces {output.traces:q} --workers {threads} --log {log:q}"
+        " {params.careful:q} --out {output.summary:q} --traces {output.traces:q} --workers {threads} --log {log:q}"
 
 
 rule audit:

@@ -80,7 +80,12 @@ checkpoint diagnosis:
     output:
         document="results/{case}/diagnosis/diagnosis.json",
         corrected="results/{case}/diagnosis/corrected_case.yaml",
-        report="results/{case}/diagnosis/report.html",
+        report=report(
+            "results/{case}/diagnosis/report.html",
+            caption="../reports/captions/diagnosis.rst",
+            category="{case}",
+            labels={"what": "diagnosis"},
+        ),
         recording="results/{case}/diagnosis/residual.rrd",
         transitions="results/{case}/diagnosis/transitions.parquet",
     log:

@@ -119,8 +119,21 @@ rule report:
         printed=PRINTED if Path(PRINTED).is_file() else [],
         case=correction,
     output:
-        page="results/{case}/report.html",
+        page=report(
+            "results/{case}/report.html",
+            caption="../reports/captions/page.rst",
+            category="{case}",
+            labels={"what": "the whole page"},
+        ),
         summary="results/{case}/summary.json",
+        picture="results/{case}/picture.png",
+        figures=report(
+            directory("results/{case}/figures"),
+            patterns=["{name}.svg", "{name}.png"],
+            caption="../reports/captions/figure.rst",
+            category="{case}",
+            labels={"what": "{name}"},
+        ),
     log:
         "results/{case}/logs/report.log",
     benchmark:
@@ -143,6 +156,7 @@ rule report:
         " --robust {input.robust:q} --robust-summary {input.robust_summary:q}"
         " --validation {input.validation:q} --traces {input.traces:q}"
         " --audit {input.audit:q} --margins {input.margins:q} {params.more:q}"
+        " --picture {output.picture:q} --figures {output.figures:q}"
         " --out {output.page:q} --summary {output.summary:q} --log {log:q}"
 
 

@@ -12,14 +12,14 @@ from typing import Any
 
 import typer
 
-from simgap.cli import control, gap, measured, pages, sweeps, tools, workflow
+from simgap.cli import control, gap, measured, pages, sweeps, tools, view, workflow
 from simgap.cli.options import app
 from simgap.errors import SimgapError, excerpt
 
 __all__ = ["app", "main"]
 
 # The help lists subcommands as a run meets them, whatever the order of the imports.
-_ROOMS = [module.__name__ for module in (workflow, gap, control, pages, measured, sweeps, tools)]
+_ROOMS = [module.__name__ for module in (workflow, gap, control, pages, view, measured, sweeps, tools)]
 app.registered_commands.sort(key=lambda command: _ROOMS.index(getattr(command.callback, "__module__", "")))
 # Typer carries a click of its own; its usage errors are found through one of them.
 _USAGE: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> None:
         result: Any = app(arguments if arguments is not None else sys.argv[1:], standalone_mode=False)
         status = result if isinstance(result, int) else 0
     except SimgapError as error:
-        if any(isinstance(h, logging.FileHandler) for h in logging.getLogger("simgap").handlers):
+        if _logs_to_a_file():
             logging.getLogger("simgap").error("%s", error)
         sys.stderr.write(f"simgap: {error}\n")
         status = error.exit_status
@@ -48,6 +48,10 @@ def main(arguments: list[str] | None = None) -> None:
     except (typer.Abort, KeyboardInterrupt):
         sys.stderr.write("simgap: interrupted\n")
         status = 130
+    except Exception:  # a fault of simgap's own: whoever reads the log of the stage finds it there
+        if _logs_to_a_file():
+            logging.getLogger("simgap").exception("a fault of simgap itself")
+        raise
     finally:
         logger = logging.getLogger("simgap")
         for handler in logger.handlers[:]:
@@ -56,6 +60,10 @@ def main(arguments: list[str] | None = None) -> None:
         logger.propagate = True  # as they were, for who calls this from Python
         logger.setLevel(logging.NOTSET)
     sys.exit(status)
+
+
+def _logs_to_a_file() -> bool:
+    return any(isinstance(h, logging.FileHandler) for h in logging.getLogger("simgap").handlers)
 
 
 def _of_the_system(error: OSError) -> str:

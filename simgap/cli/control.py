@@ -16,6 +16,7 @@ def synthesis(
     out: Out,
     summary: Annotated[Path, typer.Option(help="File for the figures of the synthesis (JSON).")],
     bound: Annotated[Path | None, typer.Option("--gap", help="gap.json; the nominal model alone if not given.")] = None,
+    careful: Annotated[bool, typer.Option("--careful", help="Without a gap: mind the path between samples.")] = False,
     workers: Annotated[int, typer.Option(help="Threads.")] = 2,
     log: Log = None,
 ) -> None:
@@ -23,7 +24,7 @@ def synthesis(
     from simgap.stages import synthesis as stage
 
     start_log(log)
-    stage.run(case, bound, out, summary, workers)
+    stage.run(case, bound, out, summary, workers, careful)
 
 
 @app.command()
@@ -50,6 +51,7 @@ def validation(
     bound: Annotated[Path, typer.Option("--gap", help="gap.json")],
     out: Out,
     traces: Annotated[Path, typer.Option(help="File for the traces that are kept (Parquet).")],
+    careful: Annotated[Path | None, typer.Option(help="Controller of the model that minds the path.")] = None,
     workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
     log: Log = None,
 ) -> None:
@@ -57,7 +59,7 @@ def validation(
     from simgap.stages import validation as stage
 
     start_log(log)
-    stage.run(case, nominal, robust, bound, out, traces, workers, log)
+    stage.run(case, nominal, robust, bound, out, traces, workers, log, careful)
 
 
 @app.command()

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import CasePath, Log, Out, app, start_log
+from simgap.cli.options import CasePath, Log, Out, app, new_folder, start_log
 
 
 @app.command()
@@ -46,6 +46,8 @@ def report(
     corrected_summary: Annotated[Path | None, typer.Option(help="Its summary.json.")] = None,
     corrected_nominal: Annotated[Path | None, typer.Option(help="Its controller for the nominal model.")] = None,
     corrected_robust: Annotated[Path | None, typer.Option(help="Its controller for the model with its gap.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="File for a small PNG that stands for the case.")] = None,
+    figures: Annotated[Path | None, typer.Option(help="Folder for the figures as files.", callback=new_folder)] = None,
     twin: Annotated[Path | None, typer.Option(help="twin.json, if the simulator stands for another engine.")] = None,
     printed: Annotated[Path | None, typer.Option(help="Values that the paper prints (YAML).")] = None,
     audit: Annotated[Path | None, typer.Option(help="audit.json")] = None,
@@ -62,7 +64,7 @@ def report(
     given = stage.Inputs(
         gaps, samples, controllers, syntheses, validation, traces, measured, later, printed, audit, margins, twin
     )
-    stage.run(case, given, out, summary)
+    stage.run(case, given, out, summary, picture, figures)
 
 
 @app.command()

@@ -73,9 +73,11 @@ def times(
 @app.command()
 def export(
     what: Annotated[Path, typer.Argument(help="controller.npz, or a case file with effects.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="law.h, law.py or model.urdf.", show_default=False, callback=new_file)],
+    out: Annotated[
+        Path, typer.Option(help="law.h, law.py, model.urdf or model.xml (MJCF).", show_default=False, callback=new_file)
+    ],
 ) -> None:
-    """Write a controller as a C header or a Python file, or the model of a case with its effects as a URDF."""
+    """Write a controller as a C header or a Python file, or the model of a case with its effects as a URDF or MJCF."""
     from simgap.io.controller_export import export_controller
     from simgap.io.controller_file import load_controller
     from simgap.io.model_export import export_model

@@ -99,9 +99,13 @@ def snakemake(
     """
     status = _status(folder, cases, cores, options, sweeps or folder)
     if status:
+        locks = Path(".snakemake/locks")
+        locked = locks.is_dir() and any(locks.iterdir())
         raise WorkflowFailed(
-            "the run has failed; what failed stands above, and in results/<case>/logs. If this folder is locked "
-            "by a run that was killed: `simgap run CASE --unlock`, then the same command again"
+            "this folder is locked. If no other run is at work in it, one was killed: give the same command with "
+            "--unlock, then again without"
+            if locked
+            else "the run has failed; what failed stands above, and in results/<case>/logs"
         )
 
 

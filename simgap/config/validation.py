@@ -17,3 +17,8 @@ class ValidationSection(Section):
     steps: int = Field(2000, ge=1, description="Samples a run.")
     seed: int = Field(0, ge=0, description="Seed of the starts.")
     kept: int = Field(4, ge=1, description="Runs of each controller whose traces are written.")
+    fair_baseline: bool = Field(
+        False,
+        description="Whether a third controller runs from the same starts: made for the nominal model alone, as the "
+        "nominal-only one, but minding what that model does between samples. For specifications of the whole path.",
+    )

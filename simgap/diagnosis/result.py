@@ -99,7 +99,7 @@ class Judged:
 class CandidateScore:
     """How one effect did: promised drop of chi^2 beside the model as declared, and BIC gain where it was fitted alone.
 
-    `rejected` says why a fit was not admitted ("" if it was).
+    `chi2_dof` is what that fit left. `rejected` says why a fit was not admitted ("" if it was).
     """
 
     name: str
@@ -108,6 +108,7 @@ class CandidateScore:
     bic_gain: float | None
     parameters: Mapping[str, float]
     rejected: str = ""
+    chi2_dof: float | None = None
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from simgap.diagnosis.reading.table import Floats
-from simgap.diagnosis.thresholds import BIC_GAIN
 from simgap.diagnosis.verdict.missing import Binned, Missing
 from simgap.diagnosis.verdict.words import phrase
 from simgap.io import figure_style as style
 from simgap.notation import axis_label, pretty_unit
 
 MOST_POINTS = 1500
+NO_LESS = 0.5  # of chi^2/dof that is shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,33 +111,42 @@ def _errorbars(axis: Any, b: Binned, colour: str, marker: str, label: str) -> No
     )
 
 
-def ranking_figure(candidates: Sequence[Mapping[str, Any]], chosen: Sequence[Mapping[str, Any]]) -> Any:
-    """What each candidate alone promises (bars) and gains in BIC where fitted (dots), the chosen ones in colour."""
+def ranking_figure(
+    candidates: Sequence[Mapping[str, Any]], chosen: Sequence[Mapping[str, Any]], quality: Mapping[str, float]
+) -> Any:
+    """What is left of chi^2 with each candidate fitted alone, as numbers beside bars, between no effect and the answer.
+
+    Args:
+        candidates: those that were fitted have `chi2_dof`; chosen: the answer; quality: chi^2/dof before and after.
+    """
     import matplotlib.pyplot as plt
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    shown = list(candidates)[:12][::-1]
+    fitted = sorted((c for c in candidates if c.get("chi2_dof") is not None), key=lambda c: float(c["chi2_dof"]))
     keys = {(e["name"], e["on"]) for e in chosen}
-    figure, axis = plt.subplots(figsize=(style.WIDTH, 1.5 + 0.36 * max(len(shown), 2)))
-    for y, c in enumerate(shown):
-        own = (c["name"], c["on"]) in keys
-        axis.barh(y, max(float(c["chi2_drop"]), 0.0), color=style.SKY if own else "#CBD1D8", height=0.7)
-        if c["bic_gain"] is not None:
-            axis.plot(max(float(c["bic_gain"]), 0.0), y, "o", ms=8, color=style.AFTER if own else "#6C727B")
-    axis.set_yticks(range(len(shown)), [phrase(c) for c in shown])
-    axis.set_xscale("symlog", linthresh=BIC_GAIN)
-    axis.set_xlim(0.0, 1.6 * max([2 * BIC_GAIN, *(float(c["chi2_drop"]) for c in shown)]))
-    axis.axvline(BIC_GAIN, color=style.VERMILLION, lw=1.4, ls=(0, (4, 2)))
-    axis.set_xlabel("promised drop of chi² (bar), gain in BIC when fitted (dot)")
-    axis.grid(axis="y", visible=False)
-    handles: list[Any] = [
-        Patch(color=style.SKY),
-        Line2D([], [], marker="o", ls="", ms=8, color=style.AFTER),
-        Patch(color="#CBD1D8"),
-        Line2D([], [], color=style.VERMILLION, ls=(0, (4, 2))),
+    rows = [("the model as declared", float(quality["before"]), style.BEFORE)]
+    rows += [
+        (phrase(c), float(c["chi2_dof"]), style.SKY if (c["name"], c["on"]) in keys else "#CBD1D8") for c in fitted[:12]
     ]
-    labels = ["chosen: promise", "chosen: gain", "not chosen", "least that counts"]
+    rows += [
+        (
+            "the answer" if len(keys) < 2 else f"the {len(keys)} of the answer together",
+            float(quality["after"]),
+            style.AFTER,
+        )
+    ]
+    figure, axis = plt.subplots(figsize=(style.WIDTH, 1.3 + 0.36 * max(len(rows), 3)))
+    for y, (_, left, colour) in enumerate(rows[::-1]):
+        axis.barh(y, max(left, NO_LESS), color=colour, height=0.7, left=0.0)
+        axis.annotate(f" {left:.4g}", (max(left, NO_LESS), y), va="center", fontsize=11)
+    axis.set_yticks(range(len(rows)), [name for name, *_ in rows[::-1]])
+    axis.set_xscale("log")
+    axis.set_xlim(NO_LESS, 6.0 * max(left for _, left, _ in rows))
+    axis.axvline(1.0, color="#55595F", lw=1.4, ls=(0, (4, 2)))
+    axis.set_xlabel("chi²/dof that is left (log); 1 is the noise (dashed)")
+    axis.grid(axis="y", visible=False)
+    handles = [Patch(color=c) for c in (style.BEFORE, style.SKY, "#CBD1D8", style.AFTER)]
+    labels = ["no effect", "in the answer, alone", "not in the answer, alone", "answer"]
     figure.legend(handles, labels, loc="outside upper left", ncols=4, columnspacing=1.2)
     return figure
 

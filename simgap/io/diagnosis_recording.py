@@ -15,7 +15,20 @@ from simgap.io.atomic import atomic
 from simgap.io.recording_log import line, send
 from simgap.notation import axis_label
 
-_LINES = (("measured", style.MEASURED, 3.0), ("before", style.BEFORE, 1.5), ("after", style.AFTER, 1.5))
+_LINES = (("measured", style.MEASURED_IN_A_VIEWER, 4.0), ("before", style.BEFORE, 1.5), ("after", style.AFTER, 1.5))
+
+
+ABOUT = """# {title}
+
+{sentence}
+
+- **grey**: measured
+- **vermilion**: predicted by the model as declared, and what is left of it
+- **blue**: predicted by the corrected model, and what is left of it
+- **yellow**: 1 where the data were never fitted; the verdict was asked there
+
+Every window is predicted from a start of its own, so the predictions begin anew with each.
+"""
 
 
 def write_recording(
@@ -25,11 +38,13 @@ def write_recording(
     inputs: Sequence[str],
     units: Mapping[str, str],
     title: str,
+    sentence: str = "",
 ) -> None:
-    """Write the recording, atomically.
+    """Write the recording, atomically; the sentence is the verdict.
 
     Entities: `/<trace>/<state>/{measured,before,after}`, `/<trace>/residual/<state>/{before,after}` and
-    `/<trace>/input/<input>`, each a scalar over `sim_time`; the traces' own stamps are kept.
+    `/<trace>/input/<input>`, each a scalar over `sim_time`; the traces' own stamps are kept. `/<trace>/never_fitted` is
+    1 in the windows that were held out for the verdict and 0 elsewhere; `/about` says it all in words.
     """
     import rerun as rr
 
@@ -37,6 +52,8 @@ def write_recording(
     with atomic(path) as temporary:
         recording = rr.RecordingStream("simgap_diagnosis", recording_id=_identifier(title))
         recording.save(temporary, default_blueprint=_blueprint(traces, measured, inputs, units))
+        about = rr.TextDocument(ABOUT.format(title=title, sentence=sentence), media_type="text/markdown")
+        recording.log("about", about, static=True)
         for trace in traces:
             own = sorted((w for w in windows if w.trace == trace), key=lambda w: float(w.t[0]))
             _log_trace(recording, _entity(trace), own, measured, inputs)
@@ -58,6 +75,8 @@ def _log_trace(
     t = np.concatenate([w.t for w in windows])
     columns = {side: np.concatenate([getattr(w, side) for w in windows]) for side in ("measured", "before", "after")}
     u = np.concatenate([w.inputs for w in windows])
+    held = np.concatenate([np.full(w.t.size, float(w.held_out)) for w in windows])
+    _send(recording, f"{root}/never_fitted", t, held, style.YELLOW, 2.5)
     for k, state in enumerate(measured):
         for side, colour, width in _LINES:
             _send(recording, f"{root}/{state}/{side}", t, columns[side][:, k], colour, width)
@@ -74,10 +93,12 @@ def _send(recording: Any, entity: str, t: Floats, values: Floats, colour: str, w
 
 
 def _blueprint(traces: Sequence[str], measured: Sequence[str], inputs: Sequence[str], units: Mapping[str, str]) -> Any:
-    """One tab a trace: every state above its residual, the inputs below."""
+    """One tab a trace: every state above its residual, the inputs and the windows that were never fitted below."""
     import rerun.blueprint as rrb
 
-    view = rrb.TimeSeriesView
+    def view(name: str, origin: str) -> Any:
+        return rrb.TimeSeriesView(name=name, origin=origin, plot_legend=rrb.PlotLegend(visible=False))
+
     tabs = []
     for trace in traces:
         root = _entity(trace)
@@ -89,6 +110,16 @@ def _blueprint(traces: Sequence[str], measured: Sequence[str], inputs: Sequence[
                 view(name=f"residual of {label}", origin=f"/{root}/residual/{state}"),
             ]
         if inputs:
-            views.append(view(name="inputs", origin=f"/{root}/input"))
-        tabs.append(rrb.Vertical(*views, name=trace))
-    return rrb.Blueprint(rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0], rrb.TimePanel(state="collapsed"))
+            named = axis_label(inputs[0], units) if len(inputs) == 1 else ", ".join(inputs)
+            views.append(view(name=f"input {named}", origin=f"/{root}/input"))
+        views.append(view(name="1: never fitted, 0: fitted", origin=f"/{root}/never_fitted"))
+        tabs.append(rrb.Vertical(*views, row_shares=[*([3.0] * (len(views) - 1)), 1.0], name=trace))
+    curves = rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0]
+    about = rrb.TextDocumentView(name="What this shows", origin="/about")
+    return rrb.Blueprint(
+        rrb.Horizontal(about, curves, column_shares=[1.0, 3.0]),
+        rrb.TimePanel(state="collapsed"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+        auto_views=False,
+    )

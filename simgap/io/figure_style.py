@@ -18,6 +18,7 @@ BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
 GREY = "#8A8F98"
 MEASURED, BEFORE, AFTER, FLOOR = BLACK, VERMILLION, BLUE, GREY
+MEASURED_IN_A_VIEWER = "#A7AFBB"  # Rerun's is dark unless told otherwise; this is seen on white as well
 COLOURS = {ROBUST: BLUE, NOMINAL: VERMILLION}  # of the controllers
 SURROUNDINGS = Look(target=(YELLOW, "#B8A800"), obstacle="#3A3F47", border="#3A3F47")
 WIDTH = 8.6  # inches: 12 pt text stays legible at half of a page's width

@@ -15,6 +15,7 @@ from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 MAP = "cividis"  # one hue after another in order of lightness, alike to all kinds of colour vision
 FACTOR = "gamma may grow by a factor of"
 REACHED = 1e-5  # a margin this near to the largest that is looked for is that one: margins are rounded down
+APART = 0.25  # of a colour bar that is kept free of ticks beside a label of its end
 
 
 def plane_figure(grid: Grid, factor: Floats, extra: Floats, states: Sequence[str], units: Mapping[str, str]) -> Any:
@@ -80,10 +81,10 @@ def _ends(bar: Any, values: Floats, most: float) -> None:
     ticks = [tick for tick in bar.get_ticks() if low < tick < high]
     names = [f"{tick:g}" for tick in ticks]
     if len(known) and known.max() >= most * (1.0 - REACHED):
-        apart = [k for k, tick in enumerate(ticks) if tick < high * (low / high) ** 0.1]
+        apart = [k for k, tick in enumerate(ticks) if tick < high * (low / high) ** APART]
         ticks, names = [*(ticks[k] for k in apart), high], [*(names[k] for k in apart), f"\u2265 {high:.3g}"]
     if len(known) and known.min() < low:
-        apart = [k for k, tick in enumerate(ticks) if tick > low * (high / low) ** 0.1]
+        apart = [k for k, tick in enumerate(ticks) if tick > low * (high / low) ** APART]
         ticks, names = [low, *(ticks[k] for k in apart)], [f"\u2264 {low:.3g}", *(names[k] for k in apart)]
     bar.set_ticks(ticks, labels=names)
 

@@ -15,21 +15,25 @@ from simgap.config.load import load_case
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
+from simgap.io.mjcf_export import REMEDY, export_mjcf
 from simgap.plants.plant_model import PlantModel
-
-REMEDY = "Use the case itself, or simgap.load_plant(case).drake_system(), which hold every effect."
 
 
 def export_model(case: Path | str, out: Path | str) -> None:
     """Write the URDF of a case with the effects that the case adds to its plant, such as those that a diagnosis found.
 
+    A file that ends in `.xml` or `.mjcf` is a MuJoCo model (extra `mujoco`).
+
     Friction is written as the attribute `friction` of `<dynamics>`, which PyBullet and MuJoCo read and Drake does not;
     engines act it out each in their own way.
 
     Raises:
-        UserError: a plant of equations, or an effect that a URDF cannot hold.
+        UserError: a plant of equations, or an effect that the format cannot hold.
     """
     case, out = Path(case), Path(out)
+    if out.suffix in (".xml", ".mjcf"):
+        export_mjcf(case, out)
+        return
     section = load_case(case)
     if section.plant.urdf is None:
         raise UserError("the plant is written in equations", file=case, key="plant.urdf", remedy=REMEDY)

@@ -21,14 +21,12 @@ from simgap.io import figure_style as style
 from simgap.io.atomic import atomic
 from simgap.io.figure_style import COLOURS
 from simgap.io.recording_blueprint import blueprint
-from simgap.io.recording_content import Content, curves, finite, share_of_bound
+from simgap.io.recording_content import SERIES, Content, curves, finite, share_of_bound
 from simgap.io.recording_log import TIMELINE, line, send
 from simgap.io.recording_phase import log_phase
 from simgap.io.recording_scene import log_scene
 from simgap.io.traces import SIMULATOR, TITLES, Trace, twin
 from simgap.synthesis.controller import Controller
-
-SERIES = (style.SKY, style.PURPLE, style.GREEN, style.YELLOW)
 
 
 def write_recording(path: Path, content: Content) -> None:
@@ -70,7 +68,7 @@ def _log_shown(recording: Any, content: Content, controller: str, trace: Trace) 
     share = share_of_bound(trace)
     for j, name in enumerate(content.states):
         entity, t, values = finite(f"shown/{controller}/share/{name}", trace.t, share[:, j])
-        line(recording, entity, SERIES[j % len(SERIES)], 2.0, name)
+        line(recording, entity, SERIES[j % len(SERIES)][0], 2.0, name)
         send(recording, entity, t, values)
     policy = content.controllers[controller]
     if policy.solution.value is not None:

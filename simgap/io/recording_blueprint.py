@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from simgap.geometry import Box
-from simgap.io.recording_content import Content, JointScene, PlanarScene, root
+from simgap.io.recording_content import SERIES, Content, JointScene, PlanarScene, root
 from simgap.io.recording_log import TIMELINE
 from simgap.io.recording_scene import robot_name, stance
 from simgap.io.traces import ROBUST, TITLES, twin
@@ -19,18 +19,20 @@ def blueprint(content: Content) -> Any:
     """The blueprint of a case: tabs for the two controllers' gaps, everything else side by side."""
     import rerun.blueprint as rrb
 
-    left: list[Any] = [_scene(content)] if content.scene is not None else []
+    about = rrb.TextDocumentView(name="What this shows", origin="/about")
+    middle: list[Any] = [about]
     if len(content.states) >= 2:
-        left.append(rrb.Spatial2DView(name="Winning domains and runs", origin="/phase", contents="$origin/**"))
-    words = [
-        rrb.TextDocumentView(name="What this shows", origin="/about"),
+        middle.insert(0, rrb.Spatial2DView(name=_plane(content), origin="/phase", contents="$origin/**"))
+    left = [
+        *([_scene(content)] if content.scene is not None else []),
+        rrb.Horizontal(*middle, column_shares=[3.0, 2.0][: len(middle)]),
         rrb.TextLogView(
             name="Events", origin="/shown", contents=[f"/shown/{c}/events" for c in content.shown], columns=_columns()
         ),
     ]
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(*left, rrb.Horizontal(*words), row_shares=[*([3.0] * len(left)), 2.0]),
+            rrb.Vertical(*left, row_shares=[3.0, 3.0, 1.4][-len(left) :]),
             _curves(content),
             _gaps(content),
             column_shares=[9, 6, 6],
@@ -40,6 +42,15 @@ def blueprint(content: Content) -> Any:
         rrb.BlueprintPanel(state="hidden"),
         auto_views=False,
     )
+
+
+def _plane(content: Content) -> str:
+    """Name of the view of the domains: its axes with their ends, and what it says of the other states."""
+    box = next(iter(content.controllers.values())).grid.box
+    (x, y), others = content.states[:2], content.states[2:]
+    ends = [f"{axis_label(n, content.units)} {box.lo[j]:g} to {box.hi[j]:g}" for j, n in enumerate((x, y))]
+    slices = f", for every {' and '.join(others)}" if others else ""
+    return f"Where they win{slices}. Across: {ends[0]}; up: {ends[1]}"
 
 
 def _columns() -> Any:
@@ -72,7 +83,7 @@ def _eye(content: Content) -> Any:
     if not isinstance(content.scene, JointScene):
         arena = content.scene.arena if content.scene is not None else Box([0.0, 0.0], [1.0, 1.0])
         x, y = 0.5 * (arena.lo + arena.hi)
-        high = 0.95 * float(max(arena.hi - arena.lo))
+        high = 0.8 * float(max(arena.hi - arena.lo))
         return rrb.EyeControls3D(position=(x, y - 0.7 * high, high), look_target=(x, y, 0.0), eye_up=(0.0, 0.0, 1.0))
     along, across, reach = stance(content.scene)
     target = np.array([0.0, 0.0, -0.45 * reach])
@@ -86,7 +97,8 @@ def first_seconds(content: Content) -> float:
     return max(0.05 * max(durations), min(max(durations), 6.0 * min(durations)))
 
 
-def _plot(content: Content, name: str, contents: Sequence[str], legend: str = "RightTop") -> Any:
+def _plot(content: Content, name: str, contents: Sequence[str]) -> Any:
+    """Curves without a legend, which would lie on them: the text of the recording says what the colours mean."""
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -97,7 +109,7 @@ def _plot(content: Content, name: str, contents: Sequence[str], legend: str = "R
         origin="/",
         contents=list(contents),
         axis_x=rrb.TimeAxis(view_range=window),
-        plot_legend=rrb.PlotLegend(getattr(rrb.Corner2D, legend)),
+        plot_legend=rrb.PlotLegend(visible=False),
     )
 
 
@@ -128,8 +140,9 @@ def _gaps(content: Content) -> Any:
         views = []
         for name in content.states:
             label = axis_label(name, content.units)
-            views.append(_plot(content, f"gap of {label} and its bound", [f"/{root(trace)}/gap/{name}/**"], "LeftTop"))
+            views.append(_plot(content, f"gap of {label} and its bound", [f"/{root(trace)}/gap/{name}/**"]))
         share = ["/bound/**", f"/shown/{controller}/share/**"]
-        views.append(_plot(content, "where each gap lies in its bound, ±1", share))
+        named = ", ".join(f"{n} {SERIES[j % len(SERIES)][1]}" for j, n in enumerate(content.states))
+        views.append(_plot(content, f"where each gap lies in its bound, ±1: {named}", share))
         tabs.append(rrb.Vertical(*views, name=f"Gap, {TITLES[controller]}"))
     return rrb.Tabs(*tabs, active_tab=list(content.shown).index(ROBUST))

@@ -161,7 +161,12 @@ def _planar(recording: Any, content: Content, scene: PlanarScene) -> None:
         if model is not None:
             _path(recording, scene, f"scene/{controller}/{MODEL.replace(' ', '_')}", model, rgb(style.GREY))
         x, y = trace.x[0, list(scene.axes[:2])]
-        start = rr.Points3D([(x, y, 0.03)], labels=[f"{TITLES[controller]}: start"], colors=rgb(COLOURS[controller]))
+        start = rr.Points3D(
+            [(x, y, 0.03)],
+            radii=0.25 * scene.radius,
+            labels=[f"{TITLES[controller]}: start"],
+            colors=rgb(COLOURS[controller]),
+        )
         recording.log(f"scene/{controller}/start", start, static=True)
 
 

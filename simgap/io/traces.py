@@ -16,8 +16,9 @@ from simgap.geometry import Floats
 from simgap.io.parquet import stack, table
 
 SIMULATOR, MODEL = "simulator", "nominal model"
-ROBUST, NOMINAL = "gap", "nominal"
+ROBUST, NOMINAL, CAREFUL = "gap", "nominal", "careful"  # the last: of the model alone, minding the path
 TITLES = {NOMINAL: "nominal-only", ROBUST: "gap-aware"}  # what people read
+EVERY_TITLE = {**TITLES, CAREFUL: "nominal-only, minding the path"}
 
 
 @dataclass(frozen=True, eq=False)

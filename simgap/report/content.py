@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR
+from simgap.io.traces import CAREFUL, NOMINAL, ROBUST, SIMULATOR
 from simgap.notation import pretty_unit
 from simgap.report import adversary, tables
 from simgap.report.material import Material
@@ -57,6 +57,7 @@ def verdict(m: Material) -> dict[str, Any]:
         "robust": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
         f"{robust['steps_outside_gamma']:,} of {robust['steps']:,} steps outside gamma.",
         "nominal": f"Nominal-only controller: {_violations(nominal)}.",
+        "careful": _careful(m),
         "winning": f"The gap-aware controller wins {m.syntheses[ROBUST]['winning_fraction']:.3f} of the "
         f"{words.allowed} with the gap taken into account; the nominal model "
         f"alone would promise {m.syntheses[NOMINAL]['winning_fraction']:.3f}.",
@@ -72,6 +73,21 @@ def _violations(tally: Mapping[str, Any]) -> str:
     text = f"{bad:,} of {runs:,} runs violate the specification in the simulator"
     median = tally.get("median_steps_until_violation")
     return text + (f", half of these within {median:,.0f} steps" if median else "")
+
+
+def _careful(m: Material) -> str:
+    """What the fair baseline did, and what it did not have: the promise."""
+    tally = m.validation["controllers"].get(CAREFUL, {}).get(SIMULATOR)
+    if tally is None:
+        return ""
+    words = specification_of(m.context.case).words
+    kept, runs = tally["runs_that_kept_the_specification"], tally["runs"]
+    left, steps = tally.get("steps_that_left_the_certified_box"), tally["steps"]
+    outside = f", {left:,} of {steps:,} steps outside what it had counted on" if left is not None else ""
+    return (
+        "Nominal-only controller that minds the path of its model between samples, the fair baseline: "
+        f"{kept:,} of {runs:,} runs {words.kept}{outside}."
+    )
 
 
 def between_samples(m: Material) -> dict[str, float]:
@@ -140,8 +156,9 @@ def summary(m: Material, page: Mapping[str, Any]) -> dict[str, Any]:
         "case": m.context.case.name,
         "title": page["title"],
         "promise_kept": page["verdict"]["good"],
-        "verdict": [page["verdict"][k] for k in ("robust", "nominal", "winning")],
+        "verdict": [page["verdict"][k] for k in ("robust", "nominal", "careful", "winning") if page["verdict"][k]],
         "eps": m.gap.get("eps"),
+        "units": {state: m.context.units[state] for state in m.context.states},
         "sup_gamma": [{"eps": r["eps"], "states": r["states"]} for r in page["sweep"]],
         "fresh": {
             k: v for k, v in m.gap.get("fresh", {}).items() if k in ("samples", "violations", "upper", "confidence")

@@ -183,6 +183,7 @@ def _candidate(c: CandidateScore) -> dict[str, Any]:
         "score": c.bic_gain if c.bic_gain is not None else c.chi2_drop,
         "chi2_drop": c.chi2_drop,
         "bic_gain": c.bic_gain,
+        "chi2_dof": c.chi2_dof,
         "parameters": dict(c.parameters),
         "rejected": c.rejected,
     }

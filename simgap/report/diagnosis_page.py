@@ -37,8 +37,10 @@ MEANING = {
     ),
 }
 RANKING = (
-    "What each effect alone promises: the drop of chi² beside the model as declared (bar), and its gain in BIC where "
-    f"it was fitted (dot). Less than {BIC_GAIN:g} does not count."
+    "What is left of the error, as chi² per degree of freedom of fit and choose, when an effect is fitted alone: the "
+    "less the better, 1 is the noise. An effect of the answer may leave much by itself and be asked for once the "
+    f"others are there. One that gains less than {BIC_GAIN:g} in BIC does not count; what was not worth a fit is in "
+    "diagnosis.json."
 )
 
 
@@ -98,8 +100,9 @@ def draw(
             texts["overlays"].append(keep(overlay_figure(o, units), f"measured-{k + 1}"))
         for k, m in enumerate(missing):
             texts["missing"].append(keep(missing_figure(m), f"residual-{k + 1}"))
-        if document["candidates"]:
-            texts["ranking"] = keep(ranking_figure(document["candidates"], document["effects"]), "candidates")
+        if any(c.get("chi2_dof") is not None for c in document["candidates"]):
+            left = document["fit_quality"]["chi2_dof"]
+            texts["ranking"] = keep(ranking_figure(document["candidates"], document["effects"], left), "candidates")
     return texts
 
 

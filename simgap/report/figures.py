@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,30 +24,66 @@ from simgap.specifications.space import Space
 
 NAMES = ("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected", "margins")
 DENSE = ("bound", "inputs", "margins")  # too many paths for SVG
+DPI, SMALL_DPI = 170, 62
 
 
-def embedded(figure: Any) -> str:
-    """A figure as an image element that carries its PNG; without a date, so equal figures are equal text."""
+def png(figure: Any, dpi: int) -> bytes:
+    """A figure as PNG; without a date, so equal figures are equal bytes."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=170, metadata={"Software": None})
-    data = base64.b64encode(buffer.getvalue()).decode()
-    return f'<img alt="" style="width: 100%" src="data:image/png;base64,{data}">'
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    return buffer.getvalue()
 
 
-def draw(m: Material) -> tuple[dict[str, Any], dict[str, str]]:
-    """Figures by name as markup, empty where a case has no use for one, and notes by name."""
+def embedded(data: bytes) -> str:
+    """A PNG as an image element that carries it."""
+    return f'<img alt="" style="width: 100%" src="data:image/png;base64,{base64.b64encode(data).decode()}">'
+
+
+def shown_on_the_index(made: Mapping[str, Any], states: int) -> str:
+    """Which figure stands for a case: where the controllers win, or the runs where that takes slices."""
+    return "domains" if states == 2 and made.get("domains") is not None else "trajectories"
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The pictures of a page.
+
+    Attributes:
+        markup: by name, empty where a case has no use for one; notes: what must be said under some, by name.
+        files: the same pictures as files, by file name; picture: a small PNG that stands for the case.
+    """
+
+    markup: Mapping[str, Any]
+    notes: Mapping[str, str]
+    files: Mapping[str, bytes]
+    picture: bytes
+
+
+def draw(m: Material) -> Drawn:
+    """Every figure that the case has a use for."""
     from markupsafe import Markup
 
     figures: dict[str, Any] = dict.fromkeys(NAMES, "")
+    files: dict[str, bytes] = {}
+    picture = b""
     with style.figure_style():
         made = {**_bound(m), "sweep": _sweep(m), **_loop(m), "margins": _margins(m)}
         if m.corrected is not None and len(m.context.states) == 2:
             made["corrected"] = figures_domains.domains_figure(m.corrected.controllers, [], m.context.units)
+        small = shown_on_the_index(made, len(m.context.states))
         for name, figure in made.items():
-            if figure is not None:
-                figures[name] = Markup(embedded(figure) if name in DENSE else style.svg_text(figure))
-                style.close(figure)
-    return figures, {"model": model_note(m)}
+            if figure is None:
+                continue
+            if name in DENSE:
+                files[f"{name}.png"] = png(figure, DPI)
+                figures[name] = Markup(embedded(files[f"{name}.png"]))
+            else:
+                text = style.svg_text(figure)
+                figures[name], files[f"{name}.svg"] = Markup(text), text.encode()
+            if name == small:
+                picture = png(figure, SMALL_DPI)
+            style.close(figure)
+    return Drawn(figures, {"model": model_note(m)}, files, picture)
 
 
 def _bound(m: Material) -> dict[str, Any]:

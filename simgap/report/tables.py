@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, TITLES
+from simgap.io.traces import CAREFUL, EVERY_TITLE, MODEL, NOMINAL, ROBUST, SIMULATOR, TITLES
 from simgap.notation import pretty_unit
 from simgap.report.material import Material
 
@@ -81,10 +81,10 @@ def scenario(gap: Mapping[str, Any]) -> Rows:
 def loops(m: Material) -> Rows:
     """One row for each controller on each plant."""
     return [
-        {"controller": TITLES[kind], "plant": plant, **m.validation["controllers"][kind][plant]}
-        for kind in (ROBUST, NOMINAL)
+        {"controller": EVERY_TITLE[kind], "plant": plant, **m.validation["controllers"][kind][plant]}
+        for kind in (ROBUST, CAREFUL, NOMINAL)
         for plant in (SIMULATOR, MODEL)
-        if plant in m.validation["controllers"][kind]
+        if plant in m.validation["controllers"].get(kind, {})
     ]
 
 
@@ -160,6 +160,31 @@ def _measured(m: Material) -> Rows:
         names = {"share": f"share of {count} inside f ± gamma", "noise_alone": "the same if noise were all there is"}
         rows += [{"what": n, "before": first[k], "after": second[k], "unit": ""} for k, n in names.items()]
     return rows
+
+
+def overview(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """One row of the index from a `summary.json`: how large the gap is, what is won, what became of the runs.
+
+    Raises:
+        KeyError: a summary of another version.
+    """
+    loops = {kind: plants[SIMULATOR] for kind, plants in summary["closed_loop"].items()}
+    own = next((r for r in summary["sup_gamma"] if r["eps"] == summary["eps"]), summary["sup_gamma"][-1])
+    units = summary.get("units", {})
+    audit = summary.get("audit")
+    return {
+        "gap": [(s, v["size"], pretty_unit(units.get(s, ""))) for s, v in own["states"].items()],
+        "winning": summary["winning_fraction"],
+        "runs": [
+            (EVERY_TITLE[kind], loops[kind]["runs_that_kept_the_specification"], loops[kind]["runs"])
+            for kind in (ROBUST, CAREFUL, NOMINAL)
+            if kind in loops
+        ],
+        "outside": loops[ROBUST]["steps_outside_gamma"],
+        "steps": loops[ROBUST]["steps"],
+        "attacked": audit["violations"] if audit is not None else None,
+        "evaluations": audit["evaluations"] + audit["steps"] if audit is not None else None,
+    }
 
 
 def sources(m: Material) -> Rows:

@@ -12,7 +12,7 @@ from simgap.config.plant import Integrator, SymbolicPlant
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
-from simgap.simulators.base import Engine
+from simgap.simulators.map_engine import MapEngine
 
 if TYPE_CHECKING:
     import sympy as sp
@@ -47,7 +47,7 @@ class EquationsSettings(EngineSection):
     OPTIONAL: ClassVar[tuple[str, ...]] = ("parameters", "slopes")
 
 
-class EquationsEngine(Engine):
+class EquationsEngine(MapEngine):
     """`f_hat` as an expression; a state is all that it has, so a reset leaves nothing behind."""
 
     Settings = EquationsSettings
@@ -57,7 +57,6 @@ class EquationsEngine(Engine):
         """The map over one substep, and how many make a sampling time."""
         self.nx, self.nu = step.nx, step.nu
         self._step, self._substeps = step, substeps
-        self._x = np.zeros(step.nx)
         step.step(np.zeros((1, step.nx)), np.zeros((1, step.nu)))  # compiled here, not in the first roll-out
 
     @classmethod
@@ -97,15 +96,6 @@ class EquationsEngine(Engine):
                     remedy="Use fewer substeps, a simpler integrator, or simulator.slopes: sampled.",
                 )
         return rows
-
-    def reset(self, x: Floats) -> None:
-        """Put the plant at x (nx,)."""
-        self._x = np.array(x, dtype=np.float64)
-
-    def advance(self, u: Floats) -> Floats:
-        """Hold u (nu,) for tau: -> (nx,)."""
-        self._x = self.rollouts(self._x[None], np.asarray(u, dtype=np.float64).reshape(1, self.nu))[0]
-        return self._x.copy()
 
     def rollouts(self, x: Floats, u: Floats) -> Floats:
         """One step from each state: (n, nx), (n, nu) -> (n, nx)."""

@@ -13,8 +13,8 @@ from simgap.config.function_file import KEY, FunctionFile
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
-from simgap.simulators.base import Engine
 from simgap.simulators.function_process import FunctionProcess
+from simgap.simulators.map_engine import MapEngine
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
@@ -56,7 +56,7 @@ class PythonSettings(EngineSection):
         return self
 
 
-class PythonEngine(Engine):
+class PythonEngine(MapEngine):
     """`f_hat` by a function: all its state is x, so a reset leaves nothing behind."""
 
     Settings = PythonSettings
@@ -66,7 +66,6 @@ class PythonEngine(Engine):
         """Calls go to `process`; `names` are those of states and inputs."""
         self.nx, self.nu = len(names[0]), len(names[1])
         self._process, self._names, self._substeps = process, names, substeps
-        self._x = np.zeros(self.nx)
         self._repeated = False
 
     @classmethod
@@ -85,15 +84,6 @@ class PythonEngine(Engine):
         tau = case.domain.tau / section.substeps
         process = FunctionProcess(found, tau, dict(section.parameters), section.batch, section.timeout)
         return cls(process, (list(case.plant.states), list(case.plant.inputs)), section.substeps)
-
-    def reset(self, x: Floats) -> None:
-        """Put the plant at x (nx,)."""
-        self._x = np.array(x, dtype=np.float64)
-
-    def advance(self, u: Floats) -> Floats:
-        """Hold u (nu,) for tau: -> (nx,)."""
-        self._x = self.rollouts(self._x[None], np.asarray(u, dtype=np.float64).reshape(1, self.nu))[0]
-        return self._x.copy()
 
     def rollouts(self, x: Floats, u: Floats) -> Floats:
         """One step from each state: (n, nx), (n, nu) -> (n, nx).

@@ -182,11 +182,12 @@ def _write(
     windows = [replace(w, inputs=w.inputs[:, : len(inputs)]) for w in found.windows]
     stretches = overlays(windows, record.measured, inputs, found.sigma)
     target = out_dir / CASE
+    out_dir.mkdir(parents=True, exist_ok=True)  # first: `out/../rod.urdf` is no file before
     text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], use.by)
-    out_dir.mkdir(parents=True, exist_ok=True)
     figures = draw(content, stretches, lacking, out_dir)
     write_text(out_dir / PAGE, page(content, title, figures))
-    write_recording(out_dir / RECORDING, windows, record.measured, inputs, context.units, context.case.name)
+    names = (record.measured, inputs, context.units, context.case.name)
+    write_recording(out_dir / RECORDING, windows, *names, content["sentence"])
     columns = transition_columns(context, windows, record.measured, shifts)
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))

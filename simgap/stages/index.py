@@ -1,7 +1,8 @@
-"""Stage `index`: the page that links the reports of all cases."""
+"""Stage `index`: the page that shows all cases side by side and links their reports."""
 
 from __future__ import annotations
 
+import base64
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +12,10 @@ from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.documents import read_json
 from simgap.io.pages import render
+from simgap.report.tables import overview
 from simgap.stages.context import log
+
+PICTURE = "picture.png"
 
 
 def run(summaries: Sequence[Path], out: Path, earlier: Sequence[Path] = ()) -> None:
@@ -30,7 +34,36 @@ def run(summaries: Sequence[Path], out: Path, earlier: Sequence[Path] = ()) -> N
 
 
 def _row(path: Path, out: Path) -> dict[str, Any]:
+    """A case: its figures, its pages, its picture; the same of its corrected case below it."""
     folder = Path(os.path.relpath(path.parent, out.parent))
-    row = {**read_json(path), "page": (folder / "report.html").as_posix(), "trace": path.parent / "trace/trace.rrd"}
-    row["diagnosed"] = (folder / "diagnosis" / "report.html").as_posix() if row["diagnosis"] is not None else None
+    row = _figures(path) | {
+        "page": (folder / "report.html").as_posix(),
+        "results": path.parent.as_posix(),
+        "picture": _picture(path.with_name(PICTURE)),
+    }
+    row["diagnosed"] = (folder / "diagnosis/report.html").as_posix() if row["diagnosis"] is not None else None
+    later, row["corrected"] = path.parent / "corrected/summary.json", None
+    if row["diagnosed"] and later.is_file():
+        row["corrected"] = _figures(later) | {
+            "page": (folder / "corrected/report.html").as_posix(),
+            "case_file": (folder / "diagnosis/corrected_case.yaml").as_posix(),
+        }
     return row
+
+
+def _figures(path: Path) -> dict[str, Any]:
+    """What the page says of a case.
+
+    Raises:
+        UserError: a summary that is missing, damaged, or of another version.
+    """
+    content = read_json(path)
+    try:
+        return {k: content[k] for k in ("title", "promise_kept", "verdict", "diagnosis")} | overview(content)
+    except (KeyError, TypeError):
+        raise UserError("the summary is of another version", file=path, remedy="Run its report again.") from None
+
+
+def _picture(path: Path) -> str | None:
+    """A PNG as an address that carries it, so that the page stands alone; None if there is none."""
+    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}" if path.is_file() else None

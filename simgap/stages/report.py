@@ -9,7 +9,7 @@ from pathlib import Path
 from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
 from simgap.gap.function import GapFunction
-from simgap.io.atomic import write_text
+from simgap.io.atomic import write_bytes, write_text
 from simgap.io.controller_file import load_controller, load_controller_of
 from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import SavedGap, load_gap
@@ -97,8 +97,18 @@ def corrected_files(
     return CorrectedFiles(case, gap, summary, by_kind(nominal, robust))
 
 
-def run(case_path: Path, inputs: Inputs, out: Path, figures_out: Path) -> None:
+def run(
+    case_path: Path,
+    inputs: Inputs,
+    out: Path,
+    figures_out: Path,
+    picture: Path | None = None,
+    folder: Path | None = None,
+) -> None:
     """Read the results of a case, write its page and its summary.
+
+    Args:
+        picture: file for a small PNG that stands for the case; folder: place for the figures of the page as files.
 
     Raises:
         UserError: a result that is missing or damaged.
@@ -107,8 +117,13 @@ def run(case_path: Path, inputs: Inputs, out: Path, figures_out: Path) -> None:
     material = read(case_path, inputs)
     record = provenance("report", material.context.case, material.context.folder)
     said = content(material)
-    figures, notes = draw(material)
-    page = render(TEMPLATE, figures=figures, notes=notes, provenance=record, **said)
+    drawn = draw(material)
+    page = render(TEMPLATE, figures=drawn.markup, notes=drawn.notes, provenance=record, **said)
+    if folder is not None:
+        for name, data in drawn.files.items():
+            write_bytes(folder / name, data)
+    if picture is not None:
+        write_bytes(picture, drawn.picture)
     write_text(out, page)
     write_json(figures_out, summary(material, said) | {"provenance": record})
     log.info("page of %d kB", len(page) // 1024)

@@ -10,7 +10,7 @@ import numpy as np
 from simgap.config.validation import ValidationSection
 from simgap.errors import UserError
 from simgap.geometry import Floats, points_of_cells
-from simgap.io.traces import NOMINAL, ROBUST
+from simgap.io.traces import CAREFUL, NOMINAL, ROBUST
 from simgap.stages.context import Context
 from simgap.synthesis.controller import Controller
 
@@ -27,18 +27,26 @@ def starts(context: Context, section: ValidationSection, controller: Controller)
 
 
 def starts_by_kind(
-    context: Context, section: ValidationSection, nominal: Controller, robust: Controller
+    context: Context,
+    section: ValidationSection,
+    nominal: Controller,
+    robust: Controller,
+    careful: Controller | None = None,
 ) -> dict[str, Floats]:
-    """Starts of the gap-aware controller, and those of them that the nominal-only one wins too: (n, nx) each.
+    """Starts of the gap-aware controller, and those of them that each of the others wins too: (n, nx) each.
 
-    Where it wins none of them, the nominal-only one begins in its own winning domain.
+    One that wins none of them begins in its own winning domain.
 
     Raises:
         UserError: as `starts` does.
     """
     own = starts(context, section, robust)
-    shared = own[nominal.contains(own)]
-    return {NOMINAL: shared if len(shared) else starts(context, section, nominal), ROBUST: own}
+    others = {NOMINAL: nominal} | ({CAREFUL: careful} if careful is not None else {})
+    begin = {ROBUST: own}
+    for kind, other in others.items():
+        shared = own[other.contains(own)]
+        begin[kind] = shared if len(shared) else starts(context, section, other)
+    return begin
 
 
 def given_start(context: Context, controller: Controller, number: int, named: dict[str, float]) -> Floats:

@@ -41,13 +41,21 @@ EMPTY_FIGURES = "empty.json"
 PATH_POINTS = 20  # poses on the nominal path between two samples
 
 
-def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, threads: int = 2) -> None:
+def run(
+    case_path: Path, gap_path: Path | None, out: Path, summary: Path, threads: int = 2, careful: bool = False
+) -> None:
     """Synthesise, write the controller and its figures.
+
+    Args:
+        gap_path: gap.json; None for the nominal model alone. careful: whether that one minds the path between samples,
+            whatever the case says of its nominal-only controller.
 
     Raises:
         UserError: a specification that does not fit the domain, or that no controller can meet, with the reason.
     """
     context = Context.load(case_path)
+    if careful:
+        context = _minding_the_path(context)
     with context.blame():
         affordable(context, [cost for cost in costs(context) if cost.stage == "synthesis"])
         problem, between = pose(context, gap_path)
@@ -76,6 +84,22 @@ def run(case_path: Path, gap_path: Path | None, out: Path, summary: Path, thread
         "provenance": record,
     }
     write_json(summary, figures)
+
+
+def _minding_the_path(context: Context) -> Context:
+    """The case with a nominal-only controller that minds what its model does between samples.
+
+    Raises:
+        UserError: a specification of the samples alone.
+    """
+    if not specification_of(context.case).between_samples:
+        raise UserError(
+            "asks for a controller that minds the path between samples; the specification is about samples alone",
+            file=context.path, key="validation.fair_baseline", remedy="Take the key out.",
+        )  # fmt: skip
+    section = context.need(context.case.synthesis, "synthesis")
+    asked = section.model_copy(update={"nominal_between_samples": True})
+    return replace(context, case=context.case.model_copy(update={"synthesis": asked}))
 
 
 def _solved(context: Context, problem: Problem, gap_path: Path | None, summary: Path, threads: int) -> Solution:

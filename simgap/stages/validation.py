@@ -19,7 +19,7 @@ from simgap.io.controller_file import load_controller, load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
 from simgap.io.parquet import write_parquet
-from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, Trace, to_table
+from simgap.io.traces import CAREFUL, MODEL, NOMINAL, ROBUST, SIMULATOR, Trace, to_table
 from simgap.judge import Judge
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
@@ -42,8 +42,12 @@ def run(
     traces: Path,
     workers: int = 2,
     engine_log: Path | None = None,
+    careful: Path | None = None,
 ) -> None:
     """Run both controllers from the same starts, audit every step, keep a few traces.
+
+    Args:
+        careful: a controller of the nominal model that minds the path between samples, to run too; no trace is kept.
 
     Raises:
         BrokenPromise: if the gap-aware controller violates anything in the simulator.
@@ -56,10 +60,10 @@ def run(
     record = provenance("validation", context.case, context.folder, {"starts": section.seed})
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
-    paths = {NOMINAL: nominal, ROBUST: robust}
+    paths = {NOMINAL: nominal, ROBUST: robust} | ({CAREFUL: careful} if careful is not None else {})
     controllers = {kind: load_controller_of(path, context) for kind, path in paths.items()}
     with context.blame():
-        begin = starts_by_kind(context, section, controllers[NOMINAL], controllers[ROBUST])
+        begin = starts_by_kind(context, section, controllers[NOMINAL], controllers[ROBUST], controllers.get(CAREFUL))
     for kind, path in paths.items():
         controller = controllers[kind]
         with context.blame():
@@ -75,6 +79,8 @@ def run(
             log.info("%s controller, %s: %s", kind, plant, _short(figures))
             names = context.states, context.inputs, context.units
             about = {"case": context.case.name, "controller": kind, "plant": plant}
+            if kind == CAREFUL:
+                continue
             parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in enumerate(kept)]
     write_parquet(traces, pa.concat_tables(parts).unify_dictionaries())
     write_json(out, {"starts": section.starts, "steps": section.steps, "controllers": tallies, "provenance": record})

@@ -149,6 +149,58 @@ def test_found_effects_in_a_urdf(root, tmp_path, vary):
     assert np.allclose(simgap.load_plant(read).sampled.step(x, u), same.step(x, u), rtol=0, atol=1e-15)
 
 
+MJCF = [
+    ("viscous_friction", "hinge", {"b": 0.02}),
+    ("quadratic_drag", "hinge", {"c": 0.3}),
+    ("reflected_inertia", "hinge", {"I": 0.05}),
+    ("spring", "hinge", {"k": 2.0}),
+    ("cubic_spring", "hinge", {"k3": -1.5}),
+    ("parameter_error", "rod.mass", {"ratio": 1.5}),
+    ("input_gain", "u", {"ratio": 0.8}),
+]
+
+
+def test_the_corrected_model_in_mujoco(root, tmp_path, vary):
+    """Accelerations of the MJCF against those of the Drake system, at states and torques of all signs."""
+    mujoco = pytest.importorskip("mujoco")
+    effects = [{"name": name, "on": on, "parameters": numbers} for name, on, numbers in MJCF]
+    case = vary("pendulum", {"plant.effects": effects}, remove=("measured",))
+    simgap.export_model(case, tmp_path / "made.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "made.xml"))
+    assert model.opt.timestep == pytest.approx(0.005)
+    data, system = mujoco.MjData(model), simgap.load_plant(case).drake_system()
+    context, rng = system.CreateDefaultContext(), np.random.default_rng(3)
+    for _ in range(20):
+        q, v, u = rng.uniform(-1, 1), rng.uniform(-3, 3), rng.uniform(-2, 2)
+        data.qpos[0], data.qvel[0], data.ctrl[0] = q, v, u
+        mujoco.mj_forward(model, data)
+        context.SetContinuousState([q, v])
+        system.get_input_port().FixValue(context, [u])
+        rates = system.EvalTimeDerivatives(context).get_vector().CopyToVector()
+        assert data.qacc[0] == pytest.approx(rates[1], rel=2e-5, abs=2e-5)  # six digits are written
+
+
+def test_dry_friction_in_mujoco_is_the_effect_alone(root, tmp_path, vary):
+    """A `friction` of the URDF is no part of the nominal model."""
+    mujoco = pytest.importorskip("mujoco")
+    urdf = (root / "configs/models/pendulum.urdf").read_text()
+    (tmp_path / "rough.urdf").write_text(urdf.replace('friction="0"', 'friction="0.7"'))
+    effects = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.15}}]
+    case = vary(
+        "pendulum", {"plant.effects": effects, "plant.urdf": str(tmp_path / "rough.urdf")}, remove=("measured",)
+    )
+    simgap.export_model(case, tmp_path / "made.xml")
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "made.xml")).dof_frictionloss.tolist() == [0.15]
+
+
+def test_what_mjcf_cannot_say_is_refused(tmp_path, vary):
+    pytest.importorskip("mujoco")
+    case = vary("pendulum", {"plant.effects": [{"name": "input_delay", "on": "u", "parameters": {"delay": 0.01}}]})
+    with pytest.raises(UserError, match=r"plant.effects.0: MJCF cannot hold 'input_delay' on 'u'"):
+        simgap.export_model(case, tmp_path / "made.xml")
+    assert not (tmp_path / "made.xml").exists()
+
+
 def test_what_a_urdf_cannot_say_is_refused(tmp_path, vary):
     case = vary("pendulum", {"plant.effects": [{"name": "spring", "on": "hinge", "parameters": {"k": 1.0}}]})
     with pytest.raises(UserError, match=r"plant.effects.0: a URDF cannot hold 'spring' on 'hinge'"):

@@ -15,6 +15,7 @@ from simgap.geometry import Box, Grid
 from simgap.io import figure_style as style
 from simgap.io import figures_arena, figures_domains, figures_gap, figures_traces
 from simgap.io.controller_file import load_controller
+from simgap.io.diagnosis_figures import ranking_figure
 from simgap.io.figures_margins import slices_figure
 from simgap.io.parquet import stack
 from simgap.io.recording_phase import domains_image, to_pixels
@@ -159,4 +160,23 @@ def test_maps_of_margins_show_the_layers_that_have_some_and_say_where_a_bar_ends
     figure = slices_figure(grid, factor.reshape(-1), ("x", "y", "theta"), {})
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
     assert names[-1] == "\u2265 1e+04"
+    plt.close(figure)
+
+
+def test_candidates_stand_by_what_each_leaves_alone():
+    """Bars that end where the error ends, numbers beside them, from no effect to the answer."""
+    import matplotlib.pyplot as plt
+
+    left = {"coulomb_friction": 43.0, "viscous_friction": 3000.0, "cogging": 50.0, "spring": None}
+    candidates = [{"name": n, "on": "hinge", "chi2_dof": x} for n, x in left.items()]
+    chosen = [{"name": n, "on": "hinge"} for n in ("viscous_friction", "coulomb_friction")]
+    figure = ranking_figure(candidates, chosen, {"before": 3087.0, "after": 1.04})
+    axis = figure.axes[0]
+    names = [label.get_text() for label in axis.get_yticklabels()][::-1]
+    assert names[0] == "the model as declared"
+    assert [n.split(" at ")[0] for n in names[1:4]] == ["Coulomb friction", "cogging", "viscous friction"]
+    assert names[4:] == ["the 2 of the answer together"]
+    assert [t.get_text().strip() for t in axis.texts][::-1] == ["3087", "43", "50", "3000", "1.04"]
+    widths = [bar.get_x() + bar.get_width() for bar in axis.patches][::-1]
+    np.testing.assert_allclose(widths, [3087.0, 43.0, 50.0, 3000.0, 1.04])
     plt.close(figure)

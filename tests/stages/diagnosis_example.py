@@ -85,7 +85,11 @@ def diagnosis(model, data, verdict="attributed"):
     found = FoundEffect(
         "coulomb_friction", "hinge", {"F_c": Estimate(0.19, (0.18, 0.2), "N*m")}, ((("stribeck_friction", "hinge"),),)
     )
-    rows = (("coulomb_friction", 4210.0, 4100.0), ("viscous_friction", 2300.0, 1900.0), ("cogging", 40.0, None))
+    rows = (
+        ("coulomb_friction", 4210.0, 4100.0, 1.01),
+        ("viscous_friction", 2300.0, 1900.0, 43.0),
+        ("cogging", 40.0, None, None),
+    )
     return Diagnosis(
         verdict=verdict,
         effects=(found,) if effects else (),
@@ -99,7 +103,7 @@ def diagnosis(model, data, verdict="attributed"):
         floor=judged(0.002, 0.011, 1.0, 1.0),
         excess_share=0.16 if effects else 1.0,
         sigma={"q": 1e-3, "v": 1e-2},
-        candidates=tuple(CandidateScore(n, "hinge", d, g, {}, "") for n, d, g in rows),
+        candidates=tuple(CandidateScore(n, "hinge", d, g, {}, "", left) for n, d, g, left in rows),
         collinear=(Collinear(("spring", "hinge"), ("parameter_error", "w"), 0.9994, "swing wider"),),
         folds=FoldStretches(
             fit=(("bench", 0.0, 2.0), ("bench", 3.0, 5.0), ("bench", 7.0, 9.0)),

@@ -195,7 +195,11 @@ def test_the_recording_reads_back(written):
     found = {path: tuple(np.concatenate(side) for side in zip(*parts, strict=True)) for path, parts in columns.items()}
     residuals = {f"/bench/residual/{s}/{side}" for s in "qv" for side in ("before", "after")}
     states = {f"/bench/{s}/{side}" for s in "qv" for side in ("measured", "before", "after")}
-    assert set(found) == residuals | states | {"/bench/input/u"}
+    assert set(found) == residuals | states | {"/bench/input/u", "/bench/never_fitted"}
+    when, held = found["/bench/never_fitted"]
+    wanted = np.concatenate([np.full(len(w.t), float(w.held_out)) for w in example.windows(data)])
+    assert set(wanted) == {0.0, 1.0}
+    assert np.array_equal(held[np.argsort(when)], wanted)
     times, values = found["/bench/q/measured"]
     order = np.argsort(times)
     np.testing.assert_allclose(times[order], data.traces[0].t, atol=2e-9)

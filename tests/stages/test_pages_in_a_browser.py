@@ -14,14 +14,14 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import loop_example as example
 
-from simgap.stages import report
+from simgap.stages import index, report
 from simgap.stages.report import Inputs
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
 LOOK = """<!DOCTYPE html><body><script>
 const frame = document.createElement("iframe");
-frame.style = "border: 0; height: 900px; width: WIDTHpx"; frame.src = "report.html";
+frame.style = "border: 0; height: 900px; width: WIDTHpx"; frame.src = "PAGE";
 frame.onload = () => {
   const page = frame.contentDocument, wide = frame.clientWidth;
   const scrolls = e => { for (; e; e = e.parentElement) if (getComputedStyle(e).overflowX == "auto") return true; };
@@ -29,7 +29,8 @@ frame.onload = () => {
     e => e.getBoundingClientRect().right > wide + 1 && !scrolls(e)).map(e => e.tagName);
   const unsaid = [...page.querySelectorAll("figure")].filter(
     f => !f.querySelector("figcaption")?.textContent.trim() ||
-      !f.querySelector("[aria-label], img[alt]:not([alt=''])"));
+      !f.querySelector("[aria-label], img[alt]:not([alt=''])")).concat(
+    [...page.querySelectorAll("img:not([alt]), img[alt='']")]);
   const found = {over, unsaid: unsaid.length, figures: page.querySelectorAll("figure").length,
     ground: getComputedStyle(page.body).backgroundColor, scroll: page.documentElement.scrollWidth - wide};
   document.body.innerHTML = "<pre>" + JSON.stringify(found) + "</pre>";
@@ -42,13 +43,15 @@ document.body.append(frame);
 def page(tmp_path_factory, root) -> Path:
     folder = tmp_path_factory.mktemp("page")
     case = example.pendulum(root, folder)
-    report.run(case, Inputs(**example.arguments(folder)), folder / "report.html", folder / "summary.json")
+    made = {"out": folder / "report.html", "figures_out": folder / "summary.json", "picture": folder / "picture.png"}
+    report.run(case, Inputs(**example.arguments(folder)), **made)
+    index.run([folder / "summary.json"], folder / "index.html")
     return folder
 
 
-def look(folder: Path, width: int, *more: str) -> tuple[dict, str]:
+def look(folder: Path, width: int, *more: str, page: str = "report.html") -> tuple[dict, str]:
     """What the browser finds on the page at a width, and what it says on its console."""
-    (folder / "look.html").write_text(LOOK.replace("WIDTH", str(width)))
+    (folder / "look.html").write_text(LOOK.replace("WIDTH", str(width)).replace("PAGE", page))
     call = [BROWSER, "--headless=new", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files", *more]
     call += [f"--user-data-dir={folder / 'profile'}", "--window-size=1300,1000", "--virtual-time-budget=5000"]
     call += ["--enable-logging=stderr", "--dump-dom", (folder / "look.html").as_uri()]
@@ -64,6 +67,15 @@ def test_nothing_overflows_and_every_figure_is_described(page, width):
     assert found["over"] == []
     assert found["scroll"] <= 0
     assert found["figures"] >= 4
+    assert found["unsaid"] == 0
+    assert console == ""
+
+
+@pytest.mark.parametrize("width", [1100, 390])
+def test_the_index_fits_too(page, width):
+    found, console = look(page, width, page="index.html")
+    assert found["over"] == []
+    assert found["scroll"] <= 0
     assert found["unsaid"] == 0
     assert console == ""
 

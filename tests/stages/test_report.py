@@ -1,5 +1,6 @@
 """The page of a case says what the results say, opens offline, and is the same bytes every time."""
 
+import base64
 import re
 import sys
 from html.parser import HTMLParser
@@ -15,6 +16,7 @@ import loop_example as example
 from simgap.errors import UserError
 from simgap.io.documents import write_json
 from simgap.io.parquet import write_parquet
+from simgap.notation import number
 from simgap.stages import index, report
 from simgap.stages.report import Inputs
 
@@ -254,10 +256,58 @@ def test_the_index_links_every_case(pendulum, robot, tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "summary.json").write_bytes((folder / "summary.json").read_bytes())
         summaries.append(tmp_path / name / "summary.json")
+    pixel = b"\x89PNG made up"
+    (tmp_path / "robot/picture.png").write_bytes(pixel)
+    found = example.read_json(summaries[0]) | {"diagnosis": "attributed"}
+    later = found | {"winning_fraction": {"gap": 0.8125, "nominal": 0.7}}
+    write_json(summaries[0], found)
+    write_json(tmp_path / "pendulum/corrected/summary.json", later)
+    content = example.read_json(summaries[1])
+    fair = {"simulator": content["closed_loop"]["gap"]["simulator"] | {"runs_that_kept_the_specification": 1}}
+    write_json(summaries[1], content | {"closed_loop": content["closed_loop"] | {"careful": fair}})
     index.run(summaries, tmp_path / "index.html")
     shown = Page((tmp_path / "index.html").read_text())
     assert {"pendulum/report.html", "robot/report.html"} <= set(shown.addresses)
+    assert {"pendulum/corrected/report.html", "pendulum/diagnosis/corrected_case.yaml"} <= set(shown.addresses)
+    assert f"data:image/png;base64,{base64.b64encode(pixel).decode()}" in shown.addresses
     assert "A robot among obstacles" in shown.text
+    assert re.search(r"corrected\s*promise kept.*0\.812", shown.text)
+    assert "1 of 2 nominal-only, minding the path" in shown.text
+    size = content["sup_gamma"][0]["states"]["heading"]["size"]
+    assert f"heading {number(size, 3)} rad" in shown.text
+
+
+def test_a_summary_of_another_version_is_named(pendulum, tmp_path):
+    content = example.read_json(pendulum[0] / "summary.json")
+    del content["closed_loop"]
+    write_json(tmp_path / "old/summary.json", content)
+    with pytest.raises(UserError, match=r"old/summary\.json: .*another version"):
+        index.run([tmp_path / "old/summary.json"], tmp_path / "index.html")
+    index.run([], tmp_path / "index.html", [tmp_path / "old/summary.json"])
+    assert "old/report.html" not in (tmp_path / "index.html").read_text()
+
+
+def test_figures_are_files_too(pendulum, tmp_path):
+    folder, case = pendulum
+    made = {"out": tmp_path / "report.html", "figures_out": tmp_path / "summary.json"}
+    report.run(case, Inputs(**example.arguments(folder)), **made, picture=tmp_path / "p.png", folder=tmp_path / "f")
+    names = {path.name for path in (tmp_path / "f").iterdir()}
+    assert {"domains.svg", "trajectories.svg", "gap.svg", "bound.png"} == names
+    assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+    text = (tmp_path / "report.html").read_text()
+    assert (tmp_path / "f/gap.svg").read_text()[50:3000] in text
+
+
+def test_the_fair_baseline_is_told(robot, tmp_path):
+    content = example.read_json(robot / "validation/validation.json")
+    tally = content["controllers"]["gap"]["simulator"] | {"steps_that_left_the_certified_box": 7}
+    content["controllers"]["careful"] = {"simulator": tally}
+    write_json(tmp_path / "validation.json", content)
+    given = example.arguments(robot) | {"validation": tmp_path / "validation.json"}
+    report.run(robot / "case.yaml", Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
+    text = page(tmp_path).text
+    assert "the fair baseline: 2 of 2 runs in the target without touching anything, 7 of 60 steps outside" in text
+    assert any("the fair baseline" in s for s in example.read_json(tmp_path / "summary.json")["verdict"])
 
 
 def test_a_missing_result_is_named(pendulum, tmp_path):

@@ -1,5 +1,6 @@
 """A small robot case from the case file to the closed loop, in the engine; and what a person gets wrong on the way."""
 
+import re
 import shutil
 
 import numpy as np
@@ -10,7 +11,7 @@ from simgap.cli import main
 from simgap.errors import UserError
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
-from simgap.stages import fresh, synthesis, validation
+from simgap.stages import fresh, report, synthesis, validation
 from simgap.stages.context import Context
 
 START = {"x": 0.6, "y": 0.6, "theta": 0.5}
@@ -76,11 +77,19 @@ def test_the_full_table_holds_every_pair_of_inputs(bound):
 
 def test_from_the_case_to_the_closed_loop(bound, tmp_path):
     case, folder = bound
-    for kind, path in (("nominal", None), ("gap", folder / "gap.json")):
-        synthesis.run(case, path, tmp_path / f"{kind}.npz", tmp_path / f"{kind}.json", 1)
+    for kind, path in (("nominal", None), ("careful", None), ("gap", folder / "gap.json")):
+        synthesis.run(case, path, tmp_path / f"{kind}.npz", tmp_path / f"{kind}.json", 1, kind == "careful")
         assert read_json(tmp_path / f"{kind}.json")["winning_fraction_after_inflation"] > 0.5
-    files = (tmp_path / name for name in ("nominal.npz", "gap.npz"))
-    validation.run(case, *files, folder / "gap.json", tmp_path / "v.json", tmp_path / "traces.parquet", 1)
+        assert read_json(tmp_path / f"{kind}.json")["looks_between_samples"] == (kind != "nominal")
+    files, careful = (tmp_path / name for name in ("nominal.npz", "gap.npz")), tmp_path / "careful.npz"
+    traces = tmp_path / "traces.parquet"
+    validation.run(case, *files, folder / "gap.json", tmp_path / "v.json", traces, 1, careful=careful)
+    loops = read_json(tmp_path / "v.json")["controllers"]
+    assert loops["careful"]["simulator"]["runs"] == 4
+    assert loops["careful"]["simulator"]["steps_that_left_the_certified_box"] >= 0
+    kept = loops["careful"]["nominal model"]  # the path of its model is what it minds
+    assert kept["runs_that_kept_the_specification"] == kept["runs"]
+    assert kept["least_clearance"] > 0
     judged = read_json(tmp_path / "v.json")["controllers"]["gap"]["simulator"]
     assert judged["runs_that_kept_the_specification"] == judged["runs"] == 4
     assert judged["steps_outside_gamma"] == 0
@@ -89,6 +98,17 @@ def test_from_the_case_to_the_closed_loop(bound, tmp_path):
     begins = [r for r in rows if r["run"] == 0 and r["step"] == 0]
     assert len(begins) == 4
     assert all({n: r[n] for n in START} == START for r in begins)
+    controllers = {kind: tmp_path / f"{kind}.npz" for kind in ("nominal", "gap")}
+    given = report.Inputs(
+        gaps=[folder / "gap.json"],
+        samples=folder / "thinned.parquet",
+        controllers=controllers,
+        syntheses={kind: path.with_suffix(".json") for kind, path in controllers.items()},
+        validation=tmp_path / "v.json",
+        traces=tmp_path / "traces.parquet",
+    )
+    report.run(case, given, tmp_path / "report.html", tmp_path / "summary.json")  # of what the stages wrote
+    assert "4 of 4 runs" in re.sub(r"<[^>]*>", "", (tmp_path / "report.html").read_text())
 
 
 @pytest.mark.parametrize(

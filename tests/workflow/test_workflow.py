@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,8 @@ def test_everything_is_there(project):
     for name in (
         "report.html",
         "summary.json",
+        "picture.png",
+        "figures/domains.svg",
         "trace/trace.rrd",
         "validation/traces.parquet",
         "audit/audit.json",
@@ -110,6 +113,18 @@ def test_everything_is_there(project):
     logs = sorted(p.name for p in (results / "logs").glob("*.log"))
     assert "validation.log" in logs
     assert "rollouts-eps~0.02-0.log" in logs
+
+
+def test_snakemakes_own_report_holds_page_and_figures(project):
+    """One archive to send around: every page and figure with its caption, by case."""
+    project.snakemake("--report", "sent.zip")
+    with zipfile.ZipFile(project.folder / "sent.zip") as archive:
+        names = archive.namelist()
+        said = "".join(archive.read(n).decode() for n in names if n.endswith((".js", ".html", ".json")))
+    for figure in ("domains.svg", "trajectories.svg", "gap.svg", "bound.png", "report.html"):
+        assert any(name.endswith(figure) for name in names), names
+    assert "The whole page of the case" in said
+    assert "the gap along a run between its bounds" in said
 
 
 def test_a_second_call_runs_nothing(project):
@@ -188,6 +203,12 @@ def test_the_rule_graph_shows_the_road(project):
 def test_a_robot_takes_the_same_road(project, point):
     jobs = project.planned("--", f"results/turtlebot/gap/{point}/gap.json")
     assert jobs == {"grid": 1, "rollouts": 2, "fresh": 1, "scp": 3, "lipschitz": 3, "gap": 1}
+
+
+def test_a_robot_has_its_fair_baseline(project):
+    jobs = project.planned("--", "results/turtlebot/validation/validation.json")
+    assert jobs["synthesis"] == 3
+    assert jobs["validation"] == 1
 
 
 def test_an_edited_kernel_reruns_exactly_its_dependents(project):

@@ -16,6 +16,7 @@ from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import effect_or_fault
 from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import AppliedEffect
 from simgap.model.symbolic import SymbolicModel
 
@@ -97,6 +98,7 @@ def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, st
                 None if e is None else empty.bic - e.bic,
                 {} if e is None else parameter_values(c, e.fit),
                 reason,
+                None if e is None else chi2_dof(search.problem, e.fit),
             )
         )
     return tuple(sorted(rows, key=lambda r: -max(r.bic_gain or -math.inf, 0.0) - 1e-3 * r.chi2_drop))

@@ -1,0 +1,73 @@
+"""The site of docs/ builds without a warning, lists what the package says, and opens without a network."""
+
+import ast
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import pytest
+
+pytest.importorskip("mkdocs")
+
+
+@pytest.fixture(scope="module")
+def site(root, tmp_path_factory):
+    out = tmp_path_factory.mktemp("site")
+    call = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(out)]
+    done = subprocess.run(call, cwd=root, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return out
+
+
+class Loaded(HTMLParser):
+    """Everything that a page loads by itself."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.addresses = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        own = dict(attrs)
+        if tag in ("script", "img", "iframe", "source"):
+            self.addresses.append(own.get("src"))
+        elif tag == "link" and own.get("rel") not in ("canonical", "next", "prev"):
+            self.addresses.append(own.get("href"))
+
+
+def test_every_page_opens_without_a_network(site):
+    pages = list(site.glob("*.html"))
+    assert len(pages) > 20
+    for page in pages:
+        for address in Loaded(page.read_text()).addresses:
+            assert address is None or not re.match(r"https?:|//", address), (page.name, address)
+
+
+def test_the_first_page_is_the_readme(site, root):
+    text = (site / "index.html").read_text()
+    assert "how far apart are they" in text
+    assert 'href="tutorial.html"' in text
+    assert (site / "pictures/diagnosis.png").read_bytes() == (root / "docs/pictures/diagnosis.png").read_bytes()
+
+
+def test_every_public_name_is_documented(site):
+    import simgap
+
+    text = (site / "python.html").read_text()
+    for name in simgap.__all__:
+        assert re.search(rf'id="simgap\.[\w.]*{name}"', text), name
+
+
+def test_messages_are_those_of_the_package(site, root):
+    text = (site / "messages.html").read_text()
+    assert "no recording here" in text or "does not exist" in text
+    source = ast.parse((root / "simgap/stages/index.py").read_text())
+    assert any(isinstance(n, ast.Constant) and n.value == "the summary is of another version" for n in ast.walk(source))
+    assert "the summary is of another version" in text
+
+
+def test_every_key_and_effect_is_on_the_site(site):
+    text = (site / "reference.html").read_text()
+    assert "validation.fair_baseline" in text
+    assert "coulomb_friction" in text
