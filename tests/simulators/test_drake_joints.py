@@ -14,7 +14,9 @@ from simgap.stages import check
 ROOT = Path(__file__).parents[2]
 WALL = """<?xml version="1.0"?>
 <robot name="bumper">
-  <link name="base">
+  <link name="base"/>
+  <joint name="stands" type="fixed"><parent link="base"/><child link="wall"/></joint>
+  <link name="wall">
     <collision><origin xyz="0.3 0 0"/><geometry><box size="0.1 1 1"/></geometry></collision>
   </link>
   <joint name="rail" type="prismatic">
