@@ -121,7 +121,7 @@ def _interval(urdf: Path, name: str, joint: FileJoint) -> tuple[float, float]:
         UserError: a range that leaves no room.
     """
     lower, upper = joint.range or (-math.inf, math.inf)
-    room = 2 * SPEED * TAU
+    room = SPEED * TAU
     lower, upper = lower + room, upper - room
     if not lower < upper:
         raise UserError(

@@ -17,12 +17,6 @@ REDUCED = {
 }
 
 
-ARM = {
-    "domain.U": {"u1": {"min": -1.5, "max": 1.5, "step": 0.75}, "u2": {"min": -0.21, "max": 0.21, "step": 0.105}},
-    "synthesis.cells": [30, 24, 20, 20],
-}
-
-
 @pytest.mark.parametrize("name", ["cart_pole", "two_link", "vtol"])
 def test_a_case_with_a_translation_can_be_checked(root, name):
     found = check.run(root / f"configs/cases/{name}.yaml")
@@ -52,13 +46,13 @@ def test_a_case_in_equations_gets_a_controller_that_keeps_its_promise(vary, tmp_
         assert all(lo <= x[list(case.plant.states).index(s)] <= hi for s, (lo, hi) in ends.items())
 
 
-def test_the_arm_reaches_its_posture_and_avoids_the_other(vary, tmp_path):
-    """By the nominal model, with half of the torques and an eighth of the cells; the whole is in docs/two_link.md."""
-    path, out = vary("two_link", ARM), tmp_path / "controller.npz"
+def test_the_arm_reaches_its_posture_and_avoids_the_other(root, tmp_path):
+    """By the nominal model alone; with the gap and in PyBullet in docs/two_link.md."""
+    path, out = root / "configs/cases/two_link.yaml", tmp_path / "controller.npz"
     synthesis.run(path, None, out, tmp_path / "synthesis.json", threads=1)
     context, controller, rng = Context.load(path), load_controller(out), np.random.default_rng(3)
     solution, section = controller.solution, context.case.synthesis.specification
-    assert (solution.value > 3).mean() > 0.05
+    assert (solution.value > 3).mean() > 0.3
 
     def within(x, box):
         return all(lo <= x[context.states.index(s)] <= hi for s, (lo, hi) in box.items())
