@@ -55,9 +55,21 @@ def check_urdf(path: Path) -> None:
             found = joint.find(end)
             if found is None or found.get("link") not in links:
                 _refuse(path, joint, f"<{end}> link", "names no link of this file", "Correct it.")
+    _check_tree(path, joints)
     moving = {joint.find("child").get("link") for joint in joints.values() if joint.get("type") != "fixed"}  # type: ignore[union-attr]
     for name, link in links.items():
         _check_inertia(path, link, name in moving)
+
+
+def _check_tree(path: Path, joints: Mapping[str, ElementTree.Element]) -> None:
+    """A link hangs on one joint: on two it closes a chain, which a URDF cannot say and engines read each its way."""
+    carried: dict[str, str] = {}
+    for name, joint in joints.items():
+        child = joint.find("child").get("link", "")  # type: ignore[union-attr]
+        if child in carried:
+            told = f"joints '{excerpt(carried[child], 40)}' and '{excerpt(name, 40)}' both carry it: a closed chain"
+            _refuse(path, joint, f"<child> link '{excerpt(child, 40)}'", told, "Open the chain at one of them.")
+        carried[child] = name
 
 
 def _root(path: Path) -> ElementTree.Element:

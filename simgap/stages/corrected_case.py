@@ -27,6 +27,7 @@ def corrected_case(
     rig: str,
     sentence: str,
     remainder: Mapping[str, float] | None = None,
+    urdf: str | None = None,
 ) -> str:
     """The text of the corrected case file.
 
@@ -39,6 +40,7 @@ def corrected_case(
         rig: 'simulator' if the recordings are of the case's own simulator: the nominal model alone gets the effects.
             Else the simulator's twin gets them too.
         sentence: the verdict in words, for the comment on top.
+        urdf: the model file that stands in place of the plant's, beside the target.
         remainder: one-step bounds of what is left, by state, for gamma to take in; the case then has a `gap:` section.
 
     Raises:
@@ -50,6 +52,8 @@ def corrected_case(
         inner = content.get(section)
         if isinstance(inner, dict) and isinstance(inner.get("urdf"), str):
             inner["urdf"] = _moved(source / inner["urdf"], folder)
+    if urdf is not None:
+        content["plant"]["urdf"] = urdf
     if isinstance(content.get("measured"), dict):
         content["measured"]["files"] = [_moved(path, folder) for path in data]
     words: tuple[str, ...] = ()
