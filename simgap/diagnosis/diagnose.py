@@ -32,7 +32,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import FIT_QUALITY, MOST_COLOURED, ROUNDS_ASIDE
 from simgap.diagnosis.verdict.faults import filtered_channels
 from simgap.diagnosis.verdict.judge import chi2_dof, real
-from simgap.diagnosis.verdict.pushes import calmer, standing_out, worst
+from simgap.diagnosis.verdict.pushes import standing_out, worst
 from simgap.diagnosis.verdict.transfer import Trial, transferable
 from simgap.diagnosis.widen import screened, widened
 from simgap.errors import UserError
@@ -112,9 +112,8 @@ def _mended(
 def _without_pushes(
     parts: Parts, search: Search, found: Explanation, most: int, not_tried: Collection[Key]
 ) -> tuple[Parts, tuple[Search, Fit, Explanation]] | None:
-    """The search again without a few windows that stand out, till the same ones do; None where that is no remedy."""
-    left = chi2_dof(search.problem, found.fit)
-    if search.watch.stopped or left <= FIT_QUALITY:
+    """The search again without a few windows that stand out, till the same ones do; None where the rest keeps more than noise."""
+    if search.watch.stopped or chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
         return None
     out = worst(parts.known, found.fit.theta)
     for _ in range(ROUNDS_ASIDE):
@@ -122,9 +121,11 @@ def _without_pushes(
             return None
         calm, aside = parts.set_aside(out), out
         ends = _searched(calm.known, most, not_tried, search.watch)
+        if chi2_dof(ends[0].problem, ends[2].fit) > FIT_QUALITY:
+            return None
         out = standing_out(parts.known, ends[2].fit.theta)
         if np.array_equal(out, aside):
-            return (calm, ends) if calmer(left, chi2_dof(ends[0].problem, ends[2].fit)) else None
+            return calm, ends
     return None
 
 

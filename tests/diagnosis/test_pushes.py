@@ -6,7 +6,6 @@ import pytest
 
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.verdict.pushes import calmer
 from tests.undeclared.nominals import nominal, record
 from tests.undeclared.rig.textbook import Hidden, dc_motor, oscillator
 
@@ -60,10 +59,3 @@ def test_a_force_that_acts_half_of_the_time_is_no_push():
     d = diagnose(nominal("oscillator"), record(plant, hidden, 1, seconds=10.0), settings)
     assert d.verdict == "unexplained"
     assert _pushes(d) == []
-
-
-def test_calm_is_the_noise_or_another_order():
-    assert calmer(50.0, 1.1)
-    assert calmer(50.0, 5.0)
-    assert not calmer(50.0, 7.0)
-    assert not calmer(1.5, 1.2)

@@ -22,10 +22,9 @@ from simgap.diagnosis.simulation.refit import refit_from_all
 from simgap.diagnosis.thresholds import (
     FAR,
     FEWEST_WINDOWS,
-    FIT_QUALITY,
-    LEFT_BY_CALM,
     LOOK_BACK_S,
     MOST_ASIDE,
+    MOST_OF_A_PUSH,
     MOST_OF_THE_ERROR,
 )
 from simgap.diagnosis.verdict.horizon import horizon_error
@@ -47,7 +46,7 @@ def worst(problem: Problem, theta: Floats) -> Mask:
     out = np.zeros(len(size), dtype=bool)
     if len(size) >= FEWEST_WINDOWS:
         out[np.argsort(-size)[: _most(len(size))]] = True
-    return out if over[out].sum() >= MOST_OF_THE_ERROR * over.sum() > 0.0 else np.zeros_like(out)
+    return out if over[out].sum() >= MOST_OF_A_PUSH * over.sum() > 0.0 else np.zeros_like(out)
 
 
 def standing_out(problem: Problem, theta: Floats) -> Mask:
@@ -71,11 +70,6 @@ def _sizes(problem: Problem, theta: Floats) -> tuple[Floats, Floats]:
     return chi2 / np.maximum(problem.counts - problem.model.nx, 1.0), np.maximum(chi2 - problem.counts, 0.0)
 
 
-def calmer(whole: float, calm: float) -> bool:
-    """Whether chi^2/dof without the windows set aside is another order than with them."""
-    return calm <= FIT_QUALITY or calm - 1.0 <= LEFT_BY_CALM * (whole - 1.0)
-
-
 @dataclass(frozen=True, eq=False)
 class Confirmed:
     """What *confirm* says of the model as declared and of the corrected one.
@@ -94,7 +88,7 @@ class Confirmed:
 def confirmed(
     confirm: Problem, old: HeldOut, new: HeldOut, thetas: tuple[Floats, Floats], horizon_s: float
 ) -> Confirmed:
-    """*confirm* without windows that stand out under the corrected model, where that is another order of error.
+    """*confirm* without windows that stand out under the corrected model, where the others are down to their noise.
 
     Which they are is a matter of that model, which was chosen without *confirm*, and of limits that hold for all.
 
@@ -107,7 +101,7 @@ def confirmed(
         return Confirmed(confirm, old, new)
     calm = confirm.on(confirm.windows.pick(~far))
     was, now = (judge(calm, theta, horizon_s) for theta in thetas)
-    if not calmer(new.ratio**2, now.ratio**2):
+    if not at_noise(now):
         return Confirmed(confirm, old, new)
     return Confirmed(calm, was, now, confirm.windows.pick(far))
 
