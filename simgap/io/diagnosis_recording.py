@@ -15,7 +15,7 @@ from simgap.io.atomic import atomic
 from simgap.io.recording_log import line, send
 from simgap.notation import axis_label
 
-_LINES = (("measured", style.MEASURED_IN_A_VIEWER, 4.0), ("before", style.BEFORE, 1.5), ("after", style.AFTER, 1.5))
+_LINES = (("measured", style.MEASURED_IN_A_VIEWER, 1.5), ("before", style.BEFORE, 3.0), ("after", style.AFTER, 3.0))
 
 
 ABOUT = """# {title}
