@@ -112,7 +112,7 @@ def _mended(
 def _without_pushes(
     parts: Parts, search: Search, found: Explanation, most: int, not_tried: Collection[Key]
 ) -> tuple[Parts, tuple[Search, Fit, Explanation]] | None:
-    """The search again without a few windows that stand out, till the same ones do; None where the rest keeps more than noise."""
+    """The search without a few windows that stand out, till the same do; None where the rest is not at the noise."""
     if search.watch.stopped or chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
         return None
     out = worst(parts.known, found.fit.theta)

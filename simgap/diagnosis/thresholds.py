@@ -129,7 +129,7 @@ FAR, MOST_ASIDE, FEWEST_WINDOWS, ROUNDS_ASIDE = 4.0, 0.2, 6, 3
 the windows, or two, are not a push but something that acts all along. Fewer windows have no rest to stand out of."""
 
 MOST_OF_A_PUSH = 0.75
-"""Windows are worth a search without them if they carry this share of chi^2 above noise. Of an oscillator and a DC motor
+"""Windows are worth a search without them if they carry this share of chi^2 above noise. Of a motor and an oscillator
 with two pushes and dry friction missing they carried 0.83 and 0.86; a force that acts all along spreads."""
 
 MASKING_TELLS = 0.5
