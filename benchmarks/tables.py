@@ -168,6 +168,22 @@ def recording_faults(data: Sequence[Mapping[str, Any]]) -> str:
     return markdown(head, rows)
 
 
+def diagnosis_cost(data: Sequence[Mapping[str, Any]]) -> str:
+    """CPU seconds and answers of two versions of the search."""
+    now = {r["record"]: r for r in data if r["version"] == "now"}
+    before = {r["record"]: r for r in data if r["version"] == "before"}
+    rows = []
+    for name in [n for n in before if n in now]:
+        old, new = before[name], now[name]
+        same = all(old[k] == new[k] for k in ("verdict", "effects", "chi2_dof", "held_out", "sets"))
+        named = ", ".join(new["effects"]) or "-"
+        seconds = [f"{r['cpu_s']:g}" for r in (old, new)]
+        rows.append([name, new["sets"], *seconds, new["verdict"], named, "the same" if same else "differs"])
+    return markdown(
+        ["record", "sets fitted", "CPU s before", "CPU s now", "verdict", "effects", "answer as before"], rows
+    )
+
+
 def suprema(_: Mapping[str, Any]) -> str:
     """Sup of gamma for every eps of a plain run of the pendulum."""
     rows = []
@@ -213,6 +229,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "rollouts": ("rollouts.json", rollouts),
     "dry_friction": ("dry_friction.json", dry_friction),
     "recording_faults": ("recording_faults.json", recording_faults),
+    "diagnosis_cost": ("diagnosis_cost.json", diagnosis_cost),
     "long_record": ("long_record.json", long_record),
     "suprema": ("../../results/pendulum/summary.json", suprema),
 }

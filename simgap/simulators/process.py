@@ -52,7 +52,14 @@ def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPo
     context = multiprocessing.get_context("spawn")  # a forked engine would share its parent's threads and state
     begin = (str(log.resolve()) if log else None, plugins.files())
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_start, initargs=begin) as pool:
-        yield pool
+        try:
+            yield pool
+        except BaseException:  # an error, Ctrl-C, an exit: nobody waits for what the others are at
+            children = [*(getattr(pool, "_processes", None) or {}).values()]
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in children:
+                child.terminate()
+            raise
 
 
 def run_in_processes(

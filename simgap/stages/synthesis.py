@@ -187,7 +187,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
 def _previous(context: Context, problem: Problem, bound: SavedGap, gap: BodyFrameGap) -> PreviousBounds:
     """The bound and the swept cells after each class of the previous input."""
     classes = gap.classes
-    gaps = tuple(gap.after(c).kernel() for c in range(classes.count))
+    gaps = tuple(gap.after(c) for c in range(classes.count))
     swept: list[SweptCells | None] = [None] * classes.count
     if problem.swept is not None and bound.swept_by_class is not None:
         boxes = zip(*bound.swept_by_class, strict=True)
