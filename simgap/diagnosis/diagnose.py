@@ -29,10 +29,9 @@ from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import FIT_QUALITY, MOST_COLOURED, ROUNDS_ASIDE
+from simgap.diagnosis.thresholds import FIT_QUALITY, MOST_COLOURED
 from simgap.diagnosis.verdict.faults import filtered_channels
 from simgap.diagnosis.verdict.judge import chi2_dof, real
-from simgap.diagnosis.verdict.pushes import standing_out, worst
 from simgap.diagnosis.verdict.transfer import Trial, transferable
 from simgap.diagnosis.widen import screened, widened
 from simgap.errors import UserError
@@ -69,8 +68,7 @@ def diagnose(
     wider = screened(model, record, settings, *begun, not_tried)
     if wider is None:
         search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, begun=begun)
-        calm = _without_pushes(parts, search, found, settings.max_effects, not_tried)
-        wider = calm or widened(model, record, settings, search, found, not_tried)
+        wider = widened(model, record, settings, search, found, not_tried)
     if wider is not None:
         parts, (search, base, found) = wider
     reach = parts.known.reach(found.fit.theta)
@@ -107,26 +105,6 @@ def _mended(
         return record, parts, said, seen
     record = columns.of_record(record)
     return record, *parts_of(model, record, settings), (*seen, columns.finding)
-
-
-def _without_pushes(
-    parts: Parts, search: Search, found: Explanation, most: int, not_tried: Collection[Key]
-) -> tuple[Parts, tuple[Search, Fit, Explanation]] | None:
-    """The search without a few windows that stand out, till the same do; None where the rest is not at the noise."""
-    if search.watch.stopped or chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
-        return None
-    out = worst(parts.known, found.fit.theta)
-    for _ in range(ROUNDS_ASIDE):
-        if not out.any():
-            return None
-        calm, aside = parts.set_aside(out), out
-        ends = _searched(calm.known, most, not_tried, search.watch)
-        if chi2_dof(ends[0].problem, ends[2].fit) > FIT_QUALITY:
-            return None
-        out = standing_out(parts.known, ends[2].fit.theta)
-        if np.array_equal(out, aside):
-            return calm, ends
-    return None
 
 
 def _under_its_noise(

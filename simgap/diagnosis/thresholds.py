@@ -122,16 +122,6 @@ Gaussian's draws carry 28 %, of a sine's 10 %."""
 FEWEST_PREDICTIONS = 20
 """Of fewer predictions a twentieth is less than one."""
 
-# Windows in which something else acts than in the rest (a push), from benchmarks/other_plants.py --kinds push.
-
-FAR, MOST_ASIDE, FEWEST_WINDOWS, ROUNDS_ASIDE = 4.0, 0.2, 6, 3
-"""A window is set aside if its chi^2/dof is so many times the median window's (and noise's); more than this share of
-the windows, or two, are not a push but something that acts all along. Fewer windows have no rest to stand out of."""
-
-MOST_OF_A_PUSH = 0.75
-"""Windows are worth a search without them if they carry this share of chi^2 above noise. Of a motor and an oscillator
-with two pushes and dry friction missing they carried 0.83 and 0.86; a force that acts all along spreads."""
-
 MASKING_TELLS = 0.5
 """Off the noise floor, masking what was commanded before the record is worth a search of its own only if it lowers
 chi^2/dof of what was found to this share: with a wrong first window it falls twentyfold and more, else by a few per
