@@ -14,6 +14,7 @@ from simgap.io.pages import render
 from simgap.notation import joined
 
 TEMPLATE = "arm_diagnosis.html.j2"
+COLUMNS = (*TERMS, "input_gain")
 MOST_TRACES = 3
 MEANING = {
     "none": "On data that were never fitted the model as declared misses the torques by no more than their noise.",
@@ -50,7 +51,7 @@ def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) ->
 
     marked = {k: [Markup(f) for f in v] if isinstance(v, list) else Markup(v) for k, v in figures.items()}
     return render(
-        TEMPLATE, d=document, title=title, figures=marked, meaning=MEANING[document["verdict"]], terms=list(TERMS),
+        TEMPLATE, d=document, title=title, figures=marked, meaning=MEANING[document["verdict"]], terms=list(COLUMNS),
         folds={name: joined(fold["traces"]) for name, fold in document["folds"].items()},
         rows=[_joint_row(document, row) for row in document["joints"]],
     )  # fmt: skip
@@ -60,4 +61,4 @@ def _joint_row(document: Mapping[str, Any], row: Mapping[str, str]) -> dict[str,
     """Of a joint: effect -> its estimate, or None."""
     places = {row["joint"], row["input"]}
     own = {e["name"]: next(iter(e["parameters"].values())) for e in document["effects"] if e["on"] in places}
-    return {"joint": row["joint"], "found": {name: own.get(name) for name in TERMS}}
+    return {"joint": row["joint"], "found": {name: own.get(name) for name in COLUMNS}}

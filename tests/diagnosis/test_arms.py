@@ -190,3 +190,31 @@ def test_a_real_six_joint_arm(tmp_path):
     assert all(moving["after"][u] < 0.5 * moving["before"][u] for u in moving["before"])
     (payload,) = result["payloads"]
     assert payload["parameters"]["m"]["value"] == pytest.approx(2.805, rel=0.15)  # as its recorders published
+
+
+def test_gains_of_the_drives_are_found_from_a_known_weight(tmp_path):
+    """Recorded torques are the true ones over (true gain / declared gain), which the fit is not told."""
+    ratio, b, f = np.array([0.9, 1.12, 0.85]), np.array([3.0, 5.0, 2.0]), np.array([2.0, 4.0, 1.5])
+    (tmp_path / "rig.urdf").write_text(rig.urdf(3))
+    (tmp_path / "heavy.urdf").write_text(rig.urdf(3, extra=4.0))
+    rng = np.random.default_rng(6)
+    for k, name in enumerate(("light_1", "heavy", "light_2", "light_3")):
+        t, q, v, a = rig.motion(3, 16.0, 100.0, seed=10 + k)
+        u = rig.torques(tmp_path / ("heavy.urdf" if name == "heavy" else "rig.urdf"), q, v, a)
+        u = (u + rig.rubbed(v, rig.Friction(b, f, np.zeros(3)))) / ratio + NOISE * rng.normal(size=u.shape)
+        rig.write_csv(tmp_path / f"{name}.csv", t, q, v, u)
+    measured = (
+        "  files: [light_1.csv, heavy.csv, light_2.csv, light_3.csv]\n"
+        "  payloads: [{file: heavy.csv, link: link3, mass: 4.0}]\n  max_effects: 4\n"
+    )
+    (tmp_path / "case.yaml").write_text(rig.case(3, measured))
+    result = stage.run(tmp_path / "case.yaml", [], tmp_path / "found")
+    value = {(e["name"], e["on"]): next(iter(e["parameters"].values()))["value"] for e in result["effects"]}
+    for k in range(3):
+        assert value["input_gain", f"torque{k + 1}"] == pytest.approx(ratio[k], rel=0.05)
+        assert value["viscous_friction", f"joint{k + 1}"] == pytest.approx(b[k], rel=0.05)
+        assert value["coulomb_friction", f"joint{k + 1}"] == pytest.approx(f[k], rel=0.05)
+    assert result["verdict"] in ("attributed", "partial")
+    assert len(load_plant(tmp_path / "found" / "corrected_case.yaml").effects) == len(value) - sum(
+        name == "inertial_parameters" for name, _ in value
+    )

@@ -11,6 +11,7 @@ from simgap.diagnosis.arms.base import BaseParameters
 from simgap.diagnosis.arms.consistent import Consistent
 from simgap.diagnosis.arms.fit import residual
 from simgap.diagnosis.arms.folds import ArmFolds
+from simgap.diagnosis.arms.gains import Gains, scaled
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload
 from simgap.diagnosis.arms.result import ArmDiagnosis, BaseParameter, FoundPayload, Prediction, Sought
 from simgap.diagnosis.arms.terms import TERMS
@@ -31,6 +32,8 @@ class Found:
         correlated: (n,) rows that count as one; noise: (n,) floor of each joint's torque.
         used: (p,) coefficients of the corrected model, whose inertial parameters bodies can have.
         bodies: these bodies; None: inertial parameters as declared, or none were found.
+        drives: gains of the drives, where a known mass tells them: then columns that are not `shared` by joints are in
+            units of the declared gain.
     """
 
     keys: tuple[Key, ...]
@@ -43,12 +46,21 @@ class Found:
     noise: Floats
     used: Floats
     bodies: Consistent | None
+    drives: Gains | None
+    shared: Sequence[int]
 
-    def estimate(self, k: int, unit: str, declared: float = 0.0) -> Estimate:
-        """A coefficient, with what was declared, and its 95 % interval."""
+    def corrected(self, part: Part) -> Part:
+        """Rows as the corrected drives say them."""
+        return part if self.drives is None else scaled(part, self.drives.g, self.shared)
+
+    def estimate(self, k: int, unit: str, declared: float = 0.0, joint: int | None = None) -> Estimate:
+        """A coefficient, with what was declared, and its 95 % interval; of a `joint` alone: over its drive's gain."""
         at = self.theta if self.keys[k].effect == INERTIAL else self.used
-        value, half = declared + float(at[k]), 1.96 * float(self.errors[k])
-        return Estimate(value, (value - half, value + half), unit)
+        value, error = declared + float(at[k]), float(self.errors[k])
+        if joint is not None and self.drives is not None:
+            g = float(self.drives.g[joint])
+            value, error = value / g, float(np.hypot(error / g, value / g**2 * float(self.drives.errors[joint])))
+        return Estimate(value, (value - 1.96 * error, value + 1.96 * error), unit)
 
 
 def answer(
@@ -57,10 +69,11 @@ def answer(
 ) -> ArmDiagnosis:  # fmt: skip
     """Put it together; here alone *confirm* is looked at."""
     zero = np.zeros_like(found.used)
-    before, after = (rms(folds.confirm, theta) for theta in (zero, found.used))
+    confirm = found.corrected(folds.confirm)
+    before, after = rms(folds.confirm, zero), rms(confirm, found.used)
     share = excess_share(before, after, found.noise)
     base = _base(tree, found)
-    effects = (*_terms(found, tree, inputs, units), *_links(base, found))
+    effects = (*_gains(found, inputs), *_terms(found, tree, inputs, units), *_links(base, found))
     word = verdict(before, after, found.noise, share, bool(effects))
     rows = (folds.fit.live.sum(axis=0) + folds.choose.live.sum(axis=0)) / found.correlated
 
@@ -68,14 +81,14 @@ def answer(
         return dict(zip(inputs, map(float, x), strict=True))
 
     per_trace = {
-        names[k]: tuple(by_input(rms(folds.confirm, theta, k)) for theta in (zero, found.used))
+        names[k]: (by_input(rms(folds.confirm, zero, k)), by_input(rms(confirm, found.used, k)))
         for k in np.unique(folds.confirm.trace)
     }
     stuck = np.zeros(tree.size)
     for k in found.active:
         if found.keys[k].effect == "coulomb_friction":
             stuck[tree.joints.index(found.keys[k].on)] = found.used[k]
-    beyond = {names[k]: by_input(rms(folds.confirm, found.used, k, stuck)) for k in np.unique(folds.confirm.trace)}
+    beyond = {names[k]: by_input(rms(confirm, found.used, k, stuck)) for k in np.unique(folds.confirm.trace)}
     named = word in ("attributed", "partial")
     kept = [e for e in effects if e.name != INERTIAL]
     return ArmDiagnosis(
@@ -89,14 +102,14 @@ def answer(
         before=by_input(before),
         after=by_input(after),
         floor=by_input(found.noise),
-        per_trace=per_trace,  # type: ignore[arg-type]
+        per_trace=per_trace,
         beyond_friction=beyond,
         excess_share=share,
         folds=folds.traces,
         sought=_sought(found),
         cut_hz=cut_hz,
         independent=by_input(rows),
-        predictions=_predictions(folds.confirm, found.used, names),
+        predictions=_predictions(folds.confirm, confirm, found.used, names),
         warnings=_warnings(folds, found),
         inertial={} if found.bodies is None else dict(zip(tree.links, found.bodies.inertial, strict=True)),
         distance=None if found.bodies is None else found.bodies.distance,
@@ -134,6 +147,18 @@ def verdict(before: Floats, after: Floats, floor: Floats, share: float, somethin
     return "partial" if something and share <= EXCESS_KEPT else "unexplained"
 
 
+def _gains(found: Found, inputs: Sequence[str]) -> list[FoundEffect]:
+    """Gains of drives that are not as declared."""
+    if found.drives is None:
+        return []
+    out = []
+    for name, g, e in zip(inputs, found.drives.g.tolist(), found.drives.errors.tolist(), strict=True):
+        if g != 1.0:  # the others are as declared
+            ends = 1.0 / (g + 1.96 * e), 1.0 / max(g - 1.96 * e, 1e-300)
+            out.append(FoundEffect("input_gain", name, {"ratio": Estimate(1.0 / g, ends, "1")}))
+    return out
+
+
 def _terms(found: Found, tree: Tree, inputs: Sequence[str], units: Mapping[str, str]) -> list[FoundEffect]:
     out = []
     for k in sorted(k for k in found.active if found.keys[k].effect in TERMS and found.used[k] != 0.0):
@@ -142,7 +167,9 @@ def _terms(found: Found, tree: Tree, inputs: Sequence[str], units: Mapping[str, 
         (p,) = effect(key.effect).parameters
         position = "m" if tree.slides[tree.joints.index(joint)] else "rad"
         unit = p.unit.format(force=units[joint], position=position, input=units[joint])
-        out.append(FoundEffect(key.effect, key.on, {key.symbol: found.estimate(k, unit)}))
+        out.append(
+            FoundEffect(key.effect, key.on, {key.symbol: found.estimate(k, unit, joint=tree.joints.index(joint))})
+        )
     return out
 
 
@@ -187,13 +214,13 @@ def _sought(found: Found) -> tuple[Sought, ...]:
     return tuple(rows)
 
 
-def _predictions(confirm: Part, theta: Floats, names: Sequence[str]) -> tuple[Prediction, ...]:
+def _predictions(confirm: Part, corrected: Part, theta: Floats, names: Sequence[str]) -> tuple[Prediction, ...]:
     out = []
     for k in np.unique(confirm.trace):
         rows = confirm.trace == k
-        part = Part(*(getattr(confirm, f)[rows] for f in ("x", "y", "live", "trace", "t", "torque")))
-        before, after = part.torque - part.y, part.torque - residual(part, theta)
-        out.append(Prediction(names[k], part.t, part.torque, before, after))
+        measured = confirm.torque[rows]
+        before, after = measured - confirm.y[rows], measured - residual(corrected, theta)[rows]
+        out.append(Prediction(names[k], confirm.t[rows], measured, before, after))
     return tuple(out)
 
 

@@ -17,9 +17,10 @@ from simgap.diagnosis.arms.answer import Found, answer
 from simgap.diagnosis.arms.base import BaseParameters, base_parameters
 from simgap.diagnosis.arms.consistent import Consistent, consistent
 from simgap.diagnosis.arms.fit import correlation_rows, solve, spread, standard_errors
-from simgap.diagnosis.arms.folds import ArmFolds, folds_of, together
+from simgap.diagnosis.arms.folds import folds_of, together
+from simgap.diagnosis.arms.gains import gains, open_gains, scaled
 from simgap.diagnosis.arms.motion import Columns, motions, rest_speeds
-from simgap.diagnosis.arms.problem import Key, Part, Payload, keys_of, part_of
+from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload, keys_of, part_of
 from simgap.diagnosis.arms.result import ArmDiagnosis
 from simgap.diagnosis.arms.select import admissible, choose
 from simgap.diagnosis.arms.terms import TERMS
@@ -69,25 +70,39 @@ def diagnose_arm(
     part = part_of(every, tree, base, settings.payloads, rest, settings.known)
     names = [m.trace for m in every]
     folds = folds_of(part, names, settings.held_out_traces, settings.held_out_share)
-    weights, correlated = _weights(folds, len(keys))
+    shared = [k for k, key in enumerate(keys) if key.effect in (INERTIAL, PAYLOAD)]
+    weighed = any(p.mass is not None for p in settings.payloads)
+    fit, judge = folds.fit, folds.choose
+    weights, correlated = _weights(fit, len(keys))
+    if weighed:  # gains first: with wrong ones no choice among the rest is right
+        g = open_gains(fit, shared, weights, correlated)
+        fit, judge = scaled(fit, g, shared), scaled(judge, g, shared)
+        weights, correlated = _weights(fit, len(keys))
     tell(f"{len(base.kept)} combinations of inertial parameters, {len(TERMS)} effects of each joint")
-    chosen = choose(keys, folds.fit, folds.choose, weights, correlated, settings.most, tree.size)
-    known = together(folds.fit, folds.choose)
-    active, theta, errors = _settled(keys, known, weights, chosen.active)
+    chosen = choose(keys, fit, judge, weights, correlated, settings.most, tree.size)
+    active, theta, errors = _settled(keys, together(fit, judge), weights, chosen.active)
+    known, drives = together(folds.fit, folds.choose), None
+    if weighed:
+        drives = gains(known, active, [k for k in active if k in shared], theta, weights, correlated)
+    if drives is not None:
+        known = scaled(known, drives.g, shared)
+    active, theta, errors = _settled(keys, known, weights, active)
+    if drives is not None:
+        errors[shared] = drives.of_columns[shared]  # of a mass: with the gains open too
     noise = _noise(record, where, every[0].low_pass.noise_gain)
     used, bodies = _of_bodies(tree, base, keys, known, weights, correlated, active, theta)
-    found = Found(keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies)
+    found = Found(keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies, drives, shared)
     return answer(tree, found, folds, names, inputs, units, settings.payloads, every[0].low_pass.cut)
 
 
-def _weights(folds: ArmFolds, size: int) -> tuple[Floats, Floats]:
+def _weights(part: Part, size: int) -> tuple[Floats, Floats]:
     """(n,) one over the spread that every column together leaves, and rows that count as one there."""
-    weights = 1.0 / np.maximum(spread(folds.fit, np.zeros(size)), 1e-12)
+    weights = 1.0 / np.maximum(spread(part, np.zeros(size)), 1e-12)
     theta = np.zeros(size)
     for _ in range(3):
-        theta = solve(*folds.fit.grams(weights), range(size), size).theta
-        weights = 1.0 / np.maximum(spread(folds.fit, theta), 1e-12)
-    return weights, correlation_rows(folds.fit, theta)
+        theta = solve(*part.grams(weights), range(size), size).theta
+        weights = 1.0 / np.maximum(spread(part, theta), 1e-12)
+    return weights, correlation_rows(part, theta)
 
 
 def _settled(

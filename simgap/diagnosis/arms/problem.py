@@ -101,15 +101,18 @@ def part_of(
                 terms[:, j, j, k] = term.column(m.v[:, j], way[:, j], m.a[:, j])
         rows = terms[m.used].reshape(len(whole), tree.size, -1)
         weight, carried = _payloads(whole, tree, payloads, m.trace)
-        missing = m.torque[m.used] - whole @ tree.inertial.ravel() - m.v[m.used] * tree.damping - weight
+        torque = m.torque[m.used] * known.get("input_gain", np.ones(tree.size))
+        missing = torque - whole @ tree.inertial.ravel() - m.v[m.used] * tree.damping - weight
         for name, values in known.items():
+            if name == "input_gain":
+                continue
             k = list(TERMS).index(name)
             missing -= np.stack([terms[m.used][:, j, j, k] * values[j] for j in range(tree.size)], axis=1)
         xs.append(np.concatenate([whole[:, :, base.kept], rows, *carried], axis=2))
         ys.append(missing)
         lives.append((np.abs(m.v[m.used]) > rest).astype(np.float64))
         times.append(m.t[m.used])
-        torques.append(m.torque[m.used])
+        torques.append(torque)
         traces.append(np.full(len(whole), len(traces), dtype=np.int64))
     return Part(*(np.concatenate(a) for a in (xs, ys, lives, traces, times, torques)))
 
