@@ -112,8 +112,8 @@ COVERED_ERRORS = 2.0
 NEGLIGIBLE, SLIGHT_SHARE = 0.1, 1e-4
 """Of no practical size is what adds, left out, less than this share of the noise to the misses of windows (root mean
 square), and a fault of the recording that accounts for less than this share of the squared error of the declared model
-(a hundredth of the error). What benchmarks/other_plants.py hides adds 3.5 times the noise and more, and accounts for
-4 % of the squared error and more; where in between is judgement (tests/diagnosis/test_size.py)."""
+(a hundredth of the error). Readings 20 ms late of benchmarks/other_plants.py added 3.5 times the noise and more, and
+accounted for 4 % of the squared error and more; where below that is judgement (tests/diagnosis/test_size.py)."""
 
 SMALL_PART, MOST_OF_THE_ERROR = 0.05, 0.5
 """The error is in one place if this part of the predictions carries this share of its square. The largest 5 % of a
