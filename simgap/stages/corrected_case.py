@@ -12,6 +12,7 @@ import yaml
 
 from simgap.config.copied_plugins import copied_plugins, renamed
 from simgap.config.load import case_content, parse_case
+from simgap.config.model_files import move_files
 from simgap.effects import AppliedEffect, effect
 from simgap.plants.plant_model import PlantModel
 from simgap.stages.augmentation import augment, plan
@@ -48,10 +49,7 @@ def corrected_case(
     """
     content = copy.deepcopy(case_content(case_path))
     source, folder = case_path.parent, target.parent
-    for section in ("plant", "simulator"):
-        inner = content.get(section)
-        if isinstance(inner, dict) and isinstance(inner.get("urdf"), str):
-            inner["urdf"] = _moved(source / inner["urdf"], folder)
+    move_files(content, lambda path: _moved(source / path, folder))
     if urdf is not None:
         content["plant"]["urdf"] = urdf
     if isinstance(content.get("measured"), dict):
