@@ -175,12 +175,15 @@ def diagnosis_cost(data: Sequence[Mapping[str, Any]]) -> str:
     rows = []
     for name in [n for n in before if n in now]:
         old, new = before[name], now[name]
-        same = all(old[k] == new[k] for k in ("verdict", "effects", "chi2_dof", "held_out", "sets"))
+        same = all(old[k] == new[k] for k in ("verdict", "effects", "chi2_dof", "held_out"))
         named = ", ".join(new["effects"]) or "-"
         seconds = [f"{r['cpu_s']:g}" for r in (old, new)]
-        rows.append([name, new["sets"], *seconds, new["verdict"], named, "the same" if same else "differs"])
+        rows.append(
+            [name, f"{old['sets']}, {new['sets']}", *seconds, new["verdict"], named, "the same" if same else "differs"]
+        )
     return markdown(
-        ["record", "sets fitted", "CPU s before", "CPU s now", "verdict", "effects", "answer as before"], rows
+        ["record", "sets fitted before, now", "CPU s before", "CPU s now", "verdict", "effects", "answer as before"],
+        rows,
     )
 
 

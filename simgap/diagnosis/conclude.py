@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import stretches
-from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoldStretches, Judged, Key, RecordingFault
+from simgap.diagnosis.result import (
+    Diagnosis,
+    DiagnosisSettings,
+    FoldStretches,
+    FoundEffect,
+    Judged,
+    Key,
+    RecordingFault,
+)
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
@@ -32,6 +40,7 @@ from simgap.diagnosis.verdict.judge import (
 )
 from simgap.diagnosis.verdict.restated import told
 from simgap.diagnosis.verdict.second_look import nearest, second_look
+from simgap.diagnosis.verdict.size import slight
 from simgap.diagnosis.verdict.transfer import Carried, independent_share
 from simgap.effects import apply_effects
 from simgap.model.symbolic import SymbolicModel
@@ -72,7 +81,7 @@ def conclude(
     old, new = (judge(confirm, theta, horizon) for theta in (base.theta, at.theta))
     evidence = _evidence(known, confirm, chosen, old, new)
     word, share = verdict(chosen.kept, evidence), evidence.share
-    named = word in ("attributed", "partial") or (word == "none" and bool(chosen.kept.members))
+    named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     short = nearest(full, chosen.kept, evidence, chosen.at_floor, model) if word == "unexplained" else None
     kept, kept_held = (chosen.kept, new) if named else (full.empty(base), old)
     others = _rivals(chosen) if named else []
@@ -83,6 +92,8 @@ def conclude(
     tested = word in ("partial", "unexplained") and short is None
     every = answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
     listed = answer.alternatives(chosen.found, others)
+    small = slight(full, kept, base)
+    fitted = [e for e in every if (e.name, e.on) not in small]
     effects, listed = told([e for e in every if not is_fault(e.name)], listed, model, answer.applied(kept))
     return Diagnosis(
         verdict=word,
@@ -96,7 +107,7 @@ def conclude(
         candidates=answer.candidate_scores(search, empty, chosen.barred),
         collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
         folds=FoldStretches(*(stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
-        warnings=(*said, *_warnings(search.watch, kept_held, kept, horizon)),
+        warnings=(*said, *_of_no_size(every, small), *_warnings(search.watch, kept_held, kept, horizon)),
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),
@@ -105,7 +116,12 @@ def conclude(
         if tested
         else None,
         concentrated=concentrated(confirm, names, old, new),
-        recording=(*faults, *fitted_faults(every), *gain_faults(every), *noise_faults(known)),
+        recording=(
+            *faults,
+            *fitted_faults(fitted),
+            *gain_faults(every),
+            *noise_faults(known),
+        ),
     )
 
 
@@ -138,6 +154,12 @@ def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:
     sigma = dict(zip(names, map(float, problem.sigma), strict=True))
     ahead = {} if held.horizon is None else dict(zip(names, map(float, held.horizon.floor), strict=True))
     return Judged(sigma, horizon_s, ahead, 1.0, 1.0)
+
+
+def _of_no_size(every: Sequence[FoundEffect], small: Collection[Key]) -> tuple[str, ...]:
+    """Faults of the recording that are told of and allowed for, and are no findings."""
+    found = fitted_faults(e for e in every if (e.name, e.on) in small)
+    return tuple(f"{f.sentence} It is of no practical size and allowed for." for f in found)
 
 
 def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) -> tuple[str, ...]:

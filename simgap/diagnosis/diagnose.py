@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.conclude import Chosen, conclude
 from simgap.diagnosis.parts_of import parts_of
+from simgap.diagnosis.reading.exchanged import put_back
 from simgap.diagnosis.reading.hum import without_hum
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.repair import repaired
@@ -30,10 +31,7 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import FIT_QUALITY, MOST_COLOURED
 from simgap.diagnosis.verdict.faults import filtered_channels
-from simgap.diagnosis.verdict.judge import (
-    chi2_dof,
-    real,
-)
+from simgap.diagnosis.verdict.judge import chi2_dof, real
 from simgap.diagnosis.verdict.transfer import Trial, transferable
 from simgap.diagnosis.widen import screened, widened
 from simgap.errors import UserError
@@ -99,12 +97,14 @@ def _mended(
     """The record without what a look at it shows to be no measurement, its folds, what is to be said, the faults."""
     record, seen = repaired(record)
     record, lines = without_hum(record)
+    record, places = put_back(record, model.coordinates)
+    seen = (*seen, *lines, *places)
     parts, said = parts_of(model, record, settings)
     columns = better_columns(coarse(parts.known))
     if columns is None:
-        return record, parts, said, (*seen, *lines)
+        return record, parts, said, seen
     record = columns.of_record(record)
-    return record, *parts_of(model, record, settings), (*seen, *lines, columns.finding)
+    return record, *parts_of(model, record, settings), (*seen, columns.finding)
 
 
 def _under_its_noise(

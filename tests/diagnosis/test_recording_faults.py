@@ -7,6 +7,7 @@ import pytest
 
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.parts_of import parts_of
+from simgap.diagnosis.reading.exchanged import put_back
 from simgap.diagnosis.reading.hum import without_hum
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.repair import repaired
@@ -16,6 +17,8 @@ from simgap.diagnosis.search.noise_colour import _law
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from tests.diagnosis import rigs
+from tests.undeclared.nominals import nominal, record
+from tests.undeclared.rig.textbook import Hidden, cart_pole
 
 FEW = DiagnosisSettings(effects=("viscous_friction", "coulomb_friction", "input_gain", "input_delay", "spring"))
 
@@ -131,3 +134,41 @@ def test_a_line_of_one_trace_alone_is_no_hum():
 
 def test_windows_of_a_few_samples_have_no_law_of_the_noise():
     assert _law(np.ones(2), 5.0, 0.125, 1.0) is None
+
+
+@pytest.mark.parametrize("hidden", [{}, {"viscous": 0.3}, {"viscous": 3.0}, {"coulomb": 1.0}])
+def test_swapped_columns_are_told_by_the_derivative_however_much_is_missing(hidden):
+    for rig in (rigs.pendulum(), rigs.oscillator()):
+        swapped, good = (rigs.record(rig, f, 1, 6.0, **hidden) for f in ("columns swapped", "velocity filtered"))
+        mended, found = put_back(swapped, rig.model.coordinates)
+        assert [(f.fault, f.channel) for f in found] == [("swapped_columns", ", ".join(rig.states))]
+        assert all(np.array_equal(a.y, b.y[:, ::-1]) for a, b in zip(mended.traces, swapped.traces, strict=True))
+        assert put_back(good, rig.model.coordinates) == (good, ())
+
+
+def test_friction_behind_swapped_columns_is_named():
+    """Strong friction beside a swap was a spring and a filter, `partial`."""
+    d = _diagnosed(rigs.pendulum(), "columns swapped", viscous=0.3)
+    assert (d.verdict, [e.name for e in d.effects]) == ("attributed", ["viscous_friction"])
+    lo, hi = d.effects[0].parameters["b"].ci95
+    assert lo <= 0.3 <= hi
+    assert [f.fault for f in d.recording] == ["swapped_columns"]
+
+
+def test_a_reading_that_is_logged_later_than_the_others_is_told_with_its_size():
+    """The place of a cart that rubs is logged 20 ms after the angle of its pole."""
+    plant, rubs = cart_pole(), 0.6
+    good = record(plant, Hidden(viscous={"cart": rubs}), 3, seconds=8.0)
+    traces = tuple(Trace(r.name, r.t[2:], np.stack([r.y[:-2, 0], r.y[2:, 1]], axis=1), r.u[2:]) for r in good.traces)
+    settings = DiagnosisSettings(effects=("viscous_friction", "coulomb_friction", "input_gain", "input_delay"))
+    late, clean_ = (
+        diagnose(nominal("cart_pole"), r, settings) for r in (Record(traces, plant.measured, plant.inputs), good)
+    )
+    assert [(f.fault, f.channel) for f in late.recording] == [("late_log", "x")]
+    assert late.recording[0].value == pytest.approx(0.02, rel=0.02)
+    assert clean_.recording == ()
+    for d in (late, clean_):
+        assert d.verdict == "attributed"
+        (effect,) = d.effects
+        assert (effect.name, effect.on) == ("viscous_friction", "cart")
+        assert effect.parameters["b"].value == pytest.approx(rubs, rel=0.02)

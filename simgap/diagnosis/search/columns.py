@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.diagnosis.reading.exchanged import swap
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import fit
@@ -116,9 +117,9 @@ def _options(problem: Problem) -> Iterator[Columns]:
     if len(turning) > 1:
         yield scaled(turning, np.pi / 180, False, _unit(", ".join(names[j] for j in turning), "degrees", np.pi / 180))
     for i, j in itertools.combinations(range(k), 2):
-        yield Columns(_swap(names[i], names[j]), *ones, _exchanged(same[0], i, j), same[1])
+        yield Columns(swap(names[i], names[j]), *ones, _exchanged(same[0], i, j), same[1])
     for i, j in itertools.combinations(range(m), 2):
-        yield Columns(_swap(inputs[i], inputs[j]), *ones, same[0], _exchanged(same[1], i, j))
+        yield Columns(swap(inputs[i], inputs[j]), *ones, same[0], _exchanged(same[1], i, j))
 
 
 def _angles(unit: str) -> list[tuple[str, float]]:
@@ -146,12 +147,4 @@ def _unit(name: str, words: str, factor: float) -> RecordingFault:
     return RecordingFault(
         "wrong_unit", name, factor, "1", f"The column of {name} is in {words}; it was converted by {factor:.4g}.",
         f"Give the column's unit (or scale: {factor:.6g}) under measured.columns.{name.split(', ')[0]}.",
-    )  # fmt: skip
-
-
-def _swap(first: str, second: str) -> RecordingFault:
-    return RecordingFault(
-        "swapped_columns", f"{first}, {second}", None, "",
-        f"The columns of {first} and {second} stand in each other's place; they were exchanged.",
-        f"Map them with measured.columns.{first}.column and measured.columns.{second}.column.",
     )  # fmt: skip

@@ -130,6 +130,68 @@ class FilteredVelocity(ReadingFault):
         return f"{on} that was filtered over {quoted.number('lag', 1e3, 'ms')}"
 
 
+class LateReading(ReadingFault):
+    """A reading that is logged after the others, with the stamp of these: what it shows was some time ago."""
+
+    name = "late_reading"
+    formula = "y(t) = x(t - late)"
+    source = "Ljung (1999), System Identification, sec. 14.1"
+    parameters = (EffectParameter("late", "s", "time from reading to log", null=0.0, lower=0.0, upper=1.0),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Every state."""
+        return model.state_names
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """A few multiples of the sampling interval."""
+        return tuple(multiple("late", k * scales.interval) for k in (0.5, 2.0))
+
+    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+        """Each window as it was a moment before; before its start by the parabola through its beginning."""
+        if value > 0.0:
+            _shift(reading, value, t, rows)
+
+    def phrase(self, on: str) -> str:
+        """Named by its channel."""
+        return f"a late log of {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In milliseconds."""
+        return f"{on} that is logged {quoted.number('late', 1e3, 'ms')} later than the other channels"
+
+
+@njit(float64(float64[::1], float64[::1], int64, int64, int64, float64), cache=True)
+def _parabola(reading: Floats, t: Floats, i: int, j: int, k: int, at: float) -> float:
+    """Through three samples."""
+    a, b, c = t[i], t[j], t[k]
+    first = reading[i] * (at - b) * (at - c) / ((a - b) * (a - c))
+    second = reading[j] * (at - a) * (at - c) / ((b - a) * (b - c))
+    return first + second + reading[k] * (at - a) * (at - b) / ((c - a) * (c - b))
+
+
+@njit(void(float64[::1], float64, float64[::1], int64[::1]), cache=True)
+def _shift(reading: Floats, late: float, t: Floats, rows: Ints) -> None:
+    for w in range(rows.size - 1):
+        a, b = rows[w], rows[w + 1]
+        if b - a < 3:
+            continue
+        apart = 1
+        while a + 2 * (apart + 1) < b and t[a + apart] - t[a] < late:
+            apart += 1
+        before = np.empty(b - a)
+        j = b - 1
+        for i in range(b - 1, a - 1, -1):
+            at = t[i] - late
+            while j > a and t[j] > at:
+                j -= 1
+            if t[j] > at:
+                before[i - a] = _parabola(reading, t, a, a + apart, a + 2 * apart, at)
+            else:
+                m = min(max(j, a + 1), b - 2)
+                before[i - a] = _parabola(reading, t, m - 1, m, m + 1, at)
+        reading[a:b] = before
+
+
 @njit(void(float64[::1], float64, float64[::1], float64[::1], int64[::1]), cache=True)
 def _filter(reading: Floats, lag: float, t: Floats, measured: Floats, rows: Ints) -> None:
     for w in range(rows.size - 1):
@@ -144,17 +206,19 @@ def _filter(reading: Floats, lag: float, t: Floats, measured: Floats, rows: Ints
             reading[i] = out
 
 
-RECORDING: dict[str, Effect] = {e.name: e for e in (LateLog(), Drift(), FilteredVelocity())}
+RECORDING: dict[str, Effect] = {e.name: e for e in (LateLog(), Drift(), FilteredVelocity(), LateReading())}
 """The faults that are fitted, by name; no name is that of an effect."""
+_RELATIVE = ("filtered_velocity", "late_reading")
 
 
 def possible(model: SymbolicModel, measured: tuple[str, ...]) -> list[tuple[Effect, str]]:
     """Faults that a record of these channels may have, and of which channel.
 
-    A filter on a velocity alone is what a slow actuator would do; it takes another channel to tell.
+    A filter on a velocity alone is what a slow actuator would do, a late reading alone what a late one would: it takes
+    another channel to tell.
     """
     found = [(e, on) for e in RECORDING.values() for on in e.targets(model) if e.kind == "input" or on in measured]
-    return [(e, on) for e, on in found if len(measured) > 1 or e.name != "filtered_velocity"]
+    return [(e, on) for e, on in found if len(measured) > 1 or e.name not in _RELATIVE]
 
 
 def is_fault(name: str) -> bool:

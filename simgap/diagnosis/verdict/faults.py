@@ -22,7 +22,10 @@ UNITS: Mapping[str, float] = {
 """True over logged, of units that are often mistaken for each other."""
 UNIT_WITHIN = 0.02
 
+_SAME = {"late_reading": "late_log"}  # one fault to a person, of an input or of a reading
+
 _REMEDY: Mapping[str, str] = {
+    "late_reading": "Log {} with the stamp of the instant at which it was read, or shift its column by that much.",
     "late_log": "Log {} with the stamp of the instant at which it acts, or shift its column by that much.",
     "drift": "Zero the sensor of {} before each run, or subtract the ramp.",
     "filtered_velocity": "Log {} before its filter, or leave its column out.",
@@ -39,7 +42,7 @@ def fitted_faults(found: Iterable[FoundEffect]) -> list[RecordingFault]:
             words = RECORDING[e.name].describe(e.on, Quoted(quoted))
             remedy = _REMEDY[e.name].format(e.on)
             sentence = f"The recording has {words}."
-            out.append(RecordingFault(e.name, e.on, size.value, size.unit, sentence, remedy))
+            out.append(RecordingFault(_SAME.get(e.name, e.name), e.on, size.value, size.unit, sentence, remedy))
     return out
 
 

@@ -25,6 +25,7 @@ from simgap.diagnosis.thresholds import (
     NO_MORE_THAN_NOISE,
 )
 from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error
+from simgap.diagnosis.verdict.size import negligible
 
 Floats = NDArray[np.float64]
 
@@ -92,10 +93,11 @@ def excess_share(before: HeldOut, after: HeldOut, sigma: Floats) -> float:
 
 
 def real(search: Search, found: Explanation, at_floor: bool) -> Explanation:
-    """Without the effects whose interval contains "no effect", and with what they contain in the place of those that
-    refine it by a number the data do not give; one after another, the rest fitted again."""
+    """Without the effects whose interval contains "no effect", or of no practical size, and with what they contain in
+    the place of those that refine it by a number the data do not give; one after another, the rest fitted again."""
     while found.members:
         gone, loose = (asked(search, found, at_floor) for asked in (vanished, _loose))
+        gone = gone or (negligible(search, found) if at_floor else [])
         if gone:
             found = search.without(found, gone[0])
         elif loose:
@@ -182,10 +184,13 @@ class Evidence:
 def verdict(found: Explanation, evidence: Evidence) -> Verdict:
     """The table of verdicts; a fit that has not settled is never more than `partial`.
 
-    Where faults of the recording alone explain the data down to their noise, the model lacks nothing.
+    Where faults of the recording alone explain the data down to their noise, the model lacks nothing; nor where it is
+    at the noise as declared, and *confirm* does not ask for what was found.
     """
     if not found.members:
         return "none" if evidence.before <= FIT_QUALITY and at_noise(evidence.declared) else "unexplained"
+    if evidence.before <= FIT_QUALITY and at_noise(evidence.declared) and not evidence.needed:
+        return "none"
     at_floor = evidence.after <= FIT_QUALITY and evidence.corrected.ratio <= HELD_OUT_QUALITY
     plant = any(not c.of_recording for c in found.members)
     if at_floor and found.fit.converged and evidence.needed:
