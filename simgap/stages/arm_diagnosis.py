@@ -25,16 +25,18 @@ from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
 from simgap.io.inertial_file import with_inertial
 from simgap.io.pages import need_template
+from simgap.io.parquet import table, write_parquet
 from simgap.model.tree import Tree
 from simgap.provenance import provenance
 from simgap.report.arm_document import document
 from simgap.report.arm_page import TEMPLATE, draw, page
+from simgap.report.measured_share import transition_columns
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
 from simgap.stages.measured_data import load_reading
 
 JSON, PAGE, CASE, MODEL = "diagnosis.json", "report.html", "corrected_case.yaml", "corrected.urdf"
-RECORDING = "residual.rrd"
+RECORDING, TRANSITIONS = "residual.rrd", "transitions.parquet"
 
 
 def run(
@@ -42,7 +44,8 @@ def run(
     tell: Callable[[str], None],
 ) -> dict[str, Any]:  # fmt: skip
     """Diagnose recordings of an arm and write `diagnosis.json`, `report.html`, `corrected_case.yaml`, `residual.rrd`,
-    pictures, and `corrected.urdf` where inertial parameters were found.
+    pictures, `transitions.parquet` (no rows: no bound could be held against them), and `corrected.urdf` where inertial
+    parameters were found.
 
     Raises:
         UserError: whatever is wrong with the case or the data, naming file, row or key and the remedy.
@@ -76,6 +79,9 @@ def run(
     ]
     write_recording(out_dir / RECORDING, windows, inputs, (), context.units, context.case.name)
     title = context.case.title or context.case.name
+    columns = transition_columns(context, (), record.measured, {})  # none: nothing is bounded that could hold them
+    units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
+    write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, made_of))
     write_text(out_dir / PAGE, page(content, title, draw(found, inputs, context.units, out_dir)))
     write_json(out_dir / JSON, content)
     tell(f"{content['verdict']}: {content['sentence']}")
