@@ -10,6 +10,7 @@
 #   snakemake --cores 2 mujoco                           the pendulum in another engine (extra `mujoco`)
 #   snakemake --cores 2 textbook                         small cases in equations: converter and motor
 #   snakemake --cores 2 cart_pole                        a pole on a cart from its URDF, four states
+#   snakemake --cores 2 two_link                         an arm of two links, reach and avoid in joint space
 #   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
 #   snakemake --report results/report.zip                what is there, every page and figure with its caption, in one file
 
@@ -40,6 +41,7 @@ localrules:
     proven,
     textbook,
     cart_pole,
+    two_link,
 
 
 rule all:
@@ -97,3 +99,8 @@ rule textbook:
 rule cart_pole:
     input:
         pages("cart_pole"),
+
+
+rule two_link:
+    input:
+        pages("two_link"),

@@ -20,6 +20,7 @@ from simgap.synthesis.tables import reduced_cells, reduced_size, table_meta, tab
 
 Floats = NDArray[np.float64]
 ENLARGEMENT = 1e-10  # of a cell, before the growth and again after it
+TOGETHER = 1 << 18  # pairs of cell and input that are tabulated in one call
 TOLERANCE = 1e-9  # of a cell: a post that only touches the next cell counts as reaching it
 
 
@@ -56,12 +57,12 @@ def growth_abstraction(
     at = 0
     for i, own in enumerate(axes):
         centre = grid.box.lo + grid.h * (2.0 * reduced_cells(grid, own) + 1.0)
-        for x in centre:
-            points = np.tile(x, (len(inputs), 1))
-            offset = step(points, inputs)[:, i] - x[i]
-            lo, hi = (offset - spread[:, i]) / width[i] + 0.5, (offset + spread[:, i]) / width[i] + 0.5
-            table[at : at + len(inputs)] = cell_offsets(lo, hi, TOLERANCE)
-            at += len(inputs)
+        for x in np.array_split(centre, -(-len(centre) * len(inputs) // TOGETHER)):
+            points, chosen = np.repeat(x, len(inputs), axis=0), np.tile(inputs, (len(x), 1))
+            offset, wide = step(points, chosen)[:, i] - points[:, i], np.tile(spread[:, i], len(x))
+            lo, hi = (offset - wide) / width[i] + 0.5, (offset + wide) / width[i] + 0.5
+            table[at : at + len(points)] = cell_offsets(lo, hi, TOLERANCE)
+            at += len(points)
     return Abstraction(
         grid=grid,
         inputs=np.ascontiguousarray(inputs, dtype=np.float64),

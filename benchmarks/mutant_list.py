@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 INTERVALS = ("tests/model/test_interval_definitions.py",)
 KERNELS = ("tests/synthesis/test_kernel_definitions.py",)
+WAVES = ("tests/synthesis/test_row_waves.py",)
 BOUNDS = ("tests/gap/test_bound_definitions.py",)
 SETS = ("tests/specifications/test_margins_of_sets.py",)
 BORDERS = ("tests/gap/test_borders.py",)
@@ -154,10 +155,29 @@ MUTANTS: list[Mutant] = [
         ),
         (
             "a tabulated gap moves its upper end by the lower",
-            "out[row, m, 1] += work[3, i]",
-            "out[row, m, 1] += work[2, i]",
+            "out[d, row, m, 1] += work[3, which[d]]",
+            "out[d, row, m, 1] += work[2, which[d]]",
         ),
         ("offsets are counted from the face, not the centre", "axis[i] = -0.5 * axis[n + i]", "axis[i] = 0.0"),
+    ),
+    *_of(
+        "synthesis/row_waves.py",
+        WAVES,
+        ("erosions begin where the set changed", "start = r - widest + 1", "start = r"),
+        ("the swept box may leave the slab", "0 <= q // words + clear_rows < rows", "True"),
+        ("free cells are not looked at", "if word and clear_at >= 0:", "if word and clear_at < -1:"),
+        ("a slab's neighbours are forgotten", "out[q] &= row[q]", "out[q] |= row[q]"),
+        (
+            "only the first input of equal moves is noted",
+            "range(inputs_from[v], inputs_from[v + 1])",
+            "range(inputs_from[v], inputs_from[v] + 1)",
+        ),
+    ),
+    *_of(
+        "synthesis/row_moves.py",
+        WAVES,
+        ("boxes wrap where axes end", "(low + size <= lead[0])", "(low <= lead[0])"),
+        ("rows have no empty bits behind them", "(count + farthest + 63) // 64", "(count + 63) // 64"),
     ),
     *_of(
         "synthesis/windows.py",
@@ -200,18 +220,18 @@ MUTANTS: list[Mutant] = [
         KERNELS,
         (
             "swept boxes ignore the heading's error",
-            "rotated_box(t0 - off, t0 + width[k] + off, *box)",
-            "rotated_box(t0, t0 + width[k], *box)",
+            "rotated_box(t0 - off, t0 + step + off, box[m, 0]",
+            "rotated_box(t0, t0 + step, box[m, 0]",
         ),
         (
             "swept boxes look at one heading of a layer",
-            "rotated_box(t0 - off, t0 + width[k] + off, *box)",
-            "rotated_box(t0 - off, t0 + off, *box)",
+            "rotated_box(t0 - off, t0 + step + off, box[m, 0]",
+            "rotated_box(t0 - off, t0 + off, box[m, 0]",
         ),
         (
             "swept cells forget the width of the start's cell",
-            "np.ceil(1.0 + b / width[axis] - SHRINK) - 1",
-            "np.ceil(b / width[axis] - SHRINK) - 1",
+            "np.ceil(1.0 + b / width - SHRINK) - 1",
+            "np.ceil(b / width - SHRINK) - 1",
         ),
     ),
     *_of(

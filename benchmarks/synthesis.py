@@ -1,7 +1,9 @@
 """Time and memory of synthesis: `python benchmarks/synthesis.py` prints a table and writes results/synthesis.json.
 
-Every row runs in a process of its own, twice in it: the first run compiles or loads the kernels, the second is timed
-(CPU time and wall time). Memory is the peak of that process above what it held after importing the package.
+Every row runs in two processes of its own, in each of them twice: the first process finds no machine code of another
+(`cold_process_s`, imports and both runs), the other does (`process_s`). `cpu_s` and `wall_s` are those of the second
+run in it. Memory is the peak of that process above what it held after importing the package. Where a goal is set, it
+stands beside. The robot's rows need the bound of a run, `results/turtlebot/gap/hidden-state/gap.json`.
 """
 
 from __future__ import annotations
@@ -9,12 +11,21 @@ from __future__ import annotations
 import json
 import os
 import platform
+import resource
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
-RESULT = Path(__file__).parent / "results" / "synthesis.json"
+ROOT = Path(__file__).parents[1]
+RESULT = ROOT / "benchmarks" / "results" / "synthesis.json"
+GAP = ROOT / "results" / "turtlebot" / "gap" / "hidden-state" / "gap.json"
+GOALS = {  # CPU s of a warm run
+    "(a) pendulum 1600 x 800 x 25": 0.12,
+    "(b) unicycle 0.1, 441 inputs, bit_rows, all inputs": 0.8,
+    "robot, with the gap, 9 classes": 10.0,
+}
 
 
 def _status(key: str) -> float:
@@ -31,7 +42,9 @@ def _timed(name: str, run) -> dict[str, object]:
     facts = run()
     cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
     memory = _status("VmHWM") - before
-    return {"problem": name, **facts, "cpu_s": round(cpu, 3), "wall_s": round(wall, 3), "peak_MiB": round(memory)}
+    goal = {"goal_s": GOALS[name]} if name in GOALS else {}
+    timed = {"cpu_s": round(cpu, 3), **goal, "wall_s": round(wall, 3), "peak_MiB": round(memory)}
+    return {"problem": name, **facts, **timed}
 
 
 def _pinned_pendulum(number: int) -> dict[str, object]:
@@ -105,7 +118,41 @@ def _product(gap_kind: str, threads: int) -> dict[str, object]:
     return _timed(f"pendulum 800 x 800 x 25, {gap_kind}, {threads} threads", run)
 
 
+def _many_inputs(masks: bool) -> dict[str, object]:
+    from pinned_problems import unicycle
+
+    from simgap.synthesis.reach import reach_avoid
+
+    problem = unicycle(0.1, 84, (9.0, 9.5))
+
+    def run() -> dict[str, object]:
+        found = reach_avoid(*problem, backend="bit_rows", masks=masks)
+        return {"winning": int(found.winning.sum()), "steps": found.steps}
+
+    return _timed(f"(b) unicycle 0.1, 7056 inputs, bit_rows, {'all inputs' if masks else 'values only'}", run)
+
+
+def _robot(gap: bool) -> dict[str, object]:
+    import numpy as np
+
+    from simgap.stages.context import Context
+    from simgap.stages.synthesis import pose
+    from simgap.synthesis.synthesise import synthesise
+
+    problem, _ = pose(Context.load(ROOT / "configs" / "cases" / "turtlebot.yaml"), GAP if gap else None)
+
+    def run() -> dict[str, object]:
+        found = synthesise(problem)
+        pairs = int(np.bitwise_count(found.mask).sum())
+        return {"winning": int(found.winning.sum()), "steps": found.statistics["steps"], "pairs": pairs}
+
+    return _timed(f"robot, {'with the gap, 9 classes' if gap else 'the nominal model'}", run)
+
+
 JOBS = [
+    *([("_robot", False), ("_robot", True)] if GAP.is_file() else []),
+    ("_many_inputs", False),
+    ("_many_inputs", True),
     *[("_pinned_pendulum", k) for k in range(4)],
     *[("_pinned_unicycle", k, "bit_rows", False) for k in range(4)],
     ("_pinned_unicycle", 3, "bit_rows", True),
@@ -115,17 +162,23 @@ JOBS = [
 
 
 def main() -> None:
-    """Run all jobs, or the one given as JSON in the first argument (how the rows get a process of their own)."""
-    if len(sys.argv) > 1:
+    """Run all jobs, those of a name, or one given as JSON (how the rows get a process of their own)."""
+    if len(sys.argv) > 1 and sys.argv[1].startswith("["):
         name, *arguments = json.loads(sys.argv[1])
         print(json.dumps(globals()[name](*arguments)))
         return
     rows = []
-    for job in JOBS:
+    for job in (j for j in JOBS if len(sys.argv) < 2 or j[0] == sys.argv[1]):
         command = [sys.executable, __file__, json.dumps(job)]
-        for _ in range(2):  # the first process fills the cache of compiled kernels
-            done = subprocess.run(command, check=True, capture_output=True, text=True)
-        rows.append(json.loads(done.stdout))
+        spent = []
+        with tempfile.TemporaryDirectory() as empty:  # the first process fills the caches of compiled kernels
+            places = {"NUMBA_CACHE_DIR": f"{empty}/code", "XDG_CACHE_HOME": empty}
+            for _ in range(2):
+                before = resource.getrusage(resource.RUSAGE_CHILDREN)
+                done = subprocess.run(command, check=True, capture_output=True, text=True, env=os.environ | places)
+                after = resource.getrusage(resource.RUSAGE_CHILDREN)
+                spent.append(round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, 2))
+        rows.append(json.loads(done.stdout) | {"process_s": spent[1], "cold_process_s": spent[0]})
         print("  ".join(f"{key} {value}" for key, value in rows[-1].items()), flush=True)
     machine = {"cores": os.cpu_count(), "platform": platform.platform(), "python": platform.python_version()}
     RESULT.parent.mkdir(exist_ok=True)

@@ -168,6 +168,25 @@ def recording_faults(data: Sequence[Mapping[str, Any]]) -> str:
     return markdown(head, rows)
 
 
+def diagnosis_cost(data: Sequence[Mapping[str, Any]]) -> str:
+    """CPU seconds and answers of two versions of the search."""
+    now = {r["record"]: r for r in data if r["version"] == "now"}
+    before = {r["record"]: r for r in data if r["version"] == "before"}
+    rows = []
+    for name in [n for n in before if n in now]:
+        old, new = before[name], now[name]
+        same = all(old[k] == new[k] for k in ("verdict", "effects", "chi2_dof", "held_out"))
+        named = ", ".join(new["effects"]) or "-"
+        seconds = [f"{r['cpu_s']:g}" for r in (old, new)]
+        rows.append(
+            [name, f"{old['sets']}, {new['sets']}", *seconds, new["verdict"], named, "the same" if same else "differs"]
+        )
+    return markdown(
+        ["record", "sets fitted before, now", "CPU s before", "CPU s now", "verdict", "effects", "answer as before"],
+        rows,
+    )
+
+
 def suprema(_: Mapping[str, Any]) -> str:
     """Sup of gamma for every eps of a plain run of the pendulum."""
     rows = []
@@ -202,6 +221,26 @@ def undeclared(data: Mapping[str, Any]) -> str:
     return markdown(["study", *shown], [[n, *(text(f.get(k)) for k in shown)] for n, f in figures.items()])
 
 
+FAULTS = (
+    ("kill", "killed", "not_recovered", "stages killed (SIGKILL)", "not taken up to the same bytes"),
+    ("fuzz", "inputs", "findings", "hostile and damaged inputs", "neither read nor refused in one line"),
+    ("mutants", "mutants", "caught", "mutants of the code", "caught"),
+)
+"""Of each benchmark: its name, the keys of its two figures, and what they are."""
+
+
+def faults(_: Any) -> str:
+    """What was done to simgap, how often, and what came of it."""
+    rows = []
+    for name, number, outcome, what, words in FAULTS:
+        path = RESULTS / f"{name}.json"
+        if path.is_file():
+            data = json.loads(path.read_text())
+            found = data[outcome] if isinstance(data[outcome], int) else len(data[outcome])
+            rows.append([what, f"{data[number]:,}", f"{found:,} {words}", f"`python benchmarks/{name}.py`"])
+    return markdown(["what", "number", "outcome", "command"], rows)
+
+
 TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "tightness": ("tightness_pendulum.json", tightness),
     "tightness_turtlebot": ("tightness_turtlebot.json", robot_tightness),
@@ -213,7 +252,9 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "rollouts": ("rollouts.json", rollouts),
     "dry_friction": ("dry_friction.json", dry_friction),
     "recording_faults": ("recording_faults.json", recording_faults),
+    "diagnosis_cost": ("diagnosis_cost.json", diagnosis_cost),
     "long_record": ("long_record.json", long_record),
+    "faults": ("fuzz.json", faults),
     "suprema": ("../../results/pendulum/summary.json", suprema),
 }
 

@@ -5,6 +5,7 @@ import os
 import sys
 from pathlib import Path
 
+from simgap.io.follow import RUN, follow_the_run
 from simgap.config.load import load_case
 from simgap.config.reads import READS
 from simgap.config.rig import case_of_rig
@@ -18,6 +19,8 @@ from simgap.gap.points import (
     remembers,
     shard_count,
 )
+from simgap.io.atomic import host
+from simgap.io.run_lock import join
 from simgap.provenance import (
     code_digest,
     digest,
@@ -27,10 +30,17 @@ from simgap.provenance import (
     versions,
 )
 
-# Stages run the `simgap` of this very environment, whether it was activated or not.
+# Stages run the `simgap` of this very environment, whether it was activated or not, and end with this run, which ends
+# with `simgap run` if that has begun it.
+follow_the_run()
 os.environ.update(
-    PATH=os.pathsep.join([str(Path(sys.executable).parent), *os.get_exec_path()])
+    PATH=os.pathsep.join([str(Path(sys.executable).parent), *os.get_exec_path()]),
+    **{RUN: f"{host()}:{os.getpid()}"},
 )
+
+# A run that was killed leaves Snakemake's locks: they go where no run is alive that could hold them.
+if workflow.is_main_process and join(Path(), workflow.snakemake_tmp_dir):
+    sys.stderr.write("simgap: removed the locks of a run that was killed\n")
 
 
 def told(error):

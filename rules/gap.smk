@@ -13,11 +13,17 @@ def states_of(case):
 
 
 def dimensions(stage):
-    """Results of a stage for all dimensions, in the order of the states."""
+    """Results of a stage for all dimensions, in the order of the states; points of a sweep share those that are alike."""
     return lambda wildcards: [
-        f"results/{wildcards.case}/gap/{wildcards.point}/{stage}/{state}.json"
+        f"results/{maker(wildcards.case, stage)}/gap/{wildcards.point}/{stage}/{state}.json"
         for state in states_of(wildcards.case)
     ]
+
+
+def maker(name, stage):
+    """The case whose results of this stage count: its own, but for points of a sweep that need the same."""
+    needed = ("grid", "rollouts", "borders", stage)
+    return simulated(name, *needed) if sweep_of(name) is not None else name
 
 
 # Neither of the next two waits for the other, whatever the padding. `inflate` puts local paddings into the scenario

@@ -16,12 +16,22 @@ def pages(case):
     return [f"results/{case}/{name}" for name in names]
 
 
+def bounded(case):
+    """Whether a case asks for a bound of its gap."""
+    return case_of(case).gap is not None or case_of(case).hidden_state is not None
+
+
+def controlled(case):
+    """Whether it asks for a controller, and so for a report."""
+    return bounded(case) and case_of(case).synthesis is not None
+
+
 def final_results(case):
     """What a plain run makes of a case, as far as its sections go."""
     folder, sections = f"results/{case}", case_of(case)
-    bounded = sections.gap is not None or sections.hidden_state is not None
-    if sections.synthesis is None or not bounded:
-        bound = [f"{folder}/gap/{own_point(sections)}/gap.json"] if bounded else []
+    if not controlled(case):
+        own = f"{folder}/gap/{own_point(sections)}/gap.json" if bounded(case) else None
+        bound = [own] if own else []
         found = [f"{folder}/diagnosis/report.html"] if diagnosed(case) else []
         return [f"{folder}/check/check.json", *bound, *found]
     return [*pages(case), "results/index.html"] + (
@@ -150,6 +160,23 @@ rule report:
         " --out {output.page:q} --summary {output.summary:q} --log {log:q}"
 
 
+# What Rerun's viewer shows of a recording, for a page or a talk: snakemake --cores 1 results/<case>/trace/trace.png
+rule picture:
+    input:
+        "results/{case}/trace/trace.rrd",
+    output:
+        "results/{case}/trace/trace.png",
+    log:
+        "results/{case}/logs/picture.log",
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    message:
+        "{wildcards.case}: picture of its recording"
+    shell:
+        "simgap view {input:q} --picture {output:q} > {log:q} 2>&1"
+
+
 # Cases of other configs have pages too: what they made stays on the index, as it is.
 EARLIER = [
     str(path)
@@ -160,7 +187,7 @@ EARLIER = [
 
 rule index:
     input:
-        expand("results/{case}/summary.json", case=CASES),
+        [f"results/{case}/summary.json" for case in CASES if controlled(case)],
     output:
         "results/index.html",
     log:

@@ -103,14 +103,20 @@ def strays(certificate: Solution, run: Run) -> int:
     """Steps of a run after which it is not where the certificate says.
 
     Towards a target: the level at what is measured and pending falls with every step, and stays 0 once it is. To stay:
-    the state is in a winning cell. A controller that remembers the pending input has no such set of states: it is held
-    by having an input at every sample, without which a run is stuck.
+    the state is in a winning cell, or in one from which the pending input may act. A controller of measured cells that
+    remembers the pending input has no such set of states: it is held by having an input at every sample, without which
+    a run is stuck.
     """
     grid, value = certificate.grid, certificate.value
     if value is None:
         cells = grid.index(run.x)
-        lost = ~np.where(cells >= 0, certificate.winning[cells], False)
-        return 0 if certificate.late else int(lost[1:].sum())
+        if not certificate.late:
+            inside = certificate.winning[cells]
+        elif certificate.acting is not None and run.memory is not None:
+            inside = (certificate.acting[cells, run.memory >> 3] >> (run.memory & 7) & 1) == 1
+        else:
+            return 0
+        return int((~inside | (cells < 0))[1:].sum())
     levels = certificate.levels(run.seen, run.memory)
     before, after = levels[:-1], levels[1:]
     kept = (after >= 0) & ((after < before) | ((before == 0) & (after == 0)))

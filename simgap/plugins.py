@@ -29,6 +29,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
                 "equations": "simgap.simulators.equations:EquationsEngine",
                 "python": "simgap.simulators.python_function:PythonEngine",
+                "drake": "simgap.simulators.drake_joints:DrakeJoints",
+                "fmu": "simgap.simulators.fmu:FmuEngine",
             }
         ),
         "bases": MappingProxyType(

@@ -19,6 +19,7 @@ from typing import Any
 from simgap import plugins
 from simgap.config.case import Case
 from simgap.config.function_file import FunctionFile
+from simgap.config.model_files import named_files
 from simgap.config.plugged import used
 from simgap.config.reads import CLOSED_FORM, EVERY_EFFECT, READS, TRANSLATED
 
@@ -52,9 +53,12 @@ def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
         for part in section.split("."):
             value = value.get(part) if isinstance(value, dict) else None
         content[name] = value == asked if asked else value
-        urdf = value.get("urdf") if isinstance(value, dict) else value if section.endswith("urdf") else None
-        if urdf and (folder / urdf).is_file():
-            content[f"{section}: bytes"] = file_digest(folder / urdf)
+        files = dict(named_files(value)) if isinstance(value, dict) else {}
+        if section.endswith("urdf") and isinstance(value, str):
+            files["urdf"] = value
+        for key, path in files.items():
+            if (folder / path).is_file():
+                content[f"{section}: {'bytes' if key == 'urdf' else key}"] = file_digest(folder / path)
         content |= {f"{section}: function": own for own in _functions(value, folder)}
     return digest(content)
 

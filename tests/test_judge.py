@@ -97,3 +97,16 @@ def test_levels_are_those_of_the_cell_and_the_pending_input():
     climbs = Run(run.x, run.inputs, False, run.x, run.clearance, np.array([1, 0, 0]))  # 2, 3, 2
     assert (strays(late, falls), strays(late, climbs)) == (0, 1)
     assert late.levels(run.x[:1]).tolist() == [4]
+
+
+def test_a_pending_input_that_may_not_act_from_where_the_plant_is_leaves_the_certificate():
+    """A controller that knows measurements of the sample before keeps pairs of a true cell and the input that acts."""
+    may = np.array([[3], [3], [3], [1], [1], [0]], np.uint8)
+    mask = np.full((12, 1), 3, np.uint8)
+    own = Solution(GRID, may[:, 0] & 1 == 1, mask, np.ones(6, bool), memory=2, late=True, acting=may)
+    run = along([1.5, 2.5, 3.5], [1, 1])
+    held = Run(run.x, run.inputs, False, run.x, run.clearance, np.array([1, 1, 0]))
+    left = Run(run.x, run.inputs, False, run.x, run.clearance, np.array([1, 1, 1]))
+    assert (strays(own, held), strays(own, left)) == (0, 1)
+    gone = Run(run.x + np.array([[0.0], [0.0], [9.0]]), run.inputs, False, run.x, run.clearance, np.array([1, 1, 0]))
+    assert strays(own, gone) == 1

@@ -29,12 +29,14 @@ class HistoryQuestion:
         gaps: body-frame gaps (k, 3) of the steps under input numbers (k,) from rest at a heading (rad).
         bounds: of steps with these input numbers (k,) and those before them (k,), -1 at rest: two (k, 3).
         inputs: U, (M, 2); length: inputs before the present one.
+        heading: which state the heading is.
     """
 
     gaps: Callable[[Ints, float], Floats]
     bounds: Callable[[Ints, Ints], tuple[Floats, Floats]]
     inputs: Floats
     length: int
+    heading: int = 2
 
 
 class HistorySearch:
@@ -67,7 +69,7 @@ class HistorySearch:
         u = self.q.inputs[sequence]
 
         def step(k: int) -> Step:
-            x = np.array([0.0, 0.0, heading])
+            x = np.where(np.arange(3) == self.q.heading, heading, 0.0)
             return Step(float(shares[k]), x, u[k], d[k], lo[k], hi[k], u[:k], heading)
 
         self.found.see(kind, shares, step)

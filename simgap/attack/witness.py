@@ -22,7 +22,7 @@ class Witness:
 
     Attributes:
         kind: STEP or RUN; plant: SIMULATOR, or DISTURBANCE where the states are the adversary's own within f + gamma.
-        what: a sentence. rule: by which the inputs were chosen, for a run.
+        what: a sentence. rule: by which the inputs were chosen, and end: how it ended, for a run.
         inputs: (k, nu) one after the other. states: (k + 1, nx) of a run, else (1, nx) where the step begins (from rest
             at this pose for a robot that remembers). measured: (k + 1, nx) of a run, else (0, nx).
         d, lo, hi: (nx,) gap and bound of the step outside, in the robot's frame where that remembers; empty for a run.
@@ -32,6 +32,7 @@ class Witness:
     plant: str
     what: str
     rule: str
+    end: str
     inputs: Floats
     states: Floats
     measured: Floats
@@ -45,16 +46,19 @@ class Witness:
         nothing = np.empty((0, step.x.size))
         inputs = step.u[None] if step.history is None else np.concatenate([step.history, step.u[None]])
         what = f"a step of the simulator lies outside gamma by {step.share:.3g} of its width"
-        return Witness(STEP, SIMULATOR, what, "", inputs, step.x[None], nothing, step.d, step.lo, step.hi)
+        return Witness(STEP, SIMULATOR, what, "", "", inputs, step.x[None], nothing, step.d, step.lo, step.hi)
 
     @staticmethod
     def of_run(plant: str, broken: BrokenRun, inputs: Floats) -> Witness:
         """From a broken run, input numbers into U (M, nu)."""
         run, nothing = broken.run, np.empty(0)
-        what = f"a run under the rule '{broken.rule}' ends after {len(run.inputs)} steps: {broken.end}"
+        steps = len(run.inputs)
+        after = f"after {steps} step{'' if steps == 1 else 's'}" if steps else "where it begins"
+        what = f"a run under the rule '{broken.rule}' ends {after}: {broken.end}"
         if broken.outside.any():
             what += f"; step {int(np.argmax(broken.outside)) + 1} is the first outside gamma"
-        return Witness(RUN, plant, what, broken.rule, inputs[run.inputs], run.x, run.seen, nothing, nothing, nothing)
+        u, end = inputs[run.inputs], broken.end
+        return Witness(RUN, plant, what, broken.rule, end, u, run.x, run.seen, nothing, nothing, nothing)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
@@ -68,7 +72,7 @@ class Witness:
             UserError: a file that is no witness of a case with that many states and inputs.
         """
         try:
-            kind, plant, what, rule = (str(data[name]) for name in ("kind", "plant", "what", "rule"))
+            kind, plant, what, rule, end = (str(data[name]) for name in ("kind", "plant", "what", "rule", "end"))
             inputs = np.array(data["inputs"], dtype=np.float64).reshape(-1, nu)
             states, measured = (np.array(data[n], dtype=np.float64).reshape(-1, nx) for n in ("states", "measured"))
             d, lo, hi = (np.array(data[n], dtype=np.float64) for n in ("d", "lo", "hi"))
@@ -76,4 +80,4 @@ class Witness:
             kind = ""
         if kind not in (STEP, RUN) or (len(inputs) == 0 and kind == STEP) or len(states) == 0:
             raise UserError("not a witness of this case", remedy="Give a witness.json that the audit wrote.")
-        return Witness(kind, plant, what, rule, inputs, states, measured, d, lo, hi)
+        return Witness(kind, plant, what, rule, end, inputs, states, measured, d, lo, hi)

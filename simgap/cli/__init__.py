@@ -15,6 +15,7 @@ import typer
 from simgap.cli import control, gap, measured, pages, sweeps, tools, view, workflow
 from simgap.cli.options import app
 from simgap.errors import SimgapError, excerpt
+from simgap.io.follow import follow_the_run
 
 __all__ = ["app", "main"]
 
@@ -27,6 +28,7 @@ _USAGE: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: a person's mistake is one line on stderr and status 2, a broken promise status 1."""
+    follow_the_run()
     logging.getLogger("simgap").addHandler(logging.NullHandler())  # without a log, errors are told once, below
     try:
         result: Any = app(arguments if arguments is not None else sys.argv[1:], standalone_mode=False)

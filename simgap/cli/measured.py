@@ -38,14 +38,15 @@ def diagnose(
 
     journal = log or out / "diagnosis.log"
     start_log(journal)
+    out.mkdir(parents=True, exist_ok=True)  # paths of the corrected case begin there
     try:
         with Console(stderr=True).status("starting") as status:
             result = stage.run(case, data or [], out, lambda words: status.update(escape(words)))
     except (UserError, OSError, MemoryError):  # nothing half-written is left, the log of a default place included
         if log is None:
             journal.unlink(missing_ok=True)
-            with suppress(OSError):
-                out.rmdir()
+        with suppress(OSError):
+            out.rmdir()
         raise
     for line in (f"{result['verdict']}: {result['sentence']}", f"Report: {out / 'report.html'}"):
         Console().print(line, soft_wrap=True, highlight=False, markup=False)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -15,6 +15,8 @@ import yaml
 
 from simgap.cli.options import app, new_folder
 from simgap.errors import SimgapError, UserError
+from simgap.io.atomic import host, write_text
+from simgap.io.follow import RUN
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -37,6 +39,8 @@ def run(
 
     options = [word for word in (*map(str, cases), *context.args) if word.startswith("-")]
     files = [path for path in cases if not str(path).startswith("-")]
+    if not files:
+        raise UserError("no case is given", remedy="Name one or more case files, such as robot.yaml.")
     for path in files:
         name = load_case(path).name
         if path.name != f"{name}.yaml":
@@ -102,24 +106,26 @@ def snakemake(
         locks = Path(".snakemake/locks")
         locked = locks.is_dir() and any(locks.iterdir())
         raise WorkflowFailed(
-            "this folder is locked. If no other run is at work in it, one was killed: give the same command with "
-            "--unlock, then again without"
+            "this folder is locked: another run is at work in it, or one of another machine was killed. Wait, or "
+            "give the same command with --unlock, then again without"
             if locked
-            else "the run has failed; what failed stands above, and in results/<case>/logs"
+            else "the run has failed; what failed stands above, and in results/<case>/logs. Mend it and type the same "
+            "command again: what was finished is kept"
         )
 
 
 def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[str], sweeps: Path) -> int:
-    with tempfile.TemporaryDirectory(prefix="simgap-") as temporary:
-        config = Path(temporary) / "run.yaml"
-        place, points = Path(os.path.relpath(folder)), os.path.relpath(sweeps)
-        about = {"case_folder": str(place), "rig_folder": str(place / "rigs"), "sweep_folder": points}
-        config.write_text(yaml.safe_dump(about | {"cases": list(cases)}))
-        command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
-        command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
-        process = subprocess.Popen([*command, *options])
-        while True:
-            try:
-                return process.wait()
-            except KeyboardInterrupt:  # Snakemake has it too, and ends its jobs
-                continue
+    place, points = Path(os.path.relpath(folder)), os.path.relpath(sweeps)
+    about = {"case_folder": str(place), "rig_folder": str(place / "rigs"), "sweep_folder": points}
+    text = yaml.safe_dump(about | {"cases": list(cases)})
+    # Beside what Snakemake keeps, under a name that says what is in it: a run that is killed leaves no other file.
+    config = Path(".snakemake/simgap") / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.yaml"
+    write_text(config, text)
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
+    command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
+    process = subprocess.Popen([*command, *options], env=os.environ | {RUN: f"{host()}:{os.getpid()}"})
+    while True:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:  # Snakemake has it too, and ends its jobs
+            continue

@@ -131,10 +131,18 @@ class Condition(Section):
         return self
 
 
+class PayloadSection(Section):
+    """Something more that was mounted on a link while a file was recorded."""
+
+    file: str = Field(description="The file (its name, or the end of its path).")
+    link: str = Field(description="The link that it was mounted on: one that a joint moves.")
+    mass: float | None = Field(None, gt=0, description="Its mass in kg, where it is known; found where it is not.")
+
+
 class MeasuredSection(Section):
     """Recordings of the real thing, for `simgap diagnose` and the diagnosis stage."""
 
-    OPTIONAL = ("conditions",)
+    OPTIONAL = ("conditions", "payloads")
 
     files: tuple[str, ...] = Field(
         default=(),
@@ -155,6 +163,10 @@ class MeasuredSection(Section):
         description="Parameters of the plant that are known to differ from file to file, such as a weight or a supply "
         "voltage; a file that is not named has the declared values. One set of effects is fitted to all files.",
     )
+    payloads: tuple[PayloadSection, ...] = Field(
+        default=(),
+        description="Weights that were mounted on a link of an arm of three joints or more in some files.",
+    )
     held_out: HeldOut = Field(default_factory=HeldOut, description="The data that are kept for judging.")
     window_s: float = Field(
         default=1.0, gt=0, description="Length of the windows that are simulated in the fit, in seconds."
@@ -172,7 +184,12 @@ class MeasuredSection(Section):
     effects: tuple[str, ...] = Field(
         default=(), description="Effects that may be tried; all of `simgap effects` if none is named."
     )
-    max_effects: int = Field(default=3, ge=1, le=6, description="Largest number of effects in one explanation.")
+    max_effects: int = Field(
+        default=3,
+        ge=1,
+        le=6,
+        description="Largest number of effects in one explanation; of an arm of three joints or more, at each joint.",
+    )
     budget_s: float | None = Field(
         default=None,
         gt=0,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from pydantic import Field
 
 from simgap.config.base import Section
@@ -19,6 +21,11 @@ class EngineSection(Section):
     urdf: str | None = Field(None, description="Model file if it differs from the plant's, relative to the case file.")
     substeps: int = Field(1, ge=1, description="Engine steps within tau.")
     effects: tuple[AddedEffect, ...] = Field((), description="Effects applied at every engine step.")
+    timeout: float = Field(
+        60.0, gt=0, description="Longest time of one call of an engine that is not simgap's own, s; then it is ended."
+    )
+
+    OPTIONAL: ClassVar[tuple[str, ...]] = ("timeout",)
 
     def between_poses(self, tau: float, gravity: float) -> float:
         """How far (m) a robot may stray from the straight line between two poses that the engine records within tau.

@@ -6,6 +6,7 @@ import copy
 import hashlib
 import itertools
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -29,11 +30,17 @@ class Sweep(Section):
 
     case: str = Field(description="Case file, relative to the sweep file.")
     title: str = Field("", description="What the page is headed with.")
-    mode: Literal["grid", "zip"] = Field(
-        "grid", description="grid: every combination. zip: the first values, the second ones, ..."
+    mode: Literal["grid", "zip", "list"] = Field(
+        "grid",
+        description="grid: every combination. zip: the first values, the second ones, ... list: the `points`, one by "
+        "one.",
     )
     axes: dict[str, tuple[Any, ...]] = Field(
-        min_length=1, description="Values by dotted key of the case, such as gap.basis or synthesis.cells."
+        default_factory=dict, description="Values by dotted key of the case, such as gap.basis or synthesis.cells."
+    )
+    points: tuple[dict[str, Any], ...] = Field(
+        (),
+        description="mode list: for each point its values by dotted key; other keys stay as they are.",
     )
 
 
@@ -80,20 +87,36 @@ def points_of_sweep(path: Path) -> list[Point]:
         UserError: axes of different lengths where they are zipped, too many points, or a point that is no case.
     """
     sweep = load_sweep(path)
+    listed = sweep.mode == "list"
+    if bool(sweep.axes) == listed or bool(sweep.points) != listed:
+        raise UserError(
+            f"mode {sweep.mode} has {'points and no axes' if listed else 'axes and no points'}", file=path, key="mode",
+            remedy="Give `points:` with mode list, `axes:` with grid or zip.",
+        )  # fmt: skip
     if sweep.mode == "zip" and len({len(values) for values in sweep.axes.values()}) > 1:
         raise UserError("zipped axes have different lengths", file=path, key="axes", remedy="Give each as many values.")
-    together = (
-        itertools.product(*sweep.axes.values()) if sweep.mode == "grid" else zip(*sweep.axes.values(), strict=True)
-    )
-    rows = list(itertools.islice(together, MOST_POINTS + 1))
+    rows = list(itertools.islice(_values(sweep), MOST_POINTS + 1))
     if not 0 < len(rows) <= MOST_POINTS:
         problem = "there is no point" if not rows else f"there are more than {MOST_POINTS} points"
         raise UserError(problem, file=path, key="axes", remedy="Give other values.")
+    if any(row in rows[:k] for k, row in enumerate(rows)):
+        raise UserError("a point stands there twice", file=path, key="points" if listed else "axes")
     base = path.parent / sweep.case
     content = case_content(base)
     parse_case(copy.deepcopy(content), base)  # a mistake of its own is told with its own file
     content.pop("measured", None)
-    return [_point(path, base, content, dict(zip(sweep.axes, row, strict=True))) for row in rows]
+    return [_point(path, base, content, row) for row in rows]
+
+
+def _values(sweep: Sweep) -> Iterator[dict[str, Any]]:
+    """The values of each point by dotted key."""
+    if sweep.mode == "list":
+        yield from (dict(point) for point in sweep.points)
+        return
+    together = (
+        itertools.product(*sweep.axes.values()) if sweep.mode == "grid" else zip(*sweep.axes.values(), strict=True)
+    )
+    yield from (dict(zip(sweep.axes, row, strict=True)) for row in together)
 
 
 def _point(path: Path, base: Path, content: dict[str, Any], values: dict[str, Any]) -> Point:

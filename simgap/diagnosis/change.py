@@ -10,7 +10,7 @@ import numpy as np
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Estimate, FoundEffect, RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
-from simgap.diagnosis.thresholds import FIT_QUALITY, MIN_SAMPLES
+from simgap.diagnosis.thresholds import FIT_QUALITY, MIN_SAMPLES, SIDES_ALIKE
 from simgap.diagnosis.verdict.changed import Change, change_promised
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS
@@ -39,7 +39,7 @@ def sides_apart(
     if change is None:
         return None
     before, after = _cut(record, change, settings.window_s)
-    if before is None or after is None:
+    if before is None or after is None or not _move_alike(before, after):
         return None
     long, short = (before, after) if before.rows >= after.rows else (after, before)
     try:
@@ -54,6 +54,21 @@ def sides_apart(
     sides = (main, other) if long is before else (other, main)
     fault = _fault(change, record, sides, "before" if long is before else "after")
     return None if fault is None else replace(main, recording=(*main.recording, fault))
+
+
+def _move_alike(before: Record, after: Record) -> bool:
+    """Whether both sides move and are driven over ranges of like size.
+
+    If they do not, an effect that no number of the library describes acts differently in each, and the plant is the
+    same. Standard deviations of readings and inputs, trace by trace together; a channel at rest in both is alike.
+    """
+
+    def spread(record: Record) -> np.ndarray:
+        rows = [np.column_stack([trace.y, trace.u]) for trace in record.traces]
+        return np.asarray(np.sqrt(np.mean(np.concatenate([r - r.mean(axis=0) for r in rows]) ** 2, axis=0)))
+
+    first, second = spread(before), spread(after)
+    return bool(np.all(np.maximum(first, second) <= SIDES_ALIKE * np.minimum(first, second)))
 
 
 def _whole(d: Diagnosis) -> bool:

@@ -38,7 +38,6 @@ from simgap.diagnosis.verdict.judge import (
     needed,
     verdict,
 )
-from simgap.diagnosis.verdict.pushes import Confirmed, confirmed, push_faults
 from simgap.diagnosis.verdict.restated import told
 from simgap.diagnosis.verdict.second_look import nearest, second_look
 from simgap.diagnosis.verdict.size import slight
@@ -80,13 +79,11 @@ def conclude(
     known, confirm, search, full, base = parts.known, parts.confirm, chosen.search, chosen.full, chosen.base
     at, horizon = chosen.kept.fit, settings.horizon_s
     old, new = (judge(confirm, theta, horizon) for theta in (base.theta, at.theta))
-    held = confirmed(confirm, old, new, (base.theta, at.theta), horizon)
-    evidence = _evidence(known, held, chosen)
+    evidence = _evidence(known, confirm, chosen, old, new)
     word, share = verdict(chosen.kept, evidence), evidence.share
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     short = nearest(full, chosen.kept, evidence, chosen.at_floor, model) if word == "unexplained" else None
     kept, kept_held = (chosen.kept, new) if named else (full.empty(base), old)
-    left = held.new if named else held.old
     others = _rivals(chosen) if named else []
     names = [trace.name for trace in record.traces]
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
@@ -115,7 +112,7 @@ def conclude(
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),
         nearest=short,
-        left_over=second_look(search, chosen.found if named else empty, held.problem, left, horizon, model)
+        left_over=second_look(search, chosen.found if named else empty, confirm, kept_held, horizon, model)
         if tested
         else None,
         concentrated=concentrated(confirm, names, old, new),
@@ -124,14 +121,13 @@ def conclude(
             *fitted_faults(fitted),
             *gain_faults(every),
             *noise_faults(known),
-            *push_faults(known, confirm, (parts.aside, held.apart), at.theta, names),
         ),
     )
 
 
-def _evidence(known: Problem, held: Confirmed, chosen: Chosen) -> Evidence:
+def _evidence(known: Problem, confirm: Problem, chosen: Chosen, old: HeldOut, new: HeldOut) -> Evidence:
     """What the verdict is made of."""
-    found, full, agree, confirm, old, new = chosen.kept, chosen.full, chosen.agree, held.problem, held.old, held.new
+    found, full, agree = chosen.kept, chosen.full, chosen.agree
     share = excess_share(old, new, known.sigma)
     wanted = bool(found.members) and needed(full, found, confirm, new)
     if found.members and chosen.search.watch.stopped:  # nothing compared the halves yet
@@ -139,7 +135,7 @@ def _evidence(known: Problem, held: Confirmed, chosen: Chosen) -> Evidence:
     elif found.members and chosen.at_floor and not (wanted and new.ratio <= HELD_OUT_QUALITY):
         agree = folds_agree(known, found, full.steps, 1.0)
     before, after = (chi2_dof(known, at) for at in (chosen.base, found.fit))
-    return Evidence(before, after, old, new, share, agree, wanted, held.apart is not None)
+    return Evidence(before, after, old, new, share, agree, wanted)
 
 
 def _rivals(chosen: Chosen) -> list[Rival]:

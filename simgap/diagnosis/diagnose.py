@@ -31,10 +31,9 @@ from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import FIT_QUALITY, MOST_COLOURED, ROUNDS_ASIDE
+from simgap.diagnosis.thresholds import FIT_QUALITY, MOST_COLOURED
 from simgap.diagnosis.verdict.faults import filtered_channels
 from simgap.diagnosis.verdict.judge import chi2_dof, real
-from simgap.diagnosis.verdict.pushes import calmer, standing_out, worst
 from simgap.diagnosis.verdict.transfer import Trial, transferable
 from simgap.diagnosis.widen import screened, widened
 from simgap.errors import UserError
@@ -64,6 +63,13 @@ def diagnose(
     settings = settings or DiagnosisSettings()
     if record.inputs != model.input_names:
         raise UserError(f"the record has inputs {list(record.inputs)}", remedy=f"Give {list(model.input_names)}.")
+    return _answer(model, record, settings, tell, whole=True)
+
+
+def _answer(
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, tell: Callable[[str], None], whole: bool
+) -> Diagnosis:
+    """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle."""
     record, parts, said, faults = _mended(model, record, settings)
     not_tried = barred(parts.known.model, record, settings.effects)
     watch = Watch(settings.budget_s, tell)
@@ -71,12 +77,7 @@ def diagnose(
     wider = screened(model, record, settings, *begun, not_tried)
     if wider is None:
         search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, begun=begun)
-        calm = _without_pushes(parts, search, found, settings.max_effects, not_tried)
-        if calm is None:
-            apart = sides_apart(record, settings, search, found, _part_by(model, watch, tell))
-            if apart is not None:
-                return replace(apart, recording=(*faults, *apart.recording))
-        wider = calm or widened(model, record, settings, search, found, not_tried)
+        wider = widened(model, record, settings, search, found, not_tried)
     if wider is not None:
         parts, (search, base, found) = wider
     reach = parts.known.reach(found.fit.theta)
@@ -95,6 +96,10 @@ def diagnose(
     louder = _under_its_noise(parts, search, found, settings.max_effects, not_tried)
     if louder is not None:
         parts, (search, base, found) = louder
+    elif whole:
+        apart = sides_apart(record, settings, search, found, _part_by(model, watch, tell))
+        if apart is not None:
+            return replace(apart, recording=(*faults, *apart.recording))
     chosen = _chosen(parts, search, base, found, settings, not_tried)
     return conclude(model, record, settings, parts, chosen, said, (*faults, *filtered))
 
@@ -119,28 +124,9 @@ def _part_by(model: SymbolicModel, watch: Watch, tell: Callable[[str], None]) ->
     """Diagnoses a part of the record within what is left of the budget."""
 
     def answer(part: Record, settings: DiagnosisSettings) -> Diagnosis:
-        return diagnose(model, part, replace(settings, budget_s=watch.left), tell)
+        return _answer(model, part, replace(settings, budget_s=watch.left), tell, whole=False)
 
     return answer
-
-
-def _without_pushes(
-    parts: Parts, search: Search, found: Explanation, most: int, not_tried: Collection[Key]
-) -> tuple[Parts, tuple[Search, Fit, Explanation]] | None:
-    """The search again without a few windows that stand out, till the same ones do; None where that is no remedy."""
-    left = chi2_dof(search.problem, found.fit)
-    if search.watch.stopped or left <= FIT_QUALITY:
-        return None
-    out = worst(parts.known, found.fit.theta)
-    for _ in range(ROUNDS_ASIDE):
-        if not out.any():
-            return None
-        calm, aside = parts.set_aside(out), out
-        ends = _searched(calm.known, most, not_tried, search.watch)
-        out = standing_out(parts.known, ends[2].fit.theta)
-        if np.array_equal(out, aside):
-            return (calm, ends) if calmer(left, chi2_dof(ends[0].problem, ends[2].fit)) else None
-    return None
 
 
 def _under_its_noise(

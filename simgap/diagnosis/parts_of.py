@@ -42,8 +42,5 @@ def parts_of(
         said = (*said, _NO_COORDINATES)
     every = settled(build_problem(compiled, record, windows, sigma))
     known = folds.fit | folds.choose
-    known_part, fit, choose, confirm = (
-        every.on(windows.pick(mask)) for mask in (known, folds.fit, folds.choose, folds.confirm)
-    )
-    parts = Parts(known_part, fit, choose, confirm)
+    parts = Parts(*(every.on(windows.pick(mask)) for mask in (known, folds.fit, folds.choose, folds.confirm)))
     return parts.past_the_unknown(every.reach(compiled.null)), said  # reach of delays that the model declares

@@ -112,8 +112,8 @@ COVERED_ERRORS = 2.0
 NEGLIGIBLE, SLIGHT_SHARE = 0.1, 1e-4
 """Of no practical size is what adds, left out, less than this share of the noise to the misses of windows (root mean
 square), and a fault of the recording that accounts for less than this share of the squared error of the declared model
-(a hundredth of the error). What benchmarks/other_plants.py hides adds 3.5 times the noise and more, and accounts for
-4 % of the squared error and more; where in between is judgement (tests/diagnosis/test_size.py)."""
+(a hundredth of the error). Readings 20 ms late of benchmarks/other_plants.py added 3.5 times the noise and more, and
+accounted for 4 % of the squared error and more; where below that is judgement (tests/diagnosis/test_size.py)."""
 
 SMALL_PART, MOST_OF_THE_ERROR = 0.05, 0.5
 """The error is in one place if this part of the predictions carries this share of its square. The largest 5 % of a
@@ -122,19 +122,16 @@ Gaussian's draws carry 28 %, of a sine's 10 %."""
 FEWEST_PREDICTIONS = 20
 """Of fewer predictions a twentieth is less than one."""
 
-# Windows in which something else acts than in the rest (a push), from benchmarks/other_plants.py --kinds push.
-
-FAR, MOST_ASIDE, FEWEST_WINDOWS, ROUNDS_ASIDE = 4.0, 0.2, 6, 3
-"""A window is set aside if its chi^2/dof is so many times the median window's (and noise's); more than this share of
-the windows, or two, are not a push but something that acts all along. Fewer windows have no rest to stand out of."""
-
-LEFT_BY_CALM = 0.1
-"""Windows stay set aside only if without them the model reaches the noise, or keeps this share at most of chi^2/dof
-above 1, fitted and judged alike. Judgement: what stays must be another order of magnitude."""
+FEWEST_WINDOWS = 6
+"""Both sides of a change in mid-record have so many windows at least. Judgement: each is to fill three folds."""
 
 CHANGE_PROMISES = 0.3
 """A change in mid-record is looked into where it promises this share of the chi^2 above noise that the best answer
 leaves. Judgement: what then decides is that both sides by themselves are down to their noise, with other numbers."""
+
+SIDES_ALIKE = 1.8
+"""Largest ratio of the spreads of motion and command before and after a change. Judgement: in larger or smaller motion
+an effect that is not in the library looks like another number of one that is."""
 
 MASKING_TELLS = 0.5
 """Off the noise floor, masking what was commanded before the record is worth a search of its own only if it lowers

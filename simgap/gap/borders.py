@@ -7,7 +7,7 @@ no surface fixes on a lattice that the caller chooses.
 
 from __future__ import annotations
 
-import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -60,11 +60,28 @@ def critical_points(
     levels = [_even(domain, j) for j in range(nx)] if lattice is None else [np.sort(own) for own in lattice]
     levels = [_middle(domain, j) if j in domain.free else own for j, own in enumerate(levels)]
     while True:
-        found = _listed(domain, functions, levels)
-        if len(found.x) <= most or max(len(own) for own in levels) <= 2:
-            return found
+        thin = max(len(own) for own in levels) <= 2
+        if thin or border_count([len(own) for own in levels], domain.free) <= most:  # else: not even listed
+            found = _listed(domain, functions, levels)
+            if thin or len(found.x) <= most:
+                return found
         longest = int(np.argmax([len(own) for own in levels]))
         levels[longest] = levels[longest][::2]
+
+
+def border_count(levels: Sequence[int], free: Sequence[int] = ()) -> int:
+    """States on faces, edges and corners of X for so many levels inside X on each axis; free axes have no ends."""
+    ends = [n if j in free else n + 2 for j, n in enumerate(levels)]
+    return math.prod(ends) - math.prod(levels)
+
+
+def thinned_count(levels: Sequence[int], free: Sequence[int], most: int) -> int:
+    """How many of these `critical_points` lists where there is no switching surface."""
+    left = [1 if j in free else n for j, n in enumerate(levels)]
+    while max(left) > 2 and border_count(left, free) > most:
+        longest = int(np.argmax(left))
+        left[longest] = -(-left[longest] // 2)
+    return border_count(left, free)
 
 
 def _listed(domain: GapDomain, functions: Sequence[_Function], levels: Sequence[Floats]) -> Borders:
@@ -76,9 +93,9 @@ def _listed(domain: GapDomain, functions: Sequence[_Function], levels: Sequence[
             line = 0.5 * (domain.box.lo + domain.box.hi)[None]
             fixed[j] = np.union1d(fixed[j], _beside(domain, j, function.roots(domain, line, j)[1]))
     every = [np.union1d(own, ends) for own, ends in zip(levels, fixed, strict=True)]
-    mesh = _product(every)
-    held = np.stack([np.isin(mesh[:, j], fixed[j]) for j in range(nx)], axis=1)
-    parts = [(mesh[held.any(axis=1)], held[held.any(axis=1)])]
+    faces = [[fixed[k] if k == j else every[k] for k in range(nx)] for j in range(nx) if len(fixed[j])]
+    mesh = np.concatenate([np.empty((0, nx)), *map(_product, faces)])  # what lies inside X is never listed
+    parts = [(mesh, np.stack([np.isin(mesh[:, j], fixed[j]) for j in range(nx)], axis=1))]
     for function in functions:
         if len(function.axes) > 1 or (function.axes and function.of_inputs):
             parts += [_along(domain, function, j, every, fixed) for j in function.axes]
@@ -165,4 +182,4 @@ def _even(domain: GapDomain, j: int) -> Floats:
 
 
 def _product(levels: Sequence[Floats]) -> Floats:
-    return np.array(list(itertools.product(*levels)), dtype=float).reshape(-1, len(levels))
+    return np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, len(levels))

@@ -28,5 +28,12 @@ MOST_BORDER_STATES = 50_000
 CHECK_LEVELS = 40
 """Of the random lattice of states on borders that check a bound, along each axis: 160 states on faces in the plane."""
 
+LEAST_CHECKED_BORDER = 1_000
+"""States on borders that check a bound, at most: as many as the grid has, but never fewer than these. With 40 levels on
+each of four axes it would be 600,000 states, more than twenty times what the bound itself was made of. Judgement."""
+
+EVERYWHERE = 0.5
+"""Share of rough cells above which a gap is said to be followed too coarsely, not to jump; only words depend on it."""
+
 THIN = 0.34
 """Share of an axis of X below which rough cells are said to lie near one value of it; only words depend on it."""

@@ -2,44 +2,65 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import platform
 import re
+import signal
 import tempfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+KILL_AT = "SIMGAP_KILL_AT"
+"""Environment variable, for tests alone: the number of the place in a write at which the process group is killed."""
+_passed = itertools.count(1)
+
 
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """A temporary neighbour of `path` that takes its place when the block ends well, and vanishes otherwise."""
+    """A temporary neighbour of `path` that takes its place when the block ends well, and vanishes otherwise.
+
+    Its bytes are on the disk before it takes the name: a machine that dies leaves the old file or the new one.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_abandoned(path)
-    handle, name = tempfile.mkstemp(
-        prefix=f".{path.stem}.{_host()}-{os.getpid()}-", suffix=path.suffix, dir=path.parent
-    )
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}.{host()}-{os.getpid()}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     temporary = Path(name)
     try:
+        _may_be_killed()
         yield temporary
+        _may_be_killed(half=temporary)
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
+        with temporary.open("rb") as stream:
+            os.fsync(stream.fileno())
         temporary.replace(path)
+        _may_be_killed()
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _host() -> str:
+def _may_be_killed(half: Path | None = None) -> None:
+    """A place where tests cut a write: before it, half of it done, or just after it."""
+    wanted = os.environ.get(KILL_AT)
+    if wanted is not None and int(wanted) == next(_passed):
+        if half is not None:
+            os.truncate(half, half.stat().st_size // 2)
+        os.killpg(os.getpgrp(), signal.SIGKILL)
+
+
+def host() -> str:
     """Eight digits for this machine: process numbers of another one, on a shared disk, say nothing here."""
     return f"{zlib.crc32(platform.node().encode()):08x}"
 
 
 def _remove_abandoned(path: Path) -> None:
     """Remove temporary neighbours of `path` whose process on this machine is gone."""
-    own = re.compile(rf"\.{re.escape(path.stem)}\.{_host()}-(\d+)-[^.]*{re.escape(path.suffix)}")
+    own = re.compile(rf"\.{re.escape(path.stem)}\.{host()}-(\d+)-[^.]*{re.escape(path.suffix)}")
     for entry in os.scandir(path.parent):
         found = own.fullmatch(entry.name)
         if found is not None and not _alive(int(found.group(1))):

@@ -55,6 +55,8 @@ def save_controller(controller: Controller, path: Path | str) -> None:
     }
     if s.value is not None and s.target is not None:
         arrays |= {"value": s.value, "target": np.packbits(s.target)}
+    if s.acting is not None:
+        arrays["acting"] = s.acting
     arrays[CHECKSUM] = _checksum(arrays)
     with atomic(Path(path)) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, array in arrays.items():
@@ -185,6 +187,7 @@ def _controller(about: Mapping[str, Any], arrays: Arrays) -> Controller:
         late=late,
         kind=kind,
         statistics=statistics,
+        acting=arrays.get("acting"),
     )
     _check_sets(solution)
     return Controller(input_set, states, inputs, solution, about["rule"], about["provenance"])
@@ -229,6 +232,12 @@ def _check_sets(s: Solution) -> None:
     done = np.zeros(len(s.mask), np.bool_) if s.target is None else s.target
     began, served = s.at_first(done | s.served), s.served
     _require(not (s.winning & ~began).any(), "it wins cells without an input")
+    if s.acting is not None:
+        shape = (s.grid.size, s.mask.shape[1])
+        _require(s.acting.dtype == np.uint8 and s.acting.shape == shape, "its inputs that may act are of other cells")
+        first = s.acting[:, s.first >> 3] >> (s.first & 7) & 1
+        same = s.late and s.kind is None and np.array_equal(first == 1, s.winning)
+        _require(same, "its starts are not where its first input may act")
     if s.value is not None:
         _require(s.value.dtype == np.int32 and s.value.shape == (len(s.mask),), "its values are not one a node")
         # A measured cell may have a value without being won: winning are cells whose every measurement has one.

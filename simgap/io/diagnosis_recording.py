@@ -11,11 +11,10 @@ import numpy as np
 from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
-from simgap.io.atomic import atomic
-from simgap.io.recording_log import line, send
+from simgap.io.recording_log import line, recording_file, send
 from simgap.notation import axis_label
 
-_LINES = (("measured", style.MEASURED_IN_A_VIEWER, 4.0), ("before", style.BEFORE, 1.5), ("after", style.AFTER, 1.5))
+_LINES = (("measured", style.MEASURED_IN_A_VIEWER, 1.5), ("before", style.BEFORE, 3.0), ("after", style.AFTER, 3.0))
 
 
 ABOUT = """# {title}
@@ -49,16 +48,13 @@ def write_recording(
     import rerun as rr
 
     traces = list(dict.fromkeys(w.trace for w in windows))
-    with atomic(path) as temporary:
-        recording = rr.RecordingStream("simgap_diagnosis", recording_id=_identifier(title))
-        recording.save(temporary, default_blueprint=_blueprint(traces, measured, inputs, units))
+    look = _blueprint(traces, measured, inputs, units)
+    with recording_file(path, "simgap_diagnosis", _identifier(title), look) as recording:
         about = rr.TextDocument(ABOUT.format(title=title, sentence=sentence), media_type="text/markdown")
         recording.log("about", about, static=True)
         for trace in traces:
             own = sorted((w for w in windows if w.trace == trace), key=lambda w: float(w.t[0]))
             _log_trace(recording, _entity(trace), own, measured, inputs)
-        recording.flush()
-        recording.disconnect()
 
 
 def _identifier(title: str) -> str:

@@ -39,7 +39,7 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
         raise UserError("is a folder, not a file", file=file, remedy="Give the path of a CSV or Parquet file.")
     if not path.is_file():
         raise UserError("no such file", file=file, remedy="Give the path of a CSV or Parquet file.")
-    parquet = _is_parquet(path)
+    parquet, sha256 = _is_parquet(path), _sha256(path)
     layout = None if parquet else csv_layout(path, file)
     header = _parquet_header(path, file) if layout is None else layout.header
     if time not in header:
@@ -56,7 +56,7 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
     if table.num_rows == 0:
         raise UserError("has a header and no rows", file=file, remedy="Check the recording.")
     stamps, time_unit = _stamps(table.column(time), file, time)
-    return RawTable(
+    raw = RawTable(
         file=file,
         header=header,
         time=stamps,
@@ -64,8 +64,11 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
         columns={c: _numbers(table.column(c), file, c) for c in chosen},
         labels=_labels(table.column(trace), file, trace) if columns[-1] == trace else None,
         units={c: unit for c in chosen if (unit := _unit(table.schema.field(c), file)) is not None},
-        sha256=_sha256(path),
+        sha256=sha256,
     )
+    if _sha256(path) != sha256:
+        raise UserError("was changed while it was read", file=file, remedy="Wait until it is written, then run again.")
+    return raw
 
 
 def _is_parquet(path: Path) -> bool:

@@ -52,7 +52,8 @@ def read_json(path: Path) -> dict[str, Any]:
         UserError: missing, damaged, edited or foreign file.
     """
     try:
-        content = json.loads(path.read_bytes().decode(), object_pairs_hook=_distinct, parse_constant=_no_constant)
+        content = json.loads(path.read_bytes().decode(), object_pairs_hook=_distinct,
+                             parse_constant=_no_constant, parse_float=_finite)  # fmt: skip
     except FileNotFoundError:
         raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None
     except (OSError, ValueError, RecursionError) as error:
@@ -76,6 +77,13 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         twice = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
         raise ValueError(f"the key {excerpt(repr(twice))} stands there twice")
     return content
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{excerpt(text, 40)} is too large a number")
+    return value
 
 
 def _no_constant(name: str) -> Any:

@@ -18,7 +18,7 @@ def figure(keys: Sequence[str], shown: Sequence[str], rows: Sequence[Mapping[str
     Args:
         keys: dotted keys of the sweep; shown: names of figures; rows: keys and figures of each point.
     """
-    varied = [k for k in keys if len({str(row[k]) for row in rows}) > 1]
+    varied = [k for k in keys if len({str(row.get(k)) for row in rows}) > 1]
     panels = [n for n in shown if _numeric(n, rows) and len({row[n] for row in rows}) > 1][:MOST_PANELS]
     if not 1 <= len(varied) <= 2 or not panels or not all(_numeric(k, rows) for k in varied):
         return None

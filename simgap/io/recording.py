@@ -18,11 +18,10 @@ import numpy as np
 
 from simgap.geometry import Floats
 from simgap.io import figure_style as style
-from simgap.io.atomic import atomic
 from simgap.io.figure_style import COLOURS
 from simgap.io.recording_blueprint import blueprint
 from simgap.io.recording_content import SERIES, Content, curves, finite, share_of_bound
-from simgap.io.recording_log import TIMELINE, line, send
+from simgap.io.recording_log import TIMELINE, line, recording_file, send
 from simgap.io.recording_phase import log_phase
 from simgap.io.recording_scene import log_scene
 from simgap.io.traces import SIMULATOR, TITLES, Trace, twin
@@ -33,9 +32,7 @@ def write_recording(path: Path, content: Content) -> None:
     """Write the recording with its blueprint, atomically."""
     import rerun as rr
 
-    with atomic(path) as temporary:
-        recording = rr.RecordingStream("simgap", recording_id=f"simgap-{content.case}")
-        recording.save(temporary, default_blueprint=blueprint(content))
+    with recording_file(path, "simgap", f"simgap-{content.case}", blueprint(content)) as recording:
         recording.log("about", rr.TextDocument(content.about, media_type="text/markdown"), static=True)
         for trace in content.traces:
             for entity, t, values in curves(trace, content.states, content.inputs):
@@ -46,8 +43,6 @@ def write_recording(path: Path, content: Content) -> None:
         _log_limits(recording, content)
         log_phase(recording, content)
         log_scene(recording, content)
-        recording.flush()
-        recording.disconnect()
 
 
 def _style(recording: Any, entity: str, trace: Trace) -> None:

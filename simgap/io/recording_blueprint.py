@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from simgap.geometry import Box
-from simgap.io.recording_content import SERIES, Content, JointScene, PlanarScene, root
+from simgap.io.recording_content import Content, JointScene, PlanarScene, root
 from simgap.io.recording_log import TIMELINE
 from simgap.io.recording_scene import robot_name, stance
 from simgap.io.traces import ROBUST, TITLES, twin
@@ -45,12 +45,9 @@ def blueprint(content: Content) -> Any:
 
 
 def _plane(content: Content) -> str:
-    """Name of the view of the domains: its axes with their ends, and what it says of the other states."""
-    box = next(iter(content.controllers.values())).grid.box
-    (x, y), others = content.states[:2], content.states[2:]
-    ends = [f"{axis_label(n, content.units)} {box.lo[j]:g} to {box.hi[j]:g}" for j, n in enumerate((x, y))]
-    slices = f", for every {' and '.join(others)}" if others else ""
-    return f"Where they win{slices}. Across: {ends[0]}; up: {ends[1]}"
+    """Name of the view of the domains: its axes, and what it says of the other states."""
+    (x, y), others = (axis_label(n, content.units) for n in content.states[:2]), content.states[2:]
+    return f"Domains: {x} across, {y} up" + (f", every {' and '.join(others)}" if others else "")
 
 
 def _columns() -> Any:
@@ -142,7 +139,6 @@ def _gaps(content: Content) -> Any:
             label = axis_label(name, content.units)
             views.append(_plot(content, f"gap of {label} and its bound", [f"/{root(trace)}/gap/{name}/**"]))
         share = ["/bound/**", f"/shown/{controller}/share/**"]
-        named = ", ".join(f"{n} {SERIES[j % len(SERIES)][1]}" for j, n in enumerate(content.states))
-        views.append(_plot(content, f"where each gap lies in its bound, ±1: {named}", share))
+        views.append(_plot(content, "where each gap lies in its bound, ±1", share))
         tabs.append(rrb.Vertical(*views, name=f"Gap, {TITLES[controller]}"))
     return rrb.Tabs(*tabs, active_tab=list(content.shown).index(ROBUST))

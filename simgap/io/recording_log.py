@@ -1,10 +1,14 @@
-"""What every part of a recording is logged with: the time line, colours, curves."""
+"""What every recording is made with: its file, the time line, colours, curves."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from simgap.geometry import Floats
+from simgap.io.atomic import atomic
 
 TIMELINE = "sim_time"
 
@@ -27,3 +31,24 @@ def line(recording: Any, entity: str, colour: str, width: float, name: str) -> N
     import rerun as rr
 
     recording.log(entity, rr.SeriesLines(colors=rgb(colour), widths=width, names=name), static=True)
+
+
+@contextmanager
+def recording_file(path: Path, application: str, identifier: str, blueprint: Any = None) -> Iterator[Any]:
+    """A recording to log to, which is written atomically at `path` when the block ends.
+
+    Rerun writes in a thread of its own, which waits for ever on a disk that is full. So it writes to memory, and what
+    the disk refuses is told here.
+    """
+    import rerun as rr
+
+    recording = rr.RecordingStream(application, recording_id=identifier)
+    memory = recording.memory_recording()
+    if blueprint is not None:
+        recording.send_blueprint(blueprint, make_active=False, make_default=True)
+    yield recording
+    recording.flush()
+    content = memory.drain_as_bytes()
+    recording.disconnect()
+    with atomic(path) as temporary:
+        temporary.write_bytes(content)

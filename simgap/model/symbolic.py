@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import sympy as sp
+from sympy.core.function import AppliedUndef
 
 from simgap.errors import UserError
 
@@ -109,6 +110,11 @@ class SymbolicModel:
     def input_names(self) -> tuple[str, ...]:
         """Names of the inputs, in order."""
         return tuple(v.name for v in self.inputs)
+
+    @property
+    def derived(self) -> bool:
+        """Whether the equations are written out; those of an arm of several joints hold numeric stand-ins."""
+        return not any(sp.sympify(e).has(AppliedUndef) for e in self.xdot)
 
     def coordinate(self, name: str) -> Coordinate:
         """The coordinate of that name.

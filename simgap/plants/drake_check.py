@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -67,14 +68,23 @@ def _multibody_rates(section: PlantSection, urdf: Path, x: Floats, u: Floats) ->
     q, v = ([place[j, kind] for j in joints] for kind in ("position", "velocity"))
     drives = np.array([[i.joint == j for j in joints] for i in section.inputs.values()], dtype=np.float64)
     forces = u @ drives.reshape(-1, len(joints))
-    context = plant.CreateDefaultContext()
     out = np.empty_like(x)
-    for k in range(len(x)):
-        plant.SetPositions(context, x[k, q])
-        plant.SetVelocities(context, x[k, v])
-        plant.get_applied_generalized_force_input_port().FixValue(context, forces[k])
-        out[k, v] = plant.EvalTimeDerivatives(context).CopyToVector()[len(joints) :]
-        out[k, q] = x[k, v]
+    out[:, v] = accelerations(plant, list(range(len(joints))), x[:, q], x[:, v], forces)
+    out[:, q] = x[:, v]
+    return out
+
+
+def accelerations(plant: Any, order: Sequence[int], q: Floats, v: Floats, force: Floats) -> Floats:
+    """Drake's accelerations of joints: positions, velocities and forces (k, n), joint j of them number `order[j]`."""
+    context, n = plant.CreateDefaultContext(), plant.num_velocities()
+    place, out = np.asarray(order), np.empty_like(q)
+    for k in range(len(q)):
+        full = np.zeros((3, n))
+        full[:, place] = q[k], v[k], force[k]
+        plant.SetPositions(context, full[0])
+        plant.SetVelocities(context, full[1])
+        plant.get_applied_generalized_force_input_port().FixValue(context, full[2])
+        out[k] = plant.EvalTimeDerivatives(context).CopyToVector()[n:][place]
     return out
 
 

@@ -18,8 +18,10 @@ from simgap.model.drake_system import symbolic_plant
 from simgap.model.integrators import discretise
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
+from simgap.model.tree import Tree
 from simgap.plants.declared import declared_model
 from simgap.plants.drake_check import check_declared, check_map
+from simgap.plants.urdf_tree import load_tree
 from simgap.units import require_unit
 
 
@@ -56,6 +58,14 @@ class PlantModel:
             UserError: whatever is wrong with the model file, the equations or the units.
         """
         return declared_model(self.section, self.folder)
+
+    @cached_property
+    def tree(self) -> Tree | None:
+        """The model file as numbers, before any effect; None for written equations."""
+        if self.section.urdf is None:
+            return None
+        _ = self.declared  # refuses what is wrong with the file
+        return load_tree(self.folder / self.section.urdf, self.section.gravity)
 
     @cached_property
     def effects(self) -> tuple[AppliedEffect, ...]:
@@ -112,6 +122,12 @@ class PlantModel:
         """
         if self.tau is None:
             raise UserError("the nominal model needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
+        if not self.carried.derived:
+            raise UserError(
+                f"the equations of {len(self.carried.coordinates)} joints are not written out, which a bound or a "
+                "controller needs", key="plant.urdf",
+                remedy="Take at most two joints, fixing the others; `simgap diagnose` takes them all.",
+            )  # fmt: skip
         x, u = (tuple(v.symbol for v in group) for group in (self.carried.states, self.carried.inputs))
         return NominalModel(x, u, discretise(self.carried, self.tau, self.section.integrator), self.tau)
 

@@ -2,7 +2,8 @@
 
 Drake's symbolic `MultibodyPlant` gives the mass matrix M(q), the bias C(q, v) v and the gravity forces; the
 accelerations follow as `vdot = M^-1 (tau_g - C v - D v + B u)`. (Its symbolic articulated-body solve fails on a pivot
-test for more than one degree of freedom, hence the mass matrix.) A joint's URDF `friction` is ignored by Drake and
+test for more than one degree of freedom, hence the mass matrix.) From three joints on it is not written out
+(`numeric_terms`). A joint's URDF `friction` is ignored by Drake and
 therefore here; `damping` is kept.
 """
 
@@ -17,6 +18,7 @@ import sympy as sp
 
 from simgap.errors import UserError, excerpt
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
+from simgap.plants import numeric_terms
 from simgap.plants.urdf_checks import check_urdf, root_link
 
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")
@@ -55,15 +57,19 @@ def load_urdf(
     parameters = _inertial_parameters(plant)
     for name, value in zip(GRAVITY, (0.0, 0.0, -gravity), strict=True):
         parameters[name] = Parameter(value, "m/s^2", "component of gravity in the world frame")
-    mass, bias, weight = _equations(path, plant, joints, order, rates)
     damping = [plant.GetJointByName(j).default_damping() for j in joints]
     for j, d in zip(joints, damping, strict=True):
         if d:
             parameters[f"{j}.damping"] = Parameter(d, "N*m*s/rad", "viscous damping declared in the URDF")
     drag = [symbol(f"{j}.damping") * symbol(v) if d else 0 for j, v, d in zip(joints, rates, damping, strict=True)]
     drive = [sum((symbol(n) for n, (joint, _) in inputs.items() if joint == j), sp.Integer(0)) for j in joints]
-    inverse = _simplify(mass.inv(method="ADJ"))
-    acceleration = _simplify(inverse * (weight - bias)) + inverse * (sp.Matrix(drive) - sp.Matrix(drag))
+    if len(joints) > numeric_terms.MOST_DERIVED:
+        inverse = numeric_terms.inverse_mass(order, parameters)
+        acceleration = inverse * (sp.Matrix(drive) - sp.Matrix(drag) - numeric_terms.bias(order, rates, parameters))
+    else:
+        mass, bias, weight = _equations(path, plant, joints, order, rates)
+        inverse = _simplify(mass.inv(method="ADJ"))
+        acceleration = _simplify(inverse * (weight - bias)) + inverse * (sp.Matrix(drive) - sp.Matrix(drag))
     rows = {q: symbol(v) for q, v in zip(order, rates, strict=True)}
     rows |= {v: acceleration[k] for k, v in enumerate(rates)}
     place = [rates.index(name) if name in rates else None for name in states]

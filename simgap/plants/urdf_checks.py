@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NoReturn
@@ -26,6 +27,8 @@ NUMBERS: Mapping[str, Mapping[str, int]] = {
 """Attributes that hold numbers: by element, how many numbers each."""
 NOT_NEGATIVE = {("dynamics", "damping"), ("dynamics", "friction"), ("limit", "effort"), ("limit", "velocity")}
 POSITIVE = {("box", "size"), ("sphere", "radius"), ("cylinder", "radius"), ("cylinder", "length")}
+TRUST = "SIMGAP_TRUST_MODEL_FILES"
+"""Environment variable: 1 where models may name files anywhere."""
 _NAMED = {"link", "joint"}
 _UNIT = 1e-3  # from length 1, of an axis that is rounded to three decimals
 _SLACK = 1e-9  # of the largest moment: decimals of a file are rounded
@@ -43,6 +46,9 @@ def check_urdf(path: Path) -> None:
     """
     robot = _root(path)
     parts = [part for part in robot if part.tag in _NAMED]
+    for part in robot:
+        for element in part.iter():
+            _check_place(path, part, element)
     for part in parts:
         if not (part.get("name") or "").strip():
             _refuse(path, part, "name", "is missing or empty", "Name every link and joint.")
@@ -55,9 +61,21 @@ def check_urdf(path: Path) -> None:
             found = joint.find(end)
             if found is None or found.get("link") not in links:
                 _refuse(path, joint, f"<{end}> link", "names no link of this file", "Correct it.")
+    _check_tree(path, joints)
     moving = {joint.find("child").get("link") for joint in joints.values() if joint.get("type") != "fixed"}  # type: ignore[union-attr]
     for name, link in links.items():
         _check_inertia(path, link, name in moving)
+
+
+def _check_tree(path: Path, joints: Mapping[str, ElementTree.Element]) -> None:
+    """A link hangs on one joint: on two it closes a chain, which a URDF cannot say and engines read each its way."""
+    carried: dict[str, str] = {}
+    for name, joint in joints.items():
+        child = joint.find("child").get("link", "")  # type: ignore[union-attr]
+        if child in carried:
+            told = f"joints '{excerpt(carried[child], 40)}' and '{excerpt(name, 40)}' both carry it: a closed chain"
+            _refuse(path, joint, f"<child> link '{excerpt(child, 40)}'", told, "Open the chain at one of them.")
+        carried[child] = name
 
 
 def _root(path: Path) -> ElementTree.Element:
@@ -107,6 +125,25 @@ def _check_numbers(path: Path, part: ElementTree.Element, element: ElementTree.E
         if element.tag == "axis" and abs(math.hypot(*values) - 1.0) > _UNIT:
             told = f"'{text}' has length {math.hypot(*values):.6g}; PyBullet takes the length into the dynamics"
             _refuse(path, part, what, told, "Scale it to length 1.")
+
+
+def _check_place(path: Path, part: ElementTree.Element, element: ElementTree.Element) -> None:
+    """Files that a model names, such as meshes, lie below the folder above its own, where packages keep them.
+
+    A model may come from a stranger, and engines open whatever it names. Only who runs simgap can allow more, not the
+    case: by the environment variable `TRUST`.
+    """
+    name = element.get("filename")
+    if name is None or os.environ.get(TRUST) == "1":
+        return
+    inside = Path(os.path.abspath(path)).parent.parent
+    scheme, _, rest = name.rpartition("://")
+    own = rest.partition("/")[2] if scheme == "package" else rest  # the package is the folder above
+    base = inside if scheme == "package" else path.resolve().parent
+    place = (base / own).resolve()
+    if scheme not in ("", "package", "file") or not place.is_relative_to(inside.resolve()):
+        what, told = f"<{excerpt(element.tag, 40)}> filename", f"'{excerpt(name, 60)}' lies outside the model's folders"
+        _refuse(path, part, what, told, f"Put it beside the model, or trust it: set {TRUST}=1.")
 
 
 def _number(word: str) -> float:

@@ -37,6 +37,7 @@ def content(m: Material) -> dict[str, Any]:
         "validation": m.validation,
         "adversary": adversary.section(m),
         "margins": m.audit["margins"] if m.audit is not None else None,
+        "no_margins": m.audit.get("no_margins", "") if m.audit is not None else "",
         "diagnosis": tables.diagnosis(m),
         "corrected": tables.corrected(m),
         "sources": tables.sources(m),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from simgap.config.context import Context
-from simgap.io.recording_content import Content
+from simgap.io.recording_content import SERIES, Content
 from simgap.io.traces import NOMINAL, ROBUST, TITLES, Trace, shown
+from simgap.notation import axis_label
 from simgap.report.scene import limits, scene
 from simgap.synthesis.controller import Controller
 
@@ -17,7 +18,9 @@ Both controllers in the simulator, on the time line `sim_time`.
 - **grey**: the same controller on the nominal model itself
 - **orange**: the bound of the gap; **green**: the ends of the safe set
 
-Winning domains: pale where both win, blue or vermilion where only one does.
+Winning domains ({domains}): pale where both win, blue or vermilion where only one does.
+
+Where each gap lies in its bound: {series}.
 
 {runs}
 """
@@ -27,7 +30,9 @@ def recording_content(context: Context, traces: list[Trace], nominal: Controller
     """What the recording of a case shows."""
     chosen = {kind: shown(traces, kind) for kind in (ROBUST, NOMINAL)}
     lines = [f"- {TITLES[kind]}: run {t.run}, {_fate(t)}" for kind, t in chosen.items()]
-    about = ABOUT.format(title=context.case.title or context.case.name, runs="\n".join(lines))
+    series = ", ".join(f"{n} {SERIES[j % len(SERIES)][1]}" for j, n in enumerate(context.states))
+    title = context.case.title or context.case.name
+    about = ABOUT.format(title=title, runs="\n".join(lines), series=series, domains=_domains(context, robust))
     return Content(
         case=context.case.name,
         about=about,
@@ -40,6 +45,14 @@ def recording_content(context: Context, traces: list[Trace], nominal: Controller
         controllers={ROBUST: robust, NOMINAL: nominal},
         scene=scene(context),
     )
+
+
+def _domains(context: Context, controller: Controller) -> str:
+    """What the view of the domains shows: its axes with their ends, and what it says of the other states."""
+    box, states = controller.grid.box, context.states
+    ends = [f"{axis_label(n, context.units)} from {box.lo[j]:g} to {box.hi[j]:g}" for j, n in enumerate(states[:2])]
+    where = ", ".join(f"{end} {way}" for end, way in zip(ends, ("across", "up"), strict=False))
+    return where + (f", for every {' and '.join(states[2:])}" if states[2:] else "")
 
 
 def _fate(trace: Trace) -> str:

@@ -10,6 +10,7 @@ from simgap.config.case import Case
 from simgap.effects import EFFECTS, effect
 from simgap.errors import UserError
 from simgap.simulators.base import Engine, Simulator
+from simgap.simulators.watched import Watch, watched
 
 
 def make_simulator(case: Case, folder: Path) -> Simulator:
@@ -18,7 +19,11 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
     Raises:
         UserError: no `simulator` section, a plug-in that is no engine, or an effect that the engine cannot act out.
     """
-    return _engine(case, folder).build(case, folder)
+    kind, section = _engine(case, folder), case.simulator
+    simulator = kind.build(case, folder)
+    if section is None or section.engine in plugins.BUILT_IN["engines"]:
+        return simulator
+    return watched(simulator, Watch(section.engine, list(case.plant.states), list(case.plant.inputs), section.timeout))
 
 
 def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:

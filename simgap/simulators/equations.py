@@ -44,7 +44,7 @@ class EquationsSettings(EngineSection):
         "any other engine; for many substeps, whose expressions are too large.",
     )
 
-    OPTIONAL: ClassVar[tuple[str, ...]] = ("parameters", "slopes")
+    OPTIONAL: ClassVar[tuple[str, ...]] = (*EngineSection.OPTIONAL, "parameters", "slopes")
 
 
 class EquationsEngine(MapEngine):

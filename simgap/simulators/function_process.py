@@ -20,11 +20,14 @@ import numpy as np
 from simgap.config.function_file import KEY, FunctionFile
 from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
+from simgap.simulators.watched import LOOK, grown_too_large
 
 ROWS = 1024
 """Most calls (rows of one call, of a function that takes many) that are sent at once."""
 STARTING = 60.0
 """Longest time that the file may take to be imported, s."""
+TOO_LARGE = 73
+"""Exit status of a process that has grown too large."""
 _ENDING = 2.0  # seconds that a process is given to end by itself
 
 
@@ -97,6 +100,8 @@ class FunctionProcess:
             self._process.join(_ENDING)
             code = self._process.exitcode
             how = f"signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"status {code}"
+            if code == TOO_LARGE:
+                raise self.fault("takes more than half of the machine's memory", where()) from None
             raise self.fault(f"ends its process ({how})", where()) from None
         return found
 
@@ -187,8 +192,9 @@ def _imported(path: Path, name: str) -> Callable[..., Any]:
 
 
 def _end_with_parent() -> None:
-    """Follow whoever started this process: a killed run leaves no function running."""
+    """Follow whoever started this process: a killed run leaves no function running, nor one that takes all memory."""
     parent = multiprocessing.parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)
+    while parent is not None and not wait([parent.sentinel], timeout=LOOK):
+        if grown_too_large():
+            os._exit(TOO_LARGE)
+    os._exit(1)

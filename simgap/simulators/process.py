@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from simgap import plugins
 from simgap.errors import SimgapError
+from simgap.simulators.watched import LOOK, NOTE, Note, grown_too_large, note_in
 
 T = TypeVar("T")
 
@@ -24,7 +25,7 @@ class EngineCrash(SimgapError):
     """The engine's process died."""
 
 
-def _start(log: str | None, ran: tuple[tuple[Path, bytes], ...]) -> None:
+def _start(log: str | None, ran: tuple[tuple[Path, bytes], ...], notes: Any, taken: Any) -> None:
     """Send what C code prints (file descriptors 1 and 2) to the log file or nowhere; errors come back as exceptions.
 
     Plug-in files that the parent ran are run here too, before a case that holds their sections is unpickled.
@@ -34,25 +35,48 @@ def _start(log: str | None, ran: tuple[tuple[Path, bytes], ...]) -> None:
         stream.flush()
         os.dup2(target, descriptor)
     os.close(target)
-    threading.Thread(target=_end_with_parent, name="watchdog", daemon=True).start()
+    with taken.get_lock():
+        number = taken.value
+        taken.value += 1
+    note = note_in(memoryview(notes).cast("B")[number * NOTE : (number + 1) * NOTE])
+    threading.Thread(target=_end_with_parent, args=(note,), name="watchdog", daemon=True).start()
     plugins.adopt(ran)
 
 
-def _end_with_parent() -> None:
-    """Wait for the parent's death and follow it: a killed run leaves no engine behind."""
+def _end_with_parent(note: Note) -> None:
+    """Follow the parent's death, so that a killed run leaves no engine behind; end a process that grows too large."""
     parent = multiprocessing.parent_process()
-    if parent is not None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)
+    while parent is not None and not multiprocessing.connection.wait([parent.sentinel], timeout=LOOK):
+        if grown_too_large():
+            note.too_large()
+            os._exit(1)
+    os._exit(1)
 
 
 @contextmanager
 def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPoolExecutor]:
-    """A pool of fresh processes whose engine chatter goes to `log`."""
+    """A pool of fresh processes whose engine chatter goes to `log`.
+
+    Raises:
+        EngineCrash: if a process died, with what it computed, where it is known, and where its last words are.
+    """
     context = multiprocessing.get_context("spawn")  # a forked engine would share its parent's threads and state
-    begin = (str(log.resolve()) if log else None, plugins.files())
+    notes, taken = context.RawArray("c", workers * NOTE), context.Value("i", 0)
+    begin = (str(log.resolve()) if log else None, plugins.files(), notes, taken)
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_start, initargs=begin) as pool:
-        yield pool
+        try:
+            yield pool
+        except BrokenProcessPool:
+            places = (Note(memoryview(notes).cast("B")[k * NOTE : (k + 1) * NOTE]) for k in range(workers))
+            said = [words for place in places if (words := place.said())]
+            where = f"; its output is in {log}" if log else ""
+            raise EngineCrash(f"an engine process ended: {' or '.join(said) or 'it died'}{where}") from None
+        except BaseException:  # an error, Ctrl-C, an exit: nobody waits for what the others are at
+            children = [*(getattr(pool, "_processes", None) or {}).values()]
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in children:
+                child.terminate()
+            raise
 
 
 def run_in_processes(
@@ -61,10 +85,7 @@ def run_in_processes(
     """`[task(*job) for job in jobs]`, each in a separate process.
 
     Raises:
-        EngineCrash: if a process died, with where its last words are.
+        EngineCrash: as `engine_pool`.
     """
     with engine_pool(workers, log) as pool:
-        try:
-            return [future.result() for future in [pool.submit(task, *job) for job in jobs]]
-        except BrokenProcessPool:
-            raise EngineCrash(f"an engine process died; its output is in {log or 'no log'}") from None
+        return [future.result() for future in [pool.submit(task, *job) for job in jobs]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
@@ -38,6 +38,8 @@ class PythonSettings(EngineSection):
     )
     parameters: dict[str, float] = Field(default_factory=dict, description="Numbers that it is given by name.")
     timeout: float = Field(10.0, gt=0, description="Longest time of one call, s; a call that takes longer is ended.")
+
+    OPTIONAL: ClassVar[tuple[str, ...]] = ()
 
     @model_validator(mode="after")
     def _there(self, info: ValidationInfo) -> PythonSettings:

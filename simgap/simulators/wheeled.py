@@ -110,6 +110,7 @@ class PyBulletWheeled(Engine, PathSimulator):
         self.nx, self.nu = 3, 2
         self.engine = f"pybullet {p.getAPIVersion()}"
         self._p: Any = BulletClient(p.DIRECT)
+        self._native: Any = p  # the client looks every function up anew, which costs more than a pose does
         self.pose = plant.pose
         self._plant, self._section = plant, section
         self._body, self._wheels = self._load()
@@ -181,15 +182,6 @@ class PyBulletWheeled(Engine, PathSimulator):
             forces=[force, force],
         )  # fmt: skip
 
-    def _pose(self) -> tuple[float, float, float]:
-        """Pose of the root frame; heading in (-pi, pi]."""
-        position, quaternion = self._p.getBasePositionAndOrientation(self._body)
-        m = self._p.getMatrixFromQuaternion(quaternion)
-        a, b, c = self._offset
-        x = position[0] - (m[0] * a + m[1] * b + m[2] * c)
-        y = position[1] - (m[3] * a + m[4] * b + m[5] * c)
-        return x, y, float(np.arctan2(m[3], m[0]))
-
     def reset(self, x: Floats) -> None:
         """Put the robot at rest at a pose: x (nx,), m and rad."""
         i, j, k = self._plant.pose
@@ -213,15 +205,28 @@ class PyBulletWheeled(Engine, PathSimulator):
         a, b = self._plant.commands
         self._command(float(u[a]), float(u[b]))
         felt = [m.step(float(c), self._section.poses) for m, c in zip(self._memory, u, strict=False)]
-        order = list(self._plant.pose)
+        step, where, client = self._native.stepSimulation, self._native.getBasePositionAndOrientation, self._p._client
+        seen: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
         for n in range(self._section.poses):
             if felt:
                 self._command(float(felt[a][n]), float(felt[b][n]))
-            self._p.stepSimulation()
-            x, y, heading = self._pose()
-            self._turned += float(np.remainder(heading - self._turned + np.pi, 2.0 * np.pi) - np.pi)
-            self.path[n, order] = x, y, self._turned
+            step(physicsClientId=client)
+            seen.append(where(self._body, physicsClientId=client))
+        self._watch(seen)
         return self.path[-1].copy()
+
+    def _watch(self, seen: Sequence[tuple[tuple[float, ...], tuple[float, ...]]]) -> None:
+        """`path` from positions and quaternions of the centre of mass: poses of the root frame, headings continued."""
+        turn = self._native.getMatrixFromQuaternion
+        place = np.array([position for position, _ in seen])
+        m = np.array([turn(quaternion) for _, quaternion in seen])
+        a, b, c = self._offset
+        i, j, k = self._plant.pose
+        self.path[:, i] = place[:, 0] - (m[:, 0] * a + m[:, 1] * b + m[:, 2] * c)
+        self.path[:, j] = place[:, 1] - (m[:, 3] * a + m[:, 4] * b + m[:, 5] * c)
+        for n, heading in enumerate(np.arctan2(m[:, 3], m[:, 0]).tolist()):
+            self._turned += (heading - self._turned + np.pi) % (2.0 * np.pi) - np.pi
+            self.path[n, k] = self._turned
 
     def responses(self, history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
         """Paths in the body frame of the pose that a history of inputs (k, nu) leads to, from rest.

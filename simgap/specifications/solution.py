@@ -29,6 +29,8 @@ class Solution:
         statistics: counts such as passes, steps and admissible pairs, and the backend that was used.
         first: memory before the first sample. late: whether the input that is remembered acts now and the chosen one a
             sample later. kind: (M,) class of each input, 0 to C - 1; None for one class.
+        acting: (cells, ceil(M / 8)) uint8, inputs that may act from cells of the true state; None but for a controller
+            that keeps such cells by late measurements, which does not know them itself.
     """
 
     grid: Grid
@@ -42,6 +44,7 @@ class Solution:
     first: int = 0
     late: bool = False
     kind: NDArray[np.int64] | None = None
+    acting: NDArray[np.uint8] | None = None
 
     @property
     def fraction(self) -> float:
@@ -51,7 +54,8 @@ class Solution:
     @cached_property
     def served(self) -> NDArray[np.bool_]:
         """Nodes (measured cell, memory) at which the controller has an input, (cells * memory,); looked up once."""
-        flags: NDArray[np.bool_] = np.any(self.mask, axis=1)
+        wide = self.mask.shape[1] % 8 == 0 and self.mask.flags.c_contiguous
+        flags: NDArray[np.bool_] = np.any(self.mask.view(np.uint64) if wide else self.mask, axis=1)
         return flags
 
     @cached_property

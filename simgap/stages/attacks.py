@@ -120,7 +120,10 @@ def history_question(context: Context, robot: Simulator, gap: GapFunction, lengt
         paths = robot.chain(start, context.input_set[m])[1]
         return BodySamples.of_paths(m, paths, robot.pose).final - motion[m]
 
-    return HistoryQuestion(gaps, lambda m, before: class_bounds(gap, m, before), context.input_set, length)
+    def bounds(m: Any, before: Any) -> tuple[Floats, Floats]:
+        return class_bounds(gap, m, before)
+
+    return HistoryQuestion(gaps, bounds, context.input_set, length, pose[2])
 
 
 def _loops(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -33,9 +32,11 @@ from simgap.simulators.process import engine_pool
 from simgap.stages.attacks import Job, attack
 from simgap.stages.context import Context, log
 from simgap.stages.margins import margins_of, summary
+from simgap.stages.scratch import scratch
 from simgap.stages.validation import tolerated
 from simgap.synthesis.margins import Margins
 
+TABLES = ".tables"  # folder beside the counts
 PARTS = 2  # each with random numbers of its own, whatever the number of workers
 
 
@@ -69,14 +70,15 @@ def run(
     """
     context = Context.load(case_path)
     section = context.case.audit or AuditSection()
-    out.witness.unlink(missing_ok=True)
+    for old in (out.witness, *out.witness.parent.glob(f"{out.witness.stem}-*{out.witness.suffix}")):
+        old.unlink(missing_ok=True)
     with context.blame():
         bound = load_gap(inputs.gap, context)
         known = _known(context, bound, inputs)
     # A robot's table of inputs is a gigabyte: it is read and checked here, and the workers map what they look at.
-    with tempfile.TemporaryDirectory(prefix="simgap-audit-") as scratch:
+    with scratch(out.counts.parent / TABLES) as folder:
         with context.blame():
-            shared, margins = _shared(context, bound.function, inputs.controller, Path(scratch))
+            shared, margins = _shared(context, bound.function, inputs.controller, folder)
         jobs = _jobs(context, section, bound, shared, known, times)
         with engine_pool(workers, engine_log) as pool:
             parts = _done(pool, jobs)
@@ -85,25 +87,32 @@ def run(
     record = provenance("audit", context.case, context.folder, {"audit": section.seed})
     witnesses = _witnesses(context, found, loops)
     content = counts(found, loops, context.states) | {"margins": summary(context, margins), "provenance": record}
-    if witnesses:
-        _keep(context, case_path, bound, witnesses[0], out.witness)
+    if isinstance(margins, str):
+        content |= {"no_margins": margins}
+    for number, witness in enumerate(one_of_each_kind(witnesses), 1):
+        _keep(context, case_path, bound, witness, _numbered(out.witness, number))
     _write_margins(context, margins, out.margins, record)
     write_json(out.counts, content | {"witnesses": [w.what for w in witnesses]})
     log.info("%s", _said(content))
     if loops[DISTURBANCE].violations or (content["violations"] and not tolerated(context.case)):
         raise BrokenPromise(
             f"the adversary broke it: {_said(content)}; the first: {witnesses[0].what}",
-            f"`simgap replay {out.witness}` shows it. {_remedy(found)}",
+            f"`simgap replay {out.witness}` shows it{_beside(witnesses)}. {_remedy(found)}",
         )
 
 
-def _write_margins(context: Context, margins: Margins | None, path: Path, record: Mapping[str, Any]) -> None:
+def _write_margins(context: Context, margins: Margins | str, path: Path, record: Mapping[str, Any]) -> None:
     """A row a cell; none where there are no margins."""
     columns: dict[str, Any] = {"factor": np.empty(0, np.float32)}
-    if margins is not None:
+    if not isinstance(margins, str):
         columns = {"factor": margins.factor} | {f"extra_{n}": margins.extra[:, j] for j, n in enumerate(context.states)}
     units = {f"extra_{n}": context.units[n] for n in context.states}
     write_parquet(path, table(columns, units, {"case": context.case.name}, record))
+
+
+def _beside(witnesses: Sequence[Witness]) -> str:
+    others = len(one_of_each_kind(witnesses)) - 1
+    return f", and {others} of other kinds beside it" if others else ""
 
 
 def _remedy(found: Searched) -> str:
@@ -126,11 +135,11 @@ class _Ground:
     margin: Any
 
 
-def _shared(context: Context, gap: GapFunction, controller: Path, scratch: Path) -> tuple[_Ground, Margins | None]:
+def _shared(context: Context, gap: GapFunction, controller: Path, scratch: Path) -> tuple[_Ground, Margins | str]:
     """Read the controller, look at all of its cells once, and leave its tables in a folder."""
     solution = load_controller(controller).solution
     margins = margins_of(context, gap, solution)
-    factor = None if margins is None else margins.factor
+    factor = None if isinstance(margins, str) else margins.factor
     shared = SharedSolution.of(solution, scratch)
     return _Ground(shared, Danger.of(solution), beginnings(solution), factor), margins
 
@@ -200,6 +209,19 @@ def _witnesses(context: Context, found: Searched, loops: Mapping[str, Campaign])
     for name, loop in loops.items():
         out += [Witness.of_run(name, broken, context.input_set) for broken in loop.broken]
     return out
+
+
+def one_of_each_kind(witnesses: Sequence[Witness]) -> list[Witness]:
+    """The first of each kind: steps outside gamma, and runs by the plant and by how they end; at least one of all."""
+    first: dict[tuple[str, ...], Witness] = {}
+    for witness in witnesses:
+        first.setdefault((witness.kind, witness.plant, witness.end, str(len(witness.inputs) == 0)), witness)
+    return list(first.values())
+
+
+def _numbered(path: Path, number: int) -> Path:
+    """`witness.json`, `witness-2.json`, ..."""
+    return path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
 def _keep(context: Context, case_path: Path, bound: SavedGap, witness: Witness, out: Path) -> None:

@@ -12,6 +12,7 @@ import yaml
 
 from simgap.config.copied_plugins import copied_plugins, renamed
 from simgap.config.load import case_content, parse_case
+from simgap.config.model_files import move_files
 from simgap.effects import AppliedEffect, effect
 from simgap.plants.plant_model import PlantModel
 from simgap.stages.augmentation import augment, plan
@@ -27,6 +28,7 @@ def corrected_case(
     rig: str,
     sentence: str,
     remainder: Mapping[str, float] | None = None,
+    urdf: str | None = None,
 ) -> str:
     """The text of the corrected case file.
 
@@ -39,6 +41,7 @@ def corrected_case(
         rig: 'simulator' if the recordings are of the case's own simulator: the nominal model alone gets the effects.
             Else the simulator's twin gets them too.
         sentence: the verdict in words, for the comment on top.
+        urdf: the model file that stands in place of the plant's, beside the target.
         remainder: one-step bounds of what is left, by state, for gamma to take in; the case then has a `gap:` section.
 
     Raises:
@@ -46,10 +49,9 @@ def corrected_case(
     """
     content = copy.deepcopy(case_content(case_path))
     source, folder = case_path.parent, target.parent
-    for section in ("plant", "simulator"):
-        inner = content.get(section)
-        if isinstance(inner, dict) and isinstance(inner.get("urdf"), str):
-            inner["urdf"] = _moved(source / inner["urdf"], folder)
+    move_files(content, lambda path: _moved(source / path, folder))
+    if urdf is not None:
+        content["plant"]["urdf"] = urdf
     if isinstance(content.get("measured"), dict):
         content["measured"]["files"] = [_moved(path, folder) for path in data]
     words: tuple[str, ...] = ()

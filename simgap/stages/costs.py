@@ -14,7 +14,9 @@ from simgap.config.audit import AuditSection
 from simgap.config.case import Case
 from simgap.config.context import Context
 from simgap.errors import UserError
+from simgap.gap.borders import thinned_count
 from simgap.gap.points import covering_grid, covering_point, free_axes, own_point
+from simgap.gap.steps.borders import checked_at_most
 from simgap.gap.thresholds import CHECK_LEVELS, MOST_BORDER_STATES
 from simgap.geometry import Grid
 
@@ -108,12 +110,11 @@ def _samples(context: Context, rollout: float, eps: float | None) -> Iterator[St
         yield StageCost("fresh", checks.fresh_samples, "fresh samples", seconds, more, f"{own}.fresh_samples")
     if case.hidden_state is None:
         free = free_axes(case)
-        ends = [c for j, c in enumerate(_grid(context, eps).cells) if j not in free] if case.grid is not None else []
-        fitted, checked = (
-            math.prod(c + 2 for c in n) - math.prod(n) for n in (ends, [CHECK_LEVELS] * (nx - len(free)))
-        )
+        states = _grid(context, eps)
+        fitted = thinned_count(states.cells, free, MOST_BORDER_STATES)
+        checked = thinned_count([CHECK_LEVELS] * nx, free, checked_at_most(states.size))
         shifted = case.symmetry.histories * (1 + case.symmetry.headings) if case.symmetry is not None and free else 0
-        beside = (min(fitted, MOST_BORDER_STATES) + min(checked, MOST_BORDER_STATES) + shifted) * _inputs(case)
+        beside = (fitted + checked + shifted) * _inputs(case)
         yield StageCost("borders", beside, "samples on borders of X", START + beside * rollout, 2 * BYTES, key)
     for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
         if case.gap is not None or case.hidden_state is not None:

@@ -30,6 +30,7 @@ from simgap.provenance import provenance
 from simgap.report.diagnosis_document import document
 from simgap.report.diagnosis_page import TEMPLATE, draw, overlays, page
 from simgap.report.measured_share import transition_columns
+from simgap.stages import arm_diagnosis
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
 from simgap.stages.measured_data import load_reading
@@ -70,6 +71,10 @@ def run(
     context = Context.load(case_path)
     section = context.case.measured or MeasuredSection()
     paths = _paths(context, section, data)
+    with context.blame():
+        tree = None if context.plant.declared.derived else context.plant.tree
+    if tree is not None:
+        return arm_diagnosis.run(context, tree, section, paths, out_dir, not data, tell)
     with context.blame():
         model = context.plant.corrected
         tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")

@@ -64,16 +64,20 @@ def run(case_path: Path, made: Inputs, out: Path, thinned: Path) -> None:
 def by_state(context: Context, stage: str, point: str, paths: Sequence[Path]) -> dict[str, Any]:
     """Results of a stage for single dimensions by the state that each is of, all made of this case on this grid.
 
+    A case that says the same under another name will do: points of a sweep share what they have in common.
+
     Raises:
         UserError: a state without a result or with two, a damaged one, or one that was made of something else.
     """
     found: dict[str, Any] = {}
-    wanted = (stage, point, sections_digest(context.case, sections_of(stage, context.case), context.folder))
+    sections = sections_of(stage, context.case)
     for path in paths:
         content = read_json(path)
         if not isinstance(content, dict) or "state" not in content:
             raise UserError("not the result of one dimension", file=path, remedy="Delete it and run again.")
         record = content.get("provenance", {})
+        named = context.case.model_copy(update={"name": record.get("case")})
+        wanted = (stage, point, sections_digest(named, sections, context.folder))
         if (record.get("stage"), record.get("point"), record.get("reads", {}).get("sha256")) != wanted:
             raise UserError(
                 f"not what `{stage}` makes of this case on the grid {point}", file=path, remedy=f"Run `{stage}` again."

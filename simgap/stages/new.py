@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,21 +19,25 @@ from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.io.atomic import write_text
 from simgap.io.pages import text
+from simgap.plants.drake_check import accelerations
 from simgap.plants.model_file import FileJoint, read_model_file
-from simgap.plants.plant_model import PlantModel
+from simgap.plants.urdf import multibody_plant
 
 TAU = 0.01
 REACH, SPEED = 0.25, 0.5
 """Half-widths of X: rad or m, and the same a second. Judgement: small enough for a first run of a minute."""
 AUTHORITY = 2.0
 """Times the acceleration that stops SPEED within REACH, beyond what holds the plant in place. Judgement."""
+MOST_CORNERS = 729
+"""Of X at which the model is asked what its inputs must do: all of them up to three joints."""
+GRAVITY = 9.81
 STATES, CELLS = 2500, 40_000
 """Of the first grid of samples, and cells of the first controller. Judgement: a run of a minute or two."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A moving joint as the case names it: symbols of position, velocity and input, units, centre of its range."""
+    """A moving joint as the case names it: symbols of position, velocity and input, units, its interval of X."""
 
     joint: str
     position: str
@@ -41,7 +45,12 @@ class Axis:
     drive: str
     unit: str
     force: str
-    centre: float
+    range: tuple[float, float]
+
+    @property
+    def reach(self) -> float:
+        """Half the width of its interval."""
+        return (self.range[1] - self.range[0]) / 2
 
 
 def run(name: str, urdf: Path | None, out: Path) -> Path:
@@ -64,13 +73,13 @@ def _of_urdf(name: str, urdf: Path, out: Path) -> str:
     file = read_model_file(urdf)
     axes = _axes(urdf, file.joints)
     place = Path(os.path.relpath(urdf.resolve(), out.resolve())).as_posix()
-    limits = _inputs(name, place, axes, out)
+    limits = _inputs(urdf, axes)
     nx = 2 * len(axes)
-    volume = (2 * REACH * 2 * SPEED) ** len(axes)
+    volume = math.prod(2 * a.reach * 2 * SPEED for a in axes)
     eps = 0.5 * math.sqrt(nx) * (volume / STATES) ** (1.0 / nx)
     values = 11 if len(axes) == 1 else 3
     steps = {n: _round_up(2 * u / (values - 1)) for n, u in limits.items()}  # 0 is among the values
-    ranges = {a.joint: (_round(a.centre - REACH), _round(a.centre + REACH)) for a in axes}
+    ranges = {a.joint: a.range for a in axes}
     return text(
         "new_urdf.yaml.j2",
         name=name,
@@ -99,28 +108,47 @@ def _axes(urdf: Path, joints: Mapping[str, FileJoint]) -> list[Axis]:
                 remedy="Joints that turn about or slide along one axis can be taken; write equations for the others.",
             )  # fmt: skip
         slides = joint.kind == "prismatic"
-        lower, upper = joint.range or (-math.inf, math.inf)
-        centre = min(max(0.0, lower + REACH), upper - REACH) if upper - lower > 2 * REACH else (lower + upper) / 2
         end = "" if len(joints) == 1 else str(k + 1)
-        axes.append(Axis(name, f"q{end}", f"v{end}", f"u{end}", "m" if slides else "rad",
-            "N" if slides else "N*m", centre))  # fmt: skip
+        units = ("m", "N") if slides else ("rad", "N*m")
+        axes.append(Axis(name, f"q{end}", f"v{end}", f"u{end}", *units, _interval(urdf, name, joint)))
     return axes
 
 
-def _inputs(name: str, urdf: str, axes: list[Axis], folder: Path) -> dict[str, float]:
-    """For each input the largest magnitude that the case starts with, by the nominal model."""
-    states = {a.position: {"joint": a.joint, "quantity": "position", "unit": a.unit} for a in axes}
-    states |= {a.velocity: {"joint": a.joint, "quantity": "velocity", "unit": f"{a.unit}/s"} for a in axes}
-    inputs = {a.drive: {"joint": a.joint, "unit": a.force} for a in axes}
-    case = parse_case({"name": name, "plant": {"urdf": urdf, "states": states, "inputs": inputs}}, folder / "new.yaml")
-    model = PlantModel(case.plant, folder, TAU).sampled
+def _interval(urdf: Path, name: str, joint: FileJoint) -> tuple[float, float]:
+    """Of the position, around 0 or as near to it as the joint goes, with room for a step before its stops.
+
+    Raises:
+        UserError: a range that leaves no room.
+    """
+    lower, upper = joint.range or (-math.inf, math.inf)
+    room = SPEED * TAU
+    lower, upper = lower + room, upper - room
+    if not lower < upper:
+        raise UserError(
+            f"the joint '{name}' has no room between its limits", file=urdf, key="<limit> lower, upper",
+            remedy="Correct them, or make it `fixed` if it does not move.",
+        )  # fmt: skip
+    centre = min(max(0.0, lower + REACH), upper - REACH) if upper - lower > 2 * REACH else (lower + upper) / 2
+    low, high = max(lower, centre - REACH), min(upper, centre + REACH)
+    digits = 2 - math.floor(math.log10(high - low))  # of a hundredth of its width, inward
+    return _inward(low, digits, math.ceil), _inward(high, digits, math.floor)
+
+
+def _inward(value: float, digits: int, rounding: Callable[[float], int]) -> float:
+    """A number of so many decimals, rounding of a number that has no more aside."""
+    return round(rounding(round(value * 10.0**digits, 6)) / 10.0**digits, max(digits, 0))
+
+
+def _inputs(urdf: Path, axes: list[Axis]) -> dict[str, float]:
+    """For each input the largest magnitude that the case starts with, by Drake's accelerations of the model file."""
+    plant, joints = multibody_plant(urdf, (0.0, 0.0, -GRAVITY))
+    order = [joints.index(a.joint) for a in axes]
     n = len(axes)
-    corners = np.stack(np.meshgrid(*([-1.0, 0.0, 1.0],) * (2 * n), indexing="ij"), axis=-1).reshape(-1, 2 * n)
-    x = corners * np.array([REACH] * n + [SPEED] * n) + np.array([a.centre for a in axes] + [0.0] * n)
+    x = _corners(2 * n) * np.array([a.reach for a in axes] + [SPEED] * n)
+    x[:, :n] += [(a.range[0] + a.range[1]) / 2 for a in axes]
 
     def acceleration(u: Floats) -> Floats:
-        rows = np.repeat(u[None], len(x), axis=0)
-        return np.asarray((model.step(x, rows) - x)[:, n:] / TAU)
+        return accelerations(plant, order, x[:, :n], x[:, n:], np.repeat(u[None], len(x), axis=0))
 
     free, found = acceleration(np.zeros(n)), {}
     for k, a in enumerate(axes):
@@ -128,6 +156,13 @@ def _inputs(name: str, urdf: str, axes: list[Axis], folder: Path) -> dict[str, f
         needed = (np.abs(free[:, k]).max() + AUTHORITY * SPEED**2 / (2 * REACH)) / max(gain, 1e-12)
         found[a.drive] = _round(float(needed))
     return found
+
+
+def _corners(n: int) -> Floats:
+    """Ends and middles of a box, (k, n) of -1, 0, 1: all of them, or where they are many a seeded choice."""
+    if 3**n <= MOST_CORNERS:
+        return np.stack(np.meshgrid(*([-1.0, 0.0, 1.0],) * n, indexing="ij"), axis=-1).reshape(-1, n)
+    return np.random.default_rng(0).integers(-1, 2, (MOST_CORNERS, n)).astype(np.float64)
 
 
 def _round_up(value: float) -> float:

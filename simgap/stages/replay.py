@@ -47,7 +47,8 @@ def run(path: Path, out: Path | None = None, engine_log: Path | None = None) -> 
         states = run_in_processes(simulate, [job], 1, engine_log)[0]
     trace = _trace(context, gap, witness, states)
     if out is not None:
-        write_witness(out, context.case.name, witness.what, trace, context.states, context.inputs)
+        seen = witness.measured if _measured(witness) else None
+        write_witness(out, context.case.name, witness.what, trace, context.states, context.inputs, seen)
         log.info("wrote %s", out)
     return text(context, witness, trace, states)
 
@@ -76,7 +77,7 @@ def _trace(context: Context, gap: GapFunction, witness: Witness, states: Floats)
     if isinstance(gap, BodyFrameGap):
         pose = pose_axes(context)
         m = np.argmin(((u[:, None] - gap.domain.input_set[None]) ** 2).sum(axis=2), axis=1)
-        lo, hi = class_bounds(gap, m, np.append(REST, m[:-1]).astype(np.int64))
+        lo, hi = class_bounds(gap, m, np.append(REST, m)[: len(m)].astype(np.int64))
         d = to_body(d, x[:, pose[2]], pose)
     else:
         lo, hi = gap.bounds(x, u)
@@ -98,9 +99,10 @@ def _trace(context: Context, gap: GapFunction, witness: Witness, states: Floats)
 
 def text(context: Context, witness: Witness, trace: Trace, states: Floats) -> str:
     """A row a step: time, state, input, and for each state the gap between its bounds; `*` where it is outside."""
-    units, rows = context.units, []
+    units, rows, measured = context.units, [], _measured(witness)
     names = [f"{n} [{pretty_unit(units[n])}]" for n in (*context.states, *context.inputs)]
-    heads = ["step", "t [s]", *names, *(f"gap in {n}: lower, gap, upper" for n in context.states)]
+    seen = [f"{n} as measured" for n in context.states] if measured else []
+    heads = ["step", "t [s]", *names, *seen, *(f"gap in {n}: lower, gap, upper" for n in context.states)]
     count = len(trace.t)
     for k in range(max(0, count - SHOWN), count):
         gaps = [
@@ -108,12 +110,18 @@ def text(context: Context, witness: Witness, trace: Trace, states: Floats) -> st
             + ("" if trace.lo[k, j] <= trace.d[k, j] <= trace.hi[k, j] else " *")
             for j in range(len(context.states))
         ]  # fmt: skip
-        values = ["" if np.isnan(v) else f"{v:.6g}" for v in (*trace.x[k], *trace.u[k])]
+        own = witness.measured[k] if measured else ()
+        values = ["" if np.isnan(v) else f"{v:.6g}" for v in (*trace.x[k], *trace.u[k], *own)]
         rows.append([str(k), f"{trace.t[k]:g}", *values, *gaps])
     lines = [f"{context.case.name}: {witness.what}.", *_aligned([heads, *rows])]
     if count > SHOWN:
         lines.insert(1, f"The last {SHOWN} of {count} samples:")
     return "\n".join([*lines, _again(witness, trace, states)])
+
+
+def _measured(witness: Witness) -> bool:
+    """Whether what the controller saw of a run is something else than where the plant was."""
+    return len(witness.measured) > 0 and not np.array_equal(witness.measured, witness.states, equal_nan=True)
 
 
 def _aligned(rows: list[list[str]]) -> list[str]:

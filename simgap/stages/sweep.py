@@ -13,6 +13,7 @@ import pyarrow as pa
 import yaml
 
 from simgap.config.copied_plugins import copied_plugins, renamed
+from simgap.config.model_files import move_files
 from simgap.config.sweep import base_of, load_sweep, points_of_sweep
 from simgap.errors import UserError
 from simgap.gap.load import from_json
@@ -42,10 +43,7 @@ def write_point(path: Path, name: str, out: Path) -> None:
     content = renamed(found[0].content, copies)
     for copy in copies:  # first: a case does not name what is not there
         write_text(out.parent / copy.file, copy.content.decode())
-    for section in ("plant", "simulator"):
-        inner = content.get(section)
-        if isinstance(inner, dict) and isinstance(inner.get("urdf"), str):
-            inner["urdf"] = Path(os.path.relpath(folder / inner["urdf"], out.parent)).as_posix()
+    move_files(content, lambda name: Path(os.path.relpath(folder / name, out.parent)).as_posix())
     write_text(out, f"# A point of the sweep {path.name}.\n" + yaml.safe_dump(content, sort_keys=False))
 
 
@@ -68,7 +66,7 @@ def run(path: Path, results: Sequence[Path], out: Path, table_out: Path) -> None
     ]
     columns = list(dict.fromkeys(name for row in rows for name in row))
     write_parquet(table_out, pa.table({name: _column([row.get(name) for row in rows]) for name in columns}))
-    keys = list(points[0].values)
+    keys = list(dict.fromkeys(key for p in points for key in p.values))
     shown = [c for c in columns if c not in ("point", *keys) and c.startswith(SHOWN)]
     pages = [Path(os.path.relpath(file.parent / "report.html", out.parent)).as_posix() for file in results]
     links = [page if (out.parent / page).exists() else None for page in pages]

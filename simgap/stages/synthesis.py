@@ -37,6 +37,7 @@ from simgap.synthesis.synthesise import Problem, synthesise
 
 FIRST_INPUT = 1e-9  # how far the first input may be from the one of U that it is
 EMPTY_PAGE = "empty.html.j2"
+EMPTY_FIGURES = "empty.json"
 PATH_POINTS = 20  # poses on the nominal path between two samples
 
 
@@ -60,6 +61,8 @@ def run(
         problem, between = pose(context, gap_path)
         began = time.perf_counter()
         solution = _solved(context, problem, gap_path, summary, threads)
+    for name in (EMPTY_FIGURES, "empty.html"):  # of an earlier run that won nothing
+        summary.with_name(name).unlink(missing_ok=True)
     log.info("%d of %d cells win (%.4f)", solution.winning.sum(), solution.free.sum(), solution.fraction)
     log.info("synthesis took %.2f s, compilation included", time.perf_counter() - began)
     record = provenance("synthesis", context.case, context.folder)
@@ -114,7 +117,8 @@ def _solved(context: Context, problem: Problem, gap_path: Path | None, summary: 
         record = provenance("synthesis", context.case, context.folder)
         model = "with gap" if gap_path is not None else "nominal"
         figures = {"model": model, "cells": list(problem.cells), "inputs": len(problem.inputs), "winning_cells": 0}
-        write_json(summary, {**figures, "empty": found.to_json(), "provenance": record})
+        for file in (summary, summary.with_name(EMPTY_FIGURES)):  # a failed job of the workflow loses its outputs
+            write_json(file, {**figures, "empty": found.to_json(), "provenance": record})
         page = summary.with_name("empty.html")
         write_text(page, render(EMPTY_PAGE, title=context.case.title or context.case.name, found=found, model=model))
         raise EmptyDomain(
@@ -187,7 +191,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
 def _previous(context: Context, problem: Problem, bound: SavedGap, gap: BodyFrameGap) -> PreviousBounds:
     """The bound and the swept cells after each class of the previous input."""
     classes = gap.classes
-    gaps = tuple(gap.after(c).kernel() for c in range(classes.count))
+    gaps = tuple(gap.after(c) for c in range(classes.count))
     swept: list[SweptCells | None] = [None] * classes.count
     if problem.swept is not None and bound.swept_by_class is not None:
         boxes = zip(*bound.swept_by_class, strict=True)

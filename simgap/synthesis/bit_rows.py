@@ -1,9 +1,12 @@
-"""Rows of cells as bits of machine words: packing, unpacking into sets of inputs, and which boxes are worth trying."""
+"""Rows of cells as bits of machine words, and which boxes are worth trying."""
 
 from __future__ import annotations
 
 import numba as nb
 import numpy as np
+from numpy.typing import NDArray
+
+COMPARED = 256
 
 
 @nb.njit(cache=True, nogil=True)
@@ -17,59 +20,36 @@ def pack_rows(cells, base, stride, count, bits):  # type: ignore[no-untyped-def]
                 bits[r, j >> 6] |= np.uint64(1) << np.uint64(j & 63)
 
 
-@nb.njit(cache=True, nogil=True)
-def smallest_boxes(lower, extent, keep, number):  # type: ignore[no-untyped-def]
-    """Per layer the inputs whose boxes hold no other input's boxes: what any input wins, one of these wins.
+def smallest_boxes(lower: NDArray[np.int32], upper: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Inputs without most of those whose boxes hold another one's: what any input wins, one of these wins.
 
-    lower, extent (layers, M, k), one or more boxes beside each other -> keep (layers, M) input numbers in front,
-    number (layers,) how many.
+    lower, upper (layers, M, k), one or more boxes beside each other -> (layers, M). Every box is held against the
+    `COMPARED` smallest that are left, so that it takes a time linear in the inputs.
     """
-    inputs = lower.shape[1]
+    kept = np.zeros(lower.shape[:2], np.bool_)
+    order = np.argsort((upper.astype(np.int64) - lower).sum(axis=2), axis=1, kind="stable")
+    _smallest(lower, upper, order, kept)
+    return kept
+
+
+@nb.njit(cache=True, nogil=True)
+def _smallest(lower, upper, order, kept):  # type: ignore[no-untyped-def]
+    smallest = np.zeros(COMPARED, np.int64)
     for layer in range(lower.shape[0]):
-        number[layer] = 0
-        for m in range(inputs):
-            smallest = True
-            for o in range(inputs):
-                inside = o != m
-                same = True
+        number = 0
+        for m in order[layer]:
+            found = False
+            for i in range(number):
+                o, inside = smallest[i], True
                 for j in range(lower.shape[2]):
-                    a, b = lower[layer, m, j], lower[layer, o, j]
-                    c, d = a + extent[layer, m, j], b + extent[layer, o, j]
-                    inside = inside and b >= a and d <= c
-                    same = same and a == b and c == d
-                if inside and (not same or o < m):
-                    smallest = False
+                    if lower[layer, o, j] < lower[layer, m, j] or upper[layer, o, j] > upper[layer, m, j]:
+                        inside = False
+                        break
+                if inside:
+                    found = True
                     break
-            if smallest:
-                keep[layer, number[layer]] = m
-                number[layer] += 1
-
-
-@nb.njit(cache=True, nogil=True)
-def _transposed(x):  # type: ignore[no-untyped-def]
-    """Bit 8 a + b of a word to bit 8 b + a (Warren, Hacker's Delight, section 7-3)."""
-    t = (x ^ (x >> np.uint64(7))) & np.uint64(0x00AA00AA00AA00AA)
-    x ^= t ^ (t << np.uint64(7))
-    t = (x ^ (x >> np.uint64(14))) & np.uint64(0x0000CCCC0000CCCC)
-    x ^= t ^ (t << np.uint64(14))
-    t = (x ^ (x >> np.uint64(28))) & np.uint64(0x00000000F0F0F0F0)
-    return x ^ t ^ (t << np.uint64(28))
-
-
-@nb.njit(cache=True, nogil=True)
-def scatter(inputs, new, start, stride, mask):  # type: ignore[no-untyped-def]
-    """Turn words of cells, one per input, into bytes of inputs, one row per cell in `new`, eight by eight."""
-    for group in range(8):
-        cells = new >> np.uint64(8 * group) & np.uint64(255)
-        if cells == 0:
-            continue
-        for byte in range(mask.shape[1]):
-            square = np.uint64(0)
-            for m in range(8 * byte, min(8 * byte + 8, inputs.size)):
-                square |= (inputs[m] >> np.uint64(8 * group) & np.uint64(255)) << np.uint64(8 * (m & 7))
-            if square == 0:
-                continue
-            square = _transposed(square)
-            for j in range(8):
-                if cells >> np.uint64(j) & np.uint64(1):
-                    mask[start + (8 * group + j) * stride, byte] = square >> np.uint64(8 * j) & np.uint64(255)
+            if not found:
+                kept[layer, m] = True
+                if number < COMPARED:
+                    smallest[number] = m
+                    number += 1

@@ -69,6 +69,13 @@ def cell_box(k, n, data, lo, hi):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, error_model="numpy")
+def cell_boxes(cells, data, lo, hi):  # type: ignore[no-untyped-def]
+    """`cell_box` of many cells (rows, n) -> lo, hi (rows, n)."""
+    for row in range(cells.shape[0]):
+        cell_box(cells[row], cells.shape[1], data, lo[row], hi[row])
+
+
+@nb.njit(cache=True, error_model="numpy")
 def to_cells(lo, hi, i, n, data):  # type: ignore[no-untyped-def]
     """Cells of axis `i` in which [lo, hi] can be measured; far outside when a bound is not finite or far too large."""
     origin, width, grow = data[i], data[n + i], data[4 * n + i] + data[5 * n + i]

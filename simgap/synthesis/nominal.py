@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.synthesis.abstraction import Abstraction
-from simgap.synthesis.frame import Frame
+from simgap.synthesis.frame import Frame, cell_boxes
 from simgap.synthesis.product import (
     Kernel,
     direct_post,
@@ -25,6 +25,8 @@ from simgap.synthesis.tables import reduced_cells, reduced_size, table_meta, tab
 
 Floats = NDArray[np.float64]
 Axes = tuple[tuple[int, ...], ...]
+PAIRS = 1 << 18
+"""Cells and inputs whose gap is bounded in one call."""
 GROUP = 8
 """Cells whose gap is bounded at once before a pair is looked at by itself."""
 
@@ -46,11 +48,19 @@ class Model(Protocol):
     def jacobian_axes(self) -> Sequence[Sequence[frozenset[int]]]: ...  # noqa: D102
 
 
+@runtime_checkable
+class BoxBounds(Protocol):
+    """A gap that is bounded over many boxes at once, so that no kernel need be made for it: `gap.GapFunction`."""
+
+    def box_bounds(self, xlo: Floats, xhi: Floats, u: Floats) -> tuple[Floats, Floats]: ...  # noqa: D102
+    def kernel(self) -> Kernel: ...  # noqa: D102
+
+
 def nominal_abstraction(
     model: Model,
     grid: Grid,
     inputs: Floats,
-    gap: Kernel | None = None,
+    gap: Kernel | BoxBounds | None = None,
     gap_axes: Sequence[int] | None = None,
     error: ArrayLike | None = None,
 ) -> Abstraction:
@@ -60,7 +70,7 @@ def nominal_abstraction(
         model: the nominal map f with its interval kernels and structure.
         grid: cells of the states that the controller may measure.
         inputs: U, (M, nu).
-        gap: kernel of a gap function (`GapFunction.kernel()`), None for f alone.
+        gap: a gap function, or its kernel (`GapFunction.kernel()`), None for f alone.
         gap_axes: state axes on which the gap's bounds depend; all when None.
         error: bound of |measured - true| per state, (nx,); cells are then cells of the measurement. The true state is
             assumed to lie in the grid's box, which every successor box guarantees.
@@ -81,7 +91,7 @@ def nominal_abstraction(
         with_gap = tuple(tuple(sorted({*axes, *of_gap})) for axes in own)
     if _fits(grid, len(u), with_gap):
         return _integer_tables(model, frame, gap, with_gap)
-    kernel = no_gap if gap is None else gap
+    kernel = no_gap if gap is None else gap.kernel() if isinstance(gap, BoxBounds) else gap
     if _fits(grid, len(u), own):
         meta, data = frame.arrays(own, _tables(model, frame, None, own))
         post = tabulated_post(kernel)
@@ -96,22 +106,50 @@ def _fits(grid: Grid, inputs: int, axes: Axes) -> bool:
     return sum(reduced_size(grid, own) for own in axes) * inputs <= 4 * grid.size + 1_000_000
 
 
-def _tables(model: Model, frame: Frame, gap: Kernel | None, axes: Axes) -> Floats:
-    """Offsets of each dimension from the cell's centre, (lower, upper) per reduced cell and input, flat."""
+def _tables(model: Model, frame: Frame, gap: Kernel | BoxBounds | None, axes: Axes) -> Floats:
+    """Offsets of each dimension from the cell's centre, (lower, upper) per reduced cell and input, flat.
+
+    Dimensions on the same axes have the same cells: the model and the gap are evaluated once for them.
+    """
+    parts: dict[int, Floats] = {}
+    for own in dict.fromkeys(axes):
+        same = [i for i, other in enumerate(axes) if other == own]
+        for i, out in zip(same, _together(model, frame, gap, own, same), strict=True):
+            parts[i] = out.reshape(-1)
+    return np.concatenate([parts[i] for i in range(model.nx)])
+
+
+def _together(
+    model: Model, frame: Frame, gap: Kernel | BoxBounds | None, own: tuple[int, ...], same: list[int]
+) -> Floats:
+    """Offsets of the dimensions `same` on the cells over the axes `own`: (len(same), cells, M, 2)."""
     fill = table_filler(model.interval_kernel, model.jacobian_interval_kernel)
-    parts = []
-    for i, own in enumerate(axes):
-        cells = reduced_cells(frame.grid, own)
-        out = np.empty((len(cells), len(frame.inputs), 2))
-        flags = np.array([j in own for j in range(model.nx)])
-        fill(cells, i, flags, frame.header, frame.inputs, out)
-        if gap is not None:
-            gap_adder(gap)(cells, i, frame.header, frame.inputs, out)
-        parts.append(out.reshape(-1))
-    return np.concatenate(parts)
+    cells, which = reduced_cells(frame.grid, own), np.array(same)
+    out = np.empty((len(same), len(cells), len(frame.inputs), 2))
+    flags = np.array([j in own for j in range(model.nx)])
+    fill(cells, which, flags, frame.header, frame.inputs, out)
+    if isinstance(gap, BoxBounds):
+        step = max(1, PAIRS // len(frame.inputs))
+        for first in range(0, len(cells), step):
+            _add_bounds(gap, frame, cells[first : first + step], which, out[:, first : first + step])
+    elif gap is not None:
+        gap_adder(gap)(cells, which, frame.header, frame.inputs, out)
+    return out
 
 
-def _integer_tables(model: Model, frame: Frame, gap: Kernel | None, axes: Axes) -> Abstraction:
+def _add_bounds(gap: BoxBounds, frame: Frame, cells: NDArray[np.int64], which: NDArray[np.int64], out: Floats) -> None:
+    """Add the gap's bounds over cells (k, nx) to out (dimensions, k, M, 2)."""
+    lo, hi = np.empty(cells.shape), np.empty(cells.shape)
+    cell_boxes(cells, frame.header, lo, hi)
+    count = len(frame.inputs)
+    found = gap.box_bounds(
+        np.repeat(lo, count, axis=0), np.repeat(hi, count, axis=0), np.tile(frame.inputs, (len(cells), 1))
+    )
+    for side, bound in enumerate(found):
+        out[..., side] += np.moveaxis(bound.reshape(len(cells), count, -1), 2, 0)[which]
+
+
+def _integer_tables(model: Model, frame: Frame, gap: Kernel | BoxBounds | None, axes: Axes) -> Abstraction:
     offsets = _tables(model, frame, gap, axes).reshape(-1, len(frame.inputs), 2)
     table = np.empty(offsets.shape, np.int32)
     first = 0

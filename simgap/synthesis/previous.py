@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.game import MeasuredGame, certified
+from simgap.synthesis.nominal import BoxBounds
 from simgap.synthesis.previous_rows import reach_by_classes
 from simgap.synthesis.product import Kernel
 from simgap.synthesis.swept import SweptCells
@@ -26,12 +28,12 @@ class PreviousBounds:
 
     Attributes:
         kind: (M,) class of each input. rest: class in which a run starts.
-        gaps: kernel of the gap's bound in each class; swept: cells that the path may touch, None where that is nothing.
+        gaps: the gap's bound in each class; swept: cells that the path may touch, None where that is nothing.
     """
 
     kind: Ints
     rest: int
-    gaps: tuple[Kernel, ...]
+    gaps: tuple[Kernel | BoxBounds, ...]
     swept: tuple[SweptCells | None, ...]
 
 
@@ -41,14 +43,14 @@ class PreviousGame:
 
     Attributes:
         space: the states; stray: how far a path strays from its samples where clearance is to cover that, (nx,).
-        boxes: one abstraction a class. whole: that of the bound after any input, for what is to be held.
+        boxes: one abstraction a class. whole: makes that of the bound after any input, for what is to be held.
         kind: (M,) class of each input. rest: class in which a run starts.
         threads: for the kernels.
     """
 
     space: Space
     boxes: tuple[Abstraction, ...]
-    whole: Abstraction
+    whole: Callable[[], Abstraction]
     kind: Ints
     rest: int
     stray: Floats
@@ -57,16 +59,16 @@ class PreviousGame:
     @property
     def grid(self) -> Grid:
         """Cells of the measured state."""
-        return self.whole.grid
+        return self.boxes[0].grid
 
     @property
     def error(self) -> Floats:
         """The measurement error, (nx,)."""
-        return self.whole.error
+        return self.boxes[0].error
 
     def invariant(self, safe: Mask) -> Solution:
         """A set of the safe cells (cells,) that can be held after any input: sound, not always the largest."""
-        found = MeasuredGame(self.space, self.whole, self.stray, self.threads).invariant(safe)
+        found = MeasuredGame(self.space, self.whole(), self.stray, self.threads).invariant(safe)
         classes = len(self.boxes)
         return replace(
             found, mask=np.repeat(found.mask, classes, axis=0), memory=classes, first=self.rest, kind=self.kind

@@ -130,7 +130,9 @@ def tabulated_post(gap: Kernel) -> Any:
 
 @cache
 def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
-    """numba: (k (rows, n), i, own (n,), header, u (M, nu), out (rows, M, 2)) -> None, f_i from the cell's centre.
+    """numba: (k (rows, n), which (d,), own (n,), header, u (M, nu), out (d, rows, M, 2)) -> None.
+
+    Offsets of the dimensions `which` of f from the cell's centre.
 
     Along axes that f_i - x_i and its derivatives do not depend on (`own` 0) the box is not clipped to X, since the
     table serves all cells along them.
@@ -138,7 +140,7 @@ def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
     image_of_box = image(f, jacobian)
 
     @kept
-    def fill(cells, i, own, header, inputs, out):  # type: ignore[no-untyped-def]
+    def fill(cells, which, own, header, inputs, out):  # type: ignore[no-untyped-def]
         n = own.size
         free = header.copy()
         for j in range(n):
@@ -147,28 +149,31 @@ def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
         work = np.empty((5, n))
         for row in range(cells.shape[0]):
             cell_box(cells[row], n, free, work[0], work[1])
-            centre = header[i] + header[n + i] * (cells[row, i] + 0.5)
             for m in range(inputs.shape[0]):
                 image_of_box(work[0], work[1], inputs[m], n, work[2], work[3], work[4])
-                out[row, m, 0], out[row, m, 1] = work[2, i] - centre, work[3, i] - centre
+                for d in range(which.size):
+                    i = which[d]
+                    centre = header[i] + header[n + i] * (cells[row, i] + 0.5)
+                    out[d, row, m, 0], out[d, row, m, 1] = work[2, i] - centre, work[3, i] - centre
 
     return fill
 
 
 @cache
 def gap_adder(gap: Kernel) -> Kernel:
-    """numba: (k (rows, n), i, header, u (M, nu), out (rows, M, 2)) -> None, the gap's bounds of dimension i added."""
+    """numba: (k (rows, n), which (d,), header, u (M, nu), out (d, rows, M, 2)) -> None, the gap's bounds added."""
 
     @kept
-    def add_gap(cells, i, header, inputs, out):  # type: ignore[no-untyped-def]
+    def add_gap(cells, which, header, inputs, out):  # type: ignore[no-untyped-def]
         n = cells.shape[1]
         work = np.empty((4, n))
         for row in range(cells.shape[0]):
             cell_box(cells[row], n, header, work[0], work[1])
             for m in range(inputs.shape[0]):
                 gap(work[0], work[1], inputs[m], work[2], work[3])
-                out[row, m, 0] += work[2, i]
-                out[row, m, 1] += work[3, i]
+                for d in range(which.size):
+                    out[d, row, m, 0] += work[2, which[d]]
+                    out[d, row, m, 1] += work[3, which[d]]
 
     return add_gap
 

@@ -76,9 +76,11 @@ def reach_avoid(
             "the path between samples is checked on bit rows only, and no axis allows them",
             remedy="Use a gap that does not depend on the position, or fewer cells",
         )
-    solve = (target & free).astype(np.uint8), free.astype(np.uint8)
     if rows is not None:
-        value, mask = reach_by_rows(abstraction, rows, *solve, threads, masks)
+        kind = np.zeros(len(abstraction.inputs), np.int64)
+        levels, sets = reach_by_rows([rows], kind, target & free, free, threads, masks)
+        value, mask = levels[:, 0], sets[:, 0]
     else:
+        solve = (target & free).astype(np.uint8), free.astype(np.uint8)
         value, mask = reach_by_table(abstraction, *solve, threads, masks)
     return Reach(value, mask, int(value.max(initial=0)), "table" if rows is None else "bit_rows")

@@ -1,9 +1,13 @@
-"""Reach-while-avoid on bit rows (see `erosion`)."""
+"""Reach-while-avoid on bit rows: 64 cells a machine word where no offset depends on some axis (`row_moves`).
+
+A node is a cell and, where the plant remembers, the class of the input before. Input m takes a node (k, c) into the box
+of (k, m) in class c and to the class of m.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +16,14 @@ from simgap.geometry import Grid
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.bit_rows import pack_rows, smallest_boxes
 from simgap.synthesis.bits import packed_width
-from simgap.synthesis.box_erosion import BoxErosion, dilate
-from simgap.synthesis.erosion import predecessors, record
+from simgap.synthesis.box_erosion import BoxErosion
+from simgap.synthesis.row_levels import Levels
+from simgap.synthesis.row_moves import moves_of, words_of_a_row
 from simgap.synthesis.swept import SweptCells
 from simgap.synthesis.tables import reduced_cells, reduced_size
-from simgap.synthesis.threads import over_rows
 
 Ints = NDArray[np.int64]
-MAX_SHAPE_CELLS = 4_000_000_000  # bits: 500 MB of eroded sets
+MAX_SHAPE_CELLS = 4_000_000_000  # bits: 500 MB of free cells eroded by swept boxes
 MAX_BOXES = 40_000_000
 
 
@@ -28,34 +32,31 @@ class RowSystem:
     """All boxes of an abstraction whose offsets do not depend on the bit axis.
 
     Attributes:
-        bit_axis: the axis whose cells share machine words; row_axes: the others, at most 3.
-        lengths, periodic: (3,) of the row axes, padded with 1 and 0.
+        bit_axis: the axis whose cells share machine words, `count` of them; row_axes: the others, at most 3; the last
+            one is idle too where `slab_rows` is more than 1.
+        lengths, periodic: (3,) of the row axes, padded with 1 and 0 in front.
+        slab_rows: rows that lie below each other with the same boxes.
         base: (rows,) flat index of a row's first cell; stride: from one cell of a row to the next.
         layer: (rows,) which boxes a row uses.
-        rel: (layers, M, 4) int32 lower offsets along the row axes and the bit axis.
-        shape_of: (layers, M) int16 which of `shapes` (k, 4), the box's extent along the same axes.
-        keep, number: (layers, M), (layers,) the inputs that can win a cell first (`erosion.smallest_boxes`).
-        swept, swept_of, swept_shapes: as rel, shape_of, shapes, for the swept box of each input; no shapes where it
-            does not matter.
-        reach: (2, 3) least lower and largest upper offset along the row axes.
+        rel, extent: (layers, M, 4) int32 lower offsets and sizes of the boxes along the row axes and the bit axis.
+        swept, swept_of, swept_shapes: the same for the swept box of each input: (layers, M, 4), which of the sizes
+            (k, 4); nothing where it does not matter.
     """
 
     bit_axis: int
+    count: int
     row_axes: tuple[int, ...]
     lengths: Ints
     periodic: Ints
+    slab_rows: int
     base: Ints
     stride: int
     layer: NDArray[np.int32]
     rel: NDArray[np.int32]
-    shape_of: NDArray[np.int16]
-    shapes: Ints
-    keep: NDArray[np.int32]
-    number: NDArray[np.int32]
+    extent: NDArray[np.int32]
     swept: NDArray[np.int32]
-    swept_of: NDArray[np.int16]
+    swept_of: NDArray[np.int32]
     swept_shapes: Ints
-    reach: Ints
 
     @staticmethod
     def of(abstraction: Abstraction) -> RowSystem | None:
@@ -66,16 +67,17 @@ class RowSystem:
         if not idle or reduced_size(grid, tuple(used)) * inputs > min(MAX_BOXES, 4 * grid.size + 1_000_000):
             return None
         bit_axis = max(idle, key=lambda j: grid.cells[j])
-        row_axes = tuple(j for j in range(grid.box.size) if j != bit_axis)
+        below = max((j for j in idle if j != bit_axis), key=lambda j: grid.cells[j], default=None)
+        others = [j for j in range(grid.box.size) if j not in (bit_axis, below)]
+        row_axes = (*others, *(() if below is None else (below,)))
+        slab_rows = 1 if below is None else grid.cells[below]
+        if grid.size // grid.cells[bit_axis] // slab_rows * inputs > MAX_BOXES:
+            return None
         rel, extent = _offsets(abstraction, tuple(used), [*row_axes, bit_axis])
         swept, length = _swept_offsets(abstraction.swept, grid, tuple(used), [*row_axes, bit_axis], rel.shape[:2])
-        shapes, shape_of = np.unique(extent.reshape(-1, 4), axis=0, return_inverse=True)
         swept_shapes, swept_of = np.unique(length.reshape(-1, 4), axis=0, return_inverse=True)
-        if (len(shapes) + len(swept_shapes)) * grid.size > MAX_SHAPE_CELLS:
+        if len(swept_shapes) * grid.size > MAX_SHAPE_CELLS:
             return None
-        keep, number = np.zeros(rel.shape[:2], np.int32), np.zeros(len(rel), np.int32)
-        both = np.concatenate([rel, swept], axis=2) if len(swept) else rel
-        smallest_boxes(both, np.concatenate([extent, length], axis=2) if len(swept) else extent, keep, number)
         missing = 3 - len(row_axes)
         lengths = np.array([1] * missing + [grid.cells[j] for j in row_axes])
         strides = np.cumprod([1, *grid.cells[:0:-1]])[::-1]
@@ -85,22 +87,31 @@ class RowSystem:
             layer = layer * grid.cells[j] + index[:, row_axes.index(j)]
         return RowSystem(
             bit_axis=bit_axis,
+            count=grid.cells[bit_axis],
             row_axes=row_axes,
             lengths=lengths,
             periodic=np.array([0] * missing + [int(j in grid.periodic) for j in row_axes]),
+            slab_rows=slab_rows,
             base=index @ strides[list(row_axes)],
             stride=int(strides[bit_axis]),
             layer=layer.astype(np.int32),
             rel=rel,
-            shape_of=shape_of.reshape(rel.shape[:2]).astype(np.int16),
-            shapes=shapes.astype(np.int64),
-            keep=keep,
-            number=number,
+            extent=extent,
             swept=swept,
-            swept_of=swept_of.reshape(swept.shape[:2]).astype(np.int16),
+            swept_of=swept_of.reshape(swept.shape[:2]).astype(np.int32),
             swept_shapes=swept_shapes.astype(np.int64),
-            reach=np.stack([rel[..., :3].min((0, 1)), (rel + extent - 1)[..., :3].max((0, 1))]).astype(np.int64),
         )
+
+    def worth_trying(self, kind: Ints) -> NDArray[np.bool_]:
+        """The inputs that can win a node first, (layers, M): no input of the same class (M,) has smaller boxes."""
+        of_input = np.broadcast_to(kind[None, :, None], (*self.rel.shape[:2], 1))
+        lower: list[Ints] = [of_input, self.rel.astype(np.int64)]
+        upper: list[Ints] = [of_input, lower[1] + self.extent]
+        if len(self.swept):
+            lower.append(self.swept.astype(np.int64))
+            upper.append(lower[2] + self.swept_shapes[self.swept_of])
+        low, high = (np.concatenate(side, axis=2).astype(np.int32) for side in (lower, upper))
+        return smallest_boxes(low, high)
 
 
 def _offsets(abstraction: Abstraction, used: tuple[int, ...], order: list[int]) -> tuple[NDArray[np.int32], ...]:
@@ -108,15 +119,17 @@ def _offsets(abstraction: Abstraction, used: tuple[int, ...], order: list[int]) 
     grid = abstraction.grid
     cells = reduced_cells(grid, used)
     flat = np.ravel_multi_index(tuple(cells.T), grid.cells)
-    size = np.array(grid.cells)
+    size, wraps = np.array(grid.cells), np.isin(np.arange(grid.box.size), grid.periodic)
     lower = np.zeros((len(cells), len(abstraction.inputs), 4), np.int32)
     extent = np.ones_like(lower)
     for first in range(0, len(flat), 256):
         block = abstraction.boxes(flat[first : first + 256])
         k = cells[first : first + 256, None, :]
-        low, high = block[:, :, 0] - k, block[:, :, 1] - k
-        low, high = np.maximum(low, -2 * size), np.minimum(high, 2 * size)  # beyond any cell of the grid either swept
-        whole = (high - low >= size) & np.isin(np.arange(grid.box.size), grid.periodic)
+        low, high = (block[:, :, side].astype(np.int64) - k for side in (0, 1))
+        turns = np.where(wraps, size * (low // size), 0)
+        low, high = low - turns, high - turns
+        low, high = np.maximum(low, -2 * size), np.minimum(high, 2 * size)  # beyond any cell of the grid either way
+        whole = wraps & (high - low >= size)
         low, high = np.where(whole, 0, low), np.where(whole, size - 1, high)
         lower[first : first + 256, :, -len(order) :] = low[..., order]
         extent[first : first + 256, :, -len(order) :] = (high - low + 1)[..., order]
@@ -136,47 +149,59 @@ def _swept_offsets(
     return lower, extent
 
 
-def _clear(system: RowSystem, allowed: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """The free cells eroded by each swept box, (shapes, rows, words)."""
-    clear = np.zeros((len(system.swept_shapes), *allowed.shape), np.uint64)
-    BoxErosion(system.lengths, system.periodic, system.swept_shapes)(
-        allowed, clear, np.zeros(clear.shape[:2], np.uint8)
-    )
-    return clear
+def with_common_sweeps(systems: Sequence[RowSystem]) -> list[RowSystem]:
+    """The systems with sizes of swept boxes that are counted through all of them."""
+    own = [s.swept_shapes[s.swept_of] for s in systems]
+    shapes, place = np.unique(np.concatenate([o.reshape(-1, 4) for o in own]), axis=0, return_inverse=True)
+    each = np.split(place.reshape(-1), np.cumsum([o.size // 4 for o in own])[:-1])
+    return [
+        replace(s, swept_shapes=shapes, swept_of=p.reshape(s.swept_of.shape).astype(np.int32))
+        for s, p in zip(systems, each, strict=True)
+    ]
 
 
 def reach_by_rows(
-    abstraction: Abstraction,
-    system: RowSystem,
-    target: NDArray[np.uint8],
-    free: NDArray[np.uint8],
+    systems: Sequence[RowSystem],
+    kind: Ints,
+    target: NDArray[np.bool_],
+    free: NDArray[np.bool_],
     threads: int,
     masks: bool,
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Levels and admissible inputs: flags (cells,) -> value (cells,), mask (cells, bytes), (cells, 0) without masks."""
-    grid = abstraction.grid
-    rows, count = len(system.base), grid.cells[system.bit_axis]
-    words = (count + 63) // 64
-    won, allowed, fresh = (np.zeros((rows, words), np.uint64) for _ in range(3))
-    pack_rows(target, system.base, system.stride, count, won)
-    pack_rows(free, system.base, system.stride, count, allowed)
-    value = np.where(target, 0, -1).astype(np.int32)
-    mask = np.zeros((grid.size, packed_width(len(abstraction.inputs)) if masks else 0), np.uint8)
-    eroded = np.zeros((len(system.shapes), rows, words), np.uint64)
-    grew = np.zeros((len(system.shapes), rows), np.uint8)
-    news = np.asarray(won.any(axis=1), np.uint8)
-    axes = (system.lengths, system.periodic)
-    erode = BoxErosion(*axes, system.shapes)
-    boxes = (system.layer, system.rel, system.shape_of, eroded, system.swept, system.swept_of, _clear(system, allowed))
+    """Levels and admissible inputs of nodes.
+
+    Args:
+        systems: boxes after a previous input of each class, over common sizes of swept boxes.
+        kind: (M,) class of each input.
+        target, free: (cells,); target cells that are not free do not count.
+        threads: slabs are shared among this many threads; the result does not depend on it.
+        masks: whether to record the inputs.
+
+    Returns:
+        value (cells, classes), mask (cells, classes, bytes), without masks (cells, classes, 0).
+    """
+    s, classes = systems[0], len(systems)
+    moves = moves_of(systems, kind, None if masks else [own.worth_trying(kind) for own in systems])
+    words = words_of_a_row(systems)
+    goal, allowed = (np.zeros((len(s.base), words), np.uint64) for _ in range(2))
+    pack_rows((target & free).astype(np.uint8), s.base, s.stride, s.count, goal)
+    pack_rows(free.astype(np.uint8), s.base, s.stride, s.count, allowed)
+    value = np.full((free.size, classes), -1, np.int32)
+    value[target & free] = 0
+    mask = np.zeros((free.size, classes, packed_width(len(kind)) if masks else 0), np.uint8)
+    levels = Levels(moves, classes, goal, allowed, _clear(s, allowed), threads, masks)
     level = 0
-    while news.any():
+    while levels.news.any():
         level += 1
-        erode(won, eroded, grew, threads)
-        near = dilate(news, *axes, system.reach[0], system.reach[1])
-        trial = (system.keep, system.number, grew, near, won, allowed, fresh)
-        over_rows(partial(predecessors, *axes, *boxes, *trial), rows, threads)
-        over_rows(
-            partial(record, *axes, *boxes, won, fresh, system.base, system.stride, level, value, mask), rows, threads
-        )
-        news = np.asarray(fresh.any(axis=1), np.uint8)
+        levels.spread()
+        levels.settle(level, s.base, s.stride, value, mask)
     return value, mask
+
+
+def _clear(s: RowSystem, allowed: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The free cells eroded by each swept box, flat (shapes, rows, words) with an empty row in front and behind."""
+    flat = np.zeros((len(s.swept_shapes) * len(allowed) + 2) * allowed.shape[1], np.uint64)
+    clear = flat[allowed.shape[1] : flat.size - allowed.shape[1]].reshape(-1, *allowed.shape)
+    erode = BoxErosion(s.lengths, s.periodic, s.swept_shapes)
+    erode(allowed, clear, np.zeros(clear.shape[:2], np.uint8))
+    return flat

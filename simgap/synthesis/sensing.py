@@ -156,6 +156,7 @@ def _with_latency(
         first=first,
         late=True,
         statistics={"rounds": rounds},
+        acting=to_bytes(embed(allowed, grid, larger, np.zeros(allowed.shape[1], np.uint32)), inputs),
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -55,12 +56,21 @@ def planar_swept_cells(
     width, off = 2.0 * grid.h, 0.0 if error is None else float(error[k])
     low = np.zeros((grid.cells[k], len(lower), 3), np.int32)
     high = np.zeros_like(low)
-    for layer in range(grid.cells[k]):
-        t0 = grid.box.lo[k] + width[k] * layer
-        for m in range(len(lower)):
-            box = lower[m, 0], upper[m, 0], lower[m, 1], upper[m, 1]
-            x0, x1, y0, y1 = rotated_box(t0 - off, t0 + width[k] + off, *box)
-            for axis, a, b in ((i, x0, x1), (j, y0, y1)):
-                low[layer, m, axis] = np.floor(a / width[axis] + SHRINK)
-                high[layer, m, axis] = np.ceil(1.0 + b / width[axis] - SHRINK) - 1
+    box = np.ascontiguousarray(np.stack([lower[:, 0], upper[:, 0], lower[:, 1], upper[:, 1]], axis=1), np.float64)
+    _sweep(box, float(grid.box.lo[k]), float(width[k]), off, i, j, float(width[i]), float(width[j]), low, high)
     return SweptCells(k, low, high)
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _sweep(box, first, step, off, i, j, width_i, width_j, low, high):  # type: ignore[no-untyped-def]
+    for layer in range(low.shape[0]):
+        t0 = first + step * layer
+        for m in range(low.shape[1]):
+            x0, x1, y0, y1 = rotated_box(t0 - off, t0 + step + off, box[m, 0], box[m, 1], box[m, 2], box[m, 3])
+            low[layer, m, i], high[layer, m, i] = _cells(x0, x1, width_i)
+            low[layer, m, j], high[layer, m, j] = _cells(y0, y1, width_j)
+
+
+@nb.njit(cache=True, error_model="numpy")
+def _cells(a, b, width):  # type: ignore[no-untyped-def]
+    return np.int32(np.floor(a / width + SHRINK)), np.int32(np.ceil(1.0 + b / width - SHRINK) - 1)

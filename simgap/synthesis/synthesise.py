@@ -16,7 +16,7 @@ from simgap.specifications.space import Space
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.controller import least_effort
 from simgap.synthesis.game import LateGame, MeasuredGame, TrueGame
-from simgap.synthesis.nominal import Model, nominal_abstraction
+from simgap.synthesis.nominal import BoxBounds, Model, nominal_abstraction
 from simgap.synthesis.pending import PendingGame
 from simgap.synthesis.previous import PreviousBounds, PreviousGame
 from simgap.synthesis.product import Kernel
@@ -86,7 +86,7 @@ class Problem:
         """The abstraction of the model with its gap."""
         return self._boxes(self.gap, self.swept)
 
-    def _boxes(self, gap: Kernel | None, swept: SweptCells | None) -> Abstraction:
+    def _boxes(self, gap: Kernel | BoxBounds | None, swept: SweptCells | None) -> Abstraction:
         error = None if self.on_true_cells else self.error
         plain = nominal_abstraction(self.model, self.grid, self.inputs, gap, self.gap_axes, error)
         return replace(plain, swept=swept)
@@ -105,7 +105,7 @@ class Problem:
                 pending = PendingGame(boxes, self.previous.kind, threads)
                 return LateGame(self.space, pending, stray, first, self.previous.rest)
             about = self.previous.kind, self.previous.rest, stray, threads
-            return PreviousGame(self.space, boxes, self.abstraction(), *about)
+            return PreviousGame(self.space, boxes, self.abstraction, *about)
         if self.latency:
             return LateGame(self.space, PendingGame.of(self.abstraction(), threads), stray, first)
         return MeasuredGame(self.space, self.abstraction(), stray, threads)

@@ -8,6 +8,7 @@ from functools import cache
 from typing import TypeVar
 
 T = TypeVar("T")
+R = TypeVar("R")
 
 
 @cache
@@ -23,7 +24,6 @@ def over_rows(work: Callable[[int, int], int], rows: int, threads: int) -> int:
     return sum(_pool(threads).map(lambda first: work(first, min(rows, first + chunk)), range(0, rows, chunk)))
 
 
-def over_items(work: Callable[[T], None], items: Sequence[T], threads: int) -> None:
-    """Call `work(item)` for every item; they must write to different places."""
-    for _ in map(work, items) if threads <= 1 else _pool(threads).map(work, items):
-        pass
+def over_items(work: Callable[[T], R], items: Sequence[T], threads: int) -> list[R]:
+    """What `work(item)` returns for every item; they must write to different places."""
+    return list(map(work, items) if threads <= 1 else _pool(threads).map(work, items))

@@ -58,16 +58,17 @@ def embed(values: NDArray[np.uint32], grid: Grid, larger: Grid, outside: NDArray
     """Rows of the grid's cells (cells, k) in the larger grid's, `outside` (k,) elsewhere."""
     out = np.empty((*larger.cells, values.shape[1]), np.uint32)
     out[...] = outside
-    out[_inner(grid, larger)] = values.reshape(*grid.cells, -1)
+    out[inner(grid, larger)] = values.reshape(*grid.cells, -1)
     return out.reshape(larger.size, -1)
 
 
 def crop(values: NDArray[np.uint32], grid: Grid, larger: Grid) -> NDArray[np.uint32]:
     """The inverse of `embed`: (larger cells, k) -> (cells, k)."""
-    return np.ascontiguousarray(values.reshape(*larger.cells, -1)[_inner(grid, larger)]).reshape(grid.size, -1)
+    return np.ascontiguousarray(values.reshape(*larger.cells, -1)[inner(grid, larger)]).reshape(grid.size, -1)
 
 
-def _inner(grid: Grid, larger: Grid) -> tuple[slice, ...]:
+def inner(grid: Grid, larger: Grid) -> tuple[slice, ...]:
+    """Where the cells of a grid lie among those of the larger one."""
     return tuple(slice((b - a) // 2, (b - a) // 2 + a) for a, b in zip(grid.cells, larger.cells, strict=True))
 
 

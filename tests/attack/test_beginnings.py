@@ -1,4 +1,4 @@
-"""Where searches begin: beside switching surfaces, at the worst recorded histories; and where there are no margins."""
+"""Where searches begin: beside switching surfaces, at the worst recorded histories; and why there may be no margins."""
 
 import itertools
 from types import SimpleNamespace
@@ -15,6 +15,7 @@ from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Box, Grid
 from simgap.simulators.body_samples import REST, BodySamples
 from simgap.specifications.solution import Solution
+from simgap.stages import margins
 from simgap.stages.attacks import question
 from simgap.stages.context import Context
 from simgap.stages.margins import margins_of
@@ -129,11 +130,12 @@ def test_a_step_is_held_against_the_class_of_what_was_recorded_before_it(robot):
     assert last <= {(m,) for m in moved.m[classes.after(moved.previous) == 1].tolist()}
 
 
-def test_cells_of_the_true_state_that_are_measured_with_an_error_have_no_margins(vary):
-    """What keeps such a cell are inputs of the measured cells around it."""
-    context = Context.load(vary("pendulum", {"sensing": {"error": {"x1": 0.001, "x2": 0.01}}}))
-    assert max(context.case.sensing.error.values()) > 0
-    grid = Grid(context.box, (4, 4))
-    every = np.ones(grid.size, np.bool_)
-    solution = Solution(grid, every, np.full((grid.size, 4), 255, np.uint8), every)
-    assert margins_of(context, None, solution) is None
+def test_margins_that_cannot_be_had_say_why(vary, monkeypatch):
+    """An older controller file, and tables that would outgrow memory."""
+    context = Context.load(vary("pendulum", {"sensing": {"error": {"x1": 0.001, "x2": 0.01}, "latency": 1}}))
+    grid, count = Grid(context.box, (4, 4)), len(context.input_set)
+    every, mask = np.ones(grid.size, np.bool_), np.full((grid.size * count, 4), 255, np.uint8)
+    solution = Solution(grid, every, mask, every, memory=count, late=True)
+    assert "run the synthesis again" in margins_of(context, None, solution)
+    monkeypatch.setattr(margins, "LARGEST_TABLES", 1000)
+    assert "25 sets of cells reaches would take 0.0 GB" in margins_of(context, None, solution)

@@ -119,3 +119,8 @@ def test_a_wrong_value_is_told_in_words(vary, capsys, key, value, words):
     assert words in line
     assert "Input should" not in line
     assert "type=" not in line
+
+
+def test_a_run_without_a_case_is_one_line(bench, capsys, monkeypatch):
+    monkeypatch.chdir(bench)
+    assert "no case is given" in line_of(capsys, "run", "--dry-run")

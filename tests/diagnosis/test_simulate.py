@@ -115,3 +115,20 @@ def test_a_driven_pendulum_with_dry_friction_agrees_with_the_events_of_scipy(fri
     theta = with_effect(compiled, "coulomb_friction", "hinge", F_c=friction)
     x = problem.states(theta, np.array([[0.5, 0.0]]))
     np.testing.assert_allclose(x, expected, atol=2e-6)
+
+
+def test_a_simulation_does_not_look_its_functions_up(monkeypatch):
+    """numba would at each call, if they were its arguments: for longer than a few windows take."""
+    t = np.arange(0.0, 1.0, 0.01)
+    problem, compiled = one_window(block(), t, np.zeros(t.size))
+    theta = with_effect(compiled, "coulomb_friction", "slide", F_c=1.0)
+    expected = problem.states(theta, np.array([[0.0, 0.4]]))
+
+    def looked_up(*_: object) -> int:
+        raise AssertionError("looked up")
+
+    for name in ("_get_wrapper_address", "_get_jit_address"):
+        monkeypatch.setattr(f"numba.experimental.function_type.{name}", looked_up)
+    found = problem.states(theta, np.array([[0.0, 0.4]]))
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_allclose(found.T, stopping(0.4, 1.0, 2.0, t), atol=1e-12)

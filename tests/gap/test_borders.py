@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from simgap.gap.borders import BESIDE, critical_points
+from simgap.gap.borders import BESIDE, critical_points, thinned_count
 from simgap.gap.function import GapDomain
 from simgap.gap.switching import kinks, switching_surfaces
 from simgap.geometry import Box
@@ -120,3 +120,18 @@ def test_a_smooth_case_has_no_surface_inside_X(vary):
     where = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set)
     with_stops = critical_points(where, switching_surfaces(context))
     assert np.array_equal(with_stops.x, critical_points(where).x)
+
+
+@pytest.mark.parametrize("shape", [(4, 3), (7, 7, 7), (40, 40, 40, 40), (1, 40, 1, 40)])
+def test_what_will_be_listed_is_counted_before_it_is_listed(shape):
+    """In four dimensions a full lattice of 42^4 points is neither built nor rolled out."""
+    nx, most = len(shape), 2_000
+    free = tuple(j for j, n in enumerate(shape) if n == 1)
+    names = tuple(f"x{j}" for j in range(nx))
+    cube = GapDomain(names, ("u",), Box([0.0] * nx, [1.0] * nx), np.zeros((1, 1)), free)
+    rng = np.random.default_rng(0)
+    found = critical_points(cube, (), [rng.uniform(0.0, 1.0, n) for n in shape], most)
+    assert len(found.x) == thinned_count(shape, free, most) <= most
+    on_border = ((found.x == 0.0) | (found.x == 1.0)).any(axis=1)
+    assert on_border.all()
+    assert len(rows(found.x)) == len(found.x)

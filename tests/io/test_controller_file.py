@@ -66,6 +66,19 @@ def refused(path, match):
     assert "\n" not in str(caught.value)
 
 
+def test_what_may_act_from_true_cells_is_kept_and_has_to_fit_the_starts(tmp_path):
+    """Of a controller that stays by measurements a sample late: winning cells are those where 0, the first, may act."""
+    acting = np.array([1, 3, 5, 7, 1, 3, 5, 7, 0, 2, 4, 6], np.uint8)[:, None]
+    mask = np.full((GRID.size * 3, 1), 7, np.uint8)
+    winning = acting[:, 0] & 1 == 1
+    solution = Solution(GRID, winning, mask, np.ones(GRID.size, bool), memory=3, late=True, acting=acting)
+    path = tmp_path / "late.npz"
+    save_controller(Controller(INPUTS, ("x", "v"), ("u",), solution, "least_effort", {}), path)
+    assert np.array_equal(load_controller(path).solution.acting, acting)
+    refused(rewritten(path, acting=acting ^ 1), "its first input may act")
+    refused(rewritten(path, acting=acting[1:]), "of other cells")
+
+
 @pytest.mark.parametrize("memory", [1, 3])
 def test_it_reads_back_the_same(tmp_path, memory):
     made, path = reaching(memory), tmp_path / "a.npz"

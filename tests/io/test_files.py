@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from simgap.errors import UserError
+from simgap.io import diagnosis_tables
 from simgap.io.atomic import atomic
 from simgap.io.diagnosis_tables import read_recording
 from simgap.io.documents import read_json, write_json
@@ -32,6 +33,7 @@ def test_what_a_killed_writer_left_goes_with_the_next_write(tmp_path):
     code = """
 import os, signal, sys
 from pathlib import Path
+from simgap.io import diagnosis_tables
 from simgap.io.atomic import atomic
 with atomic(Path(sys.argv[1])) as temporary:
     temporary.write_text("half")
@@ -95,6 +97,7 @@ def test_a_key_that_stands_twice_an_edit_and_a_foreign_document_are_refused(tmp_
         (text.replace("0.1", "0.2"), "checksum does not fit"),
         (text.replace('"eps": 0.1', '"eps": 0.2, "eps": 0.1'), "'eps' stands there twice"),
         (text.replace("2.5", "2.5, NaN"), "NaN is no number"),
+        (text.replace("2.5", "1e400"), "1e400 is too large a number"),
         (text.replace("0.1", "1" * 5001), "damaged"),
         ("[" * 100_000, "damaged"),
         ("{}", "without its checksum"),
@@ -163,4 +166,19 @@ def test_a_recording_of_our_own_is_held_to_its_checksum(tmp_path):
     damaged[len(whole) // 4] ^= 1
     path.write_bytes(damaged)
     with pytest.raises(UserError, match="its checksum does not fit"):
+        read_recording(path, ["x"], "t", "trace")
+
+
+def test_a_recording_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "run.csv"
+    path.write_text("t,x\n0,1\n1,2\n")
+    read = diagnosis_tables.read_csv_columns
+
+    def slow(*arguments):
+        found = read(*arguments)
+        path.write_text("t,x\n0,1\n1,3\n")  # a logger that still writes
+        return found
+
+    monkeypatch.setattr(diagnosis_tables, "read_csv_columns", slow)
+    with pytest.raises(UserError, match="was changed while it was read"):
         read_recording(path, ["x"], "t", "trace")

@@ -66,3 +66,24 @@ def test_whole_ones_pass(tmp_path, root):
         check_urdf(path)
     with pytest.raises(UserError, match="does not exist"):
         check_urdf(tmp_path)
+
+
+MESH = '<visual><geometry><mesh filename="NAME"/></geometry></visual>'
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [("rod.stl", True), ("../meshes/rod.stl", True), ("package://robot/meshes/rod.stl", True), ("../../rod.stl", False),
+     ("/etc/passwd", False), ("file:///etc/passwd", False), ("package://robot/../../rod.stl", False),
+     ("http://example.org/rod.stl", False), ("model://../rod", False)],
+)  # fmt: skip
+def test_files_that_a_model_names_lie_in_its_folders_unless_the_user_trusts_it(tmp_path, monkeypatch, name, allowed):
+    folder = tmp_path / "package/urdf"
+    folder.mkdir(parents=True)
+    path = folder / "model.urdf"
+    path.write_text(GOOD.replace("<inertial>", f"{MESH.replace('NAME', name)}<inertial>"))
+    if not allowed:
+        with pytest.raises(UserError, match="lies outside the model's folders"):
+            check_urdf(path)
+        monkeypatch.setenv("SIMGAP_TRUST_MODEL_FILES", "1")
+    check_urdf(path)

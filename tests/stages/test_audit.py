@@ -1,7 +1,11 @@
 """The audit from the case to its counts: what holds survives it, what does not is found, kept and shown again."""
 
+import os
 import pickle
+import signal
+import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,8 +30,10 @@ from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import audit, replay, synthesis
 from simgap.stages.context import Context
+from simgap.stages.scratch import scratch
 
 BUDGET = {"evaluations": 6000, "steps": 1500}
+STUCK = "no admissible input"
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +58,10 @@ def made(root, tmp_path_factory):
     return folder, context, (x, u, following)
 
 
-def attack(folder, gap, out, controller=None):
+def attack(folder, gap, out, controller=None, case=None):
     files = audit.Inputs(gap, controller or folder / "controller.npz", [], folder / "fresh.parquet")
     to = audit.Outputs(out / "audit.json", out / "margins.parquet", out / "witness.json")
-    audit.run(folder / "pendulum.yaml", files, to, 1)
+    audit.run(case or folder / "pendulum.yaml", files, to, 1)
     return read_json(to.counts)
 
 
@@ -174,3 +180,90 @@ def test_the_same_audit_gives_the_same_bytes(made, tmp_path):
         attack(folder, folder / "gap.json", tmp_path / name)
     for name in ("audit.json", "margins.parquet"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_measurements_without_an_input_are_kept_at_the_start_and_on_the_way(made, tmp_path):
+    """A controller for exact measurements where they have an error: beside winning cells are some without an input."""
+    folder, *_ = made
+    error = {"x1": 0.0012, "x2": 0.006}
+    content = yaml.safe_load((folder / "pendulum.yaml").read_text()) | {"sensing": {"error": error}}
+    case = tmp_path / "pendulum.yaml"
+    case.write_text(yaml.safe_dump(content))
+    (tmp_path / "witness-7.json").write_text("of an earlier run")
+    with pytest.raises(BrokenPromise, match=r"witness\.json` shows it, and \d of other kinds beside it"):
+        attack(folder, folder / "gap.json", tmp_path, case=case)
+    paths = sorted(tmp_path.glob("witness*.json"))
+    kept = [read_json(path) for path in paths]
+    assert len(kept) == len({(w["kind"], w["plant"], w["end"], len(w["inputs"]) == 0) for w in kept}) > 2
+    stuck = [(p, w) for p, w in zip(paths, kept, strict=True) if w["end"] == STUCK and w["plant"] == "simulator"]
+    assert {len(w["inputs"]) == 0 for _, w in stuck} == {True, False}
+    for path, data in stuck:
+        shown = replay.run(path, tmp_path / "seen.rrd")
+        x, seen = np.array(data["states"][-1]), np.array(data["measured"][-1])
+        assert np.abs(seen - x) == pytest.approx([0.0012, 0.006])  # a corner of the error box
+        assert "x1 as measured  x2 as measured" in shown
+        assert f"{seen[0]:.6g}" in shown
+        assert "the largest difference from what the audit saw is 0." in shown
+        at_start = len(data["inputs"]) == 0
+        assert (f"ends where it begins: {STUCK}" in shown) == at_start
+        curves = read_curves(tmp_path / "seen.rrd")
+        assert curves["runs/gap/simulator/run-0/measured/x1"][1].tolist() == [y[0] for y in data["measured"]]
+
+
+ENDLESS = """
+import sys, time
+from pathlib import Path
+from simgap.stages import audit
+audit._jobs = lambda *about: [600.0, 600.0]
+audit.attack = time.sleep
+if __name__ == "__main__":
+    folder, out = Path(sys.argv[1]), Path(sys.argv[2])
+    files = audit.Inputs(folder / "gap.json", folder / "controller.npz", [], folder / "fresh.parquet")
+    to = audit.Outputs(out / "audit.json", out / "margins.parquet", out / "witness.json")
+    audit.run(folder / "pendulum.yaml", files, to, 2)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_an_audit_that_is_ended_leaves_no_tables_and_no_engines(made, tmp_path, number):
+    """It ends at once, not when its workers are done; what a killed one leaves the next one removes."""
+    folder, _, _ = made
+    (tmp_path / "endless.py").write_text(ENDLESS)
+    tables = tmp_path / ".tables"
+    asked = [sys.executable, str(tmp_path / "endless.py"), str(folder), str(tmp_path)]
+    child = subprocess.Popen(asked, start_new_session=True, stderr=subprocess.DEVNULL)
+    try:
+        until(lambda: len(workers(child.pid)) == 2 and (tables / "mask.npy").exists())
+        engines = workers(child.pid)
+        child.send_signal(number)
+        child.wait(30)
+        until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in engines))
+    finally:
+        if child.poll() is None:
+            os.killpg(child.pid, signal.SIGKILL)
+    assert child.returncode != 0
+    assert tables.exists() == (number == signal.SIGKILL)
+    if tables.exists():
+        with scratch(tables) as empty:
+            assert not list(empty.iterdir())
+        assert not tables.exists()
+
+
+def until(done):
+    end = time.monotonic() + 90
+    while not done():
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+def workers(parent):
+    """Engine processes of a process, by their number."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            status, command = (path / "stat").read_text(), (path / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if int(status.rpartition(")")[2].split()[1]) == parent and b"spawn_main" in command:
+            found.append(int(path.name))
+    return found

@@ -9,6 +9,7 @@ from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json
 from simgap.simulators.build import make_simulator
 from simgap.stages import check, fresh, synthesis
+from simgap.stages.context import Context
 
 REDUCED = {
     "dcdc": {"grid.eps": 0.02, "synthesis.cells": [120, 120]},
@@ -16,7 +17,7 @@ REDUCED = {
 }
 
 
-@pytest.mark.parametrize("name", ["cart_pole", "vtol"])
+@pytest.mark.parametrize("name", ["cart_pole", "two_link", "vtol"])
 def test_a_case_with_a_translation_can_be_checked(root, name):
     found = check.run(root / f"configs/cases/{name}.yaml")
     along = load_case(root / f"configs/cases/{name}.yaml").symmetry.along
@@ -43,3 +44,22 @@ def test_a_case_in_equations_gets_a_controller_that_keeps_its_promise(vary, tmp_
             assert solution.grid.box.contains(x)
         ends = region.safe if name == "dcdc" else region.target
         assert all(lo <= x[list(case.plant.states).index(s)] <= hi for s, (lo, hi) in ends.items())
+
+
+def test_the_arm_reaches_its_posture_and_avoids_the_other(root, tmp_path):
+    """By the nominal model alone; with the gap and in PyBullet in docs/two_link.md."""
+    path, out = root / "configs/cases/two_link.yaml", tmp_path / "controller.npz"
+    synthesis.run(path, None, out, tmp_path / "synthesis.json", threads=1)
+    context, controller, rng = Context.load(path), load_controller(out), np.random.default_rng(3)
+    solution, section = controller.solution, context.case.synthesis.specification
+    assert (solution.value > 3).mean() > 0.3
+
+    def within(x, box):
+        return all(lo <= x[context.states.index(s)] <= hi for s, (lo, hi) in box.items())
+
+    for cell in rng.choice(np.flatnonzero(solution.value > 3), 20):
+        x, left = solution.grid.centres()[cell], int(solution.value[cell])
+        while not within(x, section.target):
+            assert left > 0
+            assert not within(x, section.obstacles[0])
+            x, left = context.plant.sampled.step(x[None], controller.input(x)[None])[0], left - 1

@@ -1,6 +1,7 @@
 """`simgap new`: the case that it writes passes `check` and takes the road to a controller as it stands."""
 
 import os
+import time
 
 import pytest
 import road
@@ -53,6 +54,50 @@ def test_inputs_can_hold_the_plant_and_stop_it(root, tmp_path):
     weight = 9.81 * 0.5 * 0.2474039592545229
     assert case.domain.U["u"].max > weight + inertia * 0.5**2 / (2 * 0.25)
     assert case.domain.U["u"].max < 2.0 * (weight + inertia)
+
+
+@pytest.mark.parametrize("limits", [(-0.1, 0.15), (0.4, 0.43), (-3.0, -0.2), (0.0005, 12.0)])
+def test_X_stays_inside_the_range_of_a_joint(root, tmp_path, limits):
+    """An engine stops a joint there and the nominal model does not: a new case begins without that finding."""
+    text = (root / "configs/models/pendulum.urdf").read_text()
+    (tmp_path / "m.urdf").write_text(
+        text.replace('lower="-12.6" upper="12.6"', 'lower="{}" upper="{}"'.format(*limits))
+    )
+    case = new.run("mine", tmp_path / "m.urdf", tmp_path)
+    lo, hi = Context.load(case).case.domain.X["q"]
+    assert limits[0] < lo < hi < limits[1]
+    assert hi - lo > 0.6 * min(limits[1] - limits[0], 0.5)
+    assert not [f for f in check.run(case).findings if f.key.startswith("domain.X")]
+
+
+def test_a_joint_without_room_is_told(root, tmp_path):
+    text = (root / "configs/models/pendulum.urdf").read_text()
+    (tmp_path / "m.urdf").write_text(text.replace('lower="-12.6" upper="12.6"', 'lower="0" upper="0"'))
+    with pytest.raises(UserError, match="no room between its limits"):
+        new.run("mine", tmp_path / "m.urdf", tmp_path)
+
+
+def chain(links):
+    """A URDF of so many rods, one hanging from the next."""
+    parts = ['<robot name="chain"><link name="base"/>']
+    for k in range(links):
+        parent, at = ("base", 0) if k == 0 else (f"rod{k - 1}", -0.2)
+        parts.append(
+            f'<link name="rod{k}"><inertial><origin xyz="0 0 -0.1"/><mass value="0.5"/><inertia ixx="0.002" ixy="0" '
+            f'ixz="0" iyy="0.002" iyz="0" izz="0.0001"/></inertial></link><joint name="j{k}" type="continuous"><parent '
+            f'link="{parent}"/><child link="rod{k}"/><origin xyz="0 0 {at}"/><axis xyz="0 1 0"/></joint>'
+        )
+    return "".join([*parts, "</robot>"])
+
+
+def test_a_case_of_many_joints_is_written_in_no_time(tmp_path):
+    """No equations are derived for it: its inputs come from Drake's accelerations."""
+    (tmp_path / "chain.urdf").write_text(chain(6))
+    began = time.process_time()
+    case = new.run("chain", tmp_path / "chain.urdf", tmp_path)
+    assert time.process_time() - began < 10.0
+    domain = Context.load(case).case.domain
+    assert all(0.0 < domain.U[f"u{k}"].max < 100.0 for k in range(1, 7))
 
 
 def test_a_name_of_a_joint_is_no_yaml(root, tmp_path):

@@ -271,7 +271,7 @@ def test_the_index_links_every_case(pendulum, robot, tmp_path):
     assert {"pendulum/corrected/report.html", "pendulum/diagnosis/corrected_case.yaml"} <= set(shown.addresses)
     assert f"data:image/png;base64,{base64.b64encode(pixel).decode()}" in shown.addresses
     assert "A robot among obstacles" in shown.text
-    assert re.search(r"corrected\s*promise kept.*0\.812", shown.text)
+    assert re.search(r"corrected\s*kept.*0\.812", shown.text)
     assert "1 of 2 nominal-only, minding the path" in shown.text
     size = content["sup_gamma"][0]["states"]["heading"]["size"]
     assert f"heading {number(size, 3)} rad" in shown.text

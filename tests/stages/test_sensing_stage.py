@@ -1,6 +1,9 @@
 """Sensing from the case file to the closed loop: bounded error and a sample of latency, in the engine."""
 
 import json
+import sys
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,20 +13,27 @@ from simgap.cli import main
 from simgap.closed_loop import Sensing, closed_loop
 from simgap.config.load import case_content
 from simgap.gap.fit import fit_gap
+from simgap.gap.function import GapDomain
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.pairs import product
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
-from simgap.geometry import Grid
+from simgap.gap.symmetry import BodyFrameGap
+from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
+from simgap.io.gap_file import load_gap
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages import synthesis, validation
 from simgap.stages.context import Context
+from simgap.stages.margins import margins_of
 from simgap.stages.starts import draw_starts
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "synthesis"))
+from test_margins import check
 
 
 @pytest.fixture
@@ -61,6 +71,33 @@ def test_the_promise_holds_for_measurements_a_sample_late(sensed, tmp_path):
     tally = read_json(tmp_path / "v.json")["controllers"]["gap"]["simulator"]
     assert tally["runs_that_violated_it"] == tally["steps_outside_gamma"] == 0
     assert tally["steps"] == 20 * 200
+    margins_are_those_of_the_definition(sensed, found, load_controller(made).solution)
+
+
+def margins_are_those_of_the_definition(case, found, solution):
+    """Of cells of the true state, while the first input acts, over all measurements of the error box."""
+    context = Context.load(case)
+    gap = load_gap(found, context).function
+    margins = margins_of(context, gap, solution)
+    assert margins.only == "where the first input, u = 0, acts"
+    assert np.array_equal(~np.isnan(margins.factor), solution.winning)
+    assert (margins.factor[solution.winning] >= 1.0).all()
+    inner, reach = slice(3, -3), (3, 3)  # .001 rad are two cells of .0005 and a face, .01 rad/s two of .005
+    cells, larger = (400, 200), solution.grid.cells
+    assert larger == (406, 206)
+    grid = Grid(Box([0.0, -0.5], [0.2, 0.5]), cells)
+    own = replace(
+        margins,
+        factor=margins.factor.reshape(larger)[inner, inner].ravel(),
+        extra=margins.extra.reshape(*larger, 2)[inner, inner].reshape(-1, 2),
+    )
+    count = len(context.input_set)
+    may = np.unpackbits(solution.acting, axis=1, count=count, bitorder="little")
+    may = may.reshape(*larger, count)[inner, inner].reshape(-1, count).astype(bool)
+    mask = solution.mask.reshape(solution.grid.size, count, -1)[:, solution.first]
+    some = np.random.default_rng(4).choice(np.flatnonzero(may[:, solution.first]), 12)
+    about = context.plant.sampled, grid, context.input_set, gap.kernel(), may, mask
+    check(*about, own, some, 2, np.arange(count), solution.first, reach)
 
 
 @pytest.mark.parametrize(
@@ -135,3 +172,15 @@ def test_the_robot_arrives_by_measurements_a_sample_late(root, tmp_path):
         assert verdict.outcome.kept, verdict.outcome
         assert verdict.outcome.figures["climbs"] == 0
         assert run.inputs[0] == controller.first
+    solution, count = controller.solution, len(context.input_set)
+    names = tuple(context.states), tuple(context.inputs)
+    domain = GapDomain(*names, context.box, context.input_set, (0, 1, 2), context.periodic)
+    gap = BodyFrameGap(domain, (), np.zeros((count, 3)), np.zeros((count, 3)))
+    margins, sets = margins_of(context, gap, solution), solution.value.reshape(-1, count) >= 0
+    assert margins.only == "where the first input, v = 0, w = 0, acts"
+    moving = solution.value.reshape(-1, count)[:, solution.first] > 0
+    assert np.array_equal(~np.isnan(margins.factor), moving)
+    mask = solution.mask.reshape(solution.grid.size, count, -1)[:, solution.first]
+    about = context.plant.sampled, solution.grid, context.input_set, gap.kernel(), sets, mask
+    some = rng.choice(np.flatnonzero(moving), 10)
+    check(*about, margins, some, 3, np.arange(count), solution.first, None, sensing.error)

@@ -20,6 +20,7 @@ from simgap.gap.linear import LinearGap
 from simgap.gap.tiers import Tier
 from simgap.geometry import Box
 from simgap.io.documents import write_json
+from simgap.provenance import sections_digest
 from simgap.stages import new, sweep
 
 AXES = {"gap.slack": [0.01, 0.05], "synthesis.cells": [[200, 200], [100, 100]]}
@@ -47,6 +48,9 @@ def test_every_combination_or_one_after_the_other(write):
     zipped = points_of_sweep(write(AXES, mode="zip"))
     assert [p.name for p in zipped] == [grid[0].name, grid[3].name]  # named by what they are
     assert len({p.name for p in grid}) == 4
+    listed = points_of_sweep(write({}, mode="list", points=[dict(grid[3].values), {"gap.slack": 0.02}]))
+    assert listed[0].name == grid[3].name
+    assert (listed[1].case.gap.slack, listed[1].case.synthesis.cells) == (0.02, (200, 200))
 
 
 @pytest.mark.parametrize(
@@ -59,7 +63,11 @@ def test_every_combination_or_one_after_the_other(write):
         ({"gap.slack": []}, {}, "axes: there is no point"),
         ({"gap.slack": 3}, {}, "axes.gap.slack: a list is needed, got 3"),
         ({"gap.seed": list(range(50)), "audit.seed": list(range(50))}, {}, "axes: there are more than 1000 points"),
-        ({"gap.slack": [1]}, {"axis": {}}, "axis: unknown key. A sweep has: case, title, mode, axes."),
+        ({"gap.slack": [1]}, {"axis": {}}, "axis: unknown key. A sweep has: case, title, mode, axes, points."),
+        ({"gap.slack": [1]}, {"mode": "list"}, "mode: mode list has points and no axes"),
+        ({"gap.slack": [1]}, {"points": [{"gap.slack": 2}]}, "mode: mode grid has axes and no points"),
+        ({}, {}, "mode: mode grid has axes and no points"),
+        ({"gap.slack": [0.1, 0.1]}, {}, "axes: a point stands there twice"),
     ],
 )
 def test_mistakes_are_one_line(write, axes, more, words):
@@ -104,7 +112,7 @@ def test_table_and_page(write, tmp_path):
 
 
 def test_points_share_what_is_the_same(root, write, tmp_path):
-    """Four points over slack and cells need one grid, one set of roll-outs, and one of fresh samples."""
+    """Four points over slack and cells need one grid, one set of roll-outs and of slopes, two programs a state."""
     path = write(AXES)
     config = {"case_folder": ".", "sweep_folder": "sweeps", "cases": ["mine"]}
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(config))
@@ -113,10 +121,40 @@ def test_points_share_what_is_the_same(root, write, tmp_path):
     env = os.environ | {"PYTHONPATH": str(root)}
     done = subprocess.run(command, cwd=path.parents[1], env=env, capture_output=True, text=True, check=True)
     jobs = dict(re.findall(r"^(\w+) +(\d+)$", done.stdout + done.stderr, flags=re.M))
-    assert {rule: int(jobs[rule]) for rule in ("grid", "fresh", "borders", "gap", "synthesis", "sweep")} == {
-        "grid": 1, "fresh": 1, "borders": 1, "gap": 4, "synthesis": 8, "sweep": 1,
+    assert {rule: int(jobs[rule]) for rule in
+            ("grid", "fresh", "borders", "scp", "lipschitz", "gap", "synthesis", "sweep")} == {
+        "grid": 1, "fresh": 1, "borders": 1, "scp": 2 * 2, "lipschitz": 2, "gap": 4, "synthesis": 8, "sweep": 1,
     }  # fmt: skip
     assert int(jobs["rollouts"]) == load_case(path.parents[1] / "mine.yaml").grid.shards
+
+
+def test_points_of_a_list_need_not_name_the_same_keys(write, tmp_path):
+    path = write({}, mode="list", points=[{"gap.slack": 0.02}, {"gap.seed": 5, "gap.slack": 0.03}])
+    files = [tmp_path / "results" / p.name / "summary.json" for p in points_of_sweep(path)]
+    for k, file in enumerate(files):
+        file.parent.mkdir(parents=True)
+        write_json(file, {"winning_fraction": {"gap": 0.25 + k}})
+    out = tmp_path / "results/sweeps/two/report.html"
+    sweep.run(path, files, out, out.with_name("table.parquet"))
+    assert pq.read_table(out.with_name("table.parquet")).to_pydict()["gap.seed"] == [None, 5]
+    assert "as in the case" in out.read_text()
+
+
+def test_model_files_of_a_twin_move_along_and_are_hashed(root, tmp_path):
+    """What a simulator stands for is a file too."""
+    (tmp_path / "m.urdf").write_text((root / "configs/models/pendulum.urdf").read_text())
+    case = new.run("rod", tmp_path / "m.urdf", tmp_path)
+    own = yaml.safe_load(case.read_text())
+    own["twin"] = {"of": {"engine": "pybullet", "urdf": "m.urdf", "inertia": "file"}}
+    case.write_text(yaml.safe_dump(own))
+    path = tmp_path / "wide.yaml"
+    path.write_text(yaml.safe_dump({"case": case.name, "axes": {"gap.seed": [7]}}))
+    out = tmp_path / "results/sweeps/wide/cases/point.yaml"
+    sweep.write_point(path, points_of_sweep(path)[0].name, out)
+    assert (out.parent / load_case(out).twin.of.urdf).resolve() == (tmp_path / "m.urdf").resolve()
+    before = sections_digest(load_case(case), ("twin",), tmp_path)
+    (tmp_path / "m.urdf").write_text((tmp_path / "m.urdf").read_text() + "<!-- heavier -->")
+    assert sections_digest(load_case(case), ("twin",), tmp_path) != before
 
 
 def test_a_point_without_a_controller_shows_its_bound(write, tmp_path):

@@ -134,10 +134,10 @@ def test_a_gap_moves_both_ends_of_a_table():
     grid, inputs = GRIDS[0], np.array([[0.1], [0.7]])
     head = Frame(grid, inputs, np.zeros(2)).header
     for i in (0, 1):
-        out = np.zeros((1, 2, 2))
-        gap_adder(uneven)(np.array([[1, 1]]), i, head, inputs, out)
-        assert out[0, :, 0].tolist() == ([-0.5, -0.5] if i == 0 else [-0.25 + 0.1, -0.25 + 0.7])
-        assert out[0, :, 1].tolist() == ([2.0, 2.0] if i == 0 else [3.1, 3.7])
+        out = np.zeros((1, 1, 2, 2))
+        gap_adder(uneven)(np.array([[1, 1]]), np.array([i]), head, inputs, out)
+        assert out[0, 0, :, 0].tolist() == ([-0.5, -0.5] if i == 0 else [-0.25 + 0.1, -0.25 + 0.7])
+        assert out[0, 0, :, 1].tolist() == ([2.0, 2.0] if i == 0 else [3.1, 3.7])
 
 
 def test_offsets_from_a_centre_become_whole_cells():

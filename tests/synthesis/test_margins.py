@@ -1,5 +1,6 @@
 """One-step margins against their definition: the abstraction with a gap that has grown by that much."""
 
+import itertools
 import sys
 from pathlib import Path
 
@@ -17,45 +18,64 @@ from simgap.synthesis.previous_rows import reach_by_classes
 from simgap.synthesis.reach import reach_avoid
 
 
-def within(model, grid, inputs, gap, winning, mask, cell, factor=1.0, more=0.0, kind=None):
+def within(
+    model, grid, inputs, gap, winning, mask, cell, factor=1.0, more=0.0, kind=None, acting=None, reach=None, error=0.0
+):
     """Whether some admissible input's successors lie in winning cells only, gamma's half-width times `factor`.
 
-    With the class of each input, `kind`, in those of winning (cells, C) that win after an input of its class.
+    With `kind`, of each input, in those of winning (cells, C) that win with it. With `acting` it is that input which
+    moves the plant, whatever is chosen. With `reach` that has to be so for every measurement within so many cells; with
+    `error` the cells are of measurements.
     """
     k = np.array(np.unravel_index(cell, grid.cells))
-    lo, hi = grid.box.lo + 2 * grid.h * k, grid.box.lo + 2 * grid.h * (k + 1)
+    lo, hi = grid.box.lo + 2 * grid.h * k - error, grid.box.lo + 2 * grid.h * (k + 1) + error
+    ends = [j not in grid.periodic for j in range(len(k))]
+    lo, hi = np.where(ends, np.maximum(lo, grid.box.lo), lo), np.where(ends, np.minimum(hi, grid.box.hi), hi)
     centre, below, above = (lo + hi) / 2, np.empty(len(k)), np.empty(len(k))
-    for m, u in enumerate(inputs):
-        if not mask[cell, m >> 3] >> (m & 7) & 1:
-            continue
+    fits = []
+    for m in range(len(inputs)):
+        u = inputs[m if acting is None else acting]
         inside = (winning if kind is None else winning[:, kind[m]]).reshape(grid.cells)
         steep = np.abs(np.array(model.jacobian_interval_kernel(lo, hi, u, u))).max(axis=1).reshape(len(k), len(k))
         middle, spread = np.array(model.kernel(centre, u)), steep @ ((hi - lo) / 2)
         gap.py_func(lo, hi, u, below, above)
-        half = (factor - 1.0) * (above - below) / 2 + more
+        half = (factor - 1.0) * (above - below) / 2 + more + error
         first = np.floor((middle - spread + below - half - grid.box.lo) / (2 * grid.h)).astype(int)
         last = np.floor((middle + spread + above + half - grid.box.lo) / (2 * grid.h)).astype(int)
         ranges = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
         ranges = [r % c if j in grid.periodic else r for j, (r, c) in enumerate(zip(ranges, grid.cells, strict=True))]
         ends = zip(ranges, grid.cells, strict=True)
-        if all(r.min() >= 0 and r.max() < c for r, c in ends) and inside[np.ix_(*ranges)].all():
-            return True
-    return False
+        fits.append(all(r.min() >= 0 and r.max() < c for r, c in ends) and inside[np.ix_(*ranges)].all())
+    return all(
+        any(fit and mask[y, m >> 3] >> (m & 7) & 1 for m, fit in enumerate(fits)) for y in measured(grid, k, reach)
+    )
 
 
-def check(model, grid, inputs, gap, winning, mask, found, cells, n, kind=None):
+def measured(grid, k, reach):
+    """Flat numbers of the cells in which a state of cell k may be measured, on the grid that is larger by `reach`."""
+    if reach is None:
+        return [int(np.ravel_multi_index(tuple(k), grid.cells))]
+    wraps = [j in grid.periodic for j in range(len(k))]
+    sizes = [c if w else c + 2 * r for c, w, r in zip(grid.cells, wraps, reach, strict=True)]
+    near = [[(i + d) % c if w else i + d + r for d in range(-r, r + 1)] for i, c, w, r in
+            zip(k, sizes, wraps, reach, strict=True)]  # fmt: skip
+    return [int(np.ravel_multi_index(y, sizes)) for y in itertools.product(*near)]
+
+
+def check(model, grid, inputs, gap, winning, mask, found, cells, n, kind=None, acting=None, reach=None, error=0.0):
+    about = {"kind": kind, "acting": acting, "reach": reach, "error": error}
     for cell in cells:
         at = (model, grid, inputs, gap, winning, mask, cell)
         factor, extra = float(found.factor[cell]), found.extra[cell].astype(float)
-        assert within(*at, 1.0 + (factor - 1.0) * (1 - 1e-6) - 1e-6, kind=kind)
+        assert within(*at, 1.0 + (factor - 1.0) * (1 - 1e-6) - 1e-6, **about)
         if factor < LARGEST_FACTOR * 0.999:
-            assert not within(*at, 1.0 + (factor - 1.0) * (1 + 4.5e-3) + 3e-6, kind=kind)
+            assert not within(*at, 1.0 + (factor - 1.0) * (1 + 4.5e-3) + 3e-6, **about)
         for i in range(n):
             width, only = 2 * grid.h[i] * grid.cells[i], np.arange(n) == i
-            assert within(*at, 1.0, only * (extra[i] * (1 - 1e-6) - 1e-9 * width), kind=kind)
+            assert within(*at, 1.0, only * (extra[i] * (1 - 1e-6) - 1e-9 * width), **about)
             more = extra[i] * (1 + 4.5e-3) + 3e-9 * width
             if more < width:
-                assert not within(*at, 1.0, only * more, kind=kind)
+                assert not within(*at, 1.0, only * more, **about)
 
 
 def test_the_margins_of_the_pendulum_are_those_of_the_definition():
@@ -121,3 +141,29 @@ def test_margins_after_an_input_of_a_class_are_those_of_the_definition():
         assert layers.tolist() == [0, 2, 5]
         assert np.array_equal(some.factor, np.where(looked_at, found.factor, np.nan), equal_nan=True)
         assert np.array_equal(some.extra, np.where(looked_at[:, None], found.extra, np.nan), equal_nan=True)
+
+
+@pytest.mark.parametrize("acting", [None, 2])
+def test_margins_of_true_cells_are_the_least_over_their_measurements(acting):
+    """Random sets and random inputs at random measurements, with and without a sample of latency: the definition."""
+    model, _ = plants.pendulum()
+    gap, inputs, checked, lost = plants.constant_gap(1e-5, 1e-3), np.linspace(-1.0, 1.0, 5)[:, None], 0, 0
+    for seed in range(80):
+        rng = np.random.default_rng([seed, 9])
+        periodic, reach = ((), (1,))[seed % 2], ((1, 2), (0, 3), (2, 0))[seed % 3]
+        grid = Grid(Box([0.0, -0.5], [0.2, 0.5]), tuple(int(c) for c in rng.integers(7, 12, 2)), periodic)
+        sets = rng.random((grid.size, 1 if acting is None else 5)) < 0.97
+        kind = np.zeros(5, np.int64) if acting is None else np.arange(5)
+        inside = sets[:, 0] & (rng.random(grid.size) < 0.8)
+        rows = int(np.prod([c if j in periodic else c + 2 * reach[j] for j, c in enumerate(grid.cells)]))
+        mask = np.packbits(rng.random((rows, 5)) < rng.choice([0.5, 0.9]), axis=1, bitorder="little")
+        found = one_step_margins(
+            model, grid, inputs, gap, inside, mask, None, None, Remembered(sets, kind, acting=acting), reach
+        )
+        about = (model, grid, inputs, gap, sets, mask)
+        kept = [bool(inside[c]) and within(*about, c, kind=kind, acting=acting, reach=reach) for c in range(grid.size)]
+        assert np.array_equal(~np.isnan(found.factor), kept), seed
+        cells = rng.permutation(np.flatnonzero(kept))[:3]
+        check(model, grid, inputs, gap, sets, mask, found, cells, 2, kind, acting, reach)
+        checked, lost = checked + len(cells), lost + int(inside.sum()) - sum(kept)
+    assert min(checked, lost) > 100

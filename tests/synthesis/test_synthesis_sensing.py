@@ -25,6 +25,8 @@ def test_latency_alone_is_the_brute_force_game_on_pairs(seed):
     found = sensed_invariance(abstraction, np.zeros(2), 1, first=seed % inputs)
     rows = unpack(found.mask, inputs).reshape(*cells, inputs, inputs)
     assert {(k, p) for *k, p in map(tuple, np.argwhere(rows.any(-1))) for k in [tuple(k)]} == pairs
+    may = unpack(found.acting, inputs).reshape(*cells, inputs)
+    assert {(k, p) for *k, p in map(tuple, np.argwhere(may)) for k in [tuple(k)]} == pairs
     # a run starts where the input that acts before the first measurement arrives may act
     starts = {k for k, w in zip(np.ndindex(*cells), found.winning, strict=True) if w}
     assert starts == {k for k, p in pairs if p == seed % inputs}

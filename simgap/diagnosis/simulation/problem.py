@@ -123,8 +123,8 @@ class Problem:
             begin = np.hstack([x0, memories(self.model, theta, self.t, self._speeds(), self.firsts)[w.start]])
         out = np.empty((int(rows[-1]), begin.shape[1]))
         simulate(
-            self.model.rhs, self.t, level, excess, delay, lag, constants, begin, w.first, w.start,
-            w.stop, np.ascontiguousarray(rows[:-1]), self.model.speed, self.h_max, out,
+            *self.model.entries, self.t, level, excess, delay, lag, constants, begin, w.first, w.start, w.stop,
+            np.ascontiguousarray(rows[:-1]), self.model.speed, self.h_max, out,
         )  # fmt: skip
         return np.ascontiguousarray(out[:, : x0.shape[1]])
 

@@ -10,7 +10,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.hoist import hoist
-from simgap.diagnosis.simulation.runge_kutta import RHS_SIGNATURE
+from simgap.diagnosis.simulation.runge_kutta import GLIDE_SIGNATURE, RHS_SIGNATURE
 from simgap.model.compile import compile_kernel
 from simgap.model.kept import kept_as
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -30,10 +30,11 @@ class Costly:
 class Dynamics:
     """`rhs` of signature `RHS_SIGNATURE`, whose parameters are what `constants` (theta -> tuple) returns.
 
-    `speed` holds the index of each coordinate's velocity.
+    `glide`: steps under it, of signature `GLIDE_SIGNATURE`; `speed` holds the index of each coordinate's velocity.
     """
 
     rhs: Any
+    glide: Any
     constants: Any
     speed: NDArray[np.int64]
 
@@ -66,4 +67,31 @@ def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbo
                 out[i] += more[i]
 
     index = [plant.state_names.index(c.velocity) for c in plant.coordinates]
-    return Dynamics(rhs, constants, np.array(index, dtype=np.int64))
+    glide = _glide(main, rest, nx, len(plant.inputs))
+    return Dynamics(rhs, glide, constants, np.array(index, dtype=np.int64))
+
+
+def _glide(main: Any, rest: Any, nx: int, m: int) -> Any:
+    """Classical Runge-Kutta steps, the dynamics inlined: a first-class call a stage would cost five times as much."""
+
+    @kept_as(GLIDE_SIGNATURE)
+    def glide(x: Any, u: Any, middle: Any, last: Any, c: Any, s: Any, h: Any, steps: Any, at: Any, v: Any) -> None:
+        gate = c[0] != 0.0
+        for _ in range(steps):
+            for i in range(nx):
+                at[i] = x[i]
+            for stage in range(4):
+                weight = 2.0 if stage == 1 or stage == 2 else 1.0
+                ahead = h if stage == 2 else 0.5 * h
+                for j in range(m):
+                    v[j] = u[j] if stage == 0 else last[j] if stage == 3 else middle[j]
+                slope = main(at, v, c, s)
+                more = rest(at, v, c, s) if gate else slope
+                for i in range(nx):
+                    k = slope[i] + more[i] if gate else slope[i]
+                    at[nx + i] = k if stage == 0 else at[nx + i] + weight * k
+                    at[i] = x[i] + ahead * k
+            for i in range(nx):
+                x[i] += h / 6.0 * at[nx + i]
+
+    return glide

@@ -18,6 +18,10 @@ Ints = NDArray[np.int64]
 VECTOR, INDICES = float64[::1], int64[::1]
 RHS_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR)  # (x, u, theta, signs, xdot out)
 RHS = types.FunctionType(RHS_SIGNATURE)
+GLIDE_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, float64, int64, VECTOR, VECTOR)
+"""(x, u, u halfway, u at the end, theta, signs, h, steps, scratch (2 nx,), scratch (m,)): steps of length h (s), x in
+place, where nothing sticks; the formula of `rk4`, the dynamics inlined, as nearly all steps of a search are these."""
+GLIDE = types.FunctionType(GLIDE_SIGNATURE)
 
 
 @njit(void(RHS, VECTOR, VECTOR, VECTOR, VECTOR, boolean[::1], INDICES, VECTOR, VECTOR), cache=True)
@@ -81,28 +85,3 @@ def rk4(
     slope(rhs, at, u, theta, s, stuck, speed, k4, scratch)
     for i in range(n):
         out[i] = x[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])
-
-
-@njit(void(RHS, VECTOR, VECTOR, VECTOR, VECTOR, float64, int64, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR), cache=True)
-def glide(
-    rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, h: float, steps: int, k1: Floats, k2: Floats, k3: Floats,
-    k4: Floats, at: Floats,
-) -> None:  # fmt: skip
-    """Steps of length h (s), x (nx,) in place, where the input stands still and nothing sticks.
-
-    The same formula, no look-outs.
-    """
-    n = x.size
-    for _ in range(steps):
-        rhs(x, u, theta, s, k1)
-        for i in range(n):
-            at[i] = x[i] + 0.5 * h * k1[i]
-        rhs(at, u, theta, s, k2)
-        for i in range(n):
-            at[i] = x[i] + 0.5 * h * k2[i]
-        rhs(at, u, theta, s, k3)
-        for i in range(n):
-            at[i] = x[i] + h * k3[i]
-        rhs(at, u, theta, s, k4)
-        for i in range(n):
-            x[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])

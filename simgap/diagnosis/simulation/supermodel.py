@@ -13,8 +13,10 @@ from numba import float64 as f64
 from numba import types, void
 from numpy.typing import NDArray
 
+from simgap.diagnosis.simulation.handed_over import address_of
 from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
+from simgap.diagnosis.simulation.runge_kutta import GLIDE, RHS
 from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
 from simgap.effects.base import CoordinateEffect, MemoryForceEffect
 from simgap.effects.commands import InputEffect, MemoryInputEffect
@@ -62,6 +64,7 @@ class SuperModel:
         null: theta at which no effect acts.
         speed: index of the velocity of each coordinate (dry friction acts on these).
         rhs: numba, `RHS_SIGNATURE`; its u is what the plant feels, its third argument what `constants` returns.
+        glide: numba, `GLIDE_SIGNATURE`: steps under `rhs`.
         constants: numba (theta) -> tuple, all that the dynamics need of the parameters.
         static: numba (u rows (n, m), theta, out (n, m)): commands through gain, bias, dead zone and saturation.
         read: numba (x rows (n, nx), theta, out (n, k)): what the measured channels read.
@@ -78,11 +81,17 @@ class SuperModel:
     speed: NDArray[np.int64]
     measured: tuple[str, ...]
     rhs: Any
+    glide: Any
     constants: Any
     static: Any
     read: Any
     past: Any
     memory: Callable[[Floats], Sequence[float]]
+
+    @cached_property
+    def entries(self) -> tuple[int, int]:
+        """Addresses of `rhs` and `glide`, for `simulate`."""
+        return address_of(self.rhs, RHS), address_of(self.glide, GLIDE)
 
     @property
     def nx(self) -> int:
@@ -168,6 +177,7 @@ def build_supermodel(
         speed=dynamics.speed,
         measured=measured,
         rhs=dynamics.rhs,
+        glide=dynamics.glide,
         constants=dynamics.constants,
         static=_rowwise(compile_kernel(_numeric(commands, values), ([v.symbol for v in model.inputs], theta)))
         if commands

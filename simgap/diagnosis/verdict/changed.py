@@ -34,7 +34,7 @@ class Change:
 def change_promised(search: Search, found: Explanation) -> Change | None:
     """The instant from which on another value of one number promises most; None if that is not most of the excess.
 
-    Both sides have at least half of `FEWEST_WINDOWS` windows.
+    Both sides have at least `FEWEST_WINDOWS` windows.
     """
     problem, at = search.problem, found.fit
     w = problem.windows
@@ -46,7 +46,7 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
     linear = linearise(problem, at.theta, at.x0, [*own, *_others(search, found)])
     grams, gradients = linear.window_gram[order], linear.window_gradient[order]
     best, place = 0.0, 0
-    least = FEWEST_WINDOWS // 2
+    least = FEWEST_WINDOWS
     for j in range(linear.gram.shape[0]):
         free = sorted({*range(len(own)), j})
         plain = _drop(grams[:, free][:, :, free].sum(axis=0), gradients[:, free].sum(axis=0))

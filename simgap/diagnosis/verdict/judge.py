@@ -170,7 +170,6 @@ class Evidence:
         declared, corrected: error on *confirm*; share: excess of the one over the other there.
         agree: whether the coefficients agree between halves of the fitted data.
         needed: whether *confirm* asks for each effect.
-        pushed: whether that is said of *confirm* without windows in which something else acts.
     """
 
     before: float
@@ -180,12 +179,10 @@ class Evidence:
     share: float
     agree: bool
     needed: bool
-    pushed: bool = False
 
 
 def verdict(found: Explanation, evidence: Evidence) -> Verdict:
-    """The table of verdicts; a fit that has not settled, or *confirm* but for windows set aside, is never more than
-    `partial`.
+    """The table of verdicts; a fit that has not settled is never more than `partial`.
 
     Where faults of the recording alone explain the data down to their noise, the model lacks nothing; nor where it is
     at the noise as declared, and *confirm* does not ask for what was found.
@@ -197,7 +194,7 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
     at_floor = evidence.after <= FIT_QUALITY and evidence.corrected.ratio <= HELD_OUT_QUALITY
     plant = any(not c.of_recording for c in found.members)
     if at_floor and found.fit.converged and evidence.needed:
-        return ("partial" if evidence.pushed else "attributed") if plant else "none"
+        return "attributed" if plant else "none"
     if not plant:
         return "unexplained"
     return "partial" if evidence.share <= EXCESS_KEPT and found.physical and evidence.agree else "unexplained"

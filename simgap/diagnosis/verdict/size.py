@@ -10,7 +10,12 @@ from simgap.diagnosis.thresholds import NEGLIGIBLE, SLIGHT_SHARE
 
 
 def negligible(search: Search, found: Explanation) -> list[Candidate]:
-    """Members without which, the others fitted again, the predictions miss by next to nothing of the noise more."""
+    """Members without which, the others fitted again, the predictions miss by next to nothing of the noise more.
+
+    Nothing more is fitted where a search was stopped.
+    """
+    if search.watch.stopped:
+        return []
     bar = NEGLIGIBLE**2 * search.problem.size
     return [c for c in found.members if search.without(found, c).fit.chi2 - found.fit.chi2 < bar]
 

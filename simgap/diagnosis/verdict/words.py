@@ -84,9 +84,7 @@ def _remainder(document: Document) -> str:
     covered = _covered(document.get("remainder"))
     left = f"An error of {sizes} is left {h:g} s ahead"
     over = document.get("left_over", ())
-    if over is None and any(f["fault"] == "push" for f in document.get("recording", ())):
-        why = ", the places included where something else acts"
-    elif over is None:
+    if over is None:
         why = " on the data that confirm, while the fitted ones are down to their noise: look for what changed"
     elif over:
         why = f"; {_also(over)}"

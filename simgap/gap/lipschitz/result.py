@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from simgap.gap.thresholds import GATE, THIN
+from simgap.gap.thresholds import EVERYWHERE, GATE, THIN
 from simgap.geometry import Floats
 
 
@@ -46,12 +46,14 @@ class GridLipschitz:
 
     def place(self, states: Sequence[str], lo: Floats, hi: Floats) -> str:
         """Where the gap jumps and by how much, and what usually does; lo, hi (nx,) are the ends of X."""
+        ratios = ", ".join(f"{r:.2f} along {s}" for s, r in zip(states, self.ratio, strict=True) if r > GATE)
+        seen = ratios or "in what the basis leaves"
         if self.rough_box is None:
-            ratios = ", ".join(f"{r:.2f} along {s}" for s, r in zip(states, self.ratio, strict=True) if r > GATE)
-            seen = ratios or "in what the basis leaves"
             return f"the gap has no jump, it bends faster than the grid sees ({seen})"
         low, high = self.rough_box
         thin = [j for j in range(len(states)) if high[j] - low[j] < THIN * (hi[j] - lo[j])]
+        if not thin and self.rough_share > EVERYWHERE:
+            return f"that is so almost everywhere: no jump, the cells are too few to follow the gap ({seen})"
         ends = [f"{low[j]:.3g} < {states[j]} < {high[j]:.3g}" for j in (thin or range(len(states)))]
         found = f"the gap jumps by up to {self.jump:.3g} where {' and '.join(ends)}"
         if thin:

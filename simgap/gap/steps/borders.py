@@ -16,7 +16,7 @@ from simgap.gap.points import Columns, covering_grid, free_axes, remembers
 from simgap.gap.samples import Directed
 from simgap.gap.steps.tables import stacked, successors
 from simgap.gap.switching import switching_surfaces
-from simgap.gap.thresholds import CHECK_LEVELS
+from simgap.gap.thresholds import CHECK_LEVELS, LEAST_CHECKED_BORDER, MOST_BORDER_STATES
 from simgap.gap.translation import shifted_states
 from simgap.geometry import Floats
 from simgap.plants.context import Context
@@ -46,11 +46,17 @@ def border_states(context: Context, name: str, part: str) -> Borders:
     names = tuple(context.states), tuple(context.inputs)
     domain = GapDomain(*names, box, context.input_set, free_axes(context.case))
     if part == FIT:
-        lattice = [grid.axis(j) for j in range(box.size)]
+        lattice, most = [grid.axis(j) for j in range(box.size)], MOST_BORDER_STATES
     else:  # fresh samples and means have streams of their own
         rng = np.random.default_rng([context.need(context.case.gap, "gap").seed, 2])
         lattice = [rng.uniform(lo, hi, CHECK_LEVELS) for lo, hi in zip(box.lo, box.hi, strict=True)]
-    return critical_points(domain, switching_surfaces(context), lattice)
+        most = checked_at_most(grid.size)
+    return critical_points(domain, switching_surfaces(context), lattice, most)
+
+
+def checked_at_most(grid: int) -> int:
+    """Most states on borders that check a bound made on so many states."""
+    return min(MOST_BORDER_STATES, max(LEAST_CHECKED_BORDER, grid))
 
 
 def directed_samples(context: Context, name: str, rolled: Columns, i: int) -> Directed:

@@ -1,0 +1,235 @@
+"""From fitted coefficients to the answer: effects joint by joint, base parameters, payloads, errors, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgap.diagnosis.arms.base import BaseParameters
+from simgap.diagnosis.arms.consistent import Consistent
+from simgap.diagnosis.arms.fit import residual
+from simgap.diagnosis.arms.folds import ArmFolds
+from simgap.diagnosis.arms.gains import Gains, scaled
+from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload
+from simgap.diagnosis.arms.result import ArmDiagnosis, BaseParameter, FoundPayload, Prediction, Sought
+from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.result import Estimate, FoundEffect, Verdict
+from simgap.diagnosis.thresholds import EXCESS_KEPT, HELD_OUT_QUALITY
+from simgap.effects import AppliedEffect, effect
+from simgap.geometry import Floats
+from simgap.model.tree import PARAMETERS, UNITS, Tree
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What the fit ended with.
+
+    Attributes:
+        keys, base: what the columns are; active: those that were chosen.
+        theta, errors: (p,) coefficients that fit best and their standard errors; gains: in BIC.
+        correlated: (n,) rows that count as one; noise: (n,) floor of each joint's torque.
+        used: (p,) coefficients of the corrected model, whose inertial parameters bodies can have.
+        bodies: these bodies; None: inertial parameters as declared, or none were found.
+        drives: gains of the drives, where a known mass tells them: then columns that are not `shared` by joints are in
+            units of the declared gain.
+    """
+
+    keys: tuple[Key, ...]
+    base: BaseParameters
+    active: tuple[int, ...]
+    theta: Floats
+    errors: Floats
+    gains: Mapping[int, float]
+    correlated: Floats
+    noise: Floats
+    used: Floats
+    bodies: Consistent | None
+    drives: Gains | None
+    shared: Sequence[int]
+
+    def corrected(self, part: Part) -> Part:
+        """Rows as the corrected drives say them."""
+        return part if self.drives is None else scaled(part, self.drives.g, self.shared)
+
+    def estimate(self, k: int, unit: str, declared: float = 0.0, joint: int | None = None) -> Estimate:
+        """A coefficient, with what was declared, and its 95 % interval; of a `joint` alone: over its drive's gain."""
+        at = self.theta if self.keys[k].effect == INERTIAL else self.used
+        value, error = declared + float(at[k]), float(self.errors[k])
+        if joint is not None and self.drives is not None:
+            g = float(self.drives.g[joint])
+            value, error = value / g, float(np.hypot(error / g, value / g**2 * float(self.drives.errors[joint])))
+        return Estimate(value, (value - 1.96 * error, value + 1.96 * error), unit)
+
+
+def answer(
+    tree: Tree, found: Found, folds: ArmFolds, names: Sequence[str], inputs: Sequence[str], units: Mapping[str, str],
+    payloads: Sequence[Payload], cut_hz: float,
+) -> ArmDiagnosis:  # fmt: skip
+    """Put it together; here alone *confirm* is looked at."""
+    zero = np.zeros_like(found.used)
+    confirm = found.corrected(folds.confirm)
+    before, after = rms(folds.confirm, zero), rms(confirm, found.used)
+    share = excess_share(before, after, found.noise)
+    base = _base(tree, found)
+    effects = (*_gains(found, inputs), *_terms(found, tree, inputs, units), *_links(base, found))
+    word = verdict(before, after, found.noise, share, bool(effects))
+    rows = (folds.fit.live.sum(axis=0) + folds.choose.live.sum(axis=0)) / found.correlated
+
+    def by_input(x: Floats) -> dict[str, float]:
+        return dict(zip(inputs, map(float, x), strict=True))
+
+    per_trace = {
+        names[k]: (by_input(rms(folds.confirm, zero, k)), by_input(rms(confirm, found.used, k)))
+        for k in np.unique(folds.confirm.trace)
+    }
+    stuck = np.zeros(tree.size)
+    for k in found.active:
+        if found.keys[k].effect == "coulomb_friction":
+            stuck[tree.joints.index(found.keys[k].on)] = found.used[k]
+    beyond = {names[k]: by_input(rms(confirm, found.used, k, stuck)) for k in np.unique(folds.confirm.trace)}
+    named = word in ("attributed", "partial")
+    kept = [e for e in effects if e.name != INERTIAL]
+    return ArmDiagnosis(
+        verdict=word,
+        effects=effects if named else (),
+        applied=tuple(AppliedEffect(e.name, e.on, {s: p.value for s, p in e.parameters.items()}) for e in kept)
+        if named
+        else (),
+        base=base,
+        payloads=_payloads(found, payloads),
+        before=by_input(before),
+        after=by_input(after),
+        floor=by_input(found.noise),
+        per_trace=per_trace,
+        beyond_friction=beyond,
+        excess_share=share,
+        folds=folds.traces,
+        sought=_sought(found),
+        cut_hz=cut_hz,
+        independent=by_input(rows),
+        predictions=_predictions(folds.confirm, confirm, found.used, names),
+        warnings=_warnings(folds, found),
+        inertial={} if found.bodies is None else dict(zip(tree.links, found.bodies.inertial, strict=True)),
+        distance=None if found.bodies is None else found.bodies.distance,
+    )
+
+
+def rms(part: Part, theta: Floats, trace: int | None = None, held: Floats | None = None) -> Floats:
+    """(n,) RMS error of each joint's torque, of one trace or of all rows.
+
+    Args:
+        held: (n,) dry friction, up to which a joint at rest may be held by any torque: only what is beyond it counts
+            there. None: all of it counts, as if nothing stuck.
+    """
+    left = residual(part, theta)
+    if held is not None:
+        left = np.where(part.live > 0.0, left, np.sign(left) * np.maximum(np.abs(left) - held, 0.0))
+    own = np.ones(len(left), dtype=bool) if trace is None else part.trace == trace
+    return np.sqrt(np.mean(left[own] ** 2, axis=0))
+
+
+def excess_share(before: Floats, after: Floats, floor: Floats) -> float:
+    """Excess over the floor, after over before, joints alike: each in units of its own excess before."""
+    old, new = (np.maximum(e**2 - floor**2, 0.0) for e in (before, after))
+    scale = np.maximum(before**2, 1e-300)
+    return float(np.sqrt((new / scale).sum() / max(float((old / scale).sum()), 1e-300)))
+
+
+def verdict(before: Floats, after: Floats, floor: Floats, share: float, something: bool) -> Verdict:
+    """The word: at the floor as declared, at the floor with the effects, half of the excess gone, or none of these."""
+    old, new = (float(np.sqrt(np.mean((e / np.maximum(floor, 1e-300)) ** 2))) for e in (before, after))
+    if old <= HELD_OUT_QUALITY:
+        return "none"
+    if something and new <= HELD_OUT_QUALITY:
+        return "attributed"
+    return "partial" if something and share <= EXCESS_KEPT else "unexplained"
+
+
+def _gains(found: Found, inputs: Sequence[str]) -> list[FoundEffect]:
+    """Gains of drives that are not as declared."""
+    if found.drives is None:
+        return []
+    out = []
+    for name, g, e in zip(inputs, found.drives.g.tolist(), found.drives.errors.tolist(), strict=True):
+        if g != 1.0:  # the others are as declared
+            ends = 1.0 / (g + 1.96 * e), 1.0 / max(g - 1.96 * e, 1e-300)
+            out.append(FoundEffect("input_gain", name, {"ratio": Estimate(1.0 / g, ends, "1")}))
+    return out
+
+
+def _terms(found: Found, tree: Tree, inputs: Sequence[str], units: Mapping[str, str]) -> list[FoundEffect]:
+    out = []
+    for k in sorted(k for k in found.active if found.keys[k].effect in TERMS and found.used[k] != 0.0):
+        key = found.keys[k]
+        joint = tree.joints[inputs.index(key.on)] if key.on in inputs else key.on
+        (p,) = effect(key.effect).parameters
+        position = "m" if tree.slides[tree.joints.index(joint)] else "rad"
+        unit = p.unit.format(force=units[joint], position=position, input=units[joint])
+        out.append(
+            FoundEffect(key.effect, key.on, {key.symbol: found.estimate(k, unit, joint=tree.joints.index(joint))})
+        )
+    return out
+
+
+def _base(tree: Tree, found: Found) -> tuple[BaseParameter, ...]:
+    """Every combination, declared and found."""
+    declared = found.base.combine @ tree.inertial.ravel()
+    rows = []
+    for k, (name, link, unit) in enumerate(zip(found.base.names, found.base.links, found.base.units, strict=True)):
+        estimate = found.estimate(k, unit, float(declared[k])) if k in found.active else None
+        rows.append(BaseParameter(name, link, unit, float(declared[k]), estimate))
+    return tuple(rows)
+
+
+def _links(base: Sequence[BaseParameter], found: Found) -> list[FoundEffect]:
+    """One effect a link: its combinations that are not as declared."""
+    out: dict[str, dict[str, Estimate]] = {}
+    for b in base:
+        if b.found is not None and not b.found.ci95[0] <= b.declared <= b.found.ci95[1]:
+            out.setdefault(b.link, {})[b.name] = b.found
+    return [FoundEffect(INERTIAL, link, parameters) for link, parameters in out.items()]
+
+
+def _payloads(found: Found, payloads: Sequence[Payload]) -> tuple[FoundPayload, ...]:
+    own = [k for k, key in enumerate(found.keys) if key.effect == PAYLOAD]
+    out = []
+    for p in payloads:
+        mine = [k for k in own if found.keys[k].on == p.link]
+        unit = dict(zip(PARAMETERS, UNITS, strict=True))
+        values = {found.keys[k].symbol: found.estimate(k, unit[found.keys[k].symbol]) for k in mine}
+        out.append(FoundPayload(p.link, p.traces, values))
+    return tuple(out)
+
+
+def _sought(found: Found) -> tuple[Sought, ...]:
+    rows = []
+    for k, key in enumerate(found.keys):
+        if key.effect in TERMS:
+            gain = found.gains.get(k)
+            taken = k in found.active
+            why = "" if taken else "gains too little on choose, has the wrong sign, or is what others do already"
+            rows.append(Sought(key.effect, key.on, gain, "its interval holds 0" if gain and not taken else why))
+    return tuple(rows)
+
+
+def _predictions(confirm: Part, corrected: Part, theta: Floats, names: Sequence[str]) -> tuple[Prediction, ...]:
+    out = []
+    for k in np.unique(confirm.trace):
+        rows = confirm.trace == k
+        measured = confirm.torque[rows]
+        before, after = measured - confirm.y[rows], measured - residual(corrected, theta)[rows]
+        out.append(Prediction(names[k], confirm.t[rows], measured, before, after))
+    return tuple(out)
+
+
+def _warnings(folds: ArmFolds, found: Found) -> tuple[str, ...]:
+    said = []
+    if not folds.confirm.live.any():
+        said.append("Nothing moves in what confirms: dry friction may hold anything there, and friction is not tested.")
+    if found.bodies is None and any(found.keys[k].effect == INERTIAL for k in found.active):
+        said.append(
+            "No inertial parameters that bodies can have were found: the corrected case keeps the declared ones."
+        )
+    return tuple(said)

@@ -1,0 +1,84 @@
+"""Inertial parameters that bodies can have, nearest to what the torques say.
+
+Base parameters that fit best need not belong to any bodies. A body's pseudo-inertia [[S, h], [h', m]], S = tr(I)/2 - I,
+is positive semidefinite, and that is all that a density asks for; so the nearest parameters of possible bodies are a
+semidefinite program. Sources: Sousa, Cortesao (2014), Int. J. Robotics Research 33(6); Wensing, Kim, Slotine (2018),
+IEEE Robotics and Automation Letters 3(1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simgap.diagnosis.arms.base import BaseParameters
+from simgap.diagnosis.arms.thresholds import TOWARDS_DECLARED
+from simgap.geometry import Floats
+from simgap.model.tree import Tree, symmetric
+
+_LEAST = 1e-7  # kg m^2 and kg: what the smallest eigenvalue of a pseudo-inertia is kept above
+
+
+@dataclass(frozen=True, eq=False)
+class Consistent:
+    """Parameters of possible bodies.
+
+    Attributes:
+        inertial: (n, 10).
+        distance: from the base parameters that fit best, in standard errors (root of the Mahalanobis square over b).
+    """
+
+    inertial: Floats
+    distance: float
+
+
+def consistent(tree: Tree, base: BaseParameters, found: Floats, information: Floats) -> Consistent | None:
+    """The nearest parameters of possible bodies; None if the solver does not settle.
+
+    Args:
+        found: (b,) base parameters that fit best.
+        information: (b, b) inverse of their covariance.
+    """
+    import cvxpy as cp
+
+    n = tree.size
+    declared = tree.inertial
+    mass, length = float(declared[:, 0].max()), float(np.linalg.norm(tree.place, axis=1).max())
+    typical = mass * np.repeat([1.0, length, length**2], (1, 3, 6))
+    scale = np.maximum(np.abs(declared), 0.05 * np.maximum(typical, 1e-9))
+    root = np.linalg.cholesky(information + 1e-9 * np.diag(np.diag(information))).T
+    p = cp.Variable((n, 10))
+    misfit = root @ (base.combine @ cp.reshape(p, (10 * n,), order="C") - found)
+    away = cp.multiply(p - declared, 1.0 / scale)
+    limits = [_pseudo(p, k) >> _LEAST * np.eye(4) for k in range(n)]
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(misfit) + TOWARDS_DECLARED * cp.sum_squares(away)), limits)
+    try:
+        problem.solve(solver=cp.CLARABEL)
+    except cp.SolverError:
+        return None
+    if p.value is None or problem.status not in ("optimal", "optimal_inaccurate"):
+        return None
+    inertial = np.array(p.value)
+    off = root @ (base.combine @ inertial.ravel() - found)
+    return Consistent(inertial, float(np.sqrt(off @ off / len(found))))
+
+
+def possible(inertial: Floats) -> bool:
+    """Whether a body can have these parameters, (10,): its pseudo-inertia is positive semidefinite, up to rounding."""
+    tensor = symmetric(inertial[4:])
+    pseudo = np.zeros((4, 4))
+    pseudo[:3, :3] = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+    pseudo[:3, 3] = pseudo[3, :3] = inertial[1:4]
+    pseudo[3, 3] = inertial[0]
+    return bool(np.linalg.eigvalsh(pseudo)[0] >= -1e-9 * max(1.0, float(np.abs(pseudo).max())))
+
+
+def _pseudo(p: Any, k: int) -> Any:
+    """The pseudo-inertia of body k as an expression."""
+    import cvxpy as cp
+
+    m, hx, hy, hz, xx, xy, xz, yy, yz, zz = (p[k, i] for i in range(10))
+    half = 0.5 * (xx + yy + zz)
+    return cp.bmat([[half - xx, -xy, -xz, hx], [-xy, half - yy, -yz, hy], [-xz, -yz, half - zz, hz], [hx, hy, hz, m]])

@@ -1,0 +1,157 @@
+"""Diagnosis of an arm: from a tree of bodies and recorded torques to what joints and links lack.
+
+With measured torques the equations of motion, read backwards, are linear in everything sought: inertial parameters,
+friction, reflected inertia, bias. Least squares over whole traces takes seconds for six joints, where fitting simulated
+windows takes minutes for two. Sources: Gautier (1997), IEEE ICRA; Swevers, Verdonck, De Schutter (2007), IEEE Control
+Systems 27(5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from simgap.diagnosis.arms.answer import Found, answer
+from simgap.diagnosis.arms.base import BaseParameters, base_parameters
+from simgap.diagnosis.arms.consistent import Consistent, consistent
+from simgap.diagnosis.arms.fit import correlation_rows, solve, spread, standard_errors
+from simgap.diagnosis.arms.folds import folds_of, together
+from simgap.diagnosis.arms.gains import gains, open_gains, scaled
+from simgap.diagnosis.arms.motion import Columns, motions, rest_speeds
+from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload, keys_of, part_of
+from simgap.diagnosis.arms.result import ArmDiagnosis
+from simgap.diagnosis.arms.select import admissible, choose
+from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.reading.noise import noise_floor
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.geometry import Floats
+from simgap.model.tree import Tree
+
+
+@dataclass(frozen=True)
+class ArmSettings:
+    """Choices of the person.
+
+    Attributes:
+        held_out_traces, held_out_share: what confirms.
+        most: largest number of effects of one joint.
+        payloads: what was mounted in some traces.
+        known: effects that the case declares, effect -> (n,) parameters.
+    """
+
+    held_out_traces: tuple[str, ...] = ()
+    held_out_share: float = 0.25
+    most: int = 3
+    payloads: tuple[Payload, ...] = ()
+    known: Mapping[str, Floats] = field(default_factory=dict)
+
+
+def diagnose_arm(
+    tree: Tree, record: Record, where: Columns, units: Mapping[str, str], settings: ArmSettings,
+    tell: Callable[[str], None] = lambda words: None,
+) -> ArmDiagnosis:  # fmt: skip
+    """Attribute what the declared arm's torques lack.
+
+    Args:
+        tree: the arm as declared; the joint `tree.joints[j]` has the record's input `record.inputs[where.torque[j]]`.
+        record: traces with positions (velocities too, if measured) and torques.
+        units: unit of each joint's force.
+
+    Raises:
+        UserError: a position that is not measured, too few traces.
+    """
+    every = motions(record, where)
+    tell(f"{len(every)} traces, smoothed below {every[0].low_pass.cut:.3g} Hz")
+    base, rest = base_parameters(tree), rest_speeds(every)
+    inputs = [record.inputs[k] for k in where.torque]
+    keys = keys_of(tree, base, inputs, settings.payloads)
+    part = part_of(every, tree, base, settings.payloads, rest, settings.known)
+    names = [m.trace for m in every]
+    folds = folds_of(part, names, settings.held_out_traces, settings.held_out_share)
+    shared = [k for k, key in enumerate(keys) if key.effect in (INERTIAL, PAYLOAD)]
+    weighed = any(p.mass is not None for p in settings.payloads)
+    fit, judge = folds.fit, folds.choose
+    weights, correlated = _weights(fit, len(keys))
+    if weighed:  # gains first: with wrong ones no choice among the rest is right
+        g = open_gains(fit, shared, weights, correlated)
+        fit, judge = scaled(fit, g, shared), scaled(judge, g, shared)
+        weights, correlated = _weights(fit, len(keys))
+    tell(f"{len(base.kept)} combinations of inertial parameters, {len(TERMS)} effects of each joint")
+    chosen = choose(keys, fit, judge, weights, correlated, settings.most, tree.size)
+    active, theta, errors = _settled(keys, together(fit, judge), weights, chosen.active)
+    known, drives = together(folds.fit, folds.choose), None
+    if weighed:
+        drives = gains(known, active, [k for k in active if k in shared], theta, weights, correlated)
+    if drives is not None:
+        known = scaled(known, drives.g, shared)
+    active, theta, errors = _settled(keys, known, weights, active)
+    if drives is not None:
+        errors[shared] = drives.of_columns[shared]  # of a mass: with the gains open too
+    noise = _noise(record, where, every[0].low_pass.noise_gain)
+    used, bodies = _of_bodies(tree, base, keys, known, weights, correlated, active, theta)
+    found = Found(keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies, drives, shared)
+    return answer(tree, found, folds, names, inputs, units, settings.payloads, every[0].low_pass.cut)
+
+
+def _weights(part: Part, size: int) -> tuple[Floats, Floats]:
+    """(n,) one over the spread that every column together leaves, and rows that count as one there."""
+    weights = 1.0 / np.maximum(spread(part, np.zeros(size)), 1e-12)
+    theta = np.zeros(size)
+    for _ in range(3):
+        theta = solve(*part.grams(weights), range(size), size).theta
+        weights = 1.0 / np.maximum(spread(part, theta), 1e-12)
+    return weights, correlation_rows(part, theta)
+
+
+def _settled(
+    keys: Sequence[Key], known: Part, weights: Floats, active: tuple[int, ...]
+) -> tuple[tuple[int, ...], Floats, Floats]:
+    """Coefficients on fit and choose; terms whose 95 % interval holds 0, or of the wrong sign, go one by one."""
+    gram, right = known.grams(weights)
+    while True:
+        solution = solve(gram, right, active, len(keys))
+        errors = standard_errors(known, solution, weights, correlation_rows(known, solution.theta))
+        doubtful = {
+            k: abs(solution.theta[k]) / max(errors[k], 1e-300)
+            for k in active
+            if keys[k].effect in TERMS
+            and (abs(solution.theta[k]) < 1.96 * errors[k] or not admissible(keys[k], solution.theta[k]))
+        }
+        if not doubtful:
+            return active, solution.theta, errors
+        least = min(doubtful, key=lambda k: doubtful[k])
+        active = tuple(k for k in active if k != least)
+
+
+def _of_bodies(
+    tree: Tree, base: BaseParameters, keys: Sequence[Key], known: Part, weights: Floats, correlated: Floats,
+    active: tuple[int, ...], theta: Floats,
+) -> tuple[Floats, Consistent | None]:  # fmt: skip
+    """Coefficients with inertial parameters that bodies can have, the rest fitted again beside them."""
+    size = len(base.kept)
+    if not set(range(size)) <= set(active):
+        return theta, None
+    gram, right = known.grams(weights)
+    rest = [k for k in active if k >= size]
+    across = gram[:size][:, rest]
+    information = gram[:size, :size] - across @ np.linalg.pinv(gram[np.ix_(rest, rest)], hermitian=True) @ across.T
+    declared = base.combine @ tree.inertial.ravel()
+    bodies = consistent(tree, base, declared + theta[:size], information / float(correlated.mean()))
+    if bodies is None:
+        return theta, None
+    own = np.zeros(len(keys))
+    own[:size] = base.combine @ bodies.inertial.ravel() - declared
+    while True:
+        used = own + solve(gram, right - gram @ own, rest, len(keys)).theta
+        wrong = [k for k in rest if not admissible(keys[k], used[k])]
+        if not wrong:
+            return used, bodies
+        rest = [k for k in rest if k not in wrong]
+
+
+def _noise(record: Record, where: Columns, gain: float) -> Floats:
+    """(n,) what white noise of the torques leaves behind the filter."""
+    swapped = tuple(Trace(t.name, t.t, t.u, t.u[:, :0]) for t in record.traces)
+    return gain * noise_floor(Record(swapped, record.inputs, ()))[list(where.torque)]

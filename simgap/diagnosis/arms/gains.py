@@ -1,0 +1,111 @@
+"""Drive gains, from a payload of known mass.
+
+Gains and masses that are all larger by one factor move an arm alike; a known mass sets the scale, and what several
+joints feel ties their gains together. Source: Gautier, Briot (2014), J. Dynamic Systems, Measurement, and Control
+136(5). There currents are regressors and their noise biases the gains; here they are what is predicted:
+
+    u_j = g_j (d_j + X_s theta_s) + X_f theta_f,    g_j = declared gain over the true one,
+
+d the torque of the declared bodies and of the known mass, X_s columns that joints share (inertial parameters, the rest
+of the payload), X_f those of the joint alone (friction, in units of the declared gain). Gauss-Newton from g = 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simgap.diagnosis.arms.fit import Solution, standard_errors
+from simgap.diagnosis.arms.problem import Part
+from simgap.geometry import Floats
+
+_ROUNDS = 30
+_SETTLED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """(n,) g and its standard errors; (p,) standard errors of the columns beside it."""
+
+    g: Floats
+    errors: Floats
+    of_columns: Floats
+
+
+def scaled(part: Part, g: Floats, shared: Sequence[int]) -> Part:
+    """The same rows with these gains: what is left of them, and the columns that joints share, as the currents say."""
+    x = part.x.copy()
+    x[:, :, shared] *= g[None, :, None]
+    return replace(part, x=x, y=part.torque - g * (part.torque - part.y))
+
+
+def gains(
+    part: Part, active: Sequence[int], shared: Sequence[int], theta: Floats, weights: Floats, correlated: Floats
+) -> Gains | None:
+    """Gains beside the active columns; those whose 95 % interval holds 1 are as declared. None if it does not settle.
+
+    Args:
+        shared: active columns that several joints feel.
+        theta: (p,) where to begin, gains 1.
+    """
+    open_ = list(range(part.y.shape[1]))
+    while open_:
+        found = _settled(part, active, shared, theta, weights, correlated, open_)
+        if found is None:
+            return None
+        doubtful = {j: abs(found.g[j] - 1.0) / max(found.errors[j], 1e-300) for j in open_}
+        least = min(doubtful, key=lambda j: doubtful[j])
+        if doubtful[least] > 1.96:
+            return found
+        open_.remove(least)
+    return None
+
+
+def open_gains(part: Part, shared: Sequence[int], weights: Floats, correlated: Floats) -> Floats:
+    """(n,) gains beside every column at once, to begin from; ones if they do not settle."""
+    size, n = part.x.shape[2], part.y.shape[1]
+    found = _settled(part, range(size), shared, np.zeros(size), weights, correlated, range(n))
+    return np.ones(n) if found is None else found.g
+
+
+def _settled(
+    part: Part, active: Sequence[int], shared: Sequence[int], theta: Floats, weights: Floats, correlated: Floats,
+    open_: Sequence[int],
+) -> Gains | None:  # fmt: skip
+    """Gauss-Newton over the open gains and the active columns."""
+    n, size = part.y.shape[1], len(theta)
+    own = [k for k in active if k not in shared]
+    free = [*open_, *(n + k for k in active)]
+    g, at = np.ones(n), theta.copy()
+    for _ in range(_ROUNDS):
+        rows = _linearised(part, g, at, shared, own)
+        gram, right = rows.grams(weights)
+        block = gram[np.ix_(free, free)]
+        scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
+        inverse = np.linalg.pinv(block / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+        step = np.zeros(n + size)
+        step[free] = inverse @ (right[free] / scale) / scale
+        g, at = g + step[:n], at + step[n:]
+        if not np.all(g > 0.0):
+            return None
+        if np.abs(step[:n]).max() < _SETTLED:
+            left = replace(rows, y=rows.y - rows.x @ step)
+            errors = standard_errors(left, Solution(tuple(free), np.zeros(n + size)), weights, correlated)
+            return Gains(g, errors[:n], errors[n:])
+    return None
+
+
+def _linearised(part: Part, g: Floats, theta: Floats, shared: Sequence[int], own: Sequence[int]) -> Part:
+    """Rows of what is left, with a column for each gain in front of the others."""
+    n = len(g)
+    bodies = part.torque - part.y + part.x[:, :, shared] @ theta[shared]
+    columns = np.zeros((*part.y.shape, n + len(theta)))
+    for j in range(n):
+        columns[:, j, j] = bodies[:, j]
+    for k in shared:
+        columns[:, :, n + k] = g * part.x[:, :, k]
+    for k in own:
+        columns[:, :, n + k] = part.x[:, :, k]
+    return replace(part, x=columns, y=part.torque - g * bodies - part.x[:, :, own] @ theta[own])

@@ -1,0 +1,132 @@
+"""The linear problem behind an arm's diagnosis: rows of measured torque, columns of what may be missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.arms.base import BaseParameters, independent
+from simgap.diagnosis.arms.motion import Motion
+from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.arms.thresholds import TURNING_SHARE
+from simgap.geometry import Floats
+from simgap.model.inverse_dynamics import regressor
+from simgap.model.tree import PARAMETERS, Tree
+
+INERTIAL, PAYLOAD = "inertial_parameters", "payload"
+
+
+@dataclass(frozen=True)
+class Payload:
+    """Something more that was mounted on a link while some traces were recorded; its mass in kg where it is known."""
+
+    traces: tuple[str, ...]
+    link: str
+    mass: float | None = None
+
+
+@dataclass(frozen=True)
+class Key:
+    """What a column stands for: the effect, what it is on (a joint, a link), and the parameter."""
+
+    effect: str
+    on: str
+    symbol: str
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Rows of some traces.
+
+    Attributes:
+        x: (R, n, p) torque of each joint for a parameter of 1; y: (R, n) measured torque less the declared model's.
+        live: (R, n) 0 where the joint is at rest, so that dry friction may be anything.
+        trace: (R,) index of the trace; t: (R,) s; torque: (R, n) as measured.
+    """
+
+    x: Floats
+    y: Floats
+    live: Floats
+    trace: NDArray[np.int64]
+    t: Floats
+    torque: Floats
+
+    def grams(self, weights: Floats) -> tuple[Floats, Floats]:
+        """(p, p) and (p,): X'WX and X'Wy, joints weighted."""
+        w = self.live * weights**2
+        wx = self.x * w[:, :, None]
+        flat = self.x.reshape(-1, self.x.shape[2])
+        return flat.T @ wx.reshape(flat.shape), wx.reshape(flat.shape).T @ self.y.ravel()
+
+
+def keys_of(tree: Tree, base: BaseParameters, inputs: Sequence[str], payloads: Sequence[Payload]) -> tuple[Key, ...]:
+    """What each column is: combinations of inertial parameters, terms of each joint, payloads."""
+    found = [Key(INERTIAL, link, name) for link, name in zip(base.links, base.names, strict=True)]
+    for j, joint in enumerate(tree.joints):
+        found += [Key(t.effect, inputs[j] if t.of_input else joint, t.symbol) for t in TERMS.values()]
+    for p in payloads:
+        found += [Key(PAYLOAD, p.link, PARAMETERS[k]) for k in payload_columns(tree, p)]
+    return tuple(found)
+
+
+def payload_columns(tree: Tree, payload: Payload) -> NDArray[np.int64]:
+    """Which inertial parameters of a body on that link a motion shows, its known mass left out."""
+    rng = np.random.default_rng(1)
+    q, v, a = rng.normal(size=(3, 100, tree.size))
+    first = 10 * tree.links.index(payload.link)
+    seen = independent(regressor(tree, q, v, a)[:, :, first : first + 10].reshape(-1, 10))
+    return seen[seen > 0] if payload.mass is not None else seen
+
+
+def part_of(
+    motions: Sequence[Motion], tree: Tree, base: BaseParameters, payloads: Sequence[Payload], rest: Floats,
+    known: Mapping[str, Floats],
+) -> Part:  # fmt: skip
+    """The rows of some traces.
+
+    Args:
+        known: terms that the case declares, effect -> (n,) parameters, which are part of the declared model.
+    """
+    xs, ys, lives, times, torques = [], [], [], [], []
+    traces: list[NDArray[np.int64]] = []
+    for m in motions:
+        whole = m.smooth(regressor(tree, m.q, m.v, m.a))[m.used]
+        way = m.smooth(np.clip(m.v / (TURNING_SHARE * rest), -1.0, 1.0))
+        terms = np.zeros((*m.q.shape, tree.size, len(TERMS)))
+        for j in range(tree.size):
+            for k, term in enumerate(TERMS.values()):
+                terms[:, j, j, k] = term.column(m.v[:, j], way[:, j], m.a[:, j])
+        rows = terms[m.used].reshape(len(whole), tree.size, -1)
+        weight, carried = _payloads(whole, tree, payloads, m.trace)
+        torque = m.torque[m.used] * known.get("input_gain", np.ones(tree.size))
+        missing = torque - whole @ tree.inertial.ravel() - m.v[m.used] * tree.damping - weight
+        for name, values in known.items():
+            if name == "input_gain":
+                continue
+            k = list(TERMS).index(name)
+            missing -= np.stack([terms[m.used][:, j, j, k] * values[j] for j in range(tree.size)], axis=1)
+        xs.append(np.concatenate([whole[:, :, base.kept], rows, *carried], axis=2))
+        ys.append(missing)
+        lives.append((np.abs(m.v[m.used]) > rest).astype(np.float64))
+        times.append(m.t[m.used])
+        torques.append(torque)
+        traces.append(np.full(len(whole), len(traces), dtype=np.int64))
+    return Part(*(np.concatenate(a) for a in (xs, ys, lives, traces, times, torques)))
+
+
+def _payloads(
+    whole: Floats, tree: Tree, payloads: Sequence[Payload], trace: str
+) -> tuple[Floats | float, list[Floats]]:
+    """Torque of the known masses on board (R, n), and columns of what is to be found of each payload."""
+    weight: Floats | float = 0.0
+    columns = []
+    for p in payloads:
+        first, seen = 10 * tree.links.index(p.link), payload_columns(tree, p)
+        on_board = trace in p.traces
+        columns.append(whole[:, :, first + seen] * float(on_board))
+        if on_board and p.mass is not None:
+            weight = weight + p.mass * whole[:, :, first]
+    return weight, columns

@@ -1,0 +1,34 @@
+"""Numbers that decide in the diagnosis of an arm."""
+
+ENERGY, BAND = 0.999, 5.0
+"""The low pass cuts at five times the frequency below which this share of the velocities' energy lies. Judgement."""
+
+MOST_OF_THE_RATE = 0.2
+"""The cut is at most this share of the sampling rate, so that central differences are derivatives."""
+
+EDGE_PERIODS = 1.0
+"""Rows within so many periods of the cut from the end of a trace are not compared: the filter sees one side of them."""
+
+REST_SHARE = 0.02
+"""A joint below this share of its largest speed counts as at rest. Judgement."""
+
+TURNING_SHARE = 0.1
+"""Dry friction turns round within this share of the speed that counts as rest: sharply, but not with the noise of a
+joint that stands still. Judgement."""
+
+SAME_DIRECTION = 1e-3
+"""A term of which less than this share (of its norm) is not what others do is not sought beside them."""
+
+INDEPENDENT = 1e-8
+"""Columns of the regressor at random motions with a smaller share of their own are combinations of others."""
+
+EXPECTED = ("viscous_friction", "coulomb_friction")
+TERM_GAIN = 2.0
+"""What every drive with a gear has is taken in if BIC on *choose* falls by more than this: positive evidence (Kass,
+Raftery (1995), J. Am. Stat. Assoc. 90(430)); other terms if it falls by `BIC_GAIN`. With 2 for all, a quadratic drag of
+0.3 N m s^2/rad^2, a gain of 6 to 8, was found at three joints of a rig that had none (tests/diagnosis/test_arms.py).
+Rows count there as what is independent of them; and the term's interval on fit and choose must leave out 0 besides."""
+
+TOWARDS_DECLARED = 1e-3
+"""Weight, in squared standard errors, with which inertial parameters stay near the declared ones where the motion does
+not show them."""

@@ -1,0 +1,209 @@
+"""Steps through dry friction: coasting while nothing turns round, and what happens where something does or rests.
+
+Dry friction enters through one sign s_j for each coordinate, not through its speed: the step runs with the sign fixed,
+a change of direction inside it is located, and at rest s_j is solved for (Filippov's equivalent control), so that a
+joint sticks exactly while |s_j| <= 1.
+Source: Filippov (1988), Differential Equations with Discontinuous Righthand Sides, sec. 4; Hairer, Norsett, Wanner
+(1993), Solving Ordinary Differential Equations I, sec. II.6 (events).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from simgap.diagnosis.simulation.runge_kutta import input_at, rk4, slope
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+EPS = 1e-12  # s: two instants closer than this are one
+_CREEP = 1e-14  # a speed below this is rest
+
+
+@njit(cache=True)
+def _direction(
+    rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, stuck: Any, active: Any, speed: Ints, work: Floats
+) -> bool:
+    """Signs of coordinates in motion; those at rest stick, or start the way the free force pulls.
+
+    Whether nothing at all moves, which lasts while the input stands still.
+    """
+    resting = False
+    for j in range(speed.size):
+        if not active[j]:
+            s[j] = 0.0
+            stuck[j] = False
+        elif abs(x[speed[j]]) > _CREEP and not stuck[j]:
+            s[j] = 1.0 if x[speed[j]] > 0.0 else -1.0
+        else:
+            stuck[j] = True
+            resting = True
+    if not resting:
+        return False
+    rate = work[0]
+    slope(rhs, x, u, theta, s, stuck, speed, rate, work[5])
+    still = True
+    for j in range(speed.size):
+        if stuck[j] and abs(s[j]) > 1.0:
+            stuck[j] = still = False
+            s[j] = 1.0 if s[j] > 0.0 else -1.0
+    for i in range(rate.size):
+        if rate[i] != 0.0:
+            still = False
+    return still
+
+
+@njit(cache=True)
+def _reversal(x: Floats, new: Floats, s: Floats, stuck: Any, active: Any, speed: Ints) -> int:
+    """The coordinate whose speed left its sign by the largest share of its change; -1 if none did."""
+    best, worst = -1, 0.0
+    for j in range(speed.size):
+        i = speed[j]
+        if active[j] and not stuck[j] and new[i] * s[j] < 0.0:
+            share = abs(new[i]) / (abs(new[i]) + abs(x[i]) + 1e-300)
+            if share > worst:
+                best, worst = j, share
+    return best
+
+
+@njit(cache=True)
+def _stop_at_reversal(
+    rhs: Any, glide: Any, x: Floats, time: float, h: float, i: int, theta: Floats, s: Floats, stuck: Any, speed: Ints,
+    drive: Any, work: Floats, pads: Any, u: Floats, new: Floats, free: bool,
+) -> float:  # fmt: skip
+    """Shorten a step so that speed i ends at zero (Illinois search); returns its length, the state is in new."""
+    a, f_a, b, f_b = 0.0, x[i], 1.0, new[i]
+    for _ in range(80):
+        if abs(f_b) < 1e-13 or abs(b - a) < 1e-13:
+            break
+        mid = b - f_b * (b - a) / (f_b - f_a)
+        if free:
+            new[:] = x
+            glide(new, u, u, u, theta, s, mid * h, 1, pads[0], pads[1])
+        else:
+            rk4(rhs, x, time, mid * h, theta, s, stuck, speed, drive, work, u, new)
+        f = new[i]
+        if f * f_b < 0.0:
+            a, f_a = b, f_b
+        else:
+            f_a *= 0.5
+        b, f_b = mid, f
+    new[i] = 0.0
+    return b * h
+
+
+@njit(cache=True)
+def _span(still: bool, held: Ints, excess: Floats, lag: Floats, h_max: float) -> float:
+    """Longest step, s; shorter while an input fades."""
+    span = h_max
+    for c in range(lag.size):
+        if not still and lag[c] > 0.0 and excess[held[c], c] != 0.0:
+            span = min(span, max(0.5 * lag[c], 0.1 * h_max))
+    return span
+
+
+@njit(cache=True)
+def _still(held: Ints, excess: Floats, lag: Floats) -> bool:
+    """Whether no input fades."""
+    still = True
+    for c in range(lag.size):
+        still = still and not (lag[c] > 0.0 and excess[held[c], c] != 0.0)
+    return still
+
+
+@njit(cache=True)
+def coast(
+    glide: Any, x: Floats, new: Floats, time: float, end: float, theta: Floats, s: Floats, stuck: Any, active: Any,
+    speed: Ints, t: Floats, held: Ints, level: Floats, excess: Floats, delay: Floats, lag: Floats, u: Floats,
+    middle: Floats, last: Floats, pads: Any, h_max: float,
+) -> float:  # fmt: skip
+    """Move x from time towards end, between two switches of the input, until a coordinate with dry friction rests or
+    turns round: the time reached."""
+    still = _still(held, excess, lag)
+    span = _span(still, held, excess, lag, h_max)
+    input_at(time, t, u, held, level, excess, delay, lag)
+    while end - time > EPS:
+        for j in range(speed.size):
+            if active[j] and (stuck[j] or abs(x[speed[j]]) <= _CREEP):
+                return time
+            s[j] = 0.0 if not active[j] else 1.0 if x[speed[j]] > 0.0 else -1.0
+        h = (end - time) / math.ceil((end - time) / span - 1e-9)
+        for i in range(x.size):
+            new[i] = x[i]
+        if still:
+            glide(new, u, u, u, theta, s, h, 1, pads[0], pads[1])
+        else:
+            input_at(time, t, u, held, level, excess, delay, lag)
+            input_at(time + 0.5 * h, t, middle, held, level, excess, delay, lag)
+            input_at(time + h, t, last, held, level, excess, delay, lag)
+            glide(new, u, middle, last, theta, s, h, 1, pads[0], pads[1])
+        for j in range(speed.size):
+            if active[j] and new[speed[j]] * s[j] < 0.0:
+                return time
+        for i in range(x.size):
+            x[i] = new[i]
+        time += max(h, EPS)
+    return time
+
+
+@njit(cache=True)
+def advance(
+    rhs: Any, glide: Any, x: Floats, new: Floats, time: float, end: float, theta: Floats, s: Floats, stuck: Any,
+    active: Any, speed: Ints, drive: Any, work: Floats, pads: Any, u: Floats, h_max: float,
+) -> None:  # fmt: skip
+    """Move x from time to end, between two switches of the input, whatever turns round or sticks."""
+    t, held, level, excess, delay, lag = drive
+    events, still = 0, _still(held, excess, lag)
+    span = _span(still, held, excess, lag, h_max)
+    while end - time > EPS:
+        input_at(time, t, u, held, level, excess, delay, lag)
+        if _direction(rhs, x, u, theta, s, stuck, active, speed, work) and still:
+            return
+        h = (end - time) / math.ceil((end - time) / span - 1e-9)
+        free = still and not any_of(stuck)
+        if free:
+            new[:] = x
+            glide(new, u, u, u, theta, s, h, 1, pads[0], pads[1])
+        else:
+            rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
+        j = _reversal(x, new, s, stuck, active, speed)
+        if j >= 0 and (events > 8 or abs(x[speed[j]]) <= _CREEP):  # it cannot leave rest: it stays for this step
+            stuck[j] = True
+            x[speed[j]] = 0.0
+            rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
+        elif j >= 0:
+            i = speed[j]
+            h = _stop_at_reversal(rhs, glide, x, time, h, i, theta, s, stuck, speed, drive, work, pads, u, new, free)
+            stuck[j] = True
+            events += 1
+        x[:] = new
+        time += max(h, EPS)
+
+
+@njit(cache=True)
+def any_of(flags: Any) -> bool:
+    """Whether one of the flags is set."""
+    found = False
+    for j in range(flags.size):
+        found = found or flags[j]
+    return found
+
+
+@njit(cache=True)
+def rubbing(
+    rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, speed: Ints, one: Floats, other: Floats, active: Any
+) -> None:
+    """Which coordinates the parameters give dry friction: those whose sign matters. The signs s end at 0."""
+    for j in range(speed.size):
+        s[:] = 0.0
+        s[j] = 1.0
+        rhs(x, u, theta, s, one)
+        s[j] = -1.0
+        rhs(x, u, theta, s, other)
+        active[j] = abs(one[speed[j]] - other[speed[j]]) > 1e-12
+    s[:] = 0.0

@@ -1,0 +1,88 @@
+"""The content of `diagnosis.json` of an arm: plain values, the keys of every diagnosis first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from simgap.diagnosis.arms.result import ArmDiagnosis, BaseParameter, FoundPayload
+from simgap.diagnosis.arms.words import sentence
+from simgap.diagnosis.reading.survey import Survey
+from simgap.diagnosis.reading.traces import Reading
+from simgap.diagnosis.result import Estimate, FoundEffect
+from simgap.model.tree import Tree
+
+
+def document(
+    found: ArmDiagnosis, reading: Reading, look: Survey, tree: Tree, inputs: Sequence[str], units: Mapping[str, str],
+    provenance: Mapping[str, Any],
+) -> dict[str, Any]:  # fmt: skip
+    """Everything that is reported, as JSON takes it. The errors are of torques: `fit_rmse` by input, no horizon."""
+    content: dict[str, Any] = {
+        "verdict": found.verdict,
+        "sentence": "",
+        "method": "inverse dynamics",
+        "effects": [_effect(e) for e in found.effects],
+        "base_parameters": [_base(b) for b in found.base],
+        "consistent": None if found.distance is None else {"distance": found.distance},
+        "payloads": [_payload(p) for p in found.payloads],
+        "recording": [],
+        "error": {
+            "before": _error(found.before),
+            "after": _error(found.after),
+            "noise_floor": _error(found.floor),
+            "by_trace": {
+                t: {"before": dict(a), "after": dict(b), "after_beyond_friction": dict(found.beyond_friction[t])}
+                for t, (a, b) in found.per_trace.items()
+            },
+        },
+        "explained_share": 1.0 - found.excess_share,
+        "held_out": _fold(found.folds["confirm"]),
+        "folds": {name: _fold(traces) for name, traces in found.folds.items()},
+        "data": [asdict(note) for note in reading.files],
+        "candidates": [asdict(s) for s in found.sought],
+        "warnings": [*reading.warnings, *look.warnings, *found.warnings],
+        "low_pass_hz": found.cut_hz,
+        "independent_rows": dict(found.independent),
+        "joints": [{"joint": j, "input": u, "link": link} for j, u, link in _rows(tree, inputs)],
+        "survey": asdict(look),
+        "units": dict(units),
+        "provenance": dict(provenance),
+    }
+    content["sentence"] = sentence(content)
+    return content
+
+
+def _rows(tree: Tree, inputs: Sequence[str]) -> list[tuple[str, str, str]]:
+    return list(zip(tree.joints, inputs, tree.links, strict=True))
+
+
+def _error(rms: Mapping[str, float]) -> dict[str, Any]:
+    return {"fit_rmse": dict(rms), "horizon_s": 0.0, "horizon_rmse": {}}
+
+
+def _fold(traces: Sequence[str]) -> dict[str, Any]:
+    return {"traces": list(traces), "windows": []}
+
+
+def _estimate(p: Estimate) -> dict[str, Any]:
+    return {"value": p.value, "ci95": list(p.ci95), "unit": p.unit}
+
+
+def _effect(e: FoundEffect) -> dict[str, Any]:
+    parameters = {symbol: _estimate(p) for symbol, p in e.parameters.items()}
+    return {"name": e.name, "on": e.on, "parameters": parameters, "alternatives": []}
+
+
+def _base(b: BaseParameter) -> dict[str, Any]:
+    found = None if b.found is None else _estimate(b.found)
+    return {"name": b.name, "link": b.link, "unit": b.unit, "declared": b.declared, "found": found}
+
+
+def _payload(p: FoundPayload) -> dict[str, Any]:
+    return {
+        "link": p.link,
+        "traces": list(p.traces),
+        "parameters": {symbol: _estimate(e) for symbol, e in p.parameters.items()},
+    }

@@ -1,0 +1,166 @@
+"""One instance of an FMU through FMPy: unpacked, begun at values, read, written, stepped; FMI 2 and 3 alike."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgap.errors import UserError, excerpt
+from simgap.geometry import Floats
+from simgap.units import check_unit, require_unit
+
+KEY = "simulator.fmu"
+REAL = ("Real", "Float64")
+
+
+class Unit:
+    """An FMU for co-simulation."""
+
+    def __init__(self, path: Path) -> None:
+        """Unpack and instantiate.
+
+        Raises:
+            UserError: FMPy is not installed, no such file, or one that is no FMU for co-simulation of this machine.
+        """
+        try:
+            import fmpy
+            from fmpy.fmi2 import FMU2Slave
+            from fmpy.fmi3 import FMU3Slave
+        except ImportError:
+            raise UserError(
+                "FMPy is not installed", key="simulator.engine", remedy="Install the extra: simgap[fmu]."
+            ) from None
+        if not path.is_file():
+            raise UserError("the FMU does not exist", file=path, key=KEY, remedy="Correct its path.")
+        try:
+            about = fmpy.read_model_description(str(path))
+        except Exception as error:  # FMPy raises what zip, XML and its own checks raise
+            raise UserError(f"is no FMU: {_said(error)}", file=path, key=KEY) from None
+        kinds = {"2": FMU2Slave, "3": FMU3Slave}
+        self.fmi, self.model, self._path = str(about.fmiVersion), str(about.modelName), path
+        if about.coSimulation is None or self.fmi[0] not in kinds:
+            raise UserError(
+                f"is FMI {self.fmi} {'without' if about.coSimulation is None else 'with'} co-simulation", file=path,
+                key=KEY, remedy="Export it as FMI 2 or 3 for co-simulation.",
+            )  # fmt: skip
+        self._variables = {v.name: v for v in about.modelVariables}
+        self._folder = Path(fmpy.extract(str(path)))
+        try:
+            self._fmu: Any = kinds[self.fmi[0]](
+                guid=about.guid, unzipDirectory=str(self._folder), instanceName="simgap",
+                modelIdentifier=about.coSimulation.modelIdentifier,
+            )  # fmt: skip
+            self._fmu.instantiate()
+        except Exception as error:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise UserError(f"cannot be loaded on this machine: {_said(error)}", file=path, key=KEY) from None
+        self._running = False
+
+    def check(self, name: str, key: str, unit: str | None = None) -> None:
+        """Refuse a variable that is not there, is no real number, or is in another unit.
+
+        Raises:
+            UserError: naming the key.
+        """
+        found = self._variables.get(name)
+        if found is None or found.type not in REAL or found.dimensions:
+            known = [v.name for v in self._variables.values() if v.type in REAL and not v.dimensions]
+            raise UserError(
+                f"the FMU has no real variable '{excerpt(name, 60)}'", file=self._path, key=key,
+                remedy=f"It has: {excerpt(', '.join(known), 300)}.",
+            )  # fmt: skip
+        stated = found.unit or getattr(found.declaredType, "unit", None)
+        if unit is None or not stated:
+            return
+        own = str(stated).replace(".", "*")
+        try:
+            check_unit(own, key)
+        except UserError:
+            return  # units of other tools are texts; what cannot be read is not judged
+        require_unit(unit, own, key)
+
+    def begin(self, values: Mapping[str, float]) -> None:
+        """Reset, set values while it initialises, and be ready to step.
+
+        Raises:
+            UserError: a value that it does not take.
+        """
+        try:
+            if self._running:
+                self._fmu.reset()
+            self._running = True
+            if self.fmi[0] == "2":
+                self._fmu.setupExperiment(startTime=0.0)
+            self._fmu.enterInitializationMode()
+            self.write(values)
+            self._fmu.exitInitializationMode()
+        except UserError:
+            raise
+        except Exception as error:
+            raise self._fault("does not begin", error) from None
+
+    def write(self, values: Mapping[str, float]) -> None:
+        """Set variables by name.
+
+        Raises:
+            UserError: naming the first that it does not take.
+        """
+        for name, value in values.items():
+            reference = [self._variables[name].valueReference]
+            try:
+                if self.fmi[0] == "2":
+                    self._fmu.setReal(reference, [value])
+                else:
+                    self._fmu.setFloat64(reference, [value])
+            except Exception as error:
+                raise self._fault(f"does not take {name} = {value:g}", error) from None
+
+    def read(self, names: Sequence[str]) -> Floats:
+        """Variables by name: -> (n,).
+
+        Raises:
+            UserError: values that are not finite.
+        """
+        references = [self._variables[name].valueReference for name in names]
+        try:
+            found = self._fmu.getReal(references) if self.fmi[0] == "2" else self._fmu.getFloat64(references)
+        except Exception as error:
+            raise self._fault(f"does not tell {', '.join(names)}", error) from None
+        values = np.array(found, dtype=np.float64)
+        if not np.isfinite(values).all():
+            raise UserError(f"gives {dict(zip(names, values.tolist(), strict=True))}", file=self._path, key=KEY)
+        return values
+
+    def step(self, time: float, length: float) -> None:
+        """Go on by `length` seconds.
+
+        Raises:
+            UserError: a step that it refuses.
+        """
+        try:
+            self._fmu.doStep(currentCommunicationPoint=time, communicationStepSize=length)
+        except Exception as error:
+            raise self._fault(f"does not step from {time:g} s by {length:g} s", error) from None
+
+    def _fault(self, what: str, error: BaseException) -> UserError:
+        return UserError(
+            f"{what}: {_said(error)}", file=self._path, key=KEY,
+            remedy="Try it in FMPy (`fmpy simulate`), and leave what it cannot do out of domain.X and domain.U.",
+        )  # fmt: skip
+
+    def close(self) -> None:
+        """Free the instance, and remove what was unpacked."""
+        try:
+            if self._running:
+                self._fmu.terminate()
+            self._fmu.freeInstance()
+        finally:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def _said(error: BaseException) -> str:
+    return excerpt(" ".join(str(error).split()) or type(error).__name__, 200)

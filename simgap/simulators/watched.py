@@ -1,0 +1,203 @@
+"""Engines that are not simgap's own, watched: each call is bounded in time, its result checked, its place known.
+
+An engine's process notes which call it is in, where the process that waits for it can see it. A call that takes too
+long ends the process by an alarm of the system, which C code cannot hold up; a process that grows too large ends
+itself. Either way, and after a crash, the run is told what was being computed.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import struct
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simgap.errors import UserError
+from simgap.geometry import Floats
+from simgap.simulators.base import PathSimulator, Simulator
+
+KEY = "simulator"
+REMEDY = "Correct the engine, or leave what it cannot do out of domain.X and domain.U."
+AGAIN = 4
+"""Rows of every block of roll-outs that are computed once more, in reverse order: a result must not depend on when."""
+NOTE = 4096
+"""Bytes in which a process notes the call that it is in."""
+LOOK = 1.0
+"""Seconds between two looks at the memory of an engine's process."""
+LARGEST = 0.5 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+"""Bytes that it may hold: half of the machine's memory, as `budget.memory` where it is not given."""
+_HEAD = struct.Struct("=iidd")  # 1 in a call, 2 too large; bytes of text; when it began; how long it may take
+
+
+class Note:
+    """What a process is doing, in memory that it shares with the one that waits for it."""
+
+    def __init__(self, place: Any) -> None:
+        """`place` are NOTE bytes of shared memory."""
+        self._view = memoryview(place).cast("B")
+
+    def begin(self, what: str, longest: float) -> None:
+        """A call begins; the process ends if it takes longer (s)."""
+        text = what.encode(errors="replace")[: NOTE - _HEAD.size]
+        self._view[_HEAD.size : _HEAD.size + len(text)] = text
+        _HEAD.pack_into(self._view, 0, 1, len(text), time.monotonic(), longest)
+        signal.setitimer(signal.ITIMER_REAL, longest)
+
+    def end(self) -> None:
+        """It has ended."""
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        _HEAD.pack_into(self._view, 0, 0, 0, 0.0, 0.0)
+
+    def too_large(self) -> None:
+        """The process ends because it has grown too large."""
+        _, length, began, longest = _HEAD.unpack_from(self._view)
+        _HEAD.pack_into(self._view, 0, 2, length, began, longest)
+
+    def said(self) -> str | None:
+        """The call that a process was in when it ended, and how; None if it was in none."""
+        state, length, began, longest = _HEAD.unpack_from(self._view)
+        if state == 0:
+            return None
+        text = bytes(self._view[_HEAD.size : _HEAD.size + length]).decode(errors="replace")
+        if state == 2:
+            return f"its memory grew beyond what a stage may take, {text}"
+        late = time.monotonic() - began >= longest
+        return f"it takes longer than {longest:g} s, {text}" if late else f"it died {text}"
+
+
+_note: Note | None = None
+
+
+def note_in(place: Any) -> Note:
+    """Let this process, an engine's, note its calls there."""
+    global _note
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # ends the process, whatever holds the interpreter
+    _note = Note(place)
+    return _note
+
+
+def grown_too_large() -> bool:
+    """Whether this process holds more memory than an engine may; not where the system does not say."""
+    try:
+        with open("/proc/self/statm") as stream:
+            return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") > LARGEST
+    except OSError:
+        return False
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Whose calls are watched.
+
+    Attributes:
+        name: of the engine, as in the case. states, inputs: names. longest: time of one call, s.
+    """
+
+    name: str
+    states: Sequence[str]
+    inputs: Sequence[str]
+    longest: float
+
+    def call(self, what: str, run: Callable[[], Any], calls: int = 1) -> Any:
+        """Run one call of the engine, or a block of `calls`."""
+        if _note is None:  # not in a process of its own
+            return run()
+        _note.begin(what, self.longest * max(1, calls))
+        try:
+            return run()
+        finally:
+            _note.end()
+
+    def at(self, x: Floats | None, u: Floats) -> str:
+        """A call in words."""
+        pairs = [] if x is None else list(zip(self.states, x, strict=False))
+        pairs += list(zip(self.inputs, u, strict=False))
+        return "at " + ", ".join(f"{name} = {float(value):.9g}" for name, value in pairs)
+
+    def state(self, result: Any, x: Floats | None, u: Floats) -> Floats:
+        """The result of a step as (nx,), refused if it is none."""
+        found = np.asarray(result, dtype=np.float64)
+        if found.shape != (len(self.states),):
+            raise self.fault(f"gives an array {found.shape} instead of ({len(self.states)},)", x, u)
+        if not math.isfinite(float(found @ found)) and not np.isfinite(found).all():
+            raise self.fault(f"gives {', '.join(f'{v:g}' for v in found)}", x, u)
+        return found
+
+    def fault(self, problem: str, x: Floats | None, u: Floats) -> UserError:
+        """What is wrong with a call."""
+        return UserError(f"the engine '{self.name}' {problem}, {self.at(x, u)}", key=KEY, remedy=REMEDY)
+
+
+def watched(engine: Simulator, watch: Watch) -> Simulator:
+    """The same engine, every call of it watched."""
+    own: Any = engine
+    reset, advance, rollouts = own.reset, own.advance, own.rollouts
+    begun: list[Floats | None] = [None]
+
+    def reset_watched(x: Floats) -> None:
+        begun[0] = np.array(x)
+        watch.call(f"while it is reset {watch.at(x, np.empty(0))}", lambda: reset(x))
+
+    def advance_watched(u: Floats) -> Floats:
+        before = begun[0]
+        found = watch.call(watch.at(before, u), lambda: advance(u))
+        following = watch.state(found, before, u)
+        begun[0] = following.copy()
+        return following
+
+    def rollouts_watched(x: Floats, u: Floats) -> Floats:
+        def block(a: Floats, b: Floats) -> Floats:
+            if len(a) == 0 or type(engine).rollouts is Simulator.rollouts:  # a step at a time, each watched
+                return np.asarray(rollouts(a, b), dtype=np.float64)
+            rows = np.asarray(watch.call(f"in {len(a)} roll-outs from {watch.at(a[0], b[0])}",
+                                         lambda: rollouts(a, b), len(a)), dtype=np.float64)  # fmt: skip
+            if rows.shape != (len(a), len(watch.states)):
+                raise watch.fault(f"gives an array {rows.shape}", a[0], b[0])
+            for k in np.flatnonzero(~np.isfinite(rows).all(axis=1))[:1]:
+                watch.state(rows[k], a[k], b[k])
+            return rows
+
+        following = block(x, u)
+        chosen = np.unique(np.linspace(0, len(x) - 1, AGAIN).astype(int))[::-1] if len(x) else np.empty(0, int)
+        again = block(x[chosen], u[chosen])
+        for k, row in zip(chosen, again, strict=True):
+            if not np.array_equal(row, following[k]):
+                raise UserError(
+                    f"the engine '{watch.name}' answers the same call in two ways, {watch.at(x[k], u[k])}",
+                    key=KEY,
+                    remedy="Make a reset leave nothing of what ran before, and fix every seed in it.",
+                )
+        return following
+
+    own.reset, own.advance, own.rollouts = reset_watched, advance_watched, rollouts_watched
+    if isinstance(engine, PathSimulator):
+        _watch_paths(own, watch)
+    return engine
+
+
+def _watch_paths(own: Any, watch: Watch) -> None:
+    """A robot's paths: each call may take as long as its steps."""
+    responses, chain = own.responses, own.chain
+
+    def responses_watched(history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
+        calls = len(inputs) * (len(history) + 1)
+        found = watch.call(f"after {len(history)} inputs", lambda: responses(history, inputs, heading), calls)
+        return _finite(found, watch, inputs)
+
+    def chain_watched(start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
+        poses, paths = watch.call(watch.at(start, inputs[0]), lambda: chain(start, inputs), len(inputs))
+        return _finite(poses, watch, inputs), _finite(paths, watch, inputs)
+
+    own.responses, own.chain = responses_watched, chain_watched
+
+
+def _finite(found: Floats, watch: Watch, inputs: Floats) -> Floats:
+    if not np.isfinite(found).all():
+        raise watch.fault("gives a path that is not finite", None, inputs[0])
+    return found

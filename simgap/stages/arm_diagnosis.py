@@ -1,0 +1,161 @@
+"""Stage `diagnosis` of an arm of three joints or more: measured torques in, what joints and links lack out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgap.config.measured import MeasuredSection
+from simgap.diagnosis.arms.diagnose import ArmSettings, diagnose_arm
+from simgap.diagnosis.arms.motion import columns_of
+from simgap.diagnosis.arms.problem import Payload
+from simgap.diagnosis.arms.result import ArmDiagnosis
+from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.reading.stamps import same_file
+from simgap.diagnosis.reading.survey import survey
+from simgap.diagnosis.reading.traces import Reading
+from simgap.diagnosis.result import WindowPrediction
+from simgap.errors import UserError
+from simgap.geometry import Floats
+from simgap.io.atomic import write_text
+from simgap.io.diagnosis_recording import write_recording
+from simgap.io.documents import write_json
+from simgap.io.inertial_file import with_inertial
+from simgap.io.pages import need_template
+from simgap.io.parquet import table, write_parquet
+from simgap.model.tree import Tree
+from simgap.provenance import provenance
+from simgap.report.arm_document import document
+from simgap.report.arm_page import TEMPLATE, draw, page
+from simgap.report.measured_share import transition_columns
+from simgap.stages.context import Context, log
+from simgap.stages.corrected_case import corrected_case
+from simgap.stages.measured_data import load_reading
+
+JSON, PAGE, CASE, MODEL = "diagnosis.json", "report.html", "corrected_case.yaml", "corrected.urdf"
+RECORDING, TRANSITIONS = "residual.rrd", "transitions.parquet"
+
+
+def run(
+    context: Context, tree: Tree, section: MeasuredSection, paths: Sequence[Path], out_dir: Path, strict: bool,
+    tell: Callable[[str], None],
+) -> dict[str, Any]:  # fmt: skip
+    """Diagnose recordings of an arm and write `diagnosis.json`, `report.html`, `corrected_case.yaml`, `residual.rrd`,
+    pictures, `transitions.parquet` (no rows: no bound could be held against them), and `corrected.urdf` where inertial
+    parameters were found.
+
+    Raises:
+        UserError: whatever is wrong with the case or the data, naming file, row or key and the remedy.
+    """
+    need_template(TEMPLATE)
+    with context.blame():
+        model = context.plant.declared
+        inputs = [_drive(context, joint) for joint in tree.joints]
+        tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")
+        reading = load_reading(model, section, paths, context.folder, str(context.path), strict)
+        record = reading.record
+        tell(f"{record.rows} samples in {len(record.traces)} traces; measured: {', '.join(record.measured)}")
+        look = survey(record, model, section.noise)
+        ends = [model.coordinate(joint) for joint in tree.joints]
+        where = columns_of([c.position for c in ends], [c.velocity for c in ends], inputs, record)
+        settings = ArmSettings(
+            reading.held_out, section.held_out.fraction, section.max_effects, _payloads(section, tree, reading),
+            _known(context, tree, inputs),
+        )  # fmt: skip
+        found = diagnose_arm(tree, record, where, {c.name: c.force_unit for c in ends}, settings, tell)
+    for warning in (*reading.warnings, *look.warnings, *found.warnings):
+        log.warning("%s", warning)
+    made_of = provenance("diagnosis", context.case, context.folder)
+    content = document(found, reading, look, tree, inputs, context.units, made_of)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    _write_corrected(context, section, found, paths, out_dir, content["sentence"])
+    none = np.zeros((0, 0))
+    windows = [
+        WindowPrediction(p.trace, True, p.t, p.measured, p.before, p.after, none, np.zeros((len(p.t), 0)))
+        for p in found.predictions
+    ]
+    write_recording(out_dir / RECORDING, windows, inputs, (), context.units, context.case.name)
+    title = context.case.title or context.case.name
+    columns = transition_columns(context, (), record.measured, {})  # none: nothing is bounded that could hold them
+    units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
+    write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, made_of))
+    write_text(out_dir / PAGE, page(content, title, draw(found, inputs, context.units, out_dir)))
+    write_json(out_dir / JSON, content)
+    tell(f"{content['verdict']}: {content['sentence']}")
+    return content
+
+
+def _write_corrected(
+    context: Context, section: MeasuredSection, found: ArmDiagnosis, paths: Sequence[Path], out_dir: Path, sentence: str
+) -> None:  # fmt: skip
+    """The corrected case, and beside it the URDF with the inertial parameters that were found."""
+    urdf = context.case.plant.urdf
+    other = None
+    if found.applied and found.inertial and urdf is not None:
+        other = MODEL
+        write_text(out_dir / MODEL, with_inertial(context.folder / urdf, out_dir, found.inertial))
+    target = out_dir / CASE
+    write_text(target, corrected_case(context.path, target, found.applied, paths, section.rig, sentence, urdf=other))
+
+
+def _drive(context: Context, joint: str) -> str:
+    """The input that is the torque of a joint.
+
+    Raises:
+        UserError: a joint without one, or with several.
+    """
+    found = [name for name, i in context.case.plant.inputs.items() if i.joint == joint]
+    if len(found) != 1:
+        raise UserError(
+            f"joint '{joint}' has {len(found)} inputs", key="plant.inputs",
+            remedy="An arm of three joints or more is diagnosed from the measured torque of each joint: name one each.",
+        )  # fmt: skip
+    return found[0]
+
+
+def _payloads(section: MeasuredSection, tree: Tree, reading: Reading) -> tuple[Payload, ...]:
+    found = []
+    for k, p in enumerate(section.payloads):
+        if p.link not in tree.links:
+            raise UserError(
+                f"no joint moves a link '{p.link}'", key=f"measured.payloads.{k}.link",
+                remedy=f"Moving links: {', '.join(tree.links)}.",
+            )  # fmt: skip
+        traces = tuple(n for n, (file, _) in reading.origins.items() if same_file(p.file, file))
+        if not traces:
+            raise UserError(
+                f"'{p.file}' is not among the data", key=f"measured.payloads.{k}.file", remedy="Name one of the files."
+            )
+        if set(traces) <= set(reading.held_out):
+            raise UserError(
+                f"'{p.file}' is held out, so that nothing says what its payload is", key=f"measured.payloads.{k}.file",
+                remedy="Hold out another file.",
+            )  # fmt: skip
+        found.append(Payload(traces, p.link, p.mass))
+    return tuple(found)
+
+
+def _known(context: Context, tree: Tree, inputs: Sequence[str]) -> dict[str, Floats]:
+    """What the case declares of each joint, effect -> (n,).
+
+    Raises:
+        UserError: an effect that an arm's diagnosis does not know.
+    """
+    known: dict[str, Floats] = {}
+    for k, e in enumerate(context.plant.effects):
+        if e.name == "input_gain" and e.on in inputs:
+            ratios = known.setdefault(e.name, np.ones(tree.size))
+            ratios[list(inputs).index(e.on)] *= float(e.values["ratio"])
+            continue
+        places = inputs if e.name in TERMS and TERMS[e.name].of_input else tree.joints
+        if e.name not in TERMS or e.on not in places:
+            raise UserError(
+                f"the effect '{e.name}' on '{e.on}' cannot stand in the model of an arm of {tree.size} joints",
+                key=f"plant.effects.{k}", remedy=f"Known on its joints and inputs: {', '.join(TERMS)}, input_gain.",
+            )  # fmt: skip
+        values = known.setdefault(e.name, np.zeros(tree.size))
+        values[list(places).index(e.on)] += float(e.values[TERMS[e.name].symbol])
+    return known

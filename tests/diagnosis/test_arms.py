@@ -1,0 +1,221 @@
+"""Arms of three joints and more: numeric dynamics against Drake, what is found against what a rig was told."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simgap.diagnosis.arms.base import base_parameters
+from simgap.diagnosis.arms.consistent import consistent, possible
+from simgap.errors import UserError
+from simgap.io.inertial_file import with_inertial
+from simgap.model.inverse_dynamics import forces, regressor
+from simgap.plants.plant_model import load_plant
+from simgap.plants.urdf import multibody_plant
+from simgap.plants.urdf_checks import check_urdf
+from simgap.plants.urdf_tree import load_tree
+from simgap.stages import diagnosis as stage
+from tests.diagnosis import arm_rig as rig
+
+ROOT = Path(__file__).parents[2]
+RECORDS = ROOT / "../shared/data/ur10e"
+NOISE = 0.02  # N m, of each torque
+VISCOUS = np.array([8.0, 6.5, 4.0, 1.2, 0.9, 0.6])
+COULOMB = np.array([6.0, 7.0, 3.5, 1.1, 0.8, 0.5])
+BIAS = np.array([0.0, 1.5, 0.0, -0.4, 0.0, 0.0])
+HEAVIER = 1.3  # kg, in one of the recordings
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """Four recordings of a six-joint arm, one with a weight, diagnosed as a person would: (diagnosis, folder)."""
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "rig.urdf").write_text(rig.urdf())
+    (folder / "heavy.urdf").write_text(rig.urdf(extra=HEAVIER))
+    rng = np.random.default_rng(5)
+    for k, name in enumerate(("light_1", "heavy", "light_2", "light_3")):
+        t, q, v, a = rig.motion(6, 16.0, 100.0, seed=k)
+        model = folder / ("heavy.urdf" if name == "heavy" else "rig.urdf")
+        u = rig.torques(model, q, v, a) + rig.rubbed(v, rig.Friction(VISCOUS, COULOMB, BIAS))
+        u += NOISE * rng.normal(size=u.shape)
+        rig.write_csv(folder / f"{name}.csv", t, q, v, u)
+    measured = (
+        "  files: [light_1.csv, heavy.csv, light_2.csv, light_3.csv]\n"
+        "  payloads: [{file: heavy.csv, link: link6}]\n  max_effects: 4\n"
+    )
+    (folder / "case.yaml").write_text(rig.case(6, measured))
+    return stage.run(folder / "case.yaml", [], folder / "found"), folder
+
+
+def test_friction_of_every_joint_is_found(found):
+    result, _ = found
+    value = {(e["name"], e["on"]): next(iter(e["parameters"].values()))["value"] for e in result["effects"]}
+    for k in range(6):
+        assert value["viscous_friction", f"joint{k + 1}"] == pytest.approx(VISCOUS[k], rel=0.05)
+        assert value["coulomb_friction", f"joint{k + 1}"] == pytest.approx(COULOMB[k], rel=0.05)
+    biased = {on: v for (name, on), v in value.items() if name == "input_bias"}
+    assert set(biased) >= {"torque2", "torque4"}
+    assert biased["torque2"] == pytest.approx(1.5, rel=0.1)
+    assert biased["torque4"] == pytest.approx(-0.4, rel=0.1)
+    assert not {name for name, _ in value} & {"quadratic_drag", "reflected_inertia", "inertial_parameters"}
+    assert result["verdict"] in ("attributed", "partial")
+    before, after = (result["error"][w]["fit_rmse"] for w in ("before", "after"))
+    assert all(after[u] < 0.1 * before[u] for u in before)
+
+
+def test_the_weight_is_found_in_the_file_that_has_it(found):
+    (payload,) = found[0]["payloads"]
+    assert payload["traces"] == ["heavy"]
+    assert payload["parameters"]["m"]["value"] == pytest.approx(HEAVIER, rel=0.05)
+
+
+def test_all_files_are_written_and_the_folds_are_apart(found):
+    result, folder = found
+    written = {p.name for p in (folder / "found").iterdir()}
+    assert written >= {"diagnosis.json", "report.html", "corrected_case.yaml", "error.png", "torques-1.png"}
+    assert written >= {"residual.rrd", "transitions.parquet"}  # what the workflow waits for
+    assert len(load_plant(folder / "found" / "corrected_case.yaml").effects) == len(result["effects"])
+    assert json.loads((folder / "found" / "diagnosis.json").read_text())["sentence"] == result["sentence"]
+    assert "joint6" in (folder / "found" / "report.html").read_text()
+    folds = {name: set(fold["traces"]) for name, fold in result["folds"].items()}
+    assert folds["confirm"] == {"light_3"}
+    assert not folds["fit"] & folds["choose"]
+
+
+def test_inverse_dynamics_are_those_of_drake(tmp_path):
+    from pydrake.multibody.tree import MultibodyForces
+
+    path = tmp_path / "rig.urdf"
+    path.write_text(rig.urdf().replace('name="joint3" type="continuous"', 'name="joint3" type="prismatic"'))
+    tree = load_tree(path)
+    plant, names = multibody_plant(path, (0.0, 0.0, -9.81))
+    assert list(tree.joints) == names
+    context = plant.CreateDefaultContext()
+    q, v, a = np.random.default_rng(0).normal(size=(3, 10, 6))
+    mine = forces(tree, q, v, a)
+    for k in range(10):
+        plant.SetPositions(context, q[k])
+        plant.SetVelocities(context, v[k])
+        acting = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(context, acting)
+        assert mine[k] == pytest.approx(plant.CalcInverseDynamics(context, a[k], acting), abs=1e-9)
+
+
+def test_base_parameters_say_all_that_a_motion_shows(tmp_path):
+    (tmp_path / "rig.urdf").write_text(rig.urdf())
+    tree = load_tree(tmp_path / "rig.urdf")
+    base = base_parameters(tree)
+    q, v, a = np.random.default_rng(7).normal(size=(3, 50, 6))
+    y = regressor(tree, q, v, a)
+    some = np.random.default_rng(8).normal(size=60)  # any inertial parameters, of a body or not
+    assert y[:, :, base.kept] @ (base.combine @ some) == pytest.approx(y @ some, abs=1e-8)
+    assert np.linalg.matrix_rank(y.reshape(-1, 60)) == len(base.kept)
+    assert base.names[0].startswith("link1.Izz + ")
+
+
+def test_six_joints_load_at_once(found):
+    began = time.process_time()
+    plant = load_plant(found[1] / "case.yaml")
+    assert len(plant.declared.coordinates) == 6
+    assert time.process_time() - began < 10.0
+
+
+def test_a_bound_of_an_arm_is_refused_with_the_remedy(tmp_path):
+    (tmp_path / "rig.urdf").write_text(rig.urdf())
+    text = rig.case(6, "  files: [a.csv]\n")
+    sides = ", ".join(f"{x}{k}: [-1, 1]" for x in "qv" for k in range(1, 7))
+    values = ", ".join(f"torque{k}: {{values: [0]}}" for k in range(1, 7))
+    (tmp_path / "case.yaml").write_text(f"{text}domain: {{tau: 0.01, X: {{{sides}}}, U: {{{values}}}}}\n")
+    with pytest.raises(UserError, match="6 joints") as error:
+        _ = load_plant(tmp_path / "case.yaml").sampled
+    assert "at most two joints" in str(error.value)
+
+
+def test_an_undriven_joint_and_an_unknown_link_are_refused(found, tmp_path):
+    folder = found[1]
+    text = (folder / "case.yaml").read_text()
+    for old, new, key in (
+        ("    torque6: {unit: N*m, joint: joint6}\n", "", "plant.inputs"),
+        ("link: link6", "link: tool", "measured.payloads.0.link"),
+    ):
+        path = folder / "mistake.yaml"
+        path.write_text(text.replace(old, new))
+        with pytest.raises(UserError) as error:
+            stage.run(path, [], tmp_path / "out")
+        assert error.value.key == key
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_closed_chain_is_refused(tmp_path):
+    again = '<joint name="back" type="continuous"><parent link="base"/><child link="link4"/></joint></robot>'
+    (tmp_path / "rig.urdf").write_text(rig.urdf().replace("</robot>", again))
+    with pytest.raises(UserError, match="'joint4' and 'back' both carry it: a closed chain") as error:
+        check_urdf(tmp_path / "rig.urdf")
+    assert "Open the chain" in str(error.value)
+
+
+def test_inertial_parameters_that_were_found_are_those_of_bodies_and_go_to_a_urdf(tmp_path):
+    (tmp_path / "rig.urdf").write_text(rig.urdf())
+    (tmp_path / "true.urdf").write_text(rig.urdf().replace('mass value="5.0"', 'mass value="6.5"'))
+    tree, true = load_tree(tmp_path / "rig.urdf"), load_tree(tmp_path / "true.urdf")
+    base = base_parameters(tree)
+    seen = base.combine @ true.inertial.ravel()
+    bodies = consistent(tree, base, seen, 1e6 * np.eye(len(seen)))
+    assert bodies is not None
+    assert bodies.distance < 1.0
+    assert all(possible(p) for p in bodies.inertial)
+    assert not possible(np.array([1.0, 0.5, 0, 0, 0.1, 0, 0, 0.1, 0, 0.1]))  # m c^2 alone is more than that
+    inertial = dict(zip(tree.links, bodies.inertial, strict=True))
+    (tmp_path / "found.urdf").write_text(with_inertial(tmp_path / "rig.urdf", tmp_path, inertial))
+    again = load_tree(tmp_path / "found.urdf")
+    assert again.inertial == pytest.approx(bodies.inertial, rel=1e-6, abs=1e-8)
+    assert base.combine @ again.inertial.ravel() == pytest.approx(seen, abs=2e-3)
+
+
+@pytest.mark.skipif(not RECORDS.is_dir(), reason="the real records are not beside the project")
+def test_a_real_six_joint_arm(tmp_path):
+    text = (ROOT / "configs" / "cases" / "ur10e.yaml").read_text()
+    (tmp_path / "case.yaml").write_text(text.replace("../../../shared", str((ROOT / "../shared").resolve())))
+    began = time.process_time()
+    result = stage.run(tmp_path / "case.yaml", [], tmp_path / "out")
+    assert time.process_time() - began < 60.0
+    assert result["verdict"] == "partial"
+    found = {(e["name"], e["on"]) for e in result["effects"]}
+    for k in range(1, 7):
+        assert {("viscous_friction", f"joint{k}"), ("coulomb_friction", f"joint{k}")} <= found
+    moving = result["error"]["by_trace"]["free_5harm"]
+    assert all(moving["after"][u] < 0.5 * moving["before"][u] for u in moving["before"])
+    (payload,) = result["payloads"]
+    assert payload["parameters"]["m"]["value"] == pytest.approx(2.805, rel=0.15)  # as its recorders published
+
+
+def test_gains_of_the_drives_are_found_from_a_known_weight(tmp_path):
+    """Recorded torques are the true ones over (true gain / declared gain), which the fit is not told."""
+    ratio, b, f = np.array([0.9, 1.12, 0.85]), np.array([3.0, 5.0, 2.0]), np.array([2.0, 4.0, 1.5])
+    (tmp_path / "rig.urdf").write_text(rig.urdf(3))
+    (tmp_path / "heavy.urdf").write_text(rig.urdf(3, extra=4.0))
+    rng = np.random.default_rng(6)
+    for k, name in enumerate(("light_1", "heavy", "light_2", "light_3")):
+        t, q, v, a = rig.motion(3, 16.0, 100.0, seed=10 + k)
+        u = rig.torques(tmp_path / ("heavy.urdf" if name == "heavy" else "rig.urdf"), q, v, a)
+        u = (u + rig.rubbed(v, rig.Friction(b, f, np.zeros(3)))) / ratio + NOISE * rng.normal(size=u.shape)
+        rig.write_csv(tmp_path / f"{name}.csv", t, q, v, u)
+    measured = (
+        "  files: [light_1.csv, heavy.csv, light_2.csv, light_3.csv]\n"
+        "  payloads: [{file: heavy.csv, link: link3, mass: 4.0}]\n  max_effects: 4\n"
+    )
+    (tmp_path / "case.yaml").write_text(rig.case(3, measured))
+    result = stage.run(tmp_path / "case.yaml", [], tmp_path / "found")
+    value = {(e["name"], e["on"]): next(iter(e["parameters"].values()))["value"] for e in result["effects"]}
+    for k in range(3):
+        assert value["input_gain", f"torque{k + 1}"] == pytest.approx(ratio[k], rel=0.05)
+        assert value["viscous_friction", f"joint{k + 1}"] == pytest.approx(b[k], rel=0.05)
+        assert value["coulomb_friction", f"joint{k + 1}"] == pytest.approx(f[k], rel=0.05)
+    assert result["verdict"] in ("attributed", "partial")
+    assert len(load_plant(tmp_path / "found" / "corrected_case.yaml").effects) == len(value) - sum(
+        name == "inertial_parameters" for name, _ in value
+    )

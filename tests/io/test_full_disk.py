@@ -1,0 +1,57 @@
+"""A disk that takes no more is one line, within seconds, and nothing is left half-written."""
+
+import subprocess
+import sys
+
+import pytest
+
+WRITERS = {
+    "recording": """
+with recording_file(path, "simgap", "full") as recording:
+    send(recording, "x", np.arange(1e5), np.random.default_rng(0).random(100_000))
+""",
+    "table": """
+write_parquet(path, table({"x": np.random.default_rng(0).random(100_000)}, {}, {}, {}))
+""",
+    "document": """
+write_json(path, {"x": list(range(100_000))})
+""",
+    "controller": """
+with atomic(path) as temporary:
+    np.savez(temporary.open("wb"), x=np.zeros(100_000))
+""",
+}
+PROGRAM = """
+import resource, signal, sys
+from pathlib import Path
+import numpy as np
+from simgap.cli import main
+from simgap.io.atomic import atomic
+from simgap.io.documents import write_json
+from simgap.io.parquet import table, write_parquet
+from simgap.io.recording_log import recording_file, send
+from simgap.cli.options import app
+path = Path(sys.argv[1])
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
+
+@app.command()
+def fill():
+WRITE
+
+main(["fill"])
+"""
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, kind):
+    body = WRITERS[kind].strip().replace("\n", "\n    ")
+    path = tmp_path / "out.bin"
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM.replace("WRITE", f"    {body}"), str(path)],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1, done.stderr
+    assert done.stderr.startswith("simgap: ")
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

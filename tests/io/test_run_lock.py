@@ -1,0 +1,104 @@
+"""What a killed run leaves goes with the next one, and nobody's who is alive."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+
+import pytest
+
+from simgap.io.atomic import host
+from simgap.io.run_lock import join
+
+HOLD = """
+import sys
+from pathlib import Path
+from simgap.io.run_lock import join
+print(join(Path(sys.argv[1])), flush=True)
+sys.stdin.read()
+"""
+
+
+def holder(folder):
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    return process, process.stdout.readline().strip()
+
+
+def lock(folder):
+    (folder / ".snakemake/locks").mkdir(parents=True, exist_ok=True)
+    (folder / ".snakemake/locks/0.output.lock").write_text("results/a\n")
+
+
+def locks(folder):
+    return [path.name for path in (folder / ".snakemake/locks").glob("*")]
+
+
+def test_locks_of_a_killed_run_go_and_those_of_one_that_is_alive_stay(tmp_path):
+    first, told = holder(tmp_path)
+    assert told == "False"
+    lock(tmp_path)
+    second, told = holder(tmp_path)
+    assert (told, locks(tmp_path)) == ("False", ["0.output.lock"])
+    for process in (first, second):
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+    third, told = holder(tmp_path)
+    assert (told, locks(tmp_path)) == ("True", [])
+    third.communicate("")
+
+
+def test_locks_that_another_machine_may_hold_stay(tmp_path):
+    lock(tmp_path)
+    (tmp_path / ".snakemake/simgap.lock").write_text("0" * 8 if host() != "0" * 8 else "1" * 8)
+    process, told = holder(tmp_path)
+    process.communicate("")
+    assert (told, locks(tmp_path)) == ("False", ["0.output.lock"])
+
+
+def test_only_the_temporary_folders_of_snakemake_go(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    own, others = tmp_path / "tmp/snakemakeab12cd_9", [tmp_path / "tmp/snakemake", tmp_path / "snakemakeab12cd_9"]
+    for folder in (own, *others):
+        folder.mkdir(parents=True)
+    (tmp_path / ".snakemake").mkdir()
+    listed = "\n".join(map(str, (own, *others, tmp_path / "tmp/../snakemakeab12cd_9")))
+    (tmp_path / ".snakemake/simgap.lock").write_text(f"{host()}\n{listed}")
+    assert not join(tmp_path)
+    assert not own.exists()
+    assert all(folder.exists() for folder in others)
+
+
+def test_a_folder_that_takes_no_lock_is_left_to_snakemake(tmp_path):
+    (tmp_path / ".snakemake").write_text("a file")
+    assert not join(tmp_path)
+
+
+STAGE = """
+import sys, time
+from simgap.io.follow import follow_the_run
+follow_the_run()
+print("begun", flush=True)
+time.sleep(300)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs pidfd_open")
+def test_a_stage_ends_with_the_run_that_started_it_and_only_with_that():
+    run = subprocess.Popen(["sleep", "300"])
+    stages = [
+        subprocess.Popen([sys.executable, "-c", STAGE], env=os.environ | env, stdout=subprocess.PIPE, text=True)
+        for env in ({"SIMGAP_RUN": f"{host()}:{run.pid}"}, {"SIMGAP_RUN": f"00000000x:{run.pid}"}, {"SIMGAP_RUN": "x"})
+    ]
+    try:
+        assert all(stage.stdout.readline() == "begun\n" for stage in stages)
+        run.kill()
+        run.wait()
+        assert stages[0].wait(timeout=30) == 1
+        assert stages[1].poll() is stages[2].poll() is None
+    finally:
+        for stage in stages:
+            stage.kill()
+            stage.communicate()
