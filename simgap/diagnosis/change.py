@@ -112,7 +112,8 @@ def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], a
         when, at = f"Before {name}", change.begin
     else:
         when, at = f"Between {change.begin:.4g} and {change.end:.4g} s of {name}", 0.5 * (change.begin + change.end)
-    sentence = f"{when} the plant changed: {then} before, {now} after; the answer is about what came {about}."
+    same = _by_other_names(sides[0 if about == "before" else 1], keys)
+    sentence = f"{when} the plant changed: {then} before, {now} after{same}; the answer is about what came {about}."
     remedy = "Diagnose the times before and after apart (measured.masks), or say what differs (measured.conditions)."
     return RecordingFault("plant_changed", "", at, "s", sentence, remedy)
 
@@ -126,10 +127,19 @@ def _differs(a: FoundEffect | None, b: FoundEffect | None, name: str) -> bool:
     return False
 
 
+def _by_other_names(side: Diagnosis, keys: list[tuple[str, str]]) -> str:
+    """What moves the plant the same way as the one effect that differs, if there is something, in brackets."""
+    sets = [e.alternatives for e in side.effects if [(e.name, e.on)] == keys]
+    names = [
+        EFFECTS[s[0][0]].phrase(s[0][1]) for options in sets for s in options if len(s) == 1 and s[0][0] in EFFECTS
+    ]
+    return f" ({joined(names, 'or')} would move it the same way)" if names else ""
+
+
 def _said(found: FoundEffect | None, key: tuple[str, str]) -> str:
     effect = EFFECTS[key[0]]
     if found is None:
-        return f"no {effect.phrase(key[1]).removeprefix('the ')}"
+        return f"{effect.phrase(key[1])} as declared"
     return effect.describe(key[1], Quoted(_quoted(found.parameters)))
 
 

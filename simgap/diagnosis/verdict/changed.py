@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
-from simgap.diagnosis.thresholds import CHANGE_PROMISES, FEWEST_WINDOWS
+from simgap.diagnosis.thresholds import CHANGE_PROMISES, FEWEST_WINDOWS, RAMP_ENDS
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +34,8 @@ class Change:
 def change_promised(search: Search, found: Explanation) -> Change | None:
     """The instant from which on another value of one number promises most; None if that is not most of the excess.
 
-    Both sides have at least `FEWEST_WINDOWS` windows.
+    A change that takes a sixth of the record or longer and promises as much is a drift, and none. Both sides have at
+    least `FEWEST_WINDOWS` windows.
     """
     problem, at = search.problem, found.fit
     w = problem.windows
@@ -45,17 +46,18 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
     own = [slot_direction(problem, at.theta, k, search.steps[k]) for k in at.slots]
     linear = linearise(problem, at.theta, at.x0, [*own, *_others(search, found)])
     grams, gradients = linear.window_gram[order], linear.window_gradient[order]
-    best, place = 0.0, 0
-    least = FEWEST_WINDOWS
-    for j in range(linear.gram.shape[0]):
-        free = sorted({*range(len(own)), j})
-        plain = _drop(grams[:, free][:, :, free].sum(axis=0), gradients[:, free].sum(axis=0))
-        for k in range(least, len(w) - least + 1):
-            gain = _split(grams, gradients, free, j, k) - plain
+    best, place, which = 0.0, 0, 0
+    count = len(w)
+    plain = [_gain(grams, gradients, len(own), j, None) for j in range(linear.gram.shape[0])]
+    for j, without in enumerate(plain):
+        for k in range(FEWEST_WINDOWS, count - FEWEST_WINDOWS + 1):
+            gain = _gain(grams, gradients, len(own), j, (np.arange(count) >= k).astype(float)) - without
             if gain > best:
-                best, place = gain, k
+                best, place, which = gain, k, j
     if best < CHANGE_PROMISES * excess:
         return None
+    if any(_gain(grams, gradients, len(own), which, r) - plain[which] >= best for r in _ramps(count)):
+        return None  # it went slowly
     before, after = int(order[place - 1]), int(order[place])
     t = problem.t
     if w.trace[before] != w.trace[after]:
@@ -84,11 +86,23 @@ def _drop(gram: Floats, gradient: Floats) -> float:
     return float(np.linalg.lstsq(gram / np.outer(scale, scale), gradient / scale, rcond=1e-10)[0] @ (gradient / scale))
 
 
-def _split(grams: Floats, gradients: Floats, free: list[int], j: int, k: int) -> float:
-    """What they promise with another value of coefficient j from window k on."""
+def _gain(grams: Floats, gradients: Floats, own: int, j: int, weights: Floats | None) -> float:
+    """What the first `own` coefficients and j promise, j also by itself in windows as they are weighted: (n,)."""
+    free = sorted({*range(own), j})
+    gram, gradient = grams[:, free][:, :, free].sum(axis=0), gradients[:, free].sum(axis=0)
+    if weights is None:
+        return _drop(gram, gradient)
     p = len(free)
-    gram, gradient = np.empty((p + 1, p + 1)), np.empty(p + 1)
-    gram[:p, :p], gradient[:p] = grams[:, free][:, :, free].sum(axis=0), gradients[:, free].sum(axis=0)
-    gram[:p, p] = gram[p, :p] = grams[k:, free, j].sum(axis=0)
-    gram[p, p], gradient[p] = grams[k:, j, j].sum(), gradients[k:, j].sum()
-    return _drop(gram, gradient)
+    wide, slope = np.empty((p + 1, p + 1)), np.append(gradient, weights @ gradients[:, j])
+    wide[:p, :p] = gram
+    wide[:p, p] = wide[p, :p] = weights @ grams[:, free, j]
+    wide[p, p] = weights**2 @ grams[:, j, j]
+    return _drop(wide, slope)
+
+
+def _ramps(count: int) -> list[Floats]:
+    """Slow changes: from 0 at one window to 1 at another that is at least a sixth of the record later."""
+    ends = np.linspace(0.0, count - 1.0, RAMP_ENDS)
+    at = np.arange(count, dtype=float)
+    least = max((count - 1.0) / 6.0, 2.0)
+    return [np.clip((at - a) / (b - a), 0.0, 1.0) for a in ends for b in ends if b - a >= least]
