@@ -314,7 +314,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/hidden_fit.py",
+        "gap/hidden_bound.py",
         BOUNDS,
         ("the heading deviation is not added", "raised = margin + deviation.largest", "raised = margin"),
         (
@@ -322,11 +322,15 @@ MUTANTS: list[Mutant] = [
             "raised = margin + deviation.largest",
             "raised = deviation.largest",
         ),
-        ("paths between recorded poses are not added", ") + between_poses)", "))"),
+        ("paths between recorded poses are not added", " + robot.between_poses)", ")"),
+    ),
+    *_of(
+        "gap/hidden_fit.py",
+        BOUNDS,
         (
             "sequences below the hull do not count",
-            "np.maximum(np.maximum(lower[sequences.m] - d, d - upper[sequences.m]), 0.0)",
-            "np.maximum(d - upper[sequences.m], 0.0)",
+            "np.maximum(np.maximum(lower[own] - outer[0], outer[1] - upper[own]), 0.0)",
+            "np.maximum(outer[1] - upper[own], 0.0)",
         ),
     ),
     *_of(
@@ -384,8 +388,8 @@ MUTANTS: list[Mutant] = [
         RANGES,
         (
             "slopes are those of the lower end",
-            "for d in samples.ends]\n    found",
-            "for d in samples.ends[:1]]\n    found",
+            "samples.floor) for d in samples.ends])",
+            "samples.floor) for d in samples.ends[:1]])",
         ),
     ),
     *_of(

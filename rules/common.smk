@@ -105,12 +105,13 @@ def swept(path):
     return SWEPT[path]
 
 
-def first_alike(name, stages):
-    """The first of the sweep's case and its points that needs the same of these stages, whatever it is called."""
+def first_alike(name, stages, base_too=True):
+    """The first of the sweep's case (if `base_too`) and its points that needs the same of these stages, whatever its name."""
     path = sweep_of(name)
     cases = {point: swept(path)[point].case for point in swept(path)}
     own = base_of(path)
-    if own.parent.resolve() == CASE_FOLDER.resolve() and own.stem not in cases:
+    beside = own.parent.resolve() == CASE_FOLDER.resolve()
+    if base_too and beside and own.stem not in cases:
         cases = {own.stem: case_of(own.stem)} | cases
 
     def needs(case):

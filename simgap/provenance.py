@@ -19,7 +19,7 @@ from typing import Any
 from simgap import plugins
 from simgap.config.case import Case
 from simgap.config.function_file import FunctionFile
-from simgap.config.model_files import named_files
+from simgap.config.model_files import named_by, named_files
 from simgap.config.plugged import used
 from simgap.config.reads import CLOSED_FORM, EVERY_EFFECT, READS, TRANSLATED
 
@@ -59,6 +59,8 @@ def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
         for key, path in files.items():
             if (folder / path).is_file():
                 content[f"{section}: {'bytes' if key == 'urdf' else key}"] = file_digest(folder / path)
+                named = named_by(folder / path) if key.endswith("urdf") else ()
+                content |= {f"{section}: {key}: {name}": file_digest(place) for name, place in named}
         content |= {f"{section}: function": own for own in _functions(value, folder)}
     return digest(content)
 

@@ -94,6 +94,20 @@ def test_sections_are_narrow(vary):
     assert not {"rollouts", "fresh", "rig"} & {stage for stage in READS if base[stage] != changed[stage]}
 
 
+def test_meshes_of_a_model_are_part_of_what_was_made(vary, root, tmp_path):
+    shape = '<collision><geometry><mesh filename="{}"/></geometry></collision></link>'
+    text = (root / "configs/models/pendulum.urdf").read_text()
+    (tmp_path / "package/models").mkdir(parents=True)
+    model, mesh = tmp_path / "package/models/own.urdf", tmp_path / "package/rod.obj"
+    for name in ("../rod.obj", "package://own/rod.obj"):
+        model.write_text(text.replace("</link>", shape.format(name), 1))
+        mesh.write_text("v 0 0 0\n")
+        before = _digests(vary, {"plant.urdf": str(model)})
+        mesh.write_text("v 0 0 1\n")
+        after = _digests(vary, {"plant.urdf": str(model)})
+        assert {"rollouts", "fresh", "borders"} <= {stage for stage in READS if before[stage] != after[stage]}
+
+
 FRICTION = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.01}}]
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 KEYS = ("urdf", "mjcf", "fmu")
 """Keys of `plant`, of `simulator` and of the engine that it is a twin of."""
@@ -18,6 +20,22 @@ def named_files(section: Any) -> Iterator[tuple[str, str]]:
             yield key, section[key]
     if isinstance(section.get("of"), Mapping):
         yield from ((f"of.{key}", path) for key, path in named_files(section["of"]))
+
+
+def named_by(urdf: Path) -> Iterator[tuple[str, Path]]:
+    """Files that a URDF names in turn, such as meshes, as far as they are there: how it names them, and where they lie.
+
+    `package://` means the folder above that of the URDF. What is no XML names none; whoever loads it says why.
+    """
+    try:
+        elements = ElementTree.parse(urdf).iter()
+    except ElementTree.ParseError:
+        return
+    for name in dict.fromkeys(e.get("filename") for e in elements):
+        scheme, _, rest = (name or "").rpartition("://")
+        base, own = (urdf.parent.parent, rest.partition("/")[2]) if scheme == "package" else (urdf.parent, rest)
+        if name and own and (base / own).is_file():
+            yield name, base / own
 
 
 def move_files(content: dict[str, Any], moved: Callable[[str], str]) -> None:

@@ -21,7 +21,7 @@ from simgap.config.audit import AuditSection
 from simgap.errors import BrokenPromise
 from simgap.gap.function import GapFunction
 from simgap.gap.steps.samples import motion_of
-from simgap.io.controller_file import load_controller
+from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.parquet import table, write_parquet
@@ -137,7 +137,7 @@ class _Ground:
 
 def _shared(context: Context, gap: GapFunction, controller: Path, scratch: Path) -> tuple[_Ground, Margins | str]:
     """Read the controller, look at all of its cells once, and leave its tables in a folder."""
-    solution = load_controller(controller).solution
+    solution = load_controller_of(controller, context).solution
     margins = margins_of(context, gap, solution)
     factor = None if isinstance(margins, str) else margins.factor
     shared = SharedSolution.of(solution, scratch)

@@ -28,6 +28,7 @@ from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
 from simgap.stages.costs import StageCost, affordable, costs
+from simgap.stages.fair_baseline import minding_the_path
 
 TRIED = 0.2
 """Seconds for which the engine is timed."""
@@ -104,6 +105,8 @@ def _specification(context: Context) -> None:
             f"{len(section.cells)} cell counts for {region.size} states", key="synthesis.cells",
             remedy="Give one for each state, in order.",
         )  # fmt: skip
+    if context.case.validation is not None and context.case.validation.fair_baseline:
+        minding_the_path(context)
 
 
 def _basis(context: Context) -> None:

@@ -27,6 +27,7 @@ from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
 from simgap.stages.costs import affordable, costs
+from simgap.stages.fair_baseline import minding_the_path
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.explain import explain
 from simgap.synthesis.intersample import excursion, rates
@@ -55,7 +56,7 @@ def run(
     """
     context = Context.load(case_path)
     if careful:
-        context = _minding_the_path(context)
+        context = minding_the_path(context)
     with context.blame():
         affordable(context, [cost for cost in costs(context) if cost.stage == "synthesis"])
         problem, between = pose(context, gap_path)
@@ -84,22 +85,6 @@ def run(
         "provenance": record,
     }
     write_json(summary, figures)
-
-
-def _minding_the_path(context: Context) -> Context:
-    """The case with a nominal-only controller that minds what its model does between samples.
-
-    Raises:
-        UserError: a specification of the samples alone.
-    """
-    if not specification_of(context.case).between_samples:
-        raise UserError(
-            "asks for a controller that minds the path between samples; the specification is about samples alone",
-            file=context.path, key="validation.fair_baseline", remedy="Take the key out.",
-        )  # fmt: skip
-    section = context.need(context.case.synthesis, "synthesis")
-    asked = section.model_copy(update={"nominal_between_samples": True})
-    return replace(context, case=context.case.model_copy(update={"synthesis": asked}))
 
 
 def _solved(context: Context, problem: Problem, gap_path: Path | None, summary: Path, threads: int) -> Solution:

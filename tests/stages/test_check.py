@@ -212,3 +212,10 @@ def test_the_counts_are_those_of_the_stages(tmp_path):
     states, inputs = (read_parquet(tmp_path / "grid" / f"{name}.parquet").num_rows for name in ("states", "inputs"))
     assert found["rollouts"].count == states * inputs == found["gap"].count
     assert (tmp_path / "check.json").is_file()
+
+
+def test_a_fair_baseline_of_samples_alone_is_refused_before_anything_runs(vary):
+    path = vary("pendulum", {"validation.fair_baseline": True})
+    with pytest.raises(UserError, match="the specification is about samples alone") as caught:
+        check.run(path)
+    assert caught.value.key == "validation.fair_baseline"

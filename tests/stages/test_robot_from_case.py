@@ -8,7 +8,8 @@ import pytest
 import road
 
 from simgap.cli import main
-from simgap.errors import UserError
+from simgap.errors import BrokenPromise, UserError
+from simgap.gap.steps.hidden_gap import robot_of
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
 from simgap.stages import fresh, report, synthesis, validation
@@ -109,6 +110,27 @@ def test_from_the_case_to_the_closed_loop(bound, tmp_path):
     )
     report.run(case, given, tmp_path / "report.html", tmp_path / "summary.json")  # of what the stages wrote
     assert "4 of 4 runs" in re.sub(r"<[^>]*>", "", (tmp_path / "report.html").read_text())
+
+
+def test_gravity_of_the_bound_is_that_of_the_case(small):
+    found = []
+    for gravity in (9.81, 1.62):
+        context = Context.load(small(**{"plant.gravity": gravity}))
+        motion = np.zeros((len(context.input_set), 3))
+        found.append(robot_of(context, context.case.hidden_state, motion).between_poses)
+    assert found[1] / found[0] == pytest.approx(1.62 / 9.81, rel=1e-12)
+
+
+def test_a_robot_is_held_to_the_share_that_its_own_bound_tolerates(small):
+    case = Context.load(small(**{"hidden_state.tolerated_probability": 0.02})).case
+    kept = {"runs": 4, "runs_that_violated_it": 0, "steps": 100, "steps_outside_gamma": 2}
+    validation.keep_promise(kept, validation.tolerated(case))
+    with pytest.raises(BrokenPromise, match="3 of 100 steps are outside gamma"):
+        validation.keep_promise(kept | {"steps_outside_gamma": 3}, validation.tolerated(case))
+    with pytest.raises(BrokenPromise, match="2 of 100"):
+        validation.keep_promise(kept, validation.tolerated(Context.load(small()).case))
+    with pytest.raises(BrokenPromise, match="1 of 4 runs"):  # a broken run is never tolerated
+        validation.keep_promise(kept | {"runs_that_violated_it": 1}, validation.tolerated(case))
 
 
 @pytest.mark.parametrize(

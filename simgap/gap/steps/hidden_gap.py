@@ -53,7 +53,7 @@ def hidden_bound(
     deviation = HeadingDeviation(np.array([own.deviation for own in influences]), influences[0].compared)
     check_symmetry(deviation, context.states, tolerance_of(context.states, symmetry.tolerance))
     attack = partial(_attack, context, hidden, hidden.search_seed) if hidden.search else None
-    fit = assemble_hulls(_robot(context, hidden, motion), hulls, influences, attack)
+    fit = assemble_hulls(robot_of(context, hidden, motion), hulls, influences, attack)
     check = _check(context, fit, motion, fresh)
     tolerate(check, hidden.tolerated_probability, LONGER)
     again = _attack(context, hidden, hidden.search_seed + 1, fit.table(motion)) if hidden.search else None
@@ -67,7 +67,8 @@ def hidden_bound(
     return _content(context, fit, check, again, len(points.states), hulls[0].grid), check
 
 
-def _robot(context: Context, hidden: HiddenStateSection, motion: Floats) -> Robot:
+def robot_of(context: Context, hidden: HiddenStateSection, motion: Floats) -> Robot:
+    """What the bound has to know of the robot of a case; gravity, which limits what tyres can give, is the case's."""
     pose = pose_axes(context)
     free = tuple(sorted(pose[:2]))
     names = tuple(context.states), tuple(context.inputs)

@@ -1,0 +1,25 @@
+"""The case as the fair baseline has it: the nominal model alone, minding its path between samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from simgap.errors import UserError
+from simgap.specifications.base import specification_of
+from simgap.stages.context import Context
+
+
+def minding_the_path(context: Context) -> Context:
+    """The case with a nominal-only controller that minds what its model does between samples.
+
+    Raises:
+        UserError: a specification of the samples alone.
+    """
+    if not specification_of(context.case).between_samples:
+        raise UserError(
+            "asks for a controller that minds the path between samples; the specification is about samples alone",
+            file=context.path, key="validation.fair_baseline", remedy="Take the key out.",
+        )  # fmt: skip
+    section = context.need(context.case.synthesis, "synthesis")
+    asked = section.model_copy(update={"nominal_between_samples": True})
+    return replace(context, case=context.case.model_copy(update={"synthesis": asked}))
