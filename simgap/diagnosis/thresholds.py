@@ -128,8 +128,9 @@ FEWEST_WINDOWS = 6
 CHANGE_PROMISES = 0.3
 """A change in mid-record is looked into where it promises this share of the chi^2 above noise that the best answer
 leaves. Judgement: what then decides is that both sides by themselves are down to their noise, with other numbers. None
-of 61 records without a change was taken for one (cubic springs, friction and drag outside the library in motion that
-grows at an instant, commands that turn faster, drifts, pushes, coloured noise, rests)."""
+of 67 records without a change was taken for one (cubic springs, friction and drag outside the library in motion that
+grows at an instant, commands that turn faster, drifts, pushes, coloured noise, rests; tests/diagnosis/test_change.py
+holds some)."""
 
 RAMP_ENDS = 13
 """Instants, evenly spread, at which a slow change may begin and end. Judgement: twelfths of a record are enough."""
