@@ -27,7 +27,7 @@ def document(
         "base_parameters": [_base(b) for b in found.base],
         "consistent": None if found.distance is None else {"distance": found.distance},
         "payloads": [_payload(p) for p in found.payloads],
-        "recording": [],
+        "recording": [asdict(f) for f in found.recording],
         "error": {
             "before": _error(found.before),
             "after": _error(found.after),

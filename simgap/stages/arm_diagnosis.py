@@ -94,7 +94,7 @@ def _write_corrected(
     """The corrected case, and beside it the URDF with the inertial parameters that were found."""
     urdf = context.case.plant.urdf
     other = None
-    if found.applied and found.inertial and urdf is not None:
+    if found.verdict in ("attributed", "partial") and found.inertial and urdf is not None:
         other = MODEL
         write_text(out_dir / MODEL, with_inertial(context.folder / urdf, out_dir, found.inertial))
     target = out_dir / CASE

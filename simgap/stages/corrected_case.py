@@ -55,8 +55,9 @@ def corrected_case(
     if isinstance(content.get("measured"), dict):
         content["measured"]["files"] = [_moved(path, folder) for path in data]
     words: tuple[str, ...] = ()
-    if applied:
+    if applied or urdf is not None:
         content["name"] = str(content["name"]).removesuffix(SUFFIX) + SUFFIX
+    if applied:
         added = [_plain(a) for a in applied]
         content["plant"]["effects"] = [*content["plant"].get("effects", []), *added]
         if rig != "simulator":
@@ -66,7 +67,7 @@ def corrected_case(
     checked = parse_case(yaml.safe_load(_dumped(content)), target, case_path)
     _ = PlantModel.of(checked, folder).corrected  # refuses what does not fit
     moved = renamed(content, copied_plugins(checked, source, folder))
-    return _header(applied, rig, sentence, content, words) + _dumped(moved)
+    return _header(applied, rig, sentence, content, words, urdf) + _dumped(moved)
 
 
 def _dumped(content: Mapping[str, Any]) -> str:
@@ -96,17 +97,20 @@ def _moved(path: Path, folder: Path) -> str:
 
 
 def _header(
-    applied: Sequence[AppliedEffect], rig: str, sentence: str, content: dict[str, Any], words: Sequence[str]
-) -> str:
+    applied: Sequence[AppliedEffect], rig: str, sentence: str, content: dict[str, Any], words: Sequence[str],
+    urdf: str | None,
+) -> str:  # fmt: skip
     lines = [f"Corrected by simgap diagnose. {sentence}"]
-    if not applied:
+    if urdf is not None:
+        lines.append(f"plant.urdf is {urdf}, which has the inertial parameters that were found.")
+    if not applied and urdf is None:
         lines.append("Nothing was added: this is the case as it was, with its paths written from here.")
-    elif rig == "simulator":
+    elif applied and rig == "simulator":
         lines.append(
             "The effects below plant.effects were found in recordings of the simulator: the model alone has them."
         )
-    elif "simulator" in content:
+    elif applied and "simulator" in content:
         lines.append("The effects were found on hardware: the nominal model and the simulator both have them.")
-    else:
+    elif applied:
         lines.append("The effects found in the recordings are below plant.effects.")
     return "".join(f"# {' '.join(line.split())}\n" for line in (*lines, *words))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import json
+import tempfile
 import time
 from pathlib import Path
 
@@ -219,3 +221,110 @@ def test_gains_of_the_drives_are_found_from_a_known_weight(tmp_path):
     assert len(load_plant(tmp_path / "found" / "corrected_case.yaml").effects) == len(value) - sum(
         name == "inertial_parameters" for name, _ in value
     )
+
+
+RUBBED = rig.Friction(np.array([3.0, 5.0, 2.0]), np.array([2.0, 4.0, 1.5]), np.zeros(3))
+
+
+@pytest.fixture(scope="module")
+def plain():
+    """Four recordings of a three-joint arm with friction, the second with 4 kg more: name -> (t, q, v, torques)."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, rng = Path(name), np.random.default_rng(3)
+        (folder / "rig.urdf").write_text(rig.urdf(3))
+        (folder / "heavy.urdf").write_text(rig.urdf(3, extra=4.0))
+        out = {}
+        for k, trace in enumerate(("light_1", "heavy", "light_2", "light_3", "light_4")):
+            t, q, v, a = rig.motion(3, 16.0, 100.0, seed=10 + k)
+            u = rig.torques(folder / ("heavy.urdf" if trace == "heavy" else "rig.urdf"), q, v, a)
+            out[trace] = t, q, v, u + rig.rubbed(v, RUBBED) + NOISE * rng.normal(size=u.shape)
+    return out
+
+
+LIGHT = ("light_1", "light_2", "light_3", "light_4")
+
+
+def diagnosed(folder, plain, order, change=lambda u: u, more=""):
+    """What is found in these recordings in that order, their torques changed."""
+    (folder / "rig.urdf").write_text(rig.urdf(3))
+    for trace in order:
+        t, q, v, u = plain[trace]
+        rig.write_csv(folder / f"{trace}.csv", t, q, v, change(u))
+    files = ", ".join(f"{trace}.csv" for trace in order)
+    (folder / "case.yaml").write_text(rig.case(3, f"  files: [{files}]\n  max_effects: 4\n{more}"))
+    return stage.run(folder / "case.yaml", [], folder / "found")
+
+
+CARRIES = "  payloads: [{file: heavy.csv, link: link3}]\n"
+
+
+@pytest.mark.parametrize(
+    "order", [("light_1", "light_2", "light_3", "heavy"), ("light_1", "light_2", "heavy", "light_3")]
+)
+def test_a_payload_is_found_wherever_its_file_stands(tmp_path, plain, order):
+    result = diagnosed(tmp_path, plain, order, more=CARRIES)
+    assert result["payloads"][0]["parameters"]["m"]["value"] == pytest.approx(4.0, rel=0.01)
+    assert "heavy" in result["folds"]["fit"]["traces"]
+    assert result["verdict"] == "attributed"
+
+
+def test_a_payload_that_nothing_fitted_carries_is_refused(tmp_path, plain):
+    loads = ", ".join(f"{{file: {x}.csv, link: link3}}" for x in ("light_1", "heavy", "light_2"))
+    with pytest.raises(UserError, match="nothing that is fitted to carries the payload of 'link3'") as error:
+        diagnosed(tmp_path, plain, ("light_1", "heavy", "light_2"), more=f"  payloads: [{loads}]\n")
+    assert error.value.key == "measured.held_out"
+
+
+def test_a_wrong_mass_alone_goes_to_a_urdf_and_names_no_rotor(tmp_path):
+    true = tmp_path / "true.urdf"
+    true.write_text(rig.urdf(3).replace('mass value="8.0"', 'mass value="11.0"'))
+    rng, records = np.random.default_rng(3), {}
+    for k, trace in enumerate(LIGHT):
+        t, q, v, a = rig.motion(3, 16.0, 100.0, seed=10 + k)
+        u = rig.torques(true, q, v, a)
+        records[trace] = t, q, v, u + NOISE * rng.normal(size=u.shape)
+    result = diagnosed(tmp_path, records, LIGHT)
+    assert {e["name"] for e in result["effects"]} == {"inertial_parameters"}
+    assert result["verdict"] in ("attributed", "partial")
+    assert " explain " in result["sentence"]
+    text = (tmp_path / "found" / "corrected_case.yaml").read_text()
+    assert "Nothing was added" not in text
+    assert "urdf: corrected.urdf" in text
+    corrected = load_tree(tmp_path / "found" / "corrected.urdf")
+    base = base_parameters(load_tree(true))
+    seen, real = (base.combine @ x.inertial.ravel() for x in (corrected, load_tree(true)))
+    assert seen == pytest.approx(real, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault", "channel", "left"),
+    [
+        (lambda u: u * [1.0, 1.0, -1.0], "wrong_sign", "torque3", {1, 2}),
+        (lambda u: u[:, [0, 2, 1]], "swapped_columns", "torque2, torque3", {1}),
+        (lambda u: u * [1.0, 1.0, 0.0], "constant", "torque3", {1, 2}),
+    ],
+)
+def test_a_faulty_torque_column_is_a_finding_and_nothing_is_named_on_its_joint(
+    tmp_path, plain, change, fault, channel, left
+):
+    result = diagnosed(tmp_path, plain, LIGHT, change)
+    (found,) = result["recording"]
+    assert (found["fault"], found["channel"]) == (fault, channel)
+    assert found["remedy"] in result["sentence"]
+    assert found["remedy"] in html.unescape((tmp_path / "found" / "report.html").read_text())
+    named = {(e["name"], e["on"]) for e in result["effects"]}
+    assert named == {(f, f"joint{k}") for k in left for f in ("viscous_friction", "coulomb_friction")}
+    assert result["verdict"] == "attributed"  # of the other joints
+
+
+def test_a_torque_in_another_scale_is_warned_of(tmp_path, plain):
+    result = diagnosed(tmp_path, plain, LIGHT, lambda u: u * [1.0, 1.5, 1.0])
+    (said,) = [w for w in result["warnings"] if "times what the declared arm asks" in w]
+    assert "torque2 is 1.5 times" in said
+    assert diagnosed(tmp_path, plain, LIGHT)["warnings"] == []
+
+
+def test_an_arm_at_rest_is_refused(tmp_path, plain):
+    still = {n: (t, 0 * q + q[0], 0 * v, u) for n, (t, q, v, u) in plain.items()}
+    with pytest.raises(UserError, match="no joint moves in any recording"):
+        diagnosed(tmp_path, still, LIGHT)

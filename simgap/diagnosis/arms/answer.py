@@ -15,7 +15,7 @@ from simgap.diagnosis.arms.gains import Gains, scaled
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload
 from simgap.diagnosis.arms.result import ArmDiagnosis, BaseParameter, FoundPayload, Prediction, Sought
 from simgap.diagnosis.arms.terms import TERMS
-from simgap.diagnosis.result import Estimate, FoundEffect, Verdict
+from simgap.diagnosis.result import Estimate, FoundEffect, RecordingFault, Verdict
 from simgap.diagnosis.thresholds import EXCESS_KEPT, HELD_OUT_QUALITY
 from simgap.effects import AppliedEffect, effect
 from simgap.geometry import Floats
@@ -34,6 +34,7 @@ class Found:
         bodies: these bodies; None: inertial parameters as declared, or none were found.
         drives: gains of the drives, where a known mass tells them: then columns that are not `shared` by joints are in
             units of the declared gain.
+        recording: faults of torque columns; silent: joints whose torques say nothing for that; said: warnings.
     """
 
     keys: tuple[Key, ...]
@@ -48,6 +49,9 @@ class Found:
     bodies: Consistent | None
     drives: Gains | None
     shared: Sequence[int]
+    recording: tuple[RecordingFault, ...]
+    silent: tuple[int, ...]
+    said: tuple[str, ...]
 
     def corrected(self, part: Part) -> Part:
         """Rows as the corrected drives say them."""
@@ -71,10 +75,12 @@ def answer(
     zero = np.zeros_like(found.used)
     confirm = found.corrected(folds.confirm)
     before, after = rms(folds.confirm, zero), rms(confirm, found.used)
-    share = excess_share(before, after, found.noise)
+    heard = [j for j in range(tree.size) if j not in found.silent]
+    errors = before[heard], after[heard], found.noise[heard]
+    share = excess_share(*errors)
     base = _base(tree, found)
     effects = (*_gains(found, inputs), *_terms(found, tree, inputs, units), *_links(base, found))
-    word = verdict(before, after, found.noise, share, bool(effects))
+    word = verdict(*errors, share, bool(effects))
     rows = (folds.fit.live.sum(axis=0) + folds.choose.live.sum(axis=0)) / found.correlated
 
     def by_input(x: Floats) -> dict[str, float]:
@@ -110,6 +116,7 @@ def answer(
         cut_hz=cut_hz,
         independent=by_input(rows),
         predictions=_predictions(folds.confirm, confirm, found.used, names),
+        recording=found.recording,
         warnings=_warnings(folds, found),
         inertial={} if found.bodies is None else dict(zip(tree.links, found.bodies.inertial, strict=True)),
         distance=None if found.bodies is None else found.bodies.distance,
@@ -139,7 +146,11 @@ def excess_share(before: Floats, after: Floats, floor: Floats) -> float:
 
 def verdict(before: Floats, after: Floats, floor: Floats, share: float, something: bool) -> Verdict:
     """The word: at the floor as declared, at the floor with the effects, half of the excess gone, or none of these."""
-    old, new = (float(np.sqrt(np.mean((e / np.maximum(floor, 1e-300)) ** 2))) for e in (before, after))
+    old, new = (
+        float(np.sqrt(np.sum((e / np.maximum(floor, 1e-300)) ** 2) / max(len(floor), 1))) for e in (before, after)
+    )
+    if not len(floor):
+        return "unexplained"  # no torque says anything
     if old <= HELD_OUT_QUALITY:
         return "none"
     if something and new <= HELD_OUT_QUALITY:
@@ -208,7 +219,7 @@ def _sought(found: Found) -> tuple[Sought, ...]:
     for k, key in enumerate(found.keys):
         if key.effect in TERMS:
             gain = found.gains.get(k)
-            taken = k in found.active
+            taken = k in found.active and found.used[k] != 0.0
             why = "" if taken else "gains too little on choose, has the wrong sign, or is what others do already"
             rows.append(Sought(key.effect, key.on, gain, "its interval holds 0" if gain and not taken else why))
     return tuple(rows)
@@ -225,7 +236,7 @@ def _predictions(confirm: Part, corrected: Part, theta: Floats, names: Sequence[
 
 
 def _warnings(folds: ArmFolds, found: Found) -> tuple[str, ...]:
-    said = []
+    said = list(found.said)
     if not folds.confirm.live.any():
         said.append("Nothing moves in what confirms: dry friction may hold anything there, and friction is not tested.")
     if found.bodies is None and any(found.keys[k].effect == INERTIAL for k in found.active):

@@ -9,7 +9,7 @@ Systems 27(5).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload,
 from simgap.diagnosis.arms.result import ArmDiagnosis
 from simgap.diagnosis.arms.select import admissible, choose
 from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.arms.torque_columns import faulty_columns, without
 from simgap.diagnosis.reading.noise import noise_floor
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.geometry import Floats
@@ -69,9 +70,11 @@ def diagnose_arm(
     keys = keys_of(tree, base, inputs, settings.payloads)
     part = part_of(every, tree, base, settings.payloads, rest, settings.known)
     names = [m.trace for m in every]
-    folds = folds_of(part, names, settings.held_out_traces, settings.held_out_share)
+    folds = folds_of(part, names, settings.held_out_traces, settings.held_out_share, settings.payloads)
     shared = [k for k, key in enumerate(keys) if key.effect in (INERTIAL, PAYLOAD)]
     weighed = any(p.mass is not None for p in settings.payloads)
+    faults, silent, said = faulty_columns(together(folds.fit, folds.choose), len(base.kept), inputs)
+    folds = replace(folds, fit=without(folds.fit, silent), choose=without(folds.choose, silent))
     fit, judge = folds.fit, folds.choose
     weights, correlated = _weights(fit, len(keys))
     if weighed:  # gains first: with wrong ones no choice among the rest is right
@@ -90,8 +93,11 @@ def diagnose_arm(
     if drives is not None:
         errors[shared] = drives.of_columns[shared]  # of a mass: with the gains open too
     noise = _noise(record, where, every[0].low_pass.noise_gain)
-    used, bodies = _of_bodies(tree, base, keys, known, weights, correlated, active, theta)
-    found = Found(keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies, drives, shared)
+    used, bodies = _of_bodies(tree, base, keys, known, weights, correlated, active, theta, errors)
+    found = Found(
+        keys, base, active, theta, errors, chosen.gains, correlated, noise, used, bodies, drives, shared, faults,
+        silent, said,
+    )  # fmt: skip
     return answer(tree, found, folds, names, inputs, units, settings.payloads, every[0].low_pass.cut)
 
 
@@ -113,23 +119,30 @@ def _settled(
     while True:
         solution = solve(gram, right, active, len(keys))
         errors = standard_errors(known, solution, weights, correlation_rows(known, solution.theta))
-        doubtful = {
-            k: abs(solution.theta[k]) / max(errors[k], 1e-300)
-            for k in active
-            if keys[k].effect in TERMS
-            and (abs(solution.theta[k]) < 1.96 * errors[k] or not admissible(keys[k], solution.theta[k]))
-        }
+        doubtful = _doubtful(keys, active, solution.theta, errors)
         if not doubtful:
             return active, solution.theta, errors
         least = min(doubtful, key=lambda k: doubtful[k])
         active = tuple(k for k in active if k != least)
 
 
+def _doubtful(keys: Sequence[Key], active: Sequence[int], theta: Floats, errors: Floats) -> dict[int, float]:
+    """Terms of the wrong sign or whose 95 % interval holds 0, and how many standard errors they are from 0."""
+    return {
+        k: abs(theta[k]) / max(errors[k], 1e-300)
+        for k in active
+        if keys[k].effect in TERMS and (abs(theta[k]) < 1.96 * errors[k] or not admissible(keys[k], theta[k]))
+    }
+
+
 def _of_bodies(
     tree: Tree, base: BaseParameters, keys: Sequence[Key], known: Part, weights: Floats, correlated: Floats,
-    active: tuple[int, ...], theta: Floats,
+    active: tuple[int, ...], theta: Floats, errors: Floats,
 ) -> tuple[Floats, Consistent | None]:  # fmt: skip
-    """Coefficients with inertial parameters that bodies can have, the rest fitted again beside them."""
+    """Coefficients with inertial parameters that bodies can have, the rest fitted again beside them.
+
+    A term that is of the wrong sign there, or whose 95 % interval holds 0 there, goes: `_settled` dropped the others.
+    """
     size = len(base.kept)
     if not set(range(size)) <= set(active):
         return theta, None
@@ -145,10 +158,10 @@ def _of_bodies(
     own[:size] = base.combine @ bodies.inertial.ravel() - declared
     while True:
         used = own + solve(gram, right - gram @ own, rest, len(keys)).theta
-        wrong = [k for k in rest if not admissible(keys[k], used[k])]
-        if not wrong:
+        doubtful = _doubtful(keys, rest, used, errors)
+        if not doubtful:
             return used, bodies
-        rest = [k for k in rest if k not in wrong]
+        rest.remove(min(doubtful, key=lambda k: doubtful[k]))
 
 
 def _noise(record: Record, where: Columns, gain: float) -> Floats:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.diagnosis.arms.problem import Part
+from simgap.diagnosis.arms.problem import Part, Payload
 from simgap.diagnosis.thresholds import SEVERAL_TRACES
 from simgap.errors import UserError
 
@@ -26,18 +26,21 @@ class ArmFolds:
     whole: bool
 
 
-def folds_of(part: Part, names: Sequence[str], held: Sequence[str], share: float) -> ArmFolds:
+def folds_of(
+    part: Part, names: Sequence[str], held: Sequence[str], share: float, payloads: Sequence[Payload] = ()
+) -> ArmFolds:  # fmt: skip
     """Cut rows into fit, choose and confirm.
 
     Args:
         part: all rows; names: of the traces that `part.trace` counts.
         held: traces that confirm; if empty, the last `share` of them.
+        payloads: of each the first trace that is not held out is fitted to, as nothing else says what it is.
 
     Raises:
-        UserError: nothing would be left to fit to.
+        UserError: nothing would be left to fit to, or nothing of a payload.
     """
     if held or len(names) >= SEVERAL_TRACES:
-        label = _whole(names, held, share)
+        label = _whole(names, held, share, payloads)
         rows = np.array([label[names[k]] for k in part.trace])
     else:
         rows = np.empty(len(part.t), dtype=object)
@@ -61,12 +64,21 @@ def together(a: Part, b: Part) -> Part:
     return Part(*(np.concatenate(pair) for pair in pairs))
 
 
-def _whole(names: Sequence[str], held: Sequence[str], share: float) -> dict[str, str]:
-    count = max(1, round(share * len(names)))
-    confirm = tuple(held) or tuple(names[-count:])
-    rest = [n for n in names if n not in confirm]
+def _whole(names: Sequence[str], held: Sequence[str], share: float, payloads: Sequence[Payload]) -> dict[str, str]:
+    """Fold of each trace; the last traces confirm and choose, those that a payload needs only if no others are left."""
+    needed = {next((n for n in names if n in p.traces and n not in held), None) for p in payloads}
+    last = [*(n for n in names if n in needed), *(n for n in names if n not in needed)]
+    confirm = tuple(held) or tuple(last[-max(1, round(share * len(names))) :])
+    rest = [n for n in last if n not in confirm]
     chosen = rest[-max(1, min(round(share * len(rest)), len(rest) - 1)) :] if len(rest) > 1 else []
-    return {n: "confirm" if n in confirm else "choose" if n in chosen else "fit" for n in names}
+    label = {n: "confirm" if n in confirm else "choose" if n in chosen else "fit" for n in names}
+    for p in payloads:
+        if not any(label[n] == "fit" for n in p.traces):
+            raise UserError(
+                f"nothing that is fitted to carries the payload of '{p.link}'", key="measured.held_out",
+                remedy="Record more traces, or hold out other files.",
+            )  # fmt: skip
+    return label
 
 
 def _arrays(part: Part) -> tuple[np.ndarray, ...]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.diagnosis.arms.thresholds import BAND, EDGE_PERIODS, ENERGY, MOST_OF_THE_RATE, REST_SHARE
+from simgap.diagnosis.arms.thresholds import BAND, EDGE_PERIODS, ENERGY, MOST_OF_THE_RATE, REST_SHARE, STILL
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.errors import UserError
 from simgap.geometry import Floats
@@ -95,10 +95,20 @@ def columns_of(positions: Sequence[str], velocities: Sequence[str], torques: Seq
 
 
 def motions(record: Record, where: Columns) -> tuple[Motion, ...]:
-    """Every trace, with one low pass for all: its cut is `BAND` times the frequency below which the motion lies."""
+    """Every trace, with one low pass for all: its cut is `BAND` times the frequency below which the motion lies.
+
+    Raises:
+        UserError: nothing moves.
+    """
     rate = 1.0 / float(np.median(np.concatenate([np.diff(t.t) for t in record.traces])))
     raw = [_even(trace, where, rate) for trace in record.traces]
-    cut = min(BAND * max(_band(v, rate) for _, _, v, _ in raw), MOST_OF_THE_RATE * rate)
+    band = max(_band(v, rate) for _, _, v, _ in raw)
+    if not band > 0.0:
+        raise UserError(
+            f"no joint moves in any recording (faster than {STILL:g} rad/s or m/s)", key="measured.files",
+            remedy="Name recordings in which the arm moves: at rest dry friction holds anything.",
+        )  # fmt: skip
+    cut = min(BAND * band, MOST_OF_THE_RATE * rate)
     low_pass = Filter(cut, rate)
     return tuple(_smooth(trace.name, raw_trace, low_pass) for trace, raw_trace in zip(record.traces, raw, strict=True))
 
@@ -125,7 +135,7 @@ def _band(v: Floats, rate: float) -> float:
     """Frequency, Hz, below which `ENERGY` of the velocities' energy lies."""
     taper = np.hanning(len(v))[:, None]  # the ends of a trace are no jumps
     power = np.square(np.abs(np.fft.rfft(taper * (v - v.mean(axis=0)), axis=0))).sum(axis=1)
-    if not power.sum() > 0.0 or np.abs(v).max() < 1e-2:  # at rest: what moves is noise
+    if not power.sum() > 0.0 or np.abs(v).max() < STILL:  # at rest: what moves is noise
         return 0.0
     share = np.cumsum(power) / power.sum()
     return float(np.fft.rfftfreq(len(v), 1.0 / rate)[np.searchsorted(share, ENERGY)])

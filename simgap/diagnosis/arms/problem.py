@@ -94,11 +94,12 @@ def part_of(
     traces: list[NDArray[np.int64]] = []
     for m in motions:
         whole = m.smooth(regressor(tree, m.q, m.v, m.a))[m.used]
+        felt = m.smooth(m.a)  # as in the regressor: an inertia of bodies and of a rotor are compared alike
         way = m.smooth(np.clip(m.v / (TURNING_SHARE * rest), -1.0, 1.0))
         terms = np.zeros((*m.q.shape, tree.size, len(TERMS)))
         for j in range(tree.size):
             for k, term in enumerate(TERMS.values()):
-                terms[:, j, j, k] = term.column(m.v[:, j], way[:, j], m.a[:, j])
+                terms[:, j, j, k] = term.column(m.v[:, j], way[:, j], felt[:, j])
         rows = terms[m.used].reshape(len(whole), tree.size, -1)
         weight, carried = _payloads(whole, tree, payloads, m.trace)
         torque = m.torque[m.used] * known.get("input_gain", np.ones(tree.size))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from simgap.diagnosis.result import Estimate, FoundEffect, Verdict
+from simgap.diagnosis.result import Estimate, FoundEffect, RecordingFault, Verdict
 from simgap.effects import AppliedEffect
 from simgap.geometry import Floats
 
@@ -69,6 +69,7 @@ class ArmDiagnosis:
         sought: every term and what became of it.
         cut_hz: cut of the low pass; independent: input -> rows of fit and choose that count as independent.
         predictions: for plots.
+        recording: torque columns that are not what the case says; the verdict is about the others.
         warnings: what a person should know.
         inertial: link -> parameters (10,) of the corrected model, which bodies can have; empty if as declared.
         distance: of these from the base parameters that fit best, in standard errors.
@@ -90,6 +91,7 @@ class ArmDiagnosis:
     cut_hz: float
     independent: Mapping[str, float]
     predictions: tuple[Prediction, ...]
+    recording: tuple[RecordingFault, ...]
     warnings: tuple[str, ...]
     inertial: Mapping[str, Floats]
     distance: float | None

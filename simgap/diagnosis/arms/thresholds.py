@@ -12,6 +12,9 @@ EDGE_PERIODS = 1.0
 REST_SHARE = 0.02
 """A joint below this share of its largest speed counts as at rest. Judgement."""
 
+STILL = 1e-2
+"""A trace whose joints never exceed this speed, rad/s or m/s, is at rest: what moves is noise. Judgement."""
+
 TURNING_SHARE = 0.1
 """Dry friction turns round within this share of the speed that counts as rest: sharply, but not with the noise of a
 joint that stands still. Judgement."""
@@ -32,3 +35,15 @@ Rows count there as what is independent of them; and the term's interval on fit 
 TOWARDS_DECLARED = 1e-3
 """Weight, in squared standard errors, with which inertial parameters stay near the declared ones where the motion does
 not show them."""
+
+CONSTANT = 1e-6
+"""A torque that varies less than this share of the declared model's is no reading. Judgement."""
+
+OWN_SHARE = 0.5
+"""A model's torque tells what a column is if it takes away at least this share of the square of what friction and a
+bias leave. Judgement."""
+
+OTHER_COLUMN, OTHER_SCALE = 0.1, 3.0
+"""A column is another joint's if that joint's torque leaves less than this share of the square that its own leaves, at
+a slope between 1/3 and 3; and a multiple of its own if that leaves less than this share of what its own leaves.
+Judgement."""

@@ -21,7 +21,12 @@ def describe(found: Mapping[str, Any]) -> str:
 
 
 def sentence(document: Document) -> str:
-    """What was found joint by joint, what it explains, what was mounted."""
+    """Torque columns that are wrong and what to do; what was found, what it explains, what was mounted."""
+    wrong = "".join(f"{f['sentence']} {f['remedy']} " for f in document["recording"])
+    return wrong + _found(document)
+
+
+def _found(document: Document) -> str:
     verdict, effects = document["verdict"], document["effects"]
     if verdict == "none":
         return f"The model explains the torques down to their noise: no effect is missing.{_mounted(document)}"
@@ -36,7 +41,7 @@ def sentence(document: Document) -> str:
     links = [e["on"] for e in effects if e["name"] == INERTIAL]
     parts = [*own, *([f"other inertial parameters of {joined(links)}"] if links else [])]
     what = joined(parts)
-    verb = "explains" if len(parts) == 1 else "together explain"
+    verb = "explains" if own == parts and len(parts) == 1 else "explain" if len(parts) == 1 else "together explain"
     text = f"{what[0].upper()}{what[1:]} {verb} {share:.0f} % of the excess error of the torques."
     return f"{text}{_mounted(document)}"
 

@@ -1,0 +1,161 @@
+"""Torque columns that are not what the case says: reversed, of another joint, or of nothing.
+
+The torque of each joint is regressed on that of the declared model beside friction and a bias, on *fit* and *choose*.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simgap.diagnosis.arms.fit import correlation_rows, solve, standard_errors
+from simgap.diagnosis.arms.problem import Part
+from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.arms.thresholds import CONSTANT, OTHER_COLUMN, OTHER_SCALE, OWN_SHARE
+from simgap.diagnosis.result import RecordingFault
+from simgap.geometry import Floats
+
+_TAKEN_OUT = "Nothing is fitted to that."
+
+
+@dataclass(frozen=True)
+class _Line:
+    """A torque over a model's: slope, its standard error, viscous and dry friction with theirs, what is left (RMS).
+
+    Attributes:
+        left, at_one, without: RMS of what is left; at a slope of 1; without the model's torque.
+    """
+
+    slope: float
+    error: float
+    friction: tuple[tuple[float, float], ...]
+    left: float
+    at_one: float
+    without: float
+
+    @property
+    def tells(self) -> bool:
+        """Whether the model's torque takes away most of what friction and a bias leave."""
+        return self.left**2 < (1.0 - OWN_SHARE) * self.without**2
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether the torque is another multiple of the model's, which explains most of what a multiple of 1 leaves."""
+        return self.slope > 0.0 and self.left**2 < OTHER_COLUMN * self.at_one**2
+
+
+def faulty_columns(
+    part: Part, first: int, inputs: Sequence[str]
+) -> tuple[tuple[RecordingFault, ...], tuple[int, ...], tuple[str, ...]]:  # fmt: skip
+    """Findings, the joints whose torques say nothing, and warnings.
+
+    Args:
+        part: rows that may be looked at; first: its first column of a term.
+        inputs: input of each joint.
+    """
+    n = part.y.shape[1]
+    faults, out = list[RecordingFault](), set[int]()
+    declared = part.torque - part.y
+    for j in range(n):
+        size = float(np.std(part.torque[:, j]))
+        if size <= CONSTANT * float(np.std(declared[:, j])):
+            faults.append(_constant(inputs[j], float(np.mean(part.torque[:, j]))))
+            out.add(j)
+    own = {j: _line(part, first, j, j) for j in range(n) if j not in out}
+    for j in sorted(own):
+        better = _other(part, first, j, own[j], [k for k in own if k != j])
+        if better is None:
+            continue
+        out.add(j)
+        both = _other(part, first, better, own[better], [j]) is not None
+        if better > j or not both:
+            faults.append(_swapped(inputs[j], inputs[better], both))
+    for j in sorted(set(own) - out):
+        pushes = any(value > 1.96 * error for value, error in own[j].friction)
+        if own[j].tells and own[j].slope + 1.96 * own[j].error < 0.0 and not pushes:
+            faults.append(_reversed(inputs[j], own[j].slope))
+            out.add(j)
+    said = tuple(_scaled(inputs[j], own[j].slope) for j in sorted(set(own) - out) if own[j].is_scaled)
+    return tuple(faults), tuple(sorted(out)), said
+
+
+def without(part: Part, joints: Sequence[int]) -> Part:
+    """The rows with nothing to say of these joints: no row of theirs is fitted or chosen by."""
+    live = part.live.copy()
+    live[:, list(joints)] = 0.0
+    return replace(part, live=live)
+
+
+def _other(part: Part, first: int, j: int, own: _Line, others: Sequence[int]) -> int | None:
+    """The joint whose declared torque, of some, the torque of joint j follows far better than that of its own."""
+    lines = {k: _line(part, first, j, k) for k in others}
+    fits = {
+        k: line.left
+        for k, line in lines.items()
+        if line.tells and 1.0 / OTHER_SCALE < line.slope < OTHER_SCALE and line.left**2 < OTHER_COLUMN * own.left**2
+    }
+    return min(fits, key=lambda k: fits[k]) if fits else None
+
+
+def _line(part: Part, first: int, j: int, model: int) -> _Line:
+    """The torque of joint j over that of the declared model at the joint `model`, with friction and bias of that."""
+    names = list(TERMS)
+    terms = [names.index(e) for e in ("viscous_friction", "coulomb_friction", "input_bias")]
+    columns = part.x[:, model, [first + len(TERMS) * model + k for k in terms]]
+    x = np.column_stack([part.torque[:, model] - part.y[:, model], columns])[:, None, :]
+    live = (part.live[:, j] * part.live[:, model])[:, None]
+    rows = Part(x, part.torque[:, [j]], live, part.trace, part.t, part.torque[:, [j]])
+    gram, right = rows.grams(np.ones(1))
+    found, bare = solve(gram, right, range(4), 4), solve(gram, right, range(1, 4), 4)
+    one = solve(gram, right - gram[:, 0], range(1, 4), 4).theta + np.array([1.0, 0.0, 0.0, 0.0])
+    errors = standard_errors(rows, found, np.ones(1), correlation_rows(rows, found.theta))
+    friction = tuple((float(found.theta[k]), float(errors[k])) for k in (1, 2))
+    return _Line(
+        float(found.theta[0]),
+        float(errors[0]),
+        friction,
+        _left(rows, found.theta),
+        _left(rows, one),
+        _left(rows, bare.theta),
+    )
+
+
+def _left(rows: Part, theta: Floats) -> float:
+    left = rows.live * (rows.y - rows.x @ theta)
+    return float(np.sqrt((left**2).sum() / max(float(rows.live.sum()), 1.0)))
+
+
+def _constant(name: str, value: float) -> RecordingFault:
+    return RecordingFault(
+        "constant", name, value, "", f"The column of {name} does not change while the arm moves. {_TAKEN_OUT}",
+        f"Log the torque of {name}, or map its column with measured.columns.{name}.column.",
+    )  # fmt: skip
+
+
+def _scaled(name: str, slope: float) -> str:
+    return (
+        f"Friction beside, {name} is {slope:.3g} times what the declared arm asks for: look for a unit, a drive gain "
+        "or masses before believing what else is named there; a payload of known mass tells them apart."
+    )
+
+
+def _swapped(first: str, second: str, both: bool) -> RecordingFault:
+    what = (
+        f"The columns of {first} and {second} stand in each other's place."
+        if both
+        else f"The column of {first} follows what {second} would be far better than its own."
+    )
+    return RecordingFault(
+        "swapped_columns", f"{first}, {second}", None, "",
+        f"{what} {_TAKEN_OUT}",
+        f"Map them with measured.columns.{first}.column and measured.columns.{second}.column.",
+    )  # fmt: skip
+
+
+def _reversed(name: str, slope: float) -> RecordingFault:
+    return RecordingFault(
+        "wrong_sign", name, slope, "1", f"The column of {name} has the other sign. {_TAKEN_OUT}",
+        f"Give measured.columns.{name}.scale: -1, or turn its wire.",
+    )  # fmt: skip
