@@ -22,8 +22,9 @@ def dimensions(stage):
 
 def maker(name, stage):
     """The case whose results of this stage count: its own, but for points of a sweep that need the same."""
-    needed = ("grid", "rollouts", "borders", stage)
-    return first_alike(name, needed, base_too=False) if sweep_of(name) is not None else name
+    if sweep_of(name) is None:
+        return name
+    return first_alike(name, ("grid", "rollouts", "borders", stage), base_too=False)
 
 
 # Neither of the next two waits for the other, whatever the padding. `inflate` puts local paddings into the scenario
