@@ -167,11 +167,17 @@ MUTANTS: list[Mutant] = [
         ("the swept box may leave the slab", "0 <= q // words + clear_rows < rows", "True"),
         ("free cells are not looked at", "if word and clear_at >= 0:", "if word and clear_at < -1:"),
         ("a slab's neighbours are forgotten", "out[q] &= row[q]", "out[q] |= row[q]"),
+    ),
+    *_of(
+        "synthesis/row_settle.py",
+        WAVES,
         (
             "only the first input of equal moves is noted",
             "range(inputs_from[v], inputs_from[v + 1])",
             "range(inputs_from[v], inputs_from[v] + 1)",
         ),
+        ("entries of a word are those of the one before", "placed[n, 1]", "placed[n - 1, 1]"),
+        ("levels are written a cell too low", "value[start + j * stride, c] = level", "value[start, c] = level"),
     ),
     *_of(
         "synthesis/row_moves.py",

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.synthesis.row_moves import Moves
-from simgap.synthesis.row_waves import place, settle, spread, stage_size
+from simgap.synthesis.row_settle import place, settle
+from simgap.synthesis.row_waves import spread, stage_size
 from simgap.synthesis.threads import over_items, over_rows
 
 Ints = NDArray[np.int64]
