@@ -1,6 +1,7 @@
 """`simgap check`: planted surprises of model files are found and are real, costs refuse before anything long runs."""
 
 import copy
+import time
 
 import numpy as np
 import pytest
@@ -219,3 +220,25 @@ def test_a_fair_baseline_of_samples_alone_is_refused_before_anything_runs(vary):
     with pytest.raises(UserError, match="the specification is about samples alone") as caught:
         check.run(path)
     assert caught.value.key == "validation.fair_baseline"
+
+
+@pytest.mark.parametrize(("rests", "least", "most"), [([0.01], 0.01, 0.02), ([0.0, 0.05, 0.0], 0.0, 0.01)])
+def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch, rests, least, most):
+    """Waiting in every roll-out is the engine's; in some, it is others that run meanwhile."""
+
+    class Slow:
+        calls = 0
+
+        def rollouts(self, x, u):
+            time.sleep(rests[self.calls % len(rests)])
+            self.calls += 1
+
+        def loaded(self):
+            return {}
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Slow())
+    _, seconds = check.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
+    assert least <= seconds < most
