@@ -50,12 +50,11 @@ def gap_files(wildcards):
 
 
 def measured_file(name):
-    """A file of the diagnosis: made if the case has recordings, shown if a person has made it."""
+    """A file of the diagnosis, if the case has recordings; what is left of ones that it had counts no more."""
 
     def path(wildcards):
-        file = f"results/{wildcards.case}/diagnosis/{name}"
         wanted = wildcards.case == base(wildcards.case) and diagnosed(wildcards.case)
-        return file if wanted or Path(file).exists() else []
+        return f"results/{wildcards.case}/diagnosis/{name}" if wanted else []
 
     return path
 

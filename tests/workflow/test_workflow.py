@@ -245,6 +245,16 @@ def test_another_engine_reruns_nothing(project):
     )
 
 
+def test_what_is_left_of_a_diagnosis_does_not_hinder_a_case_that_lost_its_recordings(project):
+    left = project.folder / "results/small/diagnosis/diagnosis.json"
+    left.parent.mkdir()
+    left.write_text("{}")
+    (left.parent / "transitions.parquet").touch()
+    jobs = project.planned()
+    shutil.rmtree(left.parent)
+    assert jobs == {}
+
+
 def test_a_model_file_is_part_of_what_was_read(project):
     urdf = project.folder / "configs/models/pendulum.urdf"
     original = urdf.read_text()
