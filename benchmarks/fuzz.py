@@ -2,7 +2,7 @@
 
     python benchmarks/fuzz.py [--only WORD] [--share 1.0] [--minutes 4] [--folder DIR]
 
-Input number n of a kind is made from these two alone (fuzz_inputs.py). Blocks of inputs run in processes of their own
+Input number n of a kind is made from these two alone (folder hostile). Blocks of inputs run in processes of their own
 with an alarm of 10 s for each input and a limit of memory; an audit hook sees every file opened for writing, every
 process and every socket. A finding is: an exception that is no SimgapError, a message of several lines or with
 characters that cannot be printed, an input that takes over 10 s or more memory, a file outside the folder, a process,
@@ -26,7 +26,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from fuzz_inputs import KINDS, ROOT, prepare
+from hostile import KINDS, ROOT, prepare
 
 RESULT = ROOT / "benchmarks/results/fuzz.json"
 BLOCK = 1000

@@ -26,7 +26,8 @@ from pathlib import Path
 from typing import Any
 
 import stage_runs
-from stage_runs import Stage, digests, finish, fork, restore
+from stage_runs import Journal, Stage, digests, finish, fork, restore
+from tiny_cases import write_cases
 
 RESULT = stage_runs.ROOT / "benchmarks/results/kill.json"
 POINTS = 3  # places within a write: before it, half of it done, just after it
@@ -101,7 +102,7 @@ def kill_workflow(folder: Path, rng: random.Random, number: int, wanted: dict[st
     scratch = folder.with_suffix(".tmp")
     scratch.mkdir(exist_ok=True)
     if not (folder / "small.yaml").exists():
-        stage_runs.write_cases(folder)
+        write_cases(folder)
     run = stage_runs.workflow(folder, 2, "--quiet", "all", FAULT_MARK=mark, TMPDIR=str(scratch))
     try:
         run.communicate(timeout=rng.uniform(3.0, 25.0))
@@ -139,9 +140,8 @@ def main() -> None:
     asked.folder.mkdir(parents=True, exist_ok=True)
     stage_runs.warm()
     stages = stage_runs.reference(asked.folder)
-    journal = asked.folder / "kills.jsonl"
-    done = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []
-    ran = {(k["kind"], k["number"]) for k in done}
+    journal = Journal(asked.folder, "kills")
+    ran = {(k["kind"], k["number"]) for k in journal.done}
     jobs = [("stage", n) for n in range(asked.kills)] + [("workflow", n) for n in range(asked.workflow)]
     wanted = digests(asked.folder / "again")
     for kind, number in (job for job in jobs if job not in ran):
@@ -153,12 +153,10 @@ def main() -> None:
             found = kill_stage(stage, asked.folder / "again", asked.folder / "one", rng, number)
         else:
             found = kill_workflow(asked.folder / "run", rng, number, wanted)
-        done.append({"kind": kind, "number": number} | found)
-        with journal.open("a") as stream:
-            stream.write(json.dumps(done[-1]) + "\n")
+        journal.add({"kind": kind, "number": number} | found)
         if "wrong" in found:
             print(kind, number, found, flush=True)
-    _report(done)
+    _report(journal.done)
 
 
 def _report(done: list[dict[str, Any]]) -> None:

@@ -10,7 +10,7 @@ import pytest
 from simgap.errors import SimgapError
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from fuzz_inputs import KINDS, prepare
+from hostile import KINDS, prepare
 
 FOUND: dict[str, tuple[int, ...]] = {"JSON results": (2015,)}
 """Numbers of inputs that were read wrongly once, by kind."""
