@@ -25,8 +25,8 @@ from typing import Any
 from tiny_cases import NAMES, write_cases
 
 ROOT = Path(__file__).parents[1]
-UNEQUAL = re.compile(r"(.*/)?(logs|benchmarks)/.*|.*\.log|.*\.rrd|\.snakemake/.*|.*__pycache__/.*|cost\.json")
-"""Files whose bytes may differ between two runs: logs, timings, recordings."""
+UNEQUAL = re.compile(r"(.*/)?(logs|benchmarks)/.*|.*\.log|.*\.rrd|\.snakemake/.*|.*__pycache__/.*|cost\.json|.*/check\.json")
+"""Files whose bytes may differ between two runs: logs, timings (also those of `check`), recordings."""
 IMPORTS = ("numba", "sympy", "scipy.optimize", "scipy.ndimage", "cvxpy", "clarabel", "pyarrow.parquet", "pyarrow.csv",
            "matplotlib.figure", "matplotlib.backends.backend_svg", "jinja2", "pydantic", "rerun", "rerun.blueprint",
            "simgap.cli")  # fmt: skip
