@@ -7,8 +7,8 @@ again by the same command: three are killed in a row, the fourth runs to its end
 file has the bytes of the run that nothing disturbed, no process is alive, and no temporary file, lock or shared memory
 is left. `--workflow` kills go to `simgap run` as a whole, after a random time; it is then typed again. Jobs have
 numbers, and random numbers of their own; with `--minutes` the benchmark stops and goes on where it was when it is
-called again. Results: benchmarks/results/kill.json. Semaphores that others leave behind meanwhile would count too: run it
-alone, or within `unshare -m` with a /dev/shm of its own.
+called again. Results: benchmarks/results/kill.json. Semaphores that others leave behind meanwhile would count too: run
+it alone, or within `unshare -m` with a /dev/shm of its own.
 """
 
 from __future__ import annotations

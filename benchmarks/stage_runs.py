@@ -25,7 +25,7 @@ from typing import Any
 from tiny_cases import NAMES, write_cases
 
 ROOT = Path(__file__).parents[1]
-UNEQUAL = re.compile(r"(.*/)?(logs|benchmarks)/.*|.*\.log|.*\.rrd|\.snakemake/.*|.*__pycache__/.*|cost\.json|.*/check\.json")
+UNEQUAL = re.compile(r"(.*/)?(logs|benchmarks|\.snakemake|__pycache__)/.*|.*\.(log|rrd)|(.*/)?(cost|check)\.json")
 """Files whose bytes may differ between two runs: logs, timings (also those of `check`), recordings."""
 IMPORTS = ("numba", "sympy", "scipy.optimize", "scipy.ndimage", "cvxpy", "clarabel", "pyarrow.parquet", "pyarrow.csv",
            "matplotlib.figure", "matplotlib.backends.backend_svg", "jinja2", "pydantic", "rerun", "rerun.blueprint",
