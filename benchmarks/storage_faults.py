@@ -36,8 +36,14 @@ def results_read(stage: Stage) -> list[str]:
     return [n for n in stage.before if n.endswith(RESULTS) and any(Path(n).is_relative_to(p) for p in named if p.parts)]
 
 
-def plan(stages: Sequence[Stage]) -> Iterator[tuple[str, int, str]]:
-    """Every fault with the number of the stage that meets it, and what of it is meant."""
+def plan(stages: Sequence[Stage]) -> list[tuple[str, int, str]]:
+    """Every fault with the number of the stage that meets it, and what of it is meant; a part of it has some of all."""
+    every = sorted(_every(stages))
+    random.Random(14).shuffle(every)
+    return every
+
+
+def _every(stages: Sequence[Stage]) -> Iterator[tuple[str, int, str]]:
     for number, stage in enumerate(stages):
         for name in results_read(stage):
             yield "cut", number, name
