@@ -33,6 +33,7 @@ from simgap.report.measured_share import transition_columns
 from simgap.stages import arm_diagnosis
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
+from simgap.stages.measured_check import check_measured, named_files
 from simgap.stages.measured_data import load_reading
 
 Corrected = tuple[SymbolicModel, dict[str, float]]  # of `PlantModel.corrected_by`
@@ -126,7 +127,8 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
             key="measured.files",
             remedy="Name CSV or Parquet files on the command line or here.",
         )
-    return [context.folder / name for name in section.files]
+    check_measured(context)
+    return named_files(context, section)
 
 
 def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
