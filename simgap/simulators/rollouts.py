@@ -36,10 +36,8 @@ def roll_out_range(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floa
         simulator.close()
 
 
-def follow(
-    jobs: Sequence[tuple[Case, Sequence[Floats], Sequence[Floats]]], folder: Path
-) -> tuple[list[list[Floats]], str]:
-    """For each case the paths (k + 1, nx) from its starts (nx,) under its inputs (k, nu), and the engine's name."""
+def follow(jobs: Sequence[tuple[Case, Sequence[Floats], Sequence[Floats]]], folder: Path) -> list[list[Floats]]:
+    """For each case the paths (k + 1, nx) from its starts (nx,) under its inputs (k, nu)."""
     from simgap.simulators.build import make_simulator
 
     every = []

@@ -50,7 +50,7 @@ def followed(
         steps = int(np.floor(t[-1] / tau * (1 + 1e-9)))
         if steps < 1:
             continue
-        at = tau * np.arange(steps + 1)
+        at = tau * np.arange(steps + 1, dtype=np.float64)
         begins = w.t[0] + at[:-1]
         u = np.zeros((steps, len(inputs)))
         for k, n in enumerate(inputs):
@@ -58,7 +58,7 @@ def followed(
         true = w.measured - (w.after - w.states[:, seen])
         if float(np.median(np.diff(t))) < tau:
             read = np.stack([np.interp(at, t, column) for column in true.T], axis=1)
-            runs.append(Followed(w.states[0, place], u, at, read))
+            runs.append(Followed(w.states[0, place], u, np.asarray(at), read))
         else:
             inside = t <= at[-1] * (1 + 1e-9)
             runs.append(Followed(w.states[0, place], u, t[inside], true[inside]))
