@@ -59,6 +59,7 @@ READS: Mapping[str, tuple[str, ...]] = {
     "rig": _SIMULATED,
     "trace": ("name", "title", "plant", "domain", "synthesis.specification"),
     "diagnosis": (*_WHOLE, "budget"),  # the corrected case is a copy of the whole
+    "next": ("name", "plant", "domain", "measured"),
     "report": (
         "name",
         "title",
