@@ -76,7 +76,7 @@ READS: Mapping[str, tuple[str, ...]] = {
 CLOSED_FORM = ("scp", "lipschitz")
 """Stages that read all of the simulator where its engine may know it in closed form."""
 
-EVERY_EFFECT = ("diagnosis", "report")
+EVERY_EFFECT = ("diagnosis", "next", "report")
 """Stages that try or describe effects which the case does not name."""
 
 TRANSLATED = ("grid", "borders", "scp", "lipschitz", "gap")

@@ -116,12 +116,11 @@ def _fitting(bench: Bench, rivals: Sequence[Rival], wave: Wave) -> Try | None:
 def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave) -> Try | None:
     """How far an input parts the rivals; None if one of them leaves the range of the plant."""
     u = bench.input(wave.u)
-    moved = []
+    moved: list[tuple[Floats, Floats]] = []
     for r in rivals:
-        states, readings = bench.moved(r, u)
-        if not bench.stays(states):
+        moved.append(bench.moved(r, u))
+        if not bench.stays(moved[-1][0]):
             return None
-        moved.append((states, readings))
     states, readings = tuple(m[0] for m in moved), tuple(m[1] for m in moved)
     if len(rivals) == 1:
         (only,) = rivals
