@@ -19,5 +19,6 @@ class _ToStderr(logging.Handler):
 def announce_code() -> None:
     """From now on; once is enough."""
     logger = logging.getLogger(CODE)
+    logger.setLevel(logging.WARNING)  # also where a command wants to hear of errors alone
     if not any(isinstance(handler, _ToStderr) for handler in logger.handlers):
         logger.addHandler(_ToStderr())

@@ -124,7 +124,7 @@ def _read_parquet(path: Path, columns: list[str], file: str) -> pa.Table:
         return pq.read_table(path, columns=columns, partitioning=None)
     except UserError as error:
         raise UserError(error.problem, file=file, remedy=error.remedy) from None
-    except (pa.ArrowException, OSError):
+    except (pa.ArrowException, OSError, UnicodeDecodeError):
         raise _damaged(file) from None
 
 

@@ -73,7 +73,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None
     except UserError as error:
         raise UserError(error.problem, file=path, remedy=error.remedy) from None
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise UserError(
             f"not a whole Parquet file ({excerpt(str(error).splitlines()[0])})",
             file=path,

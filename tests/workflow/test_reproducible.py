@@ -13,7 +13,7 @@ from little_cart import write_cart
 
 ROOT = Path(__file__).parents[2]
 CASE = {
-    "simulator": {"engine": "equations"},
+    "simulator": {"engine": "equations", "integrator": "rk4"},
     "domain": {"tau": 0.1, "X": {"x": [-1, 1], "v": [-1, 1]}, "U": {"F": {"values": [-1, 0, 1]}}},
     "grid": {"eps": 0.2, "shards": 1},
     "gap": {"basis": ["x", "v", "F", 1], "fresh_samples": 300},
