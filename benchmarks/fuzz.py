@@ -5,8 +5,9 @@
 Input number n of a kind is made from these two alone (folder hostile). Blocks of inputs run in processes of their own
 with alarms for each input (10 s at work, 90 s in all) and a limit of memory; an audit hook sees every file opened for
 writing, every process and every socket. A finding is: an exception that is no SimgapError, a message of several lines
-or with characters that cannot be printed, an input that takes longer or more memory, a file outside the folder, a process,
-a socket. With `--minutes` it stops and goes on where it was when it is called again. Results: results/fuzz.json.
+or with characters that cannot be printed, an input that takes longer or more memory, a file outside the folder, a
+process, a socket. With `--minutes` it stops and goes on where it was when it is called again.
+Results: benchmarks/results/fuzz.json.
 """
 
 from __future__ import annotations
