@@ -5,6 +5,7 @@
 Takes the tiny cases (tiny_cases.py) through every stage by `simgap run` in each of the circumstances below, and
 compares the SHA-256 of every file but the listed exceptions: logs, timings, recordings. Recordings are compared by
 content. Without libfaketime the date stays what it is, and the results say so. What is not committed is not cloned.
+Called again, it goes on where it was; a new folder begins anew, its caches cold.
 Results: benchmarks/results/reproducible.json.
 """
 
@@ -13,10 +14,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,12 +46,14 @@ def cloned(place: Path) -> Path:
     return place
 
 
-def run(folder: Path, name: str, about: Mapping[str, Any], clock: str) -> Path:
+def run(folder: Path, name: str, about: Mapping[str, Any], clock: str, cases: Sequence[str]) -> Path:
     """All stages in a folder of its own beside its clone; -> that folder."""
     clone = cloned(folder / about["clone"])
     work = clone.parent / f"run {name}"
-    shutil.rmtree(work, ignore_errors=True)
-    write_cases(work)
+    if (work / "ended").exists():
+        return work
+    if not work.exists():
+        write_cases(work)
     caches = folder / f"caches {about['caches']}"
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPYCACHEPREFIX", "NUMBA_CACHE_DIR")}
@@ -59,10 +61,11 @@ def run(folder: Path, name: str, about: Mapping[str, Any], clock: str) -> Path:
     if clock and "days" in about:
         environment |= {"LD_PRELOAD": clock, "FAKETIME": f"{about['days']:+d}d", "FAKETIME_DONT_FAKE_MONOTONIC": "1"}
         environment |= {"DONT_FAKE_MONOTONIC": "1"}
-    command = [sys.executable, "-m", "simgap.cli", "run", *NAMES, "--cores", str(about["cores"])]
+    command = [sys.executable, "-m", "simgap.cli", "run", *cases, "--cores", str(about["cores"])]
     done = subprocess.run(command, cwd=work, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         sys.exit(f"{name}: status {done.returncode}: {(done.stdout + done.stderr)[-3000:]}")
+    (work / "ended").touch()
     return work
 
 
@@ -82,12 +85,11 @@ def main() -> None:
     """Run, compare, count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, default=Path("/tmp/simgap-reproducible"))
+    parser.add_argument("--cases", nargs="+", choices=NAMES, default=NAMES)
     parser.add_argument("--clock", default=faketime())
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
-    for caches in {about["caches"] for about in RUNS.values()}:
-        shutil.rmtree(asked.folder / f"caches {caches}", ignore_errors=True)
-    folders = {name: run(asked.folder, name, about, asked.clock) for name, about in RUNS.items()}
+    folders = {name: run(asked.folder, name, about, asked.clock, asked.cases) for name, about in RUNS.items()}
     found = {name: digests(folder) for name, folder in folders.items()}
     first, *others = RUNS
     differ = {
@@ -99,6 +101,7 @@ def main() -> None:
     other_content = {n: [p for p in shown if not same_content(folders[first] / p, folders[n] / p)] for n in others}
     content = {
         "runs": len(RUNS),
+        "cases": [*asked.cases],
         "files": len(found[first]),
         "differing": sum(map(len, differ.values())),
         "differ": differ,
