@@ -17,7 +17,6 @@ CASE = {
     "domain": {"tau": 0.1, "X": {"x": [-1, 1], "v": [-1, 1]}, "U": {"F": {"values": [-1, 0, 1]}}},
     "grid": {"eps": 0.2, "shards": 1},
     "gap": {"basis": ["x", "v", "F", 1], "fresh_samples": 300},
-    "synthesis": {"cells": [40, 40], "specification": {"kind": "invariance", "safe": {"x": [-0.5, 0.5]}}},
 }
 PROGRAM = """
 import sys, time
@@ -28,7 +27,8 @@ from simgap.cli import main
 for words in (["grid", "cart.yaml", "--out", "grid", "--log", "logs/a"],
               ["rollouts", "cart.yaml", "--grid", "grid", "--shard", "0", "--out", "shard.parquet", "--log", "logs/b"],
               ["fresh", "cart.yaml", "--out", "fresh.parquet", "--workers", workers, "--log", "logs/c"],
-              ["synthesis", "cart.yaml", "--out", "law.npz", "--summary", "law.json", "--log", "logs/d"]):
+              ["lipschitz", "cart.yaml", "--state", "v", "--grid", "grid", "--rollouts", "shard.parquet", "--out", "v.json",
+               "--log", "logs/d"]):
     try:
         main(words)
     except SystemExit as ended:
@@ -51,7 +51,7 @@ def made(folder, package, shift, workers, **environment):
 
 def test_every_result_has_the_same_bytes_elsewhere(tmp_path):
     first = made(tmp_path / "a", ROOT, 0, 1, PYTHONHASHSEED="1")
-    assert {"grid/states.parquet", "shard.parquet", "fresh.parquet", "law.npz", "law.json"} <= set(first)
+    assert {"grid/states.parquet", "shard.parquet", "fresh.parquet", "v.json"} <= set(first)
     clone = tmp_path / "another place" / "clone"
     shutil.copytree(ROOT / "simgap", clone / "simgap", ignore=shutil.ignore_patterns("__pycache__"))
     other = {"PYTHONHASHSEED": "2", "TZ": "Asia/Kathmandu", "LC_ALL": "C", "XDG_CACHE_HOME": str(tmp_path / "cold")}
