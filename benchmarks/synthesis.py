@@ -81,6 +81,21 @@ def _pinned_unicycle(number: int, backend: str, masks: bool) -> dict[str, object
     return _timed(f"(b) unicycle {row[0]}, {row[1] ** 2} inputs, {backend}, {what}", run)
 
 
+def _hundred_million() -> dict[str, object]:
+    from pinned_problems import LAYERS, unicycle
+
+    from simgap.synthesis.reach import reach_avoid
+
+    LAYERS[0.019] = 375
+    problem = unicycle(0.019, 21, (9.0, 9.5))
+
+    def run() -> dict[str, object]:
+        found = reach_avoid(*problem, backend="bit_rows", masks=False)
+        return {"cells": problem[0].grid.size, "winning": int(found.winning.sum()), "steps": found.steps}
+
+    return _timed("unicycle 0.019, 441 inputs, bit_rows, values only", run)
+
+
 def _scots(name: str) -> dict[str, object]:
     import scots_examples
 
@@ -158,7 +173,7 @@ def _many_inputs(masks: bool) -> dict[str, object]:
 def _robot(gap: bool) -> dict[str, object]:
     import numpy as np
 
-    from simgap.config.context import Context
+    from simgap.plants.context import Context
     from simgap.stages.synthesis import pose
     from simgap.synthesis.synthesise import synthesise
 
@@ -180,6 +195,7 @@ JOBS = [
     *[("_pinned_unicycle", k, "bit_rows", False) for k in range(4)],
     ("_pinned_unicycle", 3, "bit_rows", True),
     *[("_pinned_unicycle", k, "table", False) for k in (0, 1)],
+    ("_hundred_million",),
     *[("_scots", name) for name in ("dcdc", "vehicle", "aircraft")],
     *[("_product", gap, threads) for gap in ("nominal", "constant gap", "gap in x and u") for threads in (1, 2)],
 ]
