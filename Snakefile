@@ -12,7 +12,6 @@
 #   snakemake --cores 2 cart_pole                        a pole on a cart from its URDF, four states
 #   snakemake --cores 2 two_link                         an arm of two links, reach and avoid in joint space
 #   snakemake --cores 2 pioneer                          a wheeled robot of another make, through a door into a dock
-#   snakemake --cores 2 pioneer_mujoco                   that robot in another engine (extra `mujoco`)
 #   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
 #   snakemake --report results/report.zip                what is there, every page and figure with its caption, in one file
 
@@ -46,7 +45,6 @@ localrules:
     cart_pole,
     two_link,
     pioneer,
-    pioneer_mujoco,
 
 
 rule all:
@@ -114,8 +112,3 @@ rule two_link:
 rule pioneer:
     input:
         pages("pioneer"),
-
-
-rule pioneer_mujoco:
-    input:
-        pages("pioneer_mujoco"),

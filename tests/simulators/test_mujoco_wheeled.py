@@ -20,12 +20,11 @@ INPUTS = np.array([[0.4, 0.0], [0.4, 0.0], [0.2, 0.9], [-0.2, 0.9], [0.0, 0.0], 
 pytest.importorskip("mujoco")
 
 
-def make(name="pioneer_mujoco", **changes):
-    path = CASES / f"{name}.yaml"
+def make(kind=MuJoCoWheeled, engine="mujoco_wheeled", **changes):
+    path = CASES / "pioneer.yaml"
     content = case_content(path)
-    content["simulator"] |= changes
+    content["simulator"] |= {"engine": engine, "substeps": 80, **changes}
     case = parse_case(content, path)
-    kind = MuJoCoWheeled if name == "pioneer_mujoco" else PyBulletWheeled
     return kind(wheeled_plant(case, CASES), case.simulator)
 
 
@@ -66,7 +65,7 @@ def test_where_it_stands_which_way_it_looks_and_what_ran_before_do_not_matter():
 def test_two_engines_agree_about_the_robot():
     """Nothing is shared but the file: contacts, motors and integrators are their own."""
     mine, _ = make().chain(np.array([1.0, 1.0, 0.5]), INPUTS)
-    other, _ = make("pioneer").chain(np.array([1.0, 1.0, 0.5]), INPUTS)
+    other, _ = make(PyBulletWheeled, "pybullet_wheeled", substeps=40).chain(np.array([1.0, 1.0, 0.5]), INPUTS)
     assert np.abs(mine - other)[:, :2].max() < 0.01
     assert np.abs(mine - other)[:, 2].max() < 0.02
 
@@ -83,9 +82,10 @@ def test_what_touches_the_floor_states_its_friction(tmp_path):
         make(left="left_wheel")
 
 
-def test_the_case_can_be_checked():
+def test_a_case_with_it_can_be_checked(vary, root):
     """The engine has the masses, inertias and centres of mass of the file, frames on fixed joints included."""
-    found = check.run(CASES / "pioneer_mujoco.yaml")
+    urdf = str(root / "configs/models/pioneer.urdf")
+    found = check.run(vary("pioneer", {"simulator.engine": "mujoco_wheeled", "simulator.urdf": urdf}))
     assert found.compared
     assert not found.findings
 
