@@ -55,6 +55,7 @@ class Columns:
             u=np.ascontiguousarray(problem.u[:, list(self.u_order)] * self.u),
             sigma=problem.sigma[order] * np.abs(y_scale),
             used=np.ascontiguousarray(problem.used[:, order]),
+            weight=np.ascontiguousarray(problem.weight[:, order]),
             memo=Memo(),
         )
 
@@ -94,7 +95,7 @@ def _missed(part: Problem) -> float:
     """chi^2/dof of the declared model, initial states fitted."""
     part = settled(part)
     at = fit(part, part.model.null, initial_states(part), [], {})
-    return at.chi2 / max(part.size - part.model.nx * len(part.windows), 1)
+    return at.chi2 / max(part.size - part.taken, 1)
 
 
 def _options(problem: Problem) -> Iterator[Columns]:

@@ -54,19 +54,18 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     """Refit only the initial states (w, nx) of held-out windows at theta (q,), and predict ahead causally."""
     at = fit(held, theta, initial_states(held), [], {})
     residual, count = held.residuals(theta, at.x0), held.size
-    lost = held.model.nx * len(held.windows) / count  # degrees of freedom that the initial states took
-    unbiased = math.sqrt(max(1.0 - lost, 0.1))
+    unbiased = math.sqrt(max(1.0 - held.taken / count, 0.1))  # the initial states took some degrees of freedom
     each = np.maximum(np.sum(held.used[held.samples], axis=0), 1.0)
     rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / each) * held.sigma / unbiased
     ratio = math.sqrt(float(np.sum(residual**2)) / count) / unbiased
-    free = max(count - held.model.nx * len(held.windows), 1)
+    free = max(round(count - held.taken), 1)
     ahead = horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
     return HeldOut(at.x0, rmse, ratio, float(np.sum(residual**2)), free, held.heard, ahead)
 
 
 def chi2_dof(problem: Problem, at: Fit) -> float:
     """Reduced chi^2 of fitted windows."""
-    return at.chi2 / max(problem.size - problem.model.nx * len(problem.windows) - len(at.slots), 1)
+    return at.chi2 / max(problem.size - problem.taken - len(at.slots), 1)
 
 
 def judged(problem: Problem, at: Fit, held: HeldOut, horizon_s: float) -> Judged:
