@@ -4,7 +4,7 @@
 
 Records come from `tests/undeclared/rig/counts.py`, which shares no code with the fit; a step of an encoder is given as
 a multiple of the white noise before the rounding. Each row is kept in benchmarks/results/encoders.json as soon as it is
-there; the table is benchmarks/results/encoders.md. A record is 2 x 10 s; seeds take 200, 500 and 100 Hz in turn.
+there. A record is 2 x 10 s; seeds take 200, 500 and 100 Hz in turn.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ import sys
 import time
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
@@ -44,8 +42,9 @@ def one(plant: str, hidden: str, step: float, seed: int) -> dict[str, Any]:
     }  # fmt: skip
     m = mark(d, sealed)
     return {
-        "plant": plant, "hidden": hidden, "step": step, "seed": seed, "rate": rate, "verdict": d.verdict, "truth": m.truth,
-        "answer": m.answer, "exact": m.exact, "covered": m.covered, "errors": m.errors,
+        "plant": plant, "hidden": hidden, "step": step, "seed": seed, "rate": rate,
+        "verdict": d.verdict, "truth": m.truth, "answer": m.answer, "exact": m.exact, "covered": m.covered,
+        "errors": m.errors,
         "wrong": [list(a) for a in m.answer if tuple(a) not in truth and not m.exact],
         "faults": [[f.fault, f.value] for f in d.recording],
         "nearest": [[e.name, e.on] for e in d.nearest.effects] if d.nearest else [],
@@ -54,28 +53,6 @@ def one(plant: str, hidden: str, step: float, seed: int) -> dict[str, Any]:
         "sigma_over_step": d.sigma["q"] / (step * PLANTS[plant].noise), "warnings": list(d.warnings),
         "cpu_s": round(time.process_time() - begun, 1),
     }  # fmt: skip
-
-
-def table(rows: list[dict[str, Any]]) -> str:
-    """Markdown, one plant and step a row."""
-    head = (
-        "records", "right verdict", "right set", "wrong names", "faults named", "intervals that cover",
-        "CPU s, median",
-    )  # fmt: skip
-    lines = ["| plant | step over noise | " + " | ".join(head) + " |", "|---" * (len(head) + 2) + "|"]
-    for plant in PLANTS:
-        for step in STEPS:
-            own = [r for r in rows if r["plant"] == plant and r["step"] == step]
-            if not own:
-                continue
-            covered = [c for r in own for c in r["covered"]]
-            cells = (
-                len(own), sum(r["verdict"] == ("attributed" if r["truth"] else "none") for r in own),
-                sum(r["exact"] for r in own), sum(bool(r["wrong"]) for r in own), sum(bool(r["faults"]) for r in own),
-                f"{sum(covered)} of {len(covered)}", f"{float(np.median([r['cpu_s'] for r in own])):.3g}",
-            )  # fmt: skip
-            lines.append(f"| {plant} | {step:g} | " + " | ".join(str(c) for c in cells) + " |")
-    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
@@ -103,7 +80,6 @@ def main() -> None:
                     known = [r for r in known if r not in there] + [row]
                     print({k: v for k, v in row.items() if k not in ("truth", "errors", "warnings")}, flush=True)
                     given.out.write_text(json.dumps(known, indent=1) + "\n")
-                    given.out.with_suffix(".md").write_text(table(known))
 
 
 if __name__ == "__main__":

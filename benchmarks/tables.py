@@ -154,7 +154,9 @@ def encoders(data: Sequence[Mapping[str, Any]]) -> str:
         right = sum(r["verdict"] == ("attributed" if r["truth"] else "none") for r in own)
         counts = (right, *(sum(bool(r[key]) for r in own) for key in ("exact", "wrong", "faults")))
         cpu = sorted(r["cpu_s"] for r in own)[len(own) // 2]
-        rows.append([plant, f"{step:g}", str(len(own)), *map(str, counts), f"{sum(covered)} of {len(covered)}", f"{cpu:.3g}"])
+        rows.append(
+            [plant, f"{step:g}", str(len(own)), *map(str, counts), f"{sum(covered)} of {len(covered)}", f"{cpu:.3g}"]
+        )
     head = ["plant", "count over noise", "records", "right verdict", "right set", "wrong names", "faults named"]
     return markdown([*head, "intervals that cover", "CPU s, median"], sorted(rows, key=lambda r: r[0]))
 

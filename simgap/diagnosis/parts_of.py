@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from simgap.diagnosis.reading.encoder import worth
 from simgap.diagnosis.reading.folds import cut_in_folds
 from simgap.diagnosis.reading.record import Record

@@ -67,7 +67,7 @@ def test_ten_readings_a_count_are_worth_one():
 
 @pytest.mark.parametrize(("plant", "hidden", "noises"), [("motor", "both", 50.0), ("ball", "nothing", 50.0)])
 def test_a_coarse_encoder_does_not_decide_the_verdict(plant, hidden, noises):
-    """A thousandth of a turn and a millimetre: rounding is most of what the model leaves, and the same while it rests."""
+    """Hundredths of a radian and millimetres: rounding is most of what the model leaves, and the same at rest."""
     record, truth = counted_record(plant, hidden, noises * {"motor": 2e-4, "ball": 2e-5}[plant], 2, rate=200.0)
     d = diagnose(counted_model(plant), record, DiagnosisSettings())
     assert d.verdict == ("attributed" if truth else "none")

@@ -22,9 +22,7 @@ def _section(units: tuple[str, str, str, str], force: str, gain: str, **values: 
         "symbolic": {
             "parameters": {n: {"value": x, "unit": unit} for n, (x, unit) in values.items()},
             "dynamics": {"q": "v", "v": f"({force})/({gain})"},
-            "coordinates": {
-                "axis": {"position": "q", "velocity": "v", "force_gain": f"1/({gain})", "force_unit": on}
-            },
+            "coordinates": {"axis": {"position": "q", "velocity": "v", "force_gain": f"1/({gain})", "force_unit": on}},
         },
     }
 
@@ -32,9 +30,7 @@ def _section(units: tuple[str, str, str, str], force: str, gain: str, **values: 
 _EQUATIONS = {
     "ball": _section(("m", "m/s", "rad", "N"), "m*g*sin(u)", "1.4*m", m=(0.11, "kg"), g=(9.81, "m/s^2")),
     "motor": _section(("rad", "rad/s", "A", "N*m"), "K*u", "J", J=(2e-3, "kg*m^2"), K=(0.05, "N*m/A")),
-    "spring": _section(
-        ("m", "m/s", "N", "N"), "u - d*v - k*q", "m", m=(1.5, "kg"), d=(0.4, "N*s/m"), k=(20.0, "N/m")
-    ),
+    "spring": _section(("m", "m/s", "N", "N"), "u - d*v - k*q", "m", m=(1.5, "kg"), d=(0.4, "N*s/m"), k=(20.0, "N/m")),
 }
 
 

@@ -1,10 +1,10 @@
 """Encoders: the noise of a rounded reading, and how much each reading is worth.
 
-The error of rounding is a function of the place. While a motion crosses several counts between readings it is as good as
-white, with a variance of step^2 / 12; while it stays within one count the error stays the same, and all readings of that
-time together are worth hardly more than one. White noise before the rounding dithers: what is left of the error at a
-given place falls with exp(-2 pi^2 (sigma / step)^2). A reading is therefore weighed by one over the design effect of the
-readings that share its count, 1 + rho (n - 1), with rho the share of the variance that they have in common.
+The error of rounding is a function of the place. While a motion crosses several counts between readings it is as good
+as white, with a variance of step^2 / 12; while it stays within one count the error stays the same, and all readings of
+that time together are worth hardly more than one. White noise before the rounding dithers: what is left of the error at
+a given place falls with exp(-2 pi^2 (sigma / step)^2). A reading is therefore weighed by one over the design effect of
+the readings that share its count, 1 + rho (n - 1), with rho the share of the variance that they have in common.
 Source: Widrow, Kollar (2008), Quantization Noise, ch. 5, 9; Kish (1965), Survey Sampling, sec. 5.4.
 """
 
@@ -25,6 +25,7 @@ Ints = NDArray[np.int64]
 _HARMONICS = np.arange(1, 50)
 _FEWEST = 50  # slow readings from which the white noise is estimated
 _SPAN, _NEAR = 9, 1.0  # readings, and counts within which they lie, that are slow
+_AT_ONE_PLACE = 20  # slow readings that count of one stay
 _LOUD = 0.35  # of a count: of white noise this large the place is gone from the error (rho < 0.003)
 
 
@@ -74,12 +75,17 @@ def _white(record: Record, k: int, step: float, every: float) -> float:
 
 
 def _returns(place: Floats) -> Floats:
-    """Products of successive changes (counts^2) in the middle of readings that all lie within `_NEAR` counts."""
+    """Products of successive changes (counts^2) in the middle of readings that all lie within `_NEAR` counts.
+
+    Of a long rest only so many count as of a slow crossing: the edge of a count may be near its place, or not.
+    """
     if len(place) < _SPAN:
         return np.zeros(0)
     slow = np.ptp(np.lib.stride_tricks.sliding_window_view(place, _SPAN), axis=1) <= _NEAR
     change = np.diff(place)[_SPAN // 2 - 1 :][: len(slow) + 1]
-    return np.asarray((change[1:] * change[:-1])[: len(slow)][slow])
+    at = np.arange(len(slow))
+    since = at - np.maximum.accumulate(np.where(slow, -1, at))  # slow readings up to here, one after the other
+    return np.asarray((change[1:] * change[:-1])[: len(slow)][slow & (since <= _AT_ONE_PLACE)])
 
 
 def _placed(ratio: float) -> float:

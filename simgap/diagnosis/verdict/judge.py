@@ -169,6 +169,8 @@ class Evidence:
         declared, corrected: error on *confirm*; share: excess of the one over the other there.
         agree: whether the coefficients agree between halves of the fitted data.
         needed: whether *confirm* asks for each effect.
+        elsewhere: the share without the places that carry most of the error, where there are such and the median of the
+            errors, all of them, falls by half too; else 1.
     """
 
     before: float
@@ -178,6 +180,7 @@ class Evidence:
     share: float
     agree: bool
     needed: bool
+    elsewhere: float = 1.0
 
 
 def verdict(found: Explanation, evidence: Evidence) -> Verdict:
@@ -196,4 +199,5 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
         return "attributed" if plant else "none"
     if not plant:
         return "unexplained"
-    return "partial" if evidence.share <= EXCESS_KEPT and found.physical and evidence.agree else "unexplained"
+    enough = min(evidence.share, evidence.elsewhere) <= EXCESS_KEPT
+    return "partial" if enough and found.physical and evidence.agree else "unexplained"

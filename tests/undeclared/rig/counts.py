@@ -1,8 +1,8 @@
 """Plants with dry friction whose positions are read by encoders, in small steps that share nothing with the fit.
 
-One coordinate each: inertia * a = drive * u - damping * v - stiffness * q - friction (a ball: drive * sin u). Dry friction
-is what a shrinking of the speed leaves (Moreau); the encoder rounds the position, with some white noise on it, to whole
-counts.
+One coordinate each: inertia * a = drive * u - damping * v - stiffness * q - friction (a ball: drive * sin u). Dry
+friction is what a shrinking of the speed leaves (Moreau); the encoder rounds the position, with some white noise on it,
+to whole counts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Counted:
     """A plant, how it is driven and how it is read.
 
     Attributes:
-        inertia, drive, damping, stiffness: as declared; viscous, dry: sizes of what may be hidden, which the seed scatters.
+        inertia, drive, damping, stiffness: as declared; viscous, dry: sizes of what may be hidden, scattered by seeds.
         top: largest command; noise: white, before the rounding; rate: Hz.
         gains: position and speed gains of a controller that reads the encoder; 0 where commands are open loop.
     """
