@@ -50,3 +50,34 @@ def diagnose(
         raise
     for line in (f"{result['verdict']}: {result['sentence']}", f"Report: {out / 'report.html'}"):
         Console().print(line, soft_wrap=True, highlight=False, markup=False)
+
+
+@app.command("next")
+def next_experiment(
+    case: CasePath,
+    found: Annotated[Path, typer.Argument(help="Folder of a diagnosis of it.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder for the results.", callback=new_folder)] = Path("next"),
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="How long the recording may be, s.")] = None,
+    start: Annotated[str, typer.Option(help="State at its first sample, such as q=0.5,v=0.")] = "",
+    log: Log = None,
+) -> None:
+    """Propose the recording that separates what a diagnosis could not tell apart."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    from simgap.stages import next as stage
+
+    start_log(log or out / "next.log")
+    with Console(stderr=True).status("starting") as status:
+        result = stage.run(case, found, out, seconds, _values(start), lambda words: status.update(escape(words)))
+    for line in (result["paragraph"], f"Picture: {out / 'next.png'}" if result["input"] else ""):
+        Console().print(line, soft_wrap=True, highlight=False, markup=False)
+
+
+def _values(text: str) -> dict[str, float]:
+    """'q=0.5,v=0' as numbers by name."""
+    try:
+        pairs = [part.split("=") for part in text.split(",") if part.strip()]
+        return {name.strip(): float(value) for name, value in pairs}
+    except ValueError:
+        raise UserError(f"'{text}' names no state", key="--start", remedy="Write q=0.5,v=0.") from None

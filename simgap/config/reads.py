@@ -59,6 +59,7 @@ READS: Mapping[str, tuple[str, ...]] = {
     "rig": _SIMULATED,
     "trace": ("name", "title", "plant", "domain", "synthesis.specification"),
     "diagnosis": (*_WHOLE, "budget"),  # the corrected case is a copy of the whole
+    "next": ("name", "plant", "domain", "measured"),
     "report": (
         "name",
         "title",
@@ -75,7 +76,7 @@ READS: Mapping[str, tuple[str, ...]] = {
 CLOSED_FORM = ("scp", "lipschitz")
 """Stages that read all of the simulator where its engine may know it in closed form."""
 
-EVERY_EFFECT = ("diagnosis", "report")
+EVERY_EFFECT = ("diagnosis", "next", "report")
 """Stages that try or describe effects which the case does not name."""
 
 TRANSLATED = ("grid", "borders", "scp", "lipschitz", "gap")

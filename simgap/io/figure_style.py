@@ -76,6 +76,16 @@ def save_picture(figure: Any, path: Path) -> None:
         figure.savefig(temporary, format="png", metadata={"Software": None})
 
 
+def kept(figure: Any, path: Path) -> str:
+    """A figure written as PNG and returned as SVG text, then freed."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # laid out once, drawn twice
+    save_picture(figure, path)
+    text = svg_text(figure)
+    close(figure)
+    return text
+
+
 def close(figure: Any) -> None:
     """Free a figure."""
     import matplotlib.pyplot as plt

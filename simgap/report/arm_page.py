@@ -30,18 +30,12 @@ MEANING = {
 def draw(found: ArmDiagnosis, inputs: Sequence[str], units: Mapping[str, str], folder: Path) -> dict[str, Any]:
     """All figures: written as PNG into `folder`, returned as SVG text for the page."""
 
-    def keep(figure: Any, name: str) -> str:
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # laid out once, drawn twice
-        style.save_picture(figure, folder / f"{name}.png")
-        text = style.svg_text(figure)
-        style.close(figure)
-        return text
-
     longest = sorted(found.predictions, key=lambda p: -len(p.t))[:MOST_TRACES]
     with style.figure_style():
-        error = keep(torque_error_figure(found, inputs, units), "error")
-        overlays = [keep(torque_figure(p, inputs, units), f"torques-{k + 1}") for k, p in enumerate(longest)]
+        error = style.kept(torque_error_figure(found, inputs, units), folder / "error.png")
+        overlays = [
+            style.kept(torque_figure(p, inputs, units), folder / f"torques-{k + 1}.png") for k, p in enumerate(longest)
+        ]
     return {"error": error, "overlays": overlays}
 
 

@@ -21,6 +21,7 @@ def content(m: Material) -> dict[str, Any]:
         "units": m.context.units,
         "verdict": verdict(m),
         "specification": specification_of(m.context.case),
+        "specification_sentence": specification_of(m.context.case).sentence(Space.of(m.context.case)),
         "swept": m.syntheses["gap"].get("between_samples_by") == "swept boxes",
         "settings": settings(m),
         "gap": m.gap,

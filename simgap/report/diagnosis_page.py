@@ -85,24 +85,18 @@ def draw(
     units = document["units"]
     texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "ranking": ""}
 
-    def keep(figure: Any, name: str) -> str:
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # laid out once, drawn twice
-        style.save_picture(figure, folder / f"{name}.png")
-        text = style.svg_text(figure)
-        style.close(figure)
-        return text
-
     with style.figure_style():
         if document["error"]["before"]["horizon_rmse"]:
-            texts["error"] = keep(error_figure(document["error"], units), "error")
+            texts["error"] = style.kept(error_figure(document["error"], units), folder / "error.png")
         for k, o in enumerate(stretches):
-            texts["overlays"].append(keep(overlay_figure(o, units), f"measured-{k + 1}"))
+            texts["overlays"].append(style.kept(overlay_figure(o, units), folder / f"measured-{k + 1}.png"))
         for k, m in enumerate(missing):
-            texts["missing"].append(keep(missing_figure(m), f"residual-{k + 1}"))
+            texts["missing"].append(style.kept(missing_figure(m), folder / f"residual-{k + 1}.png"))
         if any(c.get("chi2_dof") is not None for c in document["candidates"]):
             left = document["fit_quality"]["chi2_dof"]
-            texts["ranking"] = keep(ranking_figure(document["candidates"], document["effects"], left), "candidates")
+            texts["ranking"] = style.kept(
+                ranking_figure(document["candidates"], document["effects"], left), folder / "candidates.png"
+            )
     return texts
 
 

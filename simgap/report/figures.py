@@ -12,7 +12,7 @@ import numpy as np
 
 from simgap.config.context import Context
 from simgap.io import figure_style as style
-from simgap.io import figures_arena, figures_domains, figures_gap, figures_margins, figures_traces
+from simgap.io import figures_arena, figures_domains, figures_gap, figures_margins, figures_problem, figures_traces
 from simgap.io.parquet import stack
 from simgap.io.recording_content import PlanarScene
 from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, shown
@@ -22,7 +22,7 @@ from simgap.report.tables import is_signed, sweep
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 
-NAMES = ("bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected", "margins")
+NAMES = ("problem", "bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected", "margins")
 DENSE = ("bound", "inputs", "margins")  # too many paths for SVG
 DPI, SMALL_DPI = 170, 62
 
@@ -67,7 +67,7 @@ def draw(m: Material) -> Drawn:
     files: dict[str, bytes] = {}
     picture = b""
     with style.figure_style():
-        made = {**_bound(m), "sweep": _sweep(m), **_loop(m), "margins": _margins(m)}
+        made = {"problem": _problem(m), **_bound(m), "sweep": _sweep(m), **_loop(m), "margins": _margins(m)}
         if m.corrected is not None and len(m.context.states) == 2:
             made["corrected"] = figures_domains.domains_figure(m.corrected.controllers, [], m.context.units)
         small = shown_on_the_index(made, len(m.context.states))
@@ -84,6 +84,19 @@ def draw(m: Material) -> Drawn:
                 picture = png(figure, SMALL_DPI)
             style.close(figure)
     return Drawn(figures, {"model": model_note(m)}, files, picture)
+
+
+def _problem(m: Material) -> Any:
+    """X, U and what the specification asks for; None where a single state leaves nothing to draw."""
+    context = m.context
+    if len(context.states) < 2:
+        return None
+
+    def specified(pair: tuple[int, int], own: Any) -> None:
+        surroundings(context, pair)(own)
+
+    names = context.states, context.inputs
+    return figures_problem.problem_figure(context.box, context.input_set, names, context.units, specified)
 
 
 def _bound(m: Material) -> dict[str, Any]:

@@ -65,7 +65,7 @@ class Invariance(Specification):
     def draw(self, axes: Any, space: Space, shown: tuple[int, int], look: Look) -> None:
         """The border of the safe set."""
         box = projected(self.region(space), space.box, shown)
-        rectangle(axes, box, facecolor="none", edgecolor=look.border, lw=1.2)
+        rectangle(axes, box, facecolor="none", edgecolor=look.border, lw=1.2, label="safe set")
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,19 +10,22 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
 import loop_example as example
 
+from simgap.config.context import Context
 from simgap.gap.load import from_json
 from simgap.geometry import Box, Grid
 from simgap.io import figure_style as style
-from simgap.io import figures_arena, figures_domains, figures_gap, figures_traces
+from simgap.io import figures_arena, figures_domains, figures_gap, figures_problem, figures_traces
 from simgap.io.controller_file import load_controller
 from simgap.io.diagnosis_figures import ranking_figure
 from simgap.io.figures_margins import slices_figure
 from simgap.io.parquet import stack
 from simgap.io.recording_phase import domains_image, to_pixels
 from simgap.io.traces import NOMINAL, ROBUST, shown, split
+from simgap.report.figures import surroundings
 from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 
 UNITS = example.UNITS["pendulum"]
+LABELS = ("X", "target", "obstacle")
 
 
 @pytest.fixture(scope="module")
@@ -180,3 +183,22 @@ def test_candidates_stand_by_what_each_leaves_alone():
     widths = [bar.get_x() + bar.get_width() for bar in axis.patches][::-1]
     np.testing.assert_allclose(widths, [3087.0, 43.0, 50.0, 3000.0, 1.04])
     plt.close(figure)
+
+
+def test_the_question_shows_x_the_specification_and_every_input(root):
+    context = Context.load(root / "configs/cases/turtlebot.yaml")
+    names = context.states, context.inputs
+    with style.figure_style():
+        figure = figures_problem.problem_figure(
+            context.box, context.input_set, names, context.units, lambda pair, own: surroundings(context, pair)(own)
+        )
+        floor, heading, drives = figure.axes
+        boxes = {label: [p.get_bbox().extents for p in floor.patches if p.get_label() == label] for label in LABELS}
+        assert [len(found) for found in boxes.values()] == [1, 1, 4]
+        assert boxes["X"][0].tolist() == [0.0, 0.0, 10.0, 10.0]
+        x, y = context.case.synthesis.specification.target.values()
+        assert boxes["target"][0].tolist() == [x[0], y[0], x[1], y[1]]
+        assert heading.patches[0].get_bbox().intervaly.tolist() == [context.box.lo[2], context.box.hi[2]]
+        dots = np.column_stack(drives.lines[0].get_data())
+        assert {tuple(u) for u in dots.tolist()} == {tuple(u) for u in context.input_set.tolist()}
+        style.close(figure)

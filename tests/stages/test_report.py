@@ -89,12 +89,12 @@ def test_the_page_needs_nothing_else(pendulum, robot):
 
 
 def test_the_pendulum_has_its_pictures(pendulum):
-    assert page(pendulum[0]).figures == 4  # trajectories, winning domains, bound, gap along the run
+    assert page(pendulum[0]).figures == 5  # the question, trajectories, winning domains, bound, gap along the run
 
 
 def test_the_robot_has_its_pictures(robot):
     shown = page(robot)
-    assert shown.figures == 5  # arena, times, slices, bound over the inputs, gap along the run
+    assert shown.figures == 6  # the question, arena, times, slices, bound over the inputs, gap along the run
     assert "in the target without touching anything" in shown.text
 
 
@@ -141,7 +141,7 @@ def test_printed_values_stand_beside_ours(pendulum, tmp_path, root):
     text = page(tmp_path).text
     assert "printed in the paper" in text
     assert "0.00757" in text
-    assert page(tmp_path).figures == 5
+    assert page(tmp_path).figures == 6
 
 
 def test_a_broken_promise_is_the_headline(pendulum, tmp_path):
@@ -231,7 +231,7 @@ def test_the_adversary_stands_beside_the_random_samples(pendulum, tmp_path):
         return page(tmp_path), example.read_json(tmp_path / "summary.json")
 
     shown, summary = told(audit)
-    assert shown.figures == 5  # and the map of the margins
+    assert shown.figures == 6  # and the map of the margins
     assert (
         "Under attack: 0 violations in 5,678 searched steps of the simulator and 5,555 closed-loop steps" in shown.text
     )
@@ -292,7 +292,7 @@ def test_figures_are_files_too(pendulum, tmp_path):
     made = {"out": tmp_path / "report.html", "figures_out": tmp_path / "summary.json"}
     report.run(case, Inputs(**example.arguments(folder)), **made, picture=tmp_path / "p.png", folder=tmp_path / "f")
     names = {path.name for path in (tmp_path / "f").iterdir()}
-    assert {"domains.svg", "trajectories.svg", "gap.svg", "bound.png"} == names
+    assert {"problem.svg", "domains.svg", "trajectories.svg", "gap.svg", "bound.png"} == names
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
     text = (tmp_path / "report.html").read_text()
     assert (tmp_path / "f/gap.svg").read_text()[50:3000] in text

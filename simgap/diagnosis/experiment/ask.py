@@ -1,0 +1,136 @@
+"""From what a diagnosis left open to the next experiment, or to what else would settle it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from simgap.diagnosis.experiment.bench import Bench
+from simgap.diagnosis.experiment.propose import SURE, Proposal, propose
+from simgap.diagnosis.experiment.remedies import Remedy, best_remedy, set_words, settable
+from simgap.diagnosis.experiment.rivals import Explained, Known, known_rivals, library_names, translated
+from simgap.diagnosis.reading.conditions import conditioned
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.simulation.supermodel import cached_supermodel
+from simgap.geometry import Box, Floats
+from simgap.model.symbolic import SymbolicModel
+
+WANTED = 0.9
+"""An input that makes one less sure than this is no answer by itself: what else would help is looked for. Judgement."""
+UNREAD = 1e-3
+"""A sensor that is not there yet is taken to have this share of the range of its state as noise. Judgement."""
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is to be told apart, and within which limits.
+
+    Attributes:
+        model: known conditions as inputs; record, settings, noise: of the diagnosis.
+        sets: its answer and what it could not tell from it, with their numbers.
+        t: (n,) s of the recording to come; start: (nx,); allowed: states; middle, reach: (m,) of the inputs.
+        conditions: rows of known conditions under which there are recordings; one empty row without any.
+        units: of states and inputs.
+    """
+
+    model: SymbolicModel
+    record: Record
+    settings: DiagnosisSettings
+    noise: Mapping[str, float]
+    sets: tuple[Explained, ...]
+    t: Floats
+    start: Floats
+    allowed: Box
+    middle: Floats
+    reach: Floats
+    conditions: tuple[tuple[float, ...], ...] = ((),)
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def model_unit(self, name: str) -> str:
+        """Unit of an input of the model, known conditions among them."""
+        return next(v.unit for v in self.model.inputs if v.name == name)
+
+    def bench(self, known: Known, held: tuple[float, ...]) -> Bench:
+        """Where the next recording is made under these conditions."""
+        problem = known.problem
+        names = self.record.measured
+        return Bench(
+            problem.model, np.array([self.noise[n] for n in names]), self.t, self.settings.window_s,
+            min(problem.h_max, float(self.t[1] - self.t[0])), self.start, self.allowed, self.middle, self.reach, held,
+            known.excess, problem.size,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Advice:
+    """The best input, the explanations that it is to tell apart, and what else would help where it does not."""
+
+    known: Known
+    proposal: Proposal
+    bench: Bench
+    remedy: Remedy | None
+
+
+def ask(question: Question, rng: np.random.Generator, tell: Callable[[str], None] = lambda words: None) -> Advice:
+    """The next experiment."""
+    tell(f"fitting {len(question.sets)} explanation{'s' if len(question.sets) > 1 else ''} to the recordings")
+    known = known_rivals(question.model, question.record, question.settings, question.sets, question.noise)
+    benches = [question.bench(known, row) for row in question.conditions]
+    proposal = propose(benches, known.rivals, rng, tell)
+    bench = benches[0] if proposal.best is None else benches[proposal.bench]
+    remedy = None
+    if len(known.rivals) > 1 and proposal.best is not None and proposal.sure < WANTED:
+        tell("no input is enough: looking for a weight or a sensor that is")
+        remedy = best_remedy(list(_options(question, proposal.best.u, rng)), SURE)
+    return Advice(known, proposal, bench, remedy)
+
+
+Option = tuple[str, str, str, Callable[[], float]]
+
+
+def _options(question: Question, u: Floats, rng: np.random.Generator) -> list[Option]:
+    """Numbers of the plant to set, then states to read."""
+    found: list[Option] = []
+    for name, value in settable(question.model, question.sets):
+        words = set_words(name, value, question.model.parameters[name].unit)
+        found.append(("condition", name, words, partial(_set, question, name, value, rng)))
+    for name in question.model.state_names:
+        if name not in question.record.measured:
+            words = f"measure {name} too"
+            found.append(("sensor", name, words, partial(_read, question, name, u, rng)))
+    return found
+
+
+def _set(question: Question, name: str, value: float, rng: np.random.Generator) -> float:
+    """How sure one is once a number of the plant is known to have another value: no explanation errs about it then."""
+    own = len(question.conditions[0])
+    model = conditioned(question.model, [name])
+    declared = question.model.parameters[name].value
+    traces = tuple(
+        Trace(t.name, t.t, t.y, np.hstack([t.u, np.full((len(t.u), 1), declared)]), t.used)
+        for t in question.record.traces
+    )
+    record = Record(traces, question.record.measured, (*question.record.inputs, name))
+    sets = tuple(tuple(a for a in s if a.on != name) for s in question.sets)
+    other = replace(
+        question, model=model, record=record, sets=sets, conditions=((*question.conditions[0][:own], value),)
+    )
+    known = known_rivals(model, record, question.settings, sets, question.noise)
+    return propose([other.bench(known, other.conditions[0])], known.rivals, rng, few=True).sure
+
+
+def _read(question: Question, name: str, u: Floats, rng: np.random.Generator) -> float:
+    """How sure one is once a state is read as well, in the range that the best input brings it to."""
+    known = known_rivals(question.model, question.record, question.settings, question.sets, question.noise)
+    bench = question.bench(known, question.conditions[0])
+    states, _ = bench.moved(known.rivals[0], u)
+    span = float(np.ptp(states[:, question.model.state_names.index(name)]))
+    here = known.problem.model
+    there = cached_supermodel(here.model, (*here.measured, name), library_names(question.sets))
+    seen = replace(bench, model=there, sigma=np.append(bench.sigma, UNREAD * max(span, 1e-12)))
+    rivals = [translated(r, s, here, there) for r, s in zip(known.rivals, question.sets, strict=True)]
+    return propose([seen], rivals, rng, few=True).sure

@@ -1,0 +1,157 @@
+"""The input that parts rivals best: a few dozen tries of every family, then improved from the best ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from simgap.diagnosis.experiment.bench import Bench, Rival, margins
+from simgap.diagnosis.experiment.waves import Wave, waves
+from simgap.excitation import multisine
+from simgap.geometry import Floats
+
+SIZES = (1.0, 0.5, 0.2)
+"""Shares of the range in which each family is tried."""
+HALVINGS = 3
+"""How often a wave that takes the plant out of its range is made smaller."""
+BEST, ROUNDS = 4, 40
+"""From how many tries the improvement sets out, and how many changes it tries."""
+SURE = 0.999
+"""Once the predicted probability of telling the rivals apart is above it, nothing more is improved. Judgement."""
+
+
+@dataclass(frozen=True, eq=False)
+class Try:
+    """One input.
+
+    Attributes:
+        name: of its family; wave: (n, m); u: (n, m + c) as the plant feels it.
+        score: what is made large; d: (r, r) of `Bench.parts`, with the answer alone its standard errors (p,).
+        states, readings: of each rival, (n, nx) and (n, k).
+    """
+
+    name: str
+    wave: Floats
+    u: Floats
+    score: float
+    d: Floats
+    states: tuple[Floats, ...]
+    readings: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """The best input.
+
+    Attributes:
+        best: the try; bench: the place of its bench among those given.
+        tried: how many there were; left: how many would have left the range of the plant.
+        sure: the least probability, over the pairs, that the right one is told from the other.
+    """
+
+    best: Try | None
+    bench: int
+    tried: int
+    left: int
+    sure: float
+
+
+def propose(
+    benches: Sequence[Bench], rivals: Sequence[Rival], rng: np.random.Generator,
+    tell: Callable[[str], None] = lambda words: None, few: bool = False,
+) -> Proposal:  # fmt: skip
+    """Try every family on each bench (one for each known condition), and improve the best ones.
+
+    Args:
+        rivals: two or more to be told apart, or one whose numbers are to be told better.
+        few: one size of each family and no improvement.
+    """
+    found: list[tuple[int, Try]] = []
+    count = left = 0
+    for k, bench in enumerate(benches):
+        for wave in _sized(bench, rng, SIZES[:1] if few else SIZES):
+            count += 1
+            attempt = _fitting(bench, rivals, wave)
+            if attempt is None:
+                left += 1
+            else:
+                found.append((k, attempt))
+        tell(f"{count} inputs tried")
+    if not found:
+        return Proposal(None, 0, count, left, 0.0)
+    found.sort(key=lambda pair: -pair[1].score)
+    best = found[:BEST]
+    for k in range(0 if few else ROUNDS):
+        if sure(best[0][1].d, rivals, benches[best[0][0]]) >= SURE:
+            break
+        where, parent = best[k % len(best)]
+        attempt = tried(benches[where], rivals, _changed(parent, best[0][1], benches[where].t, rng))
+        count += 1
+        if attempt is not None and attempt.score > parent.score:
+            best[k % len(best)] = where, attempt
+            best.sort(key=lambda pair: -pair[1].score)
+    where, top = best[0]
+    return Proposal(top, where, count, left, sure(top.d, rivals, benches[where]))
+
+
+def _sized(bench: Bench, rng: np.random.Generator, sizes: Sequence[float]) -> Iterator[Wave]:
+    for wave in waves(bench.t, len(bench.reach), rng):
+        for size in sizes:
+            yield Wave(wave.name, size * wave.u)
+
+
+def _fitting(bench: Bench, rivals: Sequence[Rival], wave: Wave) -> Try | None:
+    """A try, made smaller while a rival leaves its range; None if it does at every size."""
+    for _ in range(HALVINGS + 1):
+        attempt = tried(bench, rivals, wave)
+        if attempt is not None:
+            return attempt
+        wave = replace(wave, u=0.5 * wave.u)
+    return None
+
+
+def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave) -> Try | None:
+    """How far an input parts the rivals; None if one of them leaves the range of the plant."""
+    u = bench.input(wave.u)
+    moved: list[tuple[Floats, Floats]] = []
+    for r in rivals:
+        moved.append(bench.moved(r, u))
+        if not bench.stays(moved[-1][0]):
+            return None
+    states, readings = tuple(m[0] for m in moved), tuple(m[1] for m in moved)
+    if len(rivals) == 1:
+        (only,) = rivals
+        errors = bench.tells(states[0], readings[0], u, only)
+        before = np.sqrt(np.diag(np.linalg.pinv(only.information, hermitian=True)) * bench.excess)
+        score = float(np.min(before / np.maximum(errors, 1e-300)))  # the number that gains least
+        return Try(wave.name, wave.u, u, score, errors, states, readings)
+    d = np.zeros((len(rivals), len(rivals)))
+    for a in range(len(rivals)):
+        for b in range(len(rivals)):
+            if a != b:
+                d[a, b] = bench.parts(states[a], readings[a], u, rivals[b])
+    return Try(wave.name, wave.u, u, float(margins(d, rivals, bench).min()), d, states, readings)
+
+
+def _changed(parent: Try, other: Try, t: Floats, rng: np.random.Generator) -> Wave:
+    """A wave near a good one: a part of another, one more multisine, another size, the halves of two."""
+    kind, m = rng.integers(4), parent.wave.shape[1]
+    if kind == 0:
+        share = rng.uniform(0.2, 0.8)
+        return Wave(parent.name, share * parent.wave + (1.0 - share) * other.wave[::-1])
+    if kind == 1:
+        low = np.exp(rng.uniform(np.log(0.1), np.log(4.0)))
+        more = np.stack([multisine(t, rng.uniform(0.1, 0.5), low, 2.0 * low, rng) for _ in range(m)], axis=1)
+        return Wave(parent.name, np.clip(parent.wave + more, -1.0, 1.0))
+    if kind == 2:
+        return Wave(parent.name, np.clip(parent.wave * rng.uniform(0.6, 1.8), -1.0, 1.0))
+    half = len(t) // 2
+    return Wave(parent.name, np.concatenate([parent.wave[:half], other.wave[half:]]))
+
+
+def sure(d: Floats, rivals: Sequence[Rival], bench: Bench) -> float:
+    """The least probability, over ordered pairs, that the right one is told from the other; 1 for one alone."""
+    return 1.0 if len(rivals) == 1 else float(norm.cdf(margins(d, rivals, bench).min()))

@@ -1,0 +1,88 @@
+"""The next experiment in one paragraph."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from simgap.diagnosis.experiment.ask import WANTED, Advice, Question
+from simgap.diagnosis.experiment.bench import margins
+from simgap.notation import joined, number, pretty_unit
+
+_MOST_NAMED = 3
+
+
+def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file: str) -> str:
+    """What cannot be told apart, what to record, how sure one will be, and what else would help."""
+    rivals, best = advice.known.rivals, advice.proposal.best
+    labels = [r.label for r in rivals]
+    shown = labels if len(labels) <= _MOST_NAMED else [*labels[:_MOST_NAMED], f"{len(labels) - _MOST_NAMED} more"]
+    if len(rivals) == 1:
+        opening = f"These recordings tell {labels[0]} from everything else that was tried."
+    else:
+        opening = f"These recordings cannot tell apart {joined(shown)}."
+    if best is None:
+        return (
+            f"{opening} Each of the {advice.proposal.tried} inputs that were tried takes the plant out of its range "
+            "(domain.X, or what was recorded): widen it, or start elsewhere."
+        )
+    how = _recording(question, advice, units, file)
+    if len(rivals) == 1:
+        return f"{opening} {how} Its numbers will be known to {_intervals(advice)}."
+    return f"{opening} {how} {_certainty(advice)}"
+
+
+def _recording(question: Question, advice: Advice, units: Mapping[str, str], file: str) -> str:
+    best, t = advice.proposal.best, question.t
+    assert best is not None
+    own = len(question.middle)
+    peaks = [
+        f"{name} within {number(float(best.u[:, j].min()), 3)} and {number(float(best.u[:, j].max()), 3)} "
+        f"{pretty_unit(units.get(name, ''))}".strip()
+        for j, name in enumerate(question.model.input_names[:own])
+        if np.ptp(best.u[:, j]) > 0.0
+    ]
+    start = ", ".join(
+        f"{n} = {number(float(v))}" for n, v in zip(question.model.state_names, question.start, strict=True)
+    )
+    held = ", ".join(
+        f"{n} = {number(v)} {pretty_unit(question.model_unit(n))}".strip()
+        for n, v in zip(question.model.conditions, advice.bench.held, strict=True)
+    )
+    under = f" with {held}" if held else ""
+    rate = 1.0 / float(t[1] - t[0])
+    return (
+        f"Play {file} ({best.name}, improved from there; {t[-1] - t[0]:.3g} s at {rate:.4g} Hz, "
+        f"{joined(peaks)}) from {start}{under}, record it, and diagnose it together with what there is."
+    )
+
+
+def _certainty(advice: Advice) -> str:
+    best, rivals = advice.proposal.best, advice.known.rivals
+    assert best is not None
+    z = margins(best.d, rivals, advice.bench)
+    a, b = np.unravel_index(int(np.argmin(z)), z.shape)
+    pair = f"if {rivals[a].label} is right, {rivals[b].label} is expected to miss by {number(best.d[a, b], 3)} in χ²"
+    chance = f"{100 * min(advice.proposal.sure, 0.999):.3g} %"
+    if advice.proposal.sure >= WANTED:
+        return (
+            f"Then they are told apart with a probability of at least {chance} (the closest pair: {pair}), given the "
+            "measured noise and that one of them is right."
+        )
+    text = (
+        f"No input within the limits makes one sure: of {advice.proposal.tried} that were tried the best tells them "
+        f"apart with a probability of {chance} ({pair})."
+    )
+    if advice.remedy is None:
+        return f"{text} They act alike on what is measured here; take whichever is simpler to mend."
+    then = 100 * min(advice.remedy.sure, 0.999)
+    return f"{text} Instead {advice.remedy.sentence}: then the probability is {then:.3g} %."
+
+
+def _intervals(advice: Advice) -> str:
+    best, (only,) = advice.proposal.best, advice.known.rivals
+    assert best is not None
+    now = np.sqrt(np.diag(np.linalg.pinv(only.information, hermitian=True)) * advice.bench.excess)
+    ratios: Sequence[float] = (best.d / np.maximum(now, 1e-300)).tolist()
+    return f"{joined([f'{100 * r:.2g} %' for r in ratios])} of their present intervals"

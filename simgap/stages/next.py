@@ -1,0 +1,203 @@
+"""Stage `next`: from a diagnosis to the recording that separates what it could not tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgap.config.measured import MeasuredSection
+from simgap.diagnosis.experiment.ask import Advice, Question, ask
+from simgap.diagnosis.experiment.bench import margins
+from simgap.diagnosis.experiment.rivals import Explained
+from simgap.diagnosis.experiment.verify import missed
+from simgap.diagnosis.experiment.words import paragraph
+from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.result import DiagnosisSettings
+from simgap.effects import AppliedEffect
+from simgap.errors import UserError
+from simgap.geometry import Box, Floats
+from simgap.io import figure_style as style
+from simgap.io.atomic import write_text
+from simgap.io.documents import read_json, write_json
+from simgap.io.next_figure import Proposed, next_figure
+from simgap.provenance import provenance
+from simgap.stages.context import Context, log
+from simgap.stages.measured_data import load_reading
+
+DIAGNOSIS, INPUT, JSON, PICTURE = "diagnosis.json", "input.csv", "next.json", "next.png"
+LONGEST_S, MOST_SAMPLES = 20.0, 4000
+MOST_RIVALS = 4
+ROOM = 0.1
+"""Beyond what was recorded, a share of its range that the next recording may use where the case has no `domain`."""
+SEED = 1
+
+
+def run(
+    case_path: Path, found: Path, out_dir: Path, seconds: float | None = None, start: Mapping[str, float] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Propose the next recording and write `input.csv`, `next.json` and `next.png`.
+
+    Args:
+        case_path: the case that was diagnosed; found: the folder with `diagnosis.json`.
+        seconds: how long the recording may be; that of the longest so far (20 s at most) if not given.
+        start: states at its first sample; 0 (or what X has nearest to it) where not given.
+
+    Returns:
+        the content of `next.json`.
+
+    Raises:
+        UserError: a diagnosis that leaves nothing open or is of another case, recordings that are gone, wrong limits.
+    """
+
+    def tell(words: str) -> None:
+        log.info("%s", words)
+        if progress is not None:
+            progress(words)
+
+    context = Context.load(case_path)
+    document = read_json(found / DIAGNOSIS)
+    with context.blame():
+        question = _question(context, document, found, seconds, start or {})
+        advice = ask(question, np.random.default_rng(SEED), tell)
+    return _write(context, question, advice, out_dir)
+
+
+def _question(
+    context: Context, document: Mapping[str, Any], found: Path, seconds: float | None, start: Mapping[str, float]
+) -> Question:
+    section = context.case.measured or MeasuredSection()
+    sets = _sets(document, found)
+    paths = [context.folder / note["file"] for note in document["data"]]
+    model = context.plant.corrected
+    reading = load_reading(model, section, paths, context.folder, str(context.path), strict=False)
+    known = [Known(c.file, c.values) for c in section.conditions]
+    record, names = under_conditions(reading.record, model, known, reading.origins)
+    conditions = tuple(dict.fromkeys(tuple(t.u[0, len(model.inputs) :].tolist()) for t in record.traces))
+    settings = DiagnosisSettings(
+        window_s=section.window_s, horizon_s=section.horizon_s, held_out_traces=reading.held_out,
+        held_out_share=section.held_out.fraction,
+    )  # fmt: skip
+    allowed, middle, reach = _limits(context, record)
+    return Question(
+        conditioned(model, names), record, settings, dict(document["noise"]), sets, _stamps(context, record, seconds),
+        _start(context, model.state_names, allowed, start), allowed, middle, reach, conditions, dict(context.units),
+    )  # fmt: skip
+
+
+def _sets(document: Mapping[str, Any], found: Path) -> tuple[Explained, ...]:
+    """The answer and what could not be told from it."""
+    if "joints" in document:
+        raise UserError(
+            "an arm of three joints or more has no simulation to try inputs on", file=found / DIAGNOSIS,
+            remedy="Vary postures and speeds; docs/diagnosis.md says what each effect needs.",
+        )  # fmt: skip
+    if not document["effects"]:
+        raise UserError(
+            f"the verdict is '{document['verdict']}', so that there are no explanations to tell apart",
+            file=found / DIAGNOSIS, remedy="Diagnose a recording with more motion first.",
+        )  # fmt: skip
+    answer = tuple(
+        AppliedEffect(e["name"], e["on"], {s: p["value"] for s, p in e["parameters"].items()})
+        for e in document["effects"]
+    )
+    others = [
+        tuple(AppliedEffect(e["name"], e["on"], e["parameters"]) for e in a["effects"])
+        for a in document["alternatives"]
+    ]
+    return (answer, *others[: MOST_RIVALS - 1])
+
+
+def _limits(context: Context, record: Record) -> tuple[Box, Floats, Floats]:
+    """States that the plant may come to, and middle and half of the range of its inputs."""
+    case, own = context.case, len(context.inputs)
+    if case.domain is not None:
+        free = [n in case.domain.periodic for n in context.states]
+        ends = np.array([case.domain.X[n] for n in context.states], dtype=np.float64)
+        ends[free] = -np.inf, np.inf
+        values = [case.domain.U[n].list() for n in context.inputs]
+        span = np.array([[v.min(), v.max()] for v in values]).reshape(own, 2)
+    else:
+        y, u = (np.concatenate([getattr(t, k) for t in record.traces]) for k in ("y", "u"))
+        ends = np.tile([-np.inf, np.inf], (len(context.states), 1))
+        for k, name in enumerate(record.measured):
+            room = ROOM * float(np.ptp(y[:, k]))
+            ends[context.states.index(name)] = y[:, k].min() - room, y[:, k].max() + room
+        span = np.stack([u[:, :own].min(axis=0), u[:, :own].max(axis=0)], axis=1)
+    if not np.any(span[:, 1] > span[:, 0]):
+        raise UserError(
+            "no input has a range, so that there is nothing to try", file=context.path, key="domain.U",
+            remedy="Give the inputs a range (domain), or release the plant from other postures.",
+        )  # fmt: skip
+    return Box(ends[:, 0], ends[:, 1]), span.mean(axis=1), 0.5 * (span[:, 1] - span[:, 0])
+
+
+def _stamps(context: Context, record: Record, seconds: float | None) -> Floats:
+    domain = context.case.domain
+    steps = np.concatenate([np.diff(t.t) for t in record.traces])
+    dt = domain.tau if domain is not None else float(np.median(steps))
+    length = seconds if seconds is not None else min(LONGEST_S, max(t.duration for t in record.traces))
+    count = round(length / dt) + 1
+    window = (context.case.measured or MeasuredSection()).window_s
+    if not 2.0 * window <= length or count > MOST_SAMPLES * 10:
+        raise UserError(
+            f"a recording of {length:.3g} s at {1 / dt:.4g} Hz is too {'short' if length < 2 * window else 'long'}",
+            key="--seconds", remedy=f"Give at least two windows, {2 * window:.3g} s, and at most "
+            f"{MOST_SAMPLES * 10 * dt:.3g} s.",
+        )  # fmt: skip
+    return np.asarray(dt * np.arange(count))
+
+
+def _start(context: Context, names: tuple[str, ...], allowed: Box, given: Mapping[str, float]) -> Floats:
+    unknown = sorted(set(given) - set(names))
+    if unknown:
+        raise UserError(f"{unknown} are no states", key="--start", remedy=f"States: {list(names)}.")
+    own = {n: float(np.clip(0.0, lo, hi)) for n, lo, hi in zip(context.states, allowed.lo, allowed.hi, strict=True)}
+    return np.array([given.get(n, own.get(n, 0.0)) for n in names])
+
+
+def _write(context: Context, question: Question, advice: Advice, out_dir: Path) -> dict[str, Any]:
+    out_dir.mkdir(parents=True, exist_ok=True)
+    text = paragraph(question, advice, context.units, str(out_dir / INPUT))
+    best, rivals, names = advice.proposal.best, advice.known.rivals, context.inputs
+    content: dict[str, Any] = {
+        "paragraph": text,
+        "rivals": [r.label for r in rivals],
+        "tried": advice.proposal.tried,
+        "outside": advice.proposal.left,
+        "probability": advice.proposal.sure if len(rivals) > 1 else None,
+        "remedy": None if advice.remedy is None else advice.remedy.plain(),
+        "input": None if best is None else INPUT,
+        "conditions": dict(zip(question.model.conditions, advice.bench.held, strict=True)),
+        "start": dict(zip(question.model.state_names, question.start.tolist(), strict=True)),
+    }
+    if best is not None:
+        rows = [",".join(["t", *names])]
+        rows += [
+            ",".join(f"{v:.9g}" for v in (t, *u)) for t, u in zip(question.t, best.u[:, : len(names)], strict=True)
+        ]
+        write_text(out_dir / INPUT, "\n".join(rows) + "\n")
+        pair, left = (0, 0), None
+        if len(rivals) > 1:
+            content["expected_chi2"] = best.d.tolist()
+            z = margins(best.d, rivals, advice.bench)
+            pair = tuple(int(k) for k in np.unravel_index(int(np.argmin(z)), z.shape))  # type: ignore[assignment]
+            left = missed(advice.bench, best, rivals, *pair)
+            content["chi2_alone"] = float(np.sum(left**2))
+        else:
+            content["standard_errors"] = best.d.tolist()
+        shown = Proposed(
+            question.t, best.u[:, : len(names)], names, content["rivals"], best.readings, question.record.measured,
+            left, pair,
+        )  # fmt: skip
+        with style.figure_style():
+            figure = next_figure(shown, context.units)
+            style.save_picture(figure, out_dir / PICTURE)
+            style.close(figure)
+    content["provenance"] = provenance("next", context.case, context.folder, {"inputs": SEED})
+    write_json(out_dir / JSON, content)
+    return content

@@ -1,0 +1,134 @@
+"""The next experiment's numbers, against a least squares of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+from simgap.diagnosis.experiment.ask import Question, ask
+from simgap.diagnosis.experiment.bench import margins
+from simgap.diagnosis.experiment.propose import tried
+from simgap.diagnosis.experiment.rivals import known_rivals
+from simgap.diagnosis.experiment.waves import Wave, random_wave, waves
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.result import DiagnosisSettings
+from simgap.effects import AppliedEffect
+from simgap.excitation import multisine
+from simgap.geometry import Box
+from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
+
+RATE, SIGMA, MASS = 50.0, 1e-3, 2.0
+VISCOUS, SPRING = 0.3, 1.5
+
+
+def rail():
+    """A mass on a rail, m dv/dt = u."""
+    m, v, u = (symbol(n) for n in ("m", "v", "u"))
+    return SymbolicModel(
+        states=(Variable("x", "m"), Variable("v", "m/s")),
+        inputs=(Variable("u", "N"),),
+        xdot=(v, u / m),
+        parameters={"m": Parameter(MASS, "kg")},
+        coordinates=(Coordinate("rail", "x", "v", "N"),),
+        force_map={"rail": (0, 1 / m)},
+        named_parameters={"m": NamedParameter("m", MASS, "kg", {"m": m * symbol("ratio")})},
+    )
+
+
+def moved(u, x0, viscous=0.0, spring=0.0, gain=1.0):
+    """Position under held inputs, by SciPy."""
+    x = np.zeros((len(u), 2))
+    x[0] = x0
+    for k in range(len(u) - 1):
+        rates = lambda _, s, f=u[k]: [s[1], (gain * f - viscous * s[1] - spring * s[0]) / MASS]  # noqa: E731
+        x[k + 1] = solve_ivp(rates, (0.0, 1.0 / RATE), x[k], rtol=1e-9, atol=1e-12).y[:, -1]
+    return x
+
+
+def record(seconds=6.0, **hidden):
+    rng = np.random.default_rng(3)
+    t = np.arange(round(seconds * RATE)) / RATE
+    u = multisine(t, 2.0, 0.3, 3.0, rng)
+    y = moved(u, (0.0, 0.0), **hidden)[:, :1] + SIGMA * rng.standard_normal((len(t), 1))
+    return Record((Trace("run", t, y, u[:, None]),), ("x",), ("u",))
+
+
+def question(data, *sets, model=None):
+    t = np.arange(round(3.0 * RATE) + 1) / RATE
+    return Question(
+        model or rail(), data, DiagnosisSettings(), {"x": SIGMA}, sets, t, np.zeros(2),
+        Box([-2.0, -5.0], [2.0, 5.0]), np.zeros(1), np.full(1, 2.0),
+    )  # fmt: skip
+
+
+DRAG = (AppliedEffect("viscous_friction", "rail", {"b": VISCOUS}),)
+PULL = (AppliedEffect("spring", "rail", {"k": SPRING}),)
+GAIN = (AppliedEffect("input_gain", "u", {"ratio": 0.9}),)
+HEAVY = (AppliedEffect("parameter_error", "m", {"ratio": 1.0 / 0.9}),)
+
+
+@pytest.fixture(scope="module")
+def friction():
+    return record(viscous=VISCOUS)
+
+
+def test_what_a_wrong_explanation_misses_is_what_a_full_fit_to_both_recordings_leaves(friction):
+    asked = question(friction, DRAG, PULL)
+    known = known_rivals(asked.model, friction, asked.settings, asked.sets, asked.noise)
+    drag, pull = known.rivals
+    bench = asked.bench(known, ())
+    shape = np.stack([multisine(asked.t, 1.0, 0.3, 2.0, np.random.default_rng(5))], axis=1)
+    attempt = tried(bench, known.rivals, Wave("one", shape))
+    d = attempt.d[0, 1] * bench.excess
+    # the same from its definition: the wrong one's spring and the initial state of each window, free
+    truth = moved(attempt.u[:, 0], (0.0, 0.0), viscous=drag.theta[drag.slots[0]])
+    assert np.abs(attempt.readings[0][:, 0] - truth[:, 0]).max() < 0.01 * SIGMA
+    problem, x0 = bench.recorded(attempt.states[0], attempt.readings[0], attempt.u)
+    spans = list(zip(problem.windows.start, problem.windows.stop, strict=True))
+    near = float(pull.theta[pull.slots[0]])
+
+    def misses(z):
+        parts = [
+            (truth[a:b, 0] - moved(attempt.u[a:b, 0], z[1 + 2 * w : 3 + 2 * w], spring=z[0])[:, 0]) / SIGMA
+            for w, (a, b) in enumerate(spans)
+        ]
+        return np.concatenate([*parts, [np.sqrt(pull.information[0, 0]) * (z[0] - near)]])
+
+    best = least_squares(misses, np.concatenate([[near], x0.ravel()]), x_scale="jac")
+    assert 2.0 * best.cost == pytest.approx(d, rel=0.05)
+    assert d > 100.0  # they do part
+
+
+def test_equal_explanations_are_said_to_be_equal_and_what_parts_them_is_named():
+    """Gain and mass of a free mass: no input tells them, a mass that was weighed does."""
+    data = record(gain=0.9)
+    advice = ask(question(data, GAIN, HEAVY), np.random.default_rng(1))
+    z = margins(advice.proposal.best.d, advice.known.rivals, advice.bench)
+    assert z.min() < -2.0
+    assert advice.proposal.sure < 0.05
+    assert advice.remedy.kind == "condition"
+    assert advice.remedy.name == "m"
+    assert advice.remedy.sure > 0.99
+
+
+def test_an_input_that_leaves_the_range_is_made_smaller(friction):
+    asked = question(friction, DRAG, PULL)
+    known = known_rivals(asked.model, friction, asked.settings, asked.sets, asked.noise)
+    bench = asked.bench(known, ())
+    push = Wave("push", np.ones((len(asked.t), 1)))
+    assert tried(bench, known.rivals, Wave("small", 0.01 * push.u)) is not None
+    assert tried(bench, known.rivals, push) is None  # 2 N on 2 kg for 3 s: 4.5 m
+    advice = ask(question(friction, DRAG, PULL), np.random.default_rng(1))
+    assert all(np.all(np.abs(x) <= [2.0, 5.0]) for x in advice.proposal.best.states)
+    assert advice.proposal.sure > 0.99
+    assert np.abs(advice.proposal.best.u).max() <= 2.0
+
+
+def test_waves_keep_to_the_range_and_hold_slow_and_fast_ones():
+    t = np.arange(500) / 100.0
+    every = [*waves(t, 2, np.random.default_rng(0)), random_wave(t, 2, np.random.default_rng(0))]
+    assert all(w.u.shape == (500, 2) and np.abs(w.u).max() <= 1.0 + 1e-9 for w in every)
+    names = " ".join(w.name for w in every)
+    assert all(word in names for word in ("multisine", "chirp", "steps", "ramps", "holds", "all inputs"))
