@@ -35,7 +35,7 @@ def _rests(seed: int, count: int = 40) -> np.ndarray:
 
 @pytest.mark.parametrize("white", [0.0, 0.1, 0.2, 1.0])
 def test_noise_is_the_rounding_and_what_was_before_it(white):
-    found = worth(_record(_rests(1), white, 1)).sigma[0]
+    found = worth(_record(_rests(1, 400), white, 1)).sigma[0]
     assert found == pytest.approx(STEP * np.sqrt(1 / 12 + white**2), rel=0.06)
 
 
