@@ -251,8 +251,11 @@ def synthesis(data: Mapping[str, Any]) -> str:
 
 
 FAULTS = (
-    ("kill", "killed", "not_recovered", "stages killed (SIGKILL)", "not taken up to the same bytes"),
+    ("kill", "killed", "not_recovered", "kills of stages (SIGKILL to all processes)", "not taken up to the same bytes"),
+    ("storage", "faults", "wrong", "faults of disks, clocks, other programs", "neither one line nor the same bytes"),
     ("fuzz", "inputs", "findings", "hostile and damaged inputs", "neither read nor refused in one line"),
+    ("fuzz_guided", "inputs", "findings", "inputs of a fuzzer that follows lines", "read wrongly"),
+    ("reproducible", "files", "differing", "files of a run made again elsewhere", "of other bytes"),
     ("mutants", "mutants", "caught", "mutants of the code", "caught"),
 )
 """Of each benchmark: its name, the keys of its two figures, and what they are."""
