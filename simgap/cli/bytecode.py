@@ -8,8 +8,22 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib.machinery import SourceFileLoader
+from importlib.util import cache_from_source
+from typing import Any
 
 from simgap.cache import cache_folder
+
+_get_code = SourceFileLoader.get_code
+
+
+def _mended(self: SourceFileLoader, fullname: str) -> Any:
+    """Byte code that a full disk or a limit on files has cut is written anew; Python 3.11 keeps it and fails on it."""
+    try:
+        return _get_code(self, fullname)
+    except EOFError:
+        os.unlink(cache_from_source(self.get_filename(fullname)))
+        return _get_code(self, fullname)
 
 
 def keep_bytecode() -> None:
@@ -22,4 +36,5 @@ def keep_bytecode() -> None:
         os.environ["PYTHONPYCACHEPREFIX"] = place
 
 
+SourceFileLoader.get_code = _mended  # type: ignore[method-assign]
 keep_bytecode()
