@@ -11,6 +11,7 @@
 #   snakemake --cores 2 textbook                         small cases in equations: converter and motor
 #   snakemake --cores 2 cart_pole                        a pole on a cart from its URDF, four states
 #   snakemake --cores 2 two_link                         an arm of two links, reach and avoid in joint space
+#   snakemake --cores 2 pioneer                          a wheeled robot of another make, through a door into a dock
 #   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
 #   snakemake --report results/report.zip                what is there, every page and figure with its caption, in one file
 
@@ -42,6 +43,7 @@ localrules:
     textbook,
     cart_pole,
     two_link,
+    pioneer,
 
 
 rule all:
@@ -104,3 +106,8 @@ rule cart_pole:
 rule two_link:
     input:
         pages("two_link"),
+
+
+rule pioneer:
+    input:
+        pages("pioneer"),

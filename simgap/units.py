@@ -20,6 +20,7 @@ class Affine:
 
 _PLAIN = frozenset({"1", "", "rad", "rad/s", "m", "m/s", "m/s^2", "s", "kg", "kg*m^2", "N", "N*m", "N*m*s/rad"})
 """Known without pint, which takes half a second to load."""
+_FORCES = {"rad": "N*m", "1": "N*m", "": "N*m", "m": "N"}
 
 
 @lru_cache(maxsize=1)
@@ -93,6 +94,19 @@ def conversion(source: str, target: str) -> Affine:
 
 def _counts_turns(unit: Any) -> bool:
     return "hertz" in {str(name) for name in unit._units}
+
+
+def force_along(position: str) -> str:
+    """Unit of the generalised force on a coordinate: 'N' along a length, 'N*m' about an angle or on a pure number.
+
+    For any other unit of its position, what makes an energy with it.
+    """
+    if position in _FORCES:
+        return _FORCES[position]
+    unit = _parsed(position)
+    if unit.dimensionless:
+        return "N*m"
+    return "N" if unit.dimensionality == _parsed("m").dimensionality else f"N*m/({position})"
 
 
 def full_turn(unit: str) -> float | None:

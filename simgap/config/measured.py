@@ -142,7 +142,7 @@ class PayloadSection(Section):
 class MeasuredSection(Section):
     """Recordings of the real thing, for `simgap diagnose` and the diagnosis stage."""
 
-    OPTIONAL = ("conditions", "payloads")
+    OPTIONAL = ("conditions", "payloads", "into_simulator")
 
     files: tuple[str, ...] = Field(
         default=(),
@@ -201,8 +201,14 @@ class MeasuredSection(Section):
     )
     rig: Literal["simulator", "hardware"] = Field(
         default="hardware",
-        description="What was recorded. hardware (or another engine): effects go into the nominal model and the "
-        "simulator's twin; simulator (the case's own): into the nominal model alone.",
+        description="What was recorded. hardware (or another engine): effects go into the nominal model, and into the "
+        "simulator where it lacks them (`into_simulator`); simulator (the case's own): into the nominal model alone.",
+    )
+    into_simulator: bool | None = Field(
+        default=None,
+        description="hardware: whether the simulator of the corrected case acts out the effects too. If not given it "
+        "follows the recordings that confirm with and without them and what misses less is taken; where that cannot be "
+        "told, a simulator made of the nominal model gets them and one with a model of its own does not.",
     )
 
     @model_validator(mode="after")

@@ -43,7 +43,7 @@ class SymbolicParameter(Section):
 class SymbolicCoordinate(Section):
     """A degree of freedom of written equations on which friction, springs and the like may act."""
 
-    OPTIONAL = ("force_map",)
+    OPTIONAL = ("force_map", "force_unit")
 
     model_config = ConfigDict(coerce_numbers_to_str=True)  # a plain number is an expression too
 
@@ -59,7 +59,11 @@ class SymbolicCoordinate(Section):
         description="What a force on this coordinate does to the rate of each velocity, expressions; velocities that "
         "are not named stay as they are. In the place of `force_gain` where the force moves other coordinates too.",
     )
-    force_unit: str = Field("N*m", description="Unit of the force on it.")
+    force_unit: str | None = Field(
+        None,
+        description="Unit of the force on it; if not given, N where the position is a length, N*m where it is an angle "
+        "or has no unit, and what makes it an energy with any other.",
+    )
 
 
 class Wheels(Section):

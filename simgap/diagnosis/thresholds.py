@@ -248,3 +248,7 @@ COLUMN_TELLS, COLUMNS_IN_DOUBT, INPUT_TELLS = 0.02, 100.0, 0.3
 the columns as they are, and only where these miss by this much; an input is taken to be smaller only if the model then
 misses by less than this share of what it misses without it. Judgement: a wrong unit or column misses by orders of
 magnitude, and so does a mild effect in a record of little noise, which no exchange of columns mends."""
+
+CLEARLY_NEARER, MOST_FOLLOWED = 0.9, 24
+"""A set of effects on the simulator is taken in place of what its engine suggests if the simulator then misses the
+recordings by less than this share; so many windows are followed. Judgement: what was found is far above it."""

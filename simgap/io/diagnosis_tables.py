@@ -35,10 +35,7 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
             not finite or not a number (with its row, counted from 1 below the header).
     """
     file = name or str(path)
-    if path.is_dir():
-        raise UserError("is a folder, not a file", file=file, remedy="Give the path of a CSV or Parquet file.")
-    if not path.is_file():
-        raise UserError("no such file", file=file, remedy="Give the path of a CSV or Parquet file.")
+    _refuse_no_file(path, file)
     parquet, sha256 = _is_parquet(path), _sha256(path)
     layout = None if parquet else csv_layout(path, file)
     header = _parquet_header(path, file) if layout is None else layout.header
@@ -69,6 +66,30 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
     if _sha256(path) != sha256:
         raise UserError("was changed while it was read", file=file, remedy="Wait until it is written, then run again.")
     return raw
+
+
+def read_header(path: Path, file: str) -> tuple[tuple[str, ...], dict[str, str]]:
+    """The names of all columns, and the units that are stored with some (Parquet), without reading a row.
+
+    Args:
+        path: the file.
+        file: how messages call it.
+
+    Raises:
+        UserError: for a file that is missing, empty or damaged.
+    """
+    _refuse_no_file(path, file)
+    if not _is_parquet(path):
+        return csv_layout(path, file).header, {}
+    header, schema = _parquet_header(path, file), pq.read_schema(path)
+    return header, {n: unit for n in header if (unit := _unit(schema.field(n), file)) is not None}
+
+
+def _refuse_no_file(path: Path, file: str) -> None:
+    if path.is_dir():
+        raise UserError("is a folder, not a file", file=file, remedy="Give the path of a CSV or Parquet file.")
+    if not path.is_file():
+        raise UserError("no such file", file=file, remedy="Give the path of a CSV or Parquet file.")
 
 
 def _is_parquet(path: Path) -> bool:

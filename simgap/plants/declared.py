@@ -22,7 +22,7 @@ from simgap.plants.coupling import force_columns
 from simgap.plants.joint_units import check_joint_units
 from simgap.plants.urdf import JointState, load_urdf
 from simgap.plants.urdf_checks import check_urdf
-from simgap.units import check_unit, require_unit
+from simgap.units import check_unit, force_along, require_unit
 
 
 def declared_model(section: PlantSection, folder: Path) -> SymbolicModel:
@@ -62,7 +62,8 @@ def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicMo
             if role not in states:
                 raise UserError(f"'{role}' is not a state", key=key, remedy=f"States: {list(states)}.")
         require_unit(states[c.velocity].unit, _rate_of(states[c.position].unit), f"plant.states.{c.velocity}.unit")
-        coordinates.append(Coordinate(name, c.position, c.velocity, c.force_unit))
+        force = c.force_unit if c.force_unit is not None else force_along(states[c.position].unit)
+        coordinates.append(Coordinate(name, c.position, c.velocity, force))
     columns = force_columns(
         written, list(states), xdot, list(section.inputs), lambda text, key: _parse(text, names, key)
     )
@@ -96,7 +97,8 @@ def _check_units(section: PlantSection, written: SymbolicPlant) -> None:
     for name, parameter in written.parameters.items():
         check_unit(parameter.unit, f"plant.symbolic.parameters.{name}.unit")
     for name, c in written.coordinates.items():
-        check_unit(c.force_unit, f"plant.symbolic.coordinates.{name}.force_unit")
+        if c.force_unit is not None:
+            check_unit(c.force_unit, f"plant.symbolic.coordinates.{name}.force_unit")
     if written.wheels is not None:  # the track is in m, a heading turns by sin and cos
         roles = written.wheels
         for name, unit in ((roles.x, "m"), (roles.y, "m"), (roles.heading, "rad")):

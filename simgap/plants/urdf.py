@@ -60,7 +60,8 @@ def load_urdf(
     damping = [plant.GetJointByName(j).default_damping() for j in joints]
     for j, d in zip(joints, damping, strict=True):
         if d:
-            parameters[f"{j}.damping"] = Parameter(d, "N*m*s/rad", "viscous damping declared in the URDF")
+            unit = "N*m*s/rad" if _force_unit(plant, j) == "N*m" else "N*s/m"
+            parameters[f"{j}.damping"] = Parameter(d, unit, "viscous damping declared in the URDF")
     drag = [symbol(f"{j}.damping") * symbol(v) if d else 0 for j, v, d in zip(joints, rates, damping, strict=True)]
     drive = [sum((symbol(n) for n, (joint, _) in inputs.items() if joint == j), sp.Integer(0)) for j in joints]
     if len(joints) > numeric_terms.MOST_DERIVED:

@@ -100,6 +100,14 @@ class Engine(Simulator):
         """Whether the engine can apply this effect; a case that declares another one is refused."""
         return False
 
+    @classmethod
+    def of_its_own(cls, case: Case) -> bool:
+        """Whether it computes a model of its own, which may have what the nominal model lacks.
+
+        One that is made of the nominal model lacks the same, so that what is found on hardware is put on both.
+        """
+        return True
+
 
 class PathSimulator(Simulator):
     """A planar robot whose state is its pose while the engine remembers more; it records poses between samples."""

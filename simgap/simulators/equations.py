@@ -74,6 +74,12 @@ class EquationsEngine(MapEngine):
         return not effect.remembers and effect.kind != "state"
 
     @classmethod
+    def of_its_own(cls, case: Case) -> bool:
+        """Other equations, another file or other numbers than the plant's."""
+        section = _section(case)
+        return section.equations is not None or section.urdf not in (None, case.plant.urdf) or bool(section.parameters)
+
+    @classmethod
     def closed_form(cls, case: Case, folder: Path) -> tuple[sp.Expr, ...] | None:
         """The map over tau: its substeps put into each other; None where the case asks for samples.
 

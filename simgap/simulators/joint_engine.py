@@ -30,6 +30,12 @@ class JointEngine(Engine):
         return isinstance(effect, CoordinateEffect | InputEffect)
 
     @classmethod
+    def of_its_own(cls, case: Case) -> bool:
+        """Another model file than the plant's may differ in anything."""
+        section = case.simulator
+        return section is not None and section.urdf is not None and section.urdf != case.plant.urdf
+
+    @classmethod
     def build(cls, case: Case, folder: Path) -> Simulator:
         """The engine itself, or, where an input is delayed or lags, the engine a step at a time behind its commands.
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from simgap.config.case import Case
 from simgap.geometry import Floats
@@ -31,3 +34,21 @@ def roll_out_range(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floa
         return simulator.rollouts(x, u), spread, simulator.engine
     finally:
         simulator.close()
+
+
+def follow(jobs: Sequence[tuple[Case, Sequence[Floats], Sequence[Floats]]], folder: Path) -> list[list[Floats]]:
+    """For each case the paths (k + 1, nx) from its starts (nx,) under its inputs (k, nu)."""
+    from simgap.simulators.build import make_simulator
+
+    every = []
+    for case, starts, inputs in jobs:
+        simulator = make_simulator(case, folder)
+        try:
+            paths = []
+            for start, u in zip(starts, inputs, strict=True):
+                simulator.reset(start)
+                paths.append(np.stack([start, *(simulator.advance(row) for row in u)]))
+            every.append(paths)
+        finally:
+            simulator.close()
+    return every

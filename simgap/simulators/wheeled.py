@@ -85,6 +85,11 @@ class PyBulletWheeled(Engine, PathSimulator):
         return isinstance(effect, InputEffect | WheelEffect)
 
     @classmethod
+    def of_its_own(cls, case: Case) -> bool:
+        """A unicycle has no model file: the robot's is what stands for it."""
+        return False
+
+    @classmethod
     def build(cls, case: Case, folder: Path) -> PyBulletWheeled:
         """The robot of a case with `plant.symbolic.wheels`."""
         from simgap.simulators.behind_commands import case_command_paths

@@ -31,6 +31,7 @@ from simgap.provenance import provenance
 from simgap.report.arm_document import document
 from simgap.report.arm_page import TEMPLATE, draw, page
 from simgap.report.measured_share import transition_columns
+from simgap.stages.acted_out import acted_out
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
 from simgap.stages.measured_data import load_reading
@@ -98,7 +99,11 @@ def _write_corrected(
         other = MODEL
         write_text(out_dir / MODEL, with_inertial(context.folder / urdf, out_dir, found.inertial))
     target = out_dir / CASE
-    write_text(target, corrected_case(context.path, target, found.applied, paths, section.rig, sentence, urdf=other))
+    simulated = acted_out(context, section, found.applied)
+    text = corrected_case(
+        context.path, target, found.applied, paths, section.rig, sentence, urdf=other, simulated=simulated
+    )
+    write_text(target, text)
 
 
 def _drive(context: Context, joint: str) -> str:

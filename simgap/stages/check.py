@@ -29,6 +29,7 @@ from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
 from simgap.stages.costs import StageCost, affordable, costs
 from simgap.stages.fair_baseline import minding_the_path
+from simgap.stages.measured_check import check_measured
 
 TRIED, FEWEST = 0.2, 15
 """Seconds for which the engine is timed, and how many roll-outs it makes, unless they take ten times as long."""
@@ -54,8 +55,8 @@ def run(case_path: Path, out: Path | None = None, engine_log: Path | None = None
     """Check a case, and write what was found to `out` (JSON) if given.
 
     Raises:
-        UserError: whatever a stage would refuse later: keys, joints, units, meshes, basis symbols, a specification that
-            does not fit X, and a cost beyond the budget of the case.
+        UserError: whatever a stage would refuse later: keys, joints, units, meshes, basis symbols, recordings that are
+            not what the case says, a specification that does not fit X, and a cost beyond the budget of the case.
     """
     context = Context.load(case_path)
     case = context.case
@@ -63,6 +64,7 @@ def run(case_path: Path, out: Path | None = None, engine_log: Path | None = None
         if case.domain is not None:
             affordable(context, costs(context))  # before anything that would build what is too large
         file = model_file(context)
+        check_measured(context)
         _ = context.plant.sampled if case.domain is not None else context.plant.declared
         _specification(context)
         _basis(context)

@@ -15,6 +15,7 @@ from simgap.config.load import case_content, parse_case
 from simgap.config.model_files import move_files
 from simgap.effects import AppliedEffect, effect
 from simgap.plants.plant_model import PlantModel
+from simgap.stages.acted_out import ActedOut
 from simgap.stages.augmentation import augment, plan
 
 SUFFIX = "_corrected"
@@ -29,6 +30,7 @@ def corrected_case(
     sentence: str,
     remainder: Mapping[str, float] | None = None,
     urdf: str | None = None,
+    simulated: ActedOut | None = None,
 ) -> str:
     """The text of the corrected case file.
 
@@ -39,9 +41,10 @@ def corrected_case(
         applied: effects to add, in the order in which they act.
         data: the recordings that were used.
         rig: 'simulator' if the recordings are of the case's own simulator: the nominal model alone gets the effects.
-            Else the simulator's twin gets them too.
+            Else the simulator gets those of `simulated` too.
         sentence: the verdict in words, for the comment on top.
         urdf: the model file that stands in place of the plant's, beside the target.
+        simulated: what the simulator acts out of them; None: all.
         remainder: one-step bounds of what is left, by state, for gamma to take in; the case then has a `gap:` section.
 
     Raises:
@@ -61,13 +64,14 @@ def corrected_case(
         added = [_plain(a) for a in applied]
         content["plant"]["effects"] = [*content["plant"].get("effects", []), *added]
         if rig != "simulator":
-            words = _on_hardware(content, added, target, case_path)
+            shared = applied if simulated is None else simulated.effects
+            words = _on_hardware(content, [_plain(a) for a in shared], target, case_path)
     if remainder:
         content["gap"]["remainder"] = {name: float(v) for name, v in remainder.items()}
     checked = parse_case(yaml.safe_load(_dumped(content)), target, case_path)
     _ = PlantModel.of(checked, folder).corrected  # refuses what does not fit
     moved = renamed(content, copied_plugins(checked, source, folder))
-    return _header(applied, rig, sentence, content, words, urdf) + _dumped(moved)
+    return _header(applied, rig, sentence, content, words, urdf, simulated) + _dumped(moved)
 
 
 def _dumped(content: Mapping[str, Any]) -> str:
@@ -77,13 +81,18 @@ def _dumped(content: Mapping[str, Any]) -> str:
 def _on_hardware(
     content: dict[str, Any], added: Sequence[dict[str, Any]], target: Path, case_path: Path
 ) -> tuple[str, ...]:
-    """The simulator's twin gets what moves the plant; delay and lag become states while they stay small."""
+    """The simulator gets what moves the plant; delay and lag that it has become states while they stay small."""
     moving = [e for e in added if not effect(e["name"]).reading_remedy]
     words = dict.fromkeys(effect(e["name"]).reading_remedy for e in added if e not in moving)
     if moving and isinstance(content.get("simulator"), dict):
         content["simulator"]["effects"] = [*content["simulator"].get("effects", []), *moving]
     case = parse_case(content, target, case_path)
-    chosen = plan(case, [AppliedEffect(e.name, e.on, e.parameters) for e in case.plant.effects])
+    if isinstance(content.get("simulator"), dict):  # what it does not remember is no state of a roll-out
+        late = [(e["name"], e["on"]) for e in content["simulator"].get("effects", [])]
+    else:
+        late = [(e.name, e.on) for e in case.plant.effects]
+    every = [AppliedEffect(e.name, e.on, e.parameters) for e in case.plant.effects]
+    chosen = plan(case, [e for e in every if not effect(e.name).remembers or (e.name, e.on) in late])
     augment(content, case, chosen)
     return (*words, *chosen.words)
 
@@ -98,7 +107,7 @@ def _moved(path: Path, folder: Path) -> str:
 
 def _header(
     applied: Sequence[AppliedEffect], rig: str, sentence: str, content: dict[str, Any], words: Sequence[str],
-    urdf: str | None,
+    urdf: str | None, simulated: ActedOut | None = None,
 ) -> str:  # fmt: skip
     lines = [f"Corrected by simgap diagnose. {sentence}"]
     if urdf is not None:
@@ -110,7 +119,11 @@ def _header(
             "The effects below plant.effects were found in recordings of the simulator: the model alone has them."
         )
     elif applied and "simulator" in content:
-        lines.append("The effects were found on hardware: the nominal model and the simulator both have them.")
+        lines.append(
+            "The effects were found on hardware: the nominal model and the simulator both have them."
+            if simulated is None
+            else f"The effects below plant.effects are in the nominal model. {simulated.reason}"
+        )
     elif applied:
         lines.append("The effects found in the recordings are below plant.effects.")
     return "".join(f"# {' '.join(line.split())}\n" for line in (*lines, *words))

@@ -31,8 +31,10 @@ from simgap.report.diagnosis_document import document
 from simgap.report.diagnosis_page import TEMPLATE, draw, overlays, page
 from simgap.report.measured_share import transition_columns
 from simgap.stages import arm_diagnosis
+from simgap.stages.acted_out import ActedOut, measured_out
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
+from simgap.stages.measured_check import check_measured, named_files
 from simgap.stages.measured_data import load_reading
 
 Corrected = tuple[SymbolicModel, dict[str, float]]  # of `PlantModel.corrected_by`
@@ -111,8 +113,11 @@ def conclude(
     case = context.case
     use = use_of(remainder, found.verdict, section.rig, case.gap is not None, case.hidden_state is not None)
     made_of = provenance("diagnosis", case, context.folder)
+    with context.blame():
+        simulated = measured_out(context, section, found, (reading.record.measured, reading.record.inputs))
     content = document(found, reading, look, remainder, use, context.units, made_of)
-    _write(context, section, corrected, found, reading, content, use, paths, out_dir)
+    content["simulator"] = simulated.document() if simulated is not None else None
+    _write(context, section, corrected, found, reading, content, use, simulated, paths, out_dir)
     return content
 
 
@@ -126,7 +131,8 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
             key="measured.files",
             remedy="Name CSV or Parquet files on the command line or here.",
         )
-    return [context.folder / name for name in section.files]
+    check_measured(context)
+    return named_files(context, section)
 
 
 def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
@@ -175,6 +181,7 @@ def _write(
     reading: Reading,
     content: Mapping[str, Any],
     use: RemainderUse,
+    simulated: ActedOut | None,
     paths: Sequence[Path],
     out_dir: Path,
 ) -> None:
@@ -188,7 +195,9 @@ def _write(
     stretches = overlays(windows, record.measured, inputs, found.sigma)
     target = out_dir / CASE
     out_dir.mkdir(parents=True, exist_ok=True)  # first: `out/../rod.urdf` is no file before
-    text = corrected_case(context.path, target, found.applied, paths, section.rig, content["sentence"], use.by)
+    text = corrected_case(
+        context.path, target, found.applied, paths, section.rig, content["sentence"], use.by, simulated=simulated
+    )
     figures = draw(content, stretches, lacking, out_dir)
     write_text(out_dir / PAGE, page(content, title, figures))
     names = (record.measured, inputs, context.units, context.case.name)

@@ -13,6 +13,7 @@ from simgap.diagnosis.reading.traces import Reading, ReadingOptions, read_traces
 from simgap.errors import UserError
 from simgap.io.diagnosis_tables import read_recording
 from simgap.model.symbolic import SymbolicModel
+from simgap.units import conversion, full_turn
 
 
 def load_reading(
@@ -89,6 +90,7 @@ def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None, cas
             key=f"measured.columns.{name}.constant",
             remedy="Leave out a state that was not measured.",
         )
+    _refuse_unit(name, unit, column, case)
     return Channel(
         name,
         unit,
@@ -103,6 +105,21 @@ def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None, cas
     )
 
 
+def _refuse_unit(name: str, unit: str, column: ColumnMap, case: str | None) -> None:
+    """A unit of the cells that does not exist or is of something else, and a wrap of what is no angle."""
+    key = f"measured.columns.{name}"
+    if column.unit is not None:
+        try:
+            conversion(column.unit, unit)
+        except UserError as error:
+            raise UserError(error.problem, file=case, key=f"{key}.unit", remedy=error.remedy) from None
+    if column.wrapped and full_turn(column.unit or unit) is None:
+        raise UserError(
+            f"'{column.unit or unit}' is not an angle, so it cannot be wrapped", file=case, key=f"{key}.wrapped",
+            remedy="Remove it, or correct the unit.",
+        )  # fmt: skip
+
+
 def _number(value: float | str, key: str, case: str | None) -> float:
     if isinstance(value, int | float):
         return float(value)
@@ -115,7 +132,16 @@ def _number(value: float | str, key: str, case: str | None) -> float:
 
 
 def reading_options(section: MeasuredSection, strict: bool = True) -> ReadingOptions:
-    """The plain options behind the section."""
+    """The plain options behind the section.
+
+    Raises:
+        UserError: for stamps in a unit that is not one of time.
+    """
+    if section.time.unit is not None:
+        try:
+            conversion(section.time.unit, "s")
+        except UserError as error:
+            raise UserError(error.problem, key="measured.time.unit", remedy="Use s, ms, us or ns.") from None
     ranges = []
     for mask in section.masks:
         span = mask.keep if mask.keep is not None else mask.drop

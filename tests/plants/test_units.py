@@ -138,3 +138,39 @@ def test_hertz_is_no_angular_velocity():
     """Turns a second, or radians a second? pint says the latter, an encoder's datasheet the former."""
     with pytest.raises(UserError, match="Hz"):
         conversion("Hz", "rad/s")
+
+
+@pytest.mark.parametrize(
+    ("position", "velocity", "force", "viscous", "spring"),
+    [
+        ("m", "m/s", "N", "N*s/m", "N/m"), ("mm", "mm/s", "N", "N*s/mm", "N/mm"),
+        ("rad", "rad/s", "N*m", "N*m*s/rad", "N*m/rad"), ("deg", "deg/s", "N*m", "N*m*s/deg", "N*m/deg"),
+    ],
+)  # fmt: skip
+def test_a_force_that_the_case_gives_no_unit_is_in_that_of_its_coordinate(position, velocity, force, viscous, spring):
+    """N along a length, N m about an angle: everything that is printed of an effect has its unit from here."""
+    model = equations(q=position, v=velocity, force=None).declared
+    assert EFFECTS["coulomb_friction"].units(model, "hinge")["F_c"] == force
+    assert EFFECTS["viscous_friction"].units(model, "hinge")["b"] == viscous
+    assert EFFECTS["spring"].units(model, "hinge")["k"] == spring
+
+
+def test_a_force_on_a_coordinate_of_another_kind_makes_an_energy_with_it():
+    """A charge and its current: the force is a voltage, N m/C."""
+    model = equations(q="coulomb", v="coulomb/s", force=None).declared
+    assert conversion(model.coordinate("hinge").force_unit, "V").factor == pytest.approx(1.0)
+
+
+def test_damping_that_a_model_file_declares_on_a_slide_is_that_of_a_force(root, tmp_path):
+    text = (root / "configs/models/cart_pole.urdf").read_text()
+    (tmp_path / "m.urdf").write_text(text.replace('damping="0.0"', 'damping="0.3"', 1))  # the rail stands first
+    states = {
+        f"{kind[0]}{joint}": {"unit": unit + end, "joint": joint, "quantity": kind}
+        for joint, unit in (("rail", "m"), ("hinge", "rad"))
+        for kind, end in (("position", ""), ("velocity", "/s"))
+    }
+    section = {"urdf": "m.urdf", "states": states}
+    model = PlantModel(PlantSection.model_validate(section), tmp_path).declared
+    assert model.parameters["rail.damping"].unit == "N*s/m"
+    assert EFFECTS["viscous_friction"].units(model, "rail")["b"] == "N*s/m"
+    assert EFFECTS["viscous_friction"].units(model, "hinge")["b"] == "N*m*s/rad"

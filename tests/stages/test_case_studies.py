@@ -8,7 +8,7 @@ from simgap.config.load import load_case
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json
 from simgap.simulators.build import make_simulator
-from simgap.stages import check, fresh, synthesis
+from simgap.stages import check, fresh, synthesis, validation
 from simgap.stages.context import Context
 
 REDUCED = {
@@ -63,3 +63,32 @@ def test_the_arm_reaches_its_posture_and_avoids_the_other(root, tmp_path):
             assert left > 0
             assert not within(x, section.obstacles[0])
             x, left = context.plant.sampled.step(x[None], controller.input(x)[None])[0], left - 1
+
+
+def test_a_robot_of_another_make_gets_through_the_door(vary, root, tmp_path):
+    """Fewer inputs and cells than `configs/cases/pioneer.yaml`; in full in docs/pioneer.md."""
+    hidden = {"classes": {"v": 2, "w": 3}, "previous": {"v": 3, "w": 3}, "chains": 20, "chain_length": 100}
+    changes = {
+        "simulator.urdf": str(root / "configs/models/pioneer.urdf"),
+        "domain.U.v.step": 0.2,
+        "domain.U.w.step": 0.45,
+        "hidden_state": hidden | {"fresh_samples": 200, "search": 100},
+        "symmetry.histories": 5,
+        "symmetry.headings": 2,
+        "synthesis.cells": [120, 80, 40],
+        "validation": {"starts": 6, "steps": 200, "seed": 1, "first": [{"x": 0.6, "y": 0.6, "theta": 0.0}]},
+    }
+    case = vary("pioneer", changes)
+    assert not check.run(case).findings
+    drawn, gap = tmp_path / "fresh.parquet", tmp_path / "bound.json"
+    fresh.run(case, drawn, workers=1)
+    road.bound(case, tmp_path, road.roll_out(case, tmp_path), drawn, gap)
+    files = tmp_path / "nominal.npz", tmp_path / "gap.npz"
+    for out, given in zip(files, (None, gap), strict=True):
+        synthesis.run(case, given, out, out.with_suffix(".json"), threads=1)
+    assert read_json(files[1].with_suffix(".json"))["winning_fraction"] > 0.3
+    validation.run(case, *files, gap, tmp_path / "v.json", tmp_path / "traces.parquet", 1)
+    judged = read_json(tmp_path / "v.json")["controllers"]["gap"]["simulator"]
+    assert judged["runs_that_kept_the_specification"] == judged["runs"] == 6
+    assert judged["steps_outside_gamma"] == 0
+    assert judged["least_clearance"] > 0

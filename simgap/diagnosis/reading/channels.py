@@ -62,23 +62,45 @@ def measured_states(table: RawTable, channels: Sequence[Channel]) -> tuple[str, 
     """The states that the file holds, in the model's order.
 
     Raises:
-        UserError: if it holds none, or lacks a column that the case names.
+        UserError: as `measured_columns`.
+    """
+    return measured_columns(table.file, table.header, table.units, channels)
+
+
+def measured_columns(
+    file: str, header: Sequence[str], units: Mapping[str, str], channels: Sequence[Channel]
+) -> tuple[str, ...]:
+    """The states that a file with this header holds, in the model's order; `units` are those stored with columns.
+
+    Raises:
+        UserError: if it holds none, lacks a column that the case names or an input that is not declared constant, or
+            stores a unit that is not the channel's. What the case has to say otherwise names its key and no file.
     """
     for c in channels:
-        if c.mapped and c.constant is None and c.column not in table.columns:
+        if c.constant is not None:
+            continue
+        if c.mapped and c.column not in header:
             raise UserError(
-                f"no column '{c.column}', which {c.key} names, among {_listed(table.header)}",
-                file=table.file,
-                remedy=f"Correct {c.key}.column.",
-            )
-    found = tuple(c.name for c in channels if not c.is_input and c.column in table.columns)
+                f"'{file}' has no column '{c.column}', it has {_listed(header)}",
+                key=f"{c.key}.column", remedy="Name one of its columns.",
+            )  # fmt: skip
+    found = tuple(c.name for c in channels if not c.is_input and c.column in header)
     if not found:
         states = [c.name for c in channels if not c.is_input]
         raise UserError(
-            f"none of its columns {_listed(table.header)} is a state of the model ({_listed(states)})",
-            file=table.file,
+            f"none of its columns {_listed(header)} is a state of the model ({_listed(states)})",
+            file=file,
             remedy="Rename a column or map it under measured.columns in the case.",
         )
+    for c in channels:
+        if c.constant is None and c.is_input and c.column not in header:
+            raise UserError(
+                f"no column for the input '{c.name}' among {_listed(header)}",
+                file=file,
+                remedy=f"Map it with {c.key}.column, or give {c.key}.constant if it was held.",
+            )
+        if c.constant is None and c.column in header:
+            _affine(c.column_unit or units.get(c.column) or c.unit, c, file)
     return found
 
 
@@ -86,7 +108,7 @@ def convert(table: RawTable, channels: Sequence[Channel]) -> Converted:
     """All channels of a file in the model's units; wrapped angles are still wrapped.
 
     Raises:
-        UserError: for an input that is missing and not declared constant, or a unit that cannot be converted.
+        UserError: for a unit that cannot be converted, or that is no angle where the case says that it wraps.
     """
     values: dict[str, Floats] = {}
     turns: dict[str, tuple[float, bool | None]] = {}
@@ -102,12 +124,6 @@ def convert(table: RawTable, channels: Sequence[Channel]) -> Converted:
                 raise UserError(f"'{unit}' is not an angle, so it cannot be wrapped", file=table.file, key=c.key)
             if turn is not None and c.wrapped is not False and not c.is_input:
                 turns[c.name] = (abs(turn * factor * c.scale), c.wrapped)
-        elif c.is_input:
-            raise UserError(
-                f"no column for the input '{c.name}' among {_listed(table.header)}",
-                file=table.file,
-                remedy=f"Map it with {c.key}.column, or give {c.key}.constant if it was held.",
-            )
     return Converted(values, turns)
 
 

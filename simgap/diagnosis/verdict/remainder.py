@@ -137,13 +137,13 @@ def transitions(
         nx = w.states.shape[1]
         columns = {n: np.interp(starts, w.t, w.states[:, i]) for i, n in enumerate(names[:nx])}
         columns |= {n: np.interp(starts, w.t, w.measured[:, k]) for k, n in enumerate(measured)}
-        columns |= {n: _mean_input(w, j, starts - late.get(n, 0.0), step) for j, n in enumerate(names[nx:])}
+        columns |= {n: mean_input(w, j, starts - late.get(n, 0.0), step) for j, n in enumerate(names[nx:])}
         begin.append(np.stack([columns[n] for n in names], axis=1))
         end.append(np.stack([np.interp(starts + step, w.t, w.measured[:, k]) for k in range(len(measured))], axis=1))
     return np.concatenate(begin), np.concatenate(end)
 
 
-def _mean_input(w: WindowPrediction, j: int, starts: Floats, step: float) -> Floats:
+def mean_input(w: WindowPrediction, j: int, starts: Floats, step: float) -> Floats:
     """Mean of a held input over [start, start + step]; before the window its first value holds."""
     area = np.concatenate([[0.0], np.cumsum(w.inputs[:-1, j] * np.diff(w.t))])
 

@@ -1,0 +1,193 @@
+"""Which of the effects that were found the simulator of a corrected case acts out.
+
+The nominal model gets them all. Whether the simulator lacks them too is another question: simgap's own twin of the
+nominal model does, a person's own program may know them already. So the simulator follows the recordings that confirm
+with and without them, and what strays less is taken.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgap import plugins
+from simgap.config.case import Case
+from simgap.config.measured import MeasuredSection
+from simgap.config.plant import AddedEffect
+from simgap.diagnosis.result import Diagnosis
+from simgap.diagnosis.thresholds import CLEARLY_NEARER, MOST_FOLLOWED
+from simgap.diagnosis.verdict.followed import Followed, followed, stray
+from simgap.effects import AppliedEffect, effect
+from simgap.errors import SimgapError
+from simgap.notation import joined, number
+from simgap.simulators.base import Engine
+from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import follow
+from simgap.stages.context import Context, log
+
+Effects = tuple[AppliedEffect, ...]
+
+
+@dataclass(frozen=True)
+class ActedOut:
+    """What the simulator of the corrected case gets.
+
+    Attributes:
+        effects: those that it acts out beside what the case declares.
+        reason: why, in a sentence.
+        tried: sets of effects, by (name, on), and how far the simulator strays from the recordings with each, in
+            standard deviations of the noise; empty where that was not measured.
+    """
+
+    effects: Effects
+    reason: str
+    tried: tuple[tuple[tuple[tuple[str, str], ...], float], ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """As `diagnosis.json` holds it."""
+        return {
+            "effects": [{"name": e.name, "on": e.on} for e in self.effects],
+            "reason": self.reason,
+            "tried": [
+                {"effects": [{"name": n, "on": on} for n, on in names], "error": error} for names, error in self.tried
+            ],
+        }
+
+
+def acted_out(context: Context, section: MeasuredSection, applied: Sequence[AppliedEffect]) -> ActedOut | None:
+    """What the case says or, where it says nothing, what its engine is; None without a simulator or effects.
+
+    Raises:
+        UserError: an engine that does not exist.
+    """
+    case = context.case
+    moving = tuple(e for e in applied if not effect(e.name).reading_remedy)
+    if case.simulator is None or not moving:
+        return None
+    if section.rig == "simulator":
+        return ActedOut((), "The recordings are of the case's own simulator, which has the effects as it is.")
+    kind = _engine(context)
+    able = tuple(e for e in moving if kind is not None and kind.acts_out(effect(e.name)))
+    unable = joined([e.name.replace("_", " ") for e in moving if e not in able] or [""])
+    rest = f" It cannot act out {unable}: gamma does not cover hardware that has what it lacks." if unable else ""
+    if section.into_simulator is not None:
+        words = "acts them out" if section.into_simulator else "stays as it is"
+        return ActedOut(
+            able if section.into_simulator else (),
+            f"The simulator {words}, as measured.into_simulator says.{rest if section.into_simulator else ''}",
+        )
+    if kind is None or kind.of_its_own(case):
+        reason = "The simulator is a model of its own and stays as it is: whether it lacks the effects was not measured"
+        return ActedOut((), f"{reason} (measured.into_simulator: true adds them).{rest}")
+    return ActedOut(able, f"The simulator is made of the nominal model and lacks what that lacks.{rest}")
+
+
+def measured_out(
+    context: Context, section: MeasuredSection, found: Diagnosis, names: tuple[Sequence[str], Sequence[str]],
+    engine_log: Path | None = None,
+) -> ActedOut | None:  # fmt: skip
+    """`acted_out`, decided by the recordings that confirm where they can: see the module.
+
+    Args:
+        found: with the windows; names: of their measured states, and of their inputs (those of the case come first).
+
+    Raises:
+        UserError: as `acted_out`.
+    """
+    told, case = acted_out(context, section, found.applied), context.case
+    if told is None or section.rig == "simulator" or section.into_simulator is not None:
+        return told
+    able = tuple(e for e in found.applied if _can(context, e))
+    if not able or case.domain is None or case.hidden_state is not None or len(names[1]) > len(context.inputs):
+        return told
+    sets = _sets(able, told.effects)
+    try:
+        errors = _errors(context, found, names[0], sets, engine_log)
+    except SimgapError as error:
+        log.warning("the simulator cannot follow the recordings: %s", error)
+        return told
+    return _judged(told, sets, errors) if errors else told
+
+
+def _engine(context: Context) -> type[Engine] | None:
+    assert context.case.simulator is not None
+    kind = plugins.find("engines", context.case.simulator.engine, context.folder)
+    return kind if issubclass(kind, Engine) else None
+
+
+def _can(context: Context, e: AppliedEffect) -> bool:
+    kind = _engine(context)
+    return kind is not None and not effect(e.name).reading_remedy and kind.acts_out(effect(e.name))
+
+
+def _sets(able: Effects, told: Effects) -> list[Effects]:
+    """What is tried: what the engine suggests first, then nothing, everything, each alone, all but each."""
+    sizes = sorted({0, 1, len(able) - 1, len(able)})
+    every = [tuple(s) for n in sizes for s in itertools.combinations(able, n)]
+    return [told, *(s for s in every if s != told)]
+
+
+def _errors(
+    context: Context, found: Diagnosis, measured: Sequence[str], sets: Sequence[Effects], engine_log: Path | None
+) -> list[float]:
+    """How far the simulator strays from the windows that confirm with each set of effects; none without windows."""
+    held = [w for w in found.windows if w.held_out]
+    held = held[:: max(1, -(-len(held) // MOST_FOLLOWED))]
+    tau = context.domain.tau
+    runs = [_runs(context, found, held, measured, s, tau) for s in sets]
+    if not all(runs):
+        return []
+    jobs = [
+        (_with(context.case, s), [r.start for r in own], [r.inputs for r in own])
+        for s, own in zip(sets, runs, strict=True)
+    ]
+    (paths,) = run_in_processes(follow, [(jobs, context.folder)], log=engine_log)
+    seen = [context.states.index(n) for n in measured]
+    sigma = np.array([found.sigma[n] for n in measured])
+    return [stray(own, path, seen, sigma, tau) for own, path in zip(runs, paths, strict=True)]
+
+
+def _runs(
+    context: Context, found: Diagnosis, held: Sequence[Any], measured: Sequence[str], effects: Effects, tau: float
+) -> list[Followed]:
+    """What remembers earlier commands acts as an input that comes later: nothing says what was under way."""
+    late: dict[str, float] = {}
+    for e in effects:
+        if effect(e.name).remembers:
+            late[e.on] = late.get(e.on, 0.0) + effect(e.name).lateness(e.values)
+    columns = context.plant.corrected.state_names[: found.windows[0].states.shape[1]]
+    if not set(context.states) <= set(columns):
+        return []
+    return followed(held, context.states, context.inputs, columns, measured, late, tau)
+
+
+def _with(case: Case, effects: Effects) -> Case:
+    """The case whose simulator acts out more."""
+    section = case.simulator
+    assert section is not None
+    more = [
+        AddedEffect(name=e.name, on=e.on, parameters=dict(e.values)) for e in effects if not effect(e.name).remembers
+    ]
+    return case.model_copy(update={"simulator": section.model_copy(update={"effects": (*section.effects, *more)})})
+
+
+def _judged(told: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) -> ActedOut:
+    """What strays clearly less than what the engine suggests, else that."""
+    best = int(np.argmin(errors))
+    best = best if errors[best] < CLEARLY_NEARER * errors[0] else 0
+    tried = tuple((tuple((e.name, e.on) for e in s), error) for s, error in zip(sets, errors, strict=True))
+    taken, other = sets[best], max(sets, key=len) if not sets[best] else ()
+    words = joined([e.name.replace("_", " ") for e in taken] or [""])
+    what = f"acts out {words}" if taken else "stays as it is"
+    beside = "without them" if taken else "with the effects on top"
+    return ActedOut(
+        taken,
+        f"The simulator {what}: so it misses the recordings that confirm by {number(errors[best], 3)} times their "
+        f"noise, {beside} by {number(errors[sets.index(other)], 3)} times.",
+        tried,
+    )

@@ -1,0 +1,121 @@
+"""What can be said of the `measured` section before a recording is read: names, units, files and their headers."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from simgap.config.measured import MeasuredSection
+from simgap.diagnosis.reading.channels import Channel, measured_columns
+from simgap.diagnosis.reading.conditions import conditioned
+from simgap.diagnosis.reading.stamps import same_file
+from simgap.effects import EFFECTS
+from simgap.errors import UserError
+from simgap.io.diagnosis_tables import read_header
+from simgap.model.symbolic import SymbolicModel
+from simgap.stages.context import Context
+from simgap.stages.measured_data import channels_of, display_name, reading_options
+
+
+def check_measured(context: Context) -> None:
+    """Refuse what `simgap diagnose` would: it takes the header of each file and no row.
+
+    Raises:
+        UserError: naming the case file, the key and the remedy.
+    """
+    section = context.case.measured
+    if section is None:
+        return
+    with context.blame():
+        model = context.plant.corrected if context.plant.declared.derived else context.plant.declared
+        channels = channels_of(model, section, str(context.path))
+        _ = reading_options(section)
+        _refuse_effects(section)
+        _refuse_conditions(section, model)
+        _refuse_links(context, section)
+        if section.files:
+            paths = named_files(context, section)
+            for place, path in enumerate(paths):
+                _refuse_columns(context, section, channels, path, place)
+            _refuse_other_files(section, [display_name(path, context.folder) for path in paths])
+
+
+def named_files(context: Context, section: MeasuredSection) -> list[Path]:
+    """The recordings that the case names.
+
+    Raises:
+        UserError: one that is not there.
+    """
+    paths = [context.folder / name for name in section.files]
+    for k, path in enumerate(paths):
+        if not path.is_file():
+            raise UserError(
+                f"{'is a folder' if path.is_dir() else 'there is no file'}: '{section.files[k]}'",
+                file=context.path, key=f"measured.files.{k}",
+                remedy="Correct the path of a CSV or Parquet file; it starts from the folder of the case.",
+            )  # fmt: skip
+    return paths
+
+
+def _refuse_effects(section: MeasuredSection) -> None:
+    for k, name in enumerate(section.effects):
+        if name not in EFFECTS:
+            near = difflib.get_close_matches(name, list(EFFECTS), n=1)
+            remedy = f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(EFFECTS)}."
+            raise UserError(f"no effect is called '{name}'", key=f"measured.effects.{k}", remedy=remedy)
+
+
+def _refuse_conditions(section: MeasuredSection, model: SymbolicModel) -> None:
+    for k, condition in enumerate(section.conditions):
+        try:
+            _ = conditioned(model, tuple(condition.values))
+        except UserError as error:
+            raise UserError(error.problem, key=f"measured.conditions.{k}", remedy=error.remedy) from None
+
+
+def _refuse_links(context: Context, section: MeasuredSection) -> None:
+    """An arm's payloads hang on links that a joint moves."""
+    if not section.payloads:
+        return
+    tree = context.plant.tree
+    if tree is None or context.plant.declared.derived:
+        raise UserError(
+            "payloads are found on arms of three joints or more alone", key="measured.payloads",
+            remedy="Remove them; what differs from file to file can be named under measured.conditions.",
+        )  # fmt: skip
+    for k, payload in enumerate(section.payloads):
+        if payload.link not in tree.links:
+            raise UserError(
+                f"no joint moves a link '{payload.link}'", key=f"measured.payloads.{k}.link",
+                remedy=f"Moving links: {', '.join(tree.links)}.",
+            )  # fmt: skip
+
+
+def _refuse_columns(
+    context: Context, section: MeasuredSection, channels: Sequence[Channel], path: Path, place: int
+) -> None:
+    """The header of one file against what the case maps."""
+    name = section.files[place]
+    header, units = read_header(path, name)
+    if section.time.column not in header:
+        listed = ", ".join(f"'{column}'" for column in header)
+        raise UserError(
+            f"'{name}' has no time column '{section.time.column}', it has {listed}", file=context.path,
+            key="measured.time.column", remedy="Name its column of time stamps.",
+        )  # fmt: skip
+    measured_columns(name, header, units, channels)
+
+
+def _refuse_other_files(section: MeasuredSection, files: Sequence[str]) -> None:
+    """What the case says of a file that is none of its recordings would be passed over in silence."""
+    for key, name in _files_spoken_of(section):
+        if not any(same_file(name, file) for file in files):
+            raise UserError(f"'{name}' is not among the data", key=key, remedy=f"Name one of {', '.join(files)}.")
+
+
+def _files_spoken_of(section: MeasuredSection) -> Iterator[tuple[str, str]]:
+    yield from ((f"measured.masks.{k}.file", m.file) for k, m in enumerate(section.masks) if m.file is not None)
+    yield from ((f"measured.conditions.{k}.file", c.file) for k, c in enumerate(section.conditions))
+    yield from ((f"measured.payloads.{k}.file", p.file) for k, p in enumerate(section.payloads))
+    yield from ((f"measured.held_out.files.{k}", name) for k, name in enumerate(section.held_out.files))

@@ -1,0 +1,106 @@
+"""What a case says wrongly of its recordings is told by `simgap check`, with the case's own file, key and remedy."""
+
+import copy
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+from simgap.errors import UserError
+from simgap.stages import check, diagnosis
+
+BALL = {
+    "name": "ball",
+    "plant": {
+        "states": {"x": {"unit": "m"}, "v": {"unit": "m/s"}},
+        "inputs": {"a": {"unit": "rad"}},
+        "symbolic": {
+            "parameters": {"g": {"value": 9.81, "unit": "m/s^2"}, "m": {"value": 0.1, "unit": "kg"}},
+            "dynamics": {"x": "v", "v": "5/7*g*sin(a)"},
+            "coordinates": {"beam": {"position": "x", "velocity": "v", "force_gain": "5/(7*m)"}},
+        },
+    },
+    "measured": {
+        "files": ["run.csv"],
+        "time": {"column": "t_ms", "unit": "ms"},
+        "columns": {"x": {"column": "ball", "unit": "mm"}, "a": {"column": "servo", "unit": "deg"}},
+    },
+}
+
+
+@pytest.fixture
+def ball(tmp_path):
+    """A case with a changed `measured` section beside a recording in mm, degrees and ms: -> path."""
+    t = np.arange(500)
+    rows = np.column_stack([10.0 * t, 100.0 * np.cos(0.03 * t), 3.0 * np.sin(0.1 * t)])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="t_ms,ball,servo", comments="", fmt="%.9g")
+
+    def make(**changes):
+        content = copy.deepcopy(BALL)
+        content["measured"] |= changes
+        path = tmp_path / "ball.yaml"
+        path.write_text(yaml.safe_dump(content, sort_keys=False))
+        return path
+
+    return make
+
+
+def columns(**changes):
+    return {"columns": BALL["measured"]["columns"] | changes}
+
+
+WRONG = [
+    ({"files": ["run.csv", "gone.csv"]}, "files.1", "there is no file: 'gone.csv'", "starts from the folder"),
+    (columns(x={"column": "ball", "unit": "deg"}), "columns.x.unit", "'deg' cannot be converted to 'm'", "like 'm'"),
+    (columns(x={"column": "ball", "unit": "milimetre"}), "columns.x.unit", "'milimetre' is not a unit", "Write units"),
+    (columns(x={"column": "bal", "unit": "mm"}), "columns.x.column", "'run.csv' has no column 'bal'", "Name one"),
+    (columns(w={"column": "ball"}), "columns.w", "'w' is neither a state nor an input", "Known: x, v, a"),
+    (columns(x={"column": "ball", "unit": "mm", "wrapped": True}), "columns.x.wrapped", "'mm' is not an angle", "Rem"),
+    (columns(x={"column": "ball", "unit": "mm", "offset": "pie"}), "columns.x.offset", "'pie'", "Write a number"),
+    (columns(x={"constant": 0.0}), "columns.x.constant", "a state cannot be constant", "Leave out"),
+    ({"time": {"column": "time"}}, "time.column", "'run.csv' has no time column 'time', it has", "Name its column"),
+    ({"time": {"column": "t_ms", "unit": "m"}}, "time.unit", "'m' cannot be converted to 's'", "Use s, ms"),
+    ({"noise": {"y": 0.1}}, "noise.y", "'y' is not a state", "Known: x, v"),
+    ({"effects": ["viscous_frictoin"]}, "effects.0", "no effect is called", "Did you mean 'viscous_friction'?"),
+    ({"conditions": [{"file": "run.csv", "M": 1.0}]}, "conditions.0", "'M' is no parameter of the", "Known: g, m"),
+    ({"conditions": [{"file": "run2.csv", "m": 1.0}]}, "conditions.0.file", "'run2.csv' is not among", "Name one"),
+    ({"held_out": {"files": ["other.csv"]}}, "held_out.files.0", "'other.csv' is not among", "Name one of run.csv"),
+    ({"masks": [{"file": "rn.csv", "drop": [0, 1]}]}, "masks.0.file", "'rn.csv' is not among", "Name one of run.csv"),
+    ({"payloads": [{"file": "run.csv", "link": "tip"}]}, "payloads", "on arms of three joints or more", "Remove them"),
+]  # fmt: skip
+
+
+def test_a_section_that_is_right_passes(ball):
+    assert check.run(ball()).costs == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "problem", "remedy"), WRONG, ids=[w[1] + str(k) for k, w in enumerate(WRONG)]
+)
+def test_check_refuses_it_and_so_does_diagnose(ball, tmp_path, changes, key, problem, remedy):
+    path = ball(**changes)
+    for stage in (lambda: check.run(path), lambda: diagnosis.run(path, [], tmp_path / "out")):
+        with pytest.raises(UserError) as caught:
+            stage()
+        assert (str(caught.value.file), caught.value.key) == (str(path), f"measured.{key}")
+        assert problem in caught.value.problem
+        assert remedy in caught.value.remedy
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_input_that_no_column_holds_is_refused(ball):
+    path = ball(columns={"x": {"column": "ball", "unit": "mm"}})
+    with pytest.raises(UserError, match=r"no column for the input 'a' among .* Map it with measured\.columns\.a"):
+        check.run(path)
+
+
+def test_the_unit_that_a_parquet_file_stores_counts(ball, tmp_path):
+    fields = [pa.field("t_ms", pa.float64()), pa.field("ball", pa.float64(), metadata={"unit": "kg"})]
+    fields.append(pa.field("servo", pa.float64()))
+    table = pa.table([[0.0, 10.0], [1.0, 2.0], [0.0, 0.0]], schema=pa.schema(fields))
+    pq.write_table(table, tmp_path / "run.parquet")
+    path = ball(files=["run.parquet"], **columns(x={"column": "ball"}))
+    with pytest.raises(UserError, match=r"run\.parquet: column 'ball': 'kg' cannot be converted to 'm'"):
+        check.run(path)
