@@ -10,7 +10,6 @@ import numpy as np
 
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.experiment.ask import Advice, Question, ask
-from simgap.diagnosis.experiment.bench import margins
 from simgap.diagnosis.experiment.rivals import Explained
 from simgap.diagnosis.experiment.verify import missed
 from simgap.diagnosis.experiment.words import paragraph
@@ -184,8 +183,8 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
         pair, left = (0, 0), None
         if len(rivals) > 1:
             content["expected_chi2"] = best.d.tolist()
-            z = margins(best.d, rivals, advice.bench)
-            pair = tuple(int(k) for k in np.unravel_index(int(np.argmin(z)), z.shape))  # type: ignore[assignment]
+            content["alike"] = [[rivals[a].label, rivals[b].label] for a, b in advice.proposal.alike()]
+            pair = advice.proposal.closest(rivals, advice.bench)
             left = missed(advice.bench, best, rivals, *pair)
             content["chi2_alone"] = float(np.sum(left**2))
         else:

@@ -117,6 +117,19 @@ def test_equal_explanations_are_said_to_be_equal_and_what_parts_them_is_named():
     assert advice.remedy.sure > 0.99
 
 
+def test_pairs_that_nothing_tells_do_not_hide_those_that_an_input_does():
+    """Of gain, mass and a spring the first two are equal: the input is made for the spring, and the mass is named."""
+    data = record(gain=0.9)
+    asked = question(data, GAIN, HEAVY, PULL)
+    advice = ask(asked, np.random.default_rng(1))
+    assert advice.proposal.alike() == [(1, 0)]
+    assert advice.proposal.sure > 0.99
+    assert advice.remedy.name == "m"
+    said = paragraph(asked, advice, {"u": "N"}, "input.csv")
+    assert "the others are told apart" in said
+    assert "the parameter m and the gain of u act alike; to tell these, set m" in said
+
+
 def test_an_input_that_leaves_the_range_is_made_smaller(friction):
     asked = question(friction, DRAG, PULL)
     known = known_rivals(asked.model, friction, asked.settings, asked.sets, asked.noise)
