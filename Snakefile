@@ -23,6 +23,7 @@ report: "reports/captions/workflow.rst"
 
 
 include: "rules/common.smk"
+include: "rules/cases.smk"
 include: "rules/samples.smk"
 include: "rules/gap.smk"
 include: "rules/control.smk"

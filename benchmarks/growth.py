@@ -54,14 +54,17 @@ def growth_abstraction(
     width = 2.0 * grid.h
     radius = np.tile(grid.h + ENLARGEMENT * width, (len(inputs), 1))
     spread = growth(radius, inputs) + ENLARGEMENT * width
-    at = 0
-    for i, own in enumerate(axes):
-        centre = grid.box.lo + grid.h * (2.0 * reduced_cells(grid, own) + 1.0)
+    starts = np.cumsum([0, *(reduced_size(grid, own) * len(inputs) for own in axes)])
+    for own in dict.fromkeys(axes):  # dimensions on the same axes share every evaluation
+        alike = [i for i, other in enumerate(axes) if other == own]
+        centre, at = grid.box.lo + grid.h * (2.0 * reduced_cells(grid, own) + 1.0), 0
         for x in np.array_split(centre, -(-len(centre) * len(inputs) // TOGETHER)):
             points, chosen = np.repeat(x, len(inputs), axis=0), np.tile(inputs, (len(x), 1))
-            offset, wide = step(points, chosen)[:, i] - points[:, i], np.tile(spread[:, i], len(x))
-            lo, hi = (offset - wide) / width[i] + 0.5, (offset + wide) / width[i] + 0.5
-            table[at : at + len(points)] = cell_offsets(lo, hi, TOLERANCE)
+            following = step(points, chosen)
+            for i in alike:
+                offset, wide = following[:, i] - points[:, i], np.tile(spread[:, i], len(x))
+                lo, hi = (offset - wide) / width[i] + 0.5, (offset + wide) / width[i] + 0.5
+                table[starts[i] + at : starts[i] + at + len(points)] = cell_offsets(lo, hi, TOLERANCE)
             at += len(points)
     return Abstraction(
         grid=grid,

@@ -27,6 +27,9 @@ GOALS = {  # CPU s of a warm run
     "robot, with the gap, 9 classes": 10.0,
 }
 
+SCOTS_SECONDS = {"dcdc": 0.25, "vehicle": 2.2}  # whole process of SCOTS v0.2, -O3, on such a machine
+SCOTS_CONVERTER = 593_089, 893_803  # winning cells and pairs that it finds; of the vehicle 47,998 without the target
+
 
 def _status(key: str) -> float:
     for line in Path("/proc/self/status").read_text().splitlines():
@@ -76,6 +79,41 @@ def _pinned_unicycle(number: int, backend: str, masks: bool) -> dict[str, object
 
     what = "all inputs" if masks else "values only"
     return _timed(f"(b) unicycle {row[0]}, {row[1] ** 2} inputs, {backend}, {what}", run)
+
+
+def _hundred_million() -> dict[str, object]:
+    from pinned_problems import LAYERS, unicycle
+
+    from simgap.synthesis.reach import reach_avoid
+
+    LAYERS[0.019] = 375
+    problem = unicycle(0.019, 21, (9.0, 9.5))
+
+    def run() -> dict[str, object]:
+        found = reach_avoid(*problem, backend="bit_rows", masks=False)
+        return {"cells": problem[0].grid.size, "winning": int(found.winning.sum()), "steps": found.steps}
+
+    return _timed("unicycle 0.019, 441 inputs, bit_rows, values only", run)
+
+
+def _scots(name: str) -> dict[str, object]:
+    import scots_examples
+
+    from simgap.synthesis.invariance import invariance
+    from simgap.synthesis.reach import reach_avoid
+
+    def run() -> dict[str, object]:
+        if name == "dcdc":
+            safe = invariance(*scots_examples.converter())
+            counts = int(safe.winning.sum()), safe.pairs
+            return {"winning": counts[0], "pairs": counts[1], "exact": counts == SCOTS_CONVERTER}
+        problem = getattr(scots_examples, name)()
+        found = reach_avoid(*problem)
+        winning = int(found.winning.sum())
+        return {"winning": winning, "without_target": winning - int(problem[1].sum()), "steps": found.steps}
+
+    row = _timed(f"SCOTS's {name}", run)
+    return row | ({"peer_process_s": SCOTS_SECONDS[name]} if name in SCOTS_SECONDS else {})
 
 
 def _product(gap_kind: str, threads: int) -> dict[str, object]:
@@ -135,7 +173,7 @@ def _many_inputs(masks: bool) -> dict[str, object]:
 def _robot(gap: bool) -> dict[str, object]:
     import numpy as np
 
-    from simgap.stages.context import Context
+    from simgap.plants.context import Context
     from simgap.stages.synthesis import pose
     from simgap.synthesis.synthesise import synthesise
 
@@ -157,6 +195,8 @@ JOBS = [
     *[("_pinned_unicycle", k, "bit_rows", False) for k in range(4)],
     ("_pinned_unicycle", 3, "bit_rows", True),
     *[("_pinned_unicycle", k, "table", False) for k in (0, 1)],
+    ("_hundred_million",),
+    *[("_scots", name) for name in ("dcdc", "vehicle", "aircraft")],
     *[("_product", gap, threads) for gap in ("nominal", "constant gap", "gap in x and u") for threads in (1, 2)],
 ]
 

@@ -33,7 +33,7 @@ def run(
 ) -> None:
     """Take cases through every stage that they have sections for; results go to results/ here.
 
-    Other options, such as --dry-run, --unlock or --until=gap, are handed to Snakemake.
+    Other options, such as --dry-run, --unlock, --until=gap or --report=report.zip, are handed to Snakemake.
     """
     from simgap.config.load import load_case
 

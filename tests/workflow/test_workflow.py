@@ -65,9 +65,9 @@ class Project:
         edit(content)
         self.write(content)
 
-    def snakemake(self, *arguments, check=True):
+    def snakemake(self, *arguments, check=True, env=None):
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-        env = os.environ | {"PYTHONPATH": str(self.folder), "PATH": path}
+        env = os.environ | {"PYTHONPATH": str(self.folder), "PATH": path} | (env or {})
         command = [sys.executable, "-m", "snakemake", "--cores", "2", *arguments]
         done = subprocess.run(
             command, cwd=self.folder, env=env, capture_output=True, text=True, timeout=900, check=False
