@@ -2,11 +2,12 @@
 
     python benchmarks/fuzz.py [--only WORD] [--share 1.0] [--minutes 4] [--folder DIR]
 
-Input number n of a kind is made from these two alone (fuzz_inputs.py). Blocks of inputs run in processes of their own
-with an alarm of 10 s for each input and a limit of memory; an audit hook sees every file opened for writing, every
-process and every socket. A finding is: an exception that is no SimgapError, a message of several lines or with
-characters that cannot be printed, an input that takes over 10 s or more memory, a file outside the folder, a process,
-a socket. With `--minutes` it stops and goes on where it was when it is called again. Results: results/fuzz.json.
+Input number n of a kind is made from these two alone (folder hostile). Blocks of inputs run in processes of their own
+with alarms for each input (10 s at work, 90 s in all) and a limit of memory; an audit hook sees every file opened for
+writing, every process and every socket. A finding is: an exception that is no SimgapError, a message of several lines
+or with characters that cannot be printed, an input that takes longer or more memory, a file outside the folder, a
+process, a socket. With `--minutes` it stops and goes on where it was when it is called again.
+Results: benchmarks/results/fuzz.json.
 """
 
 from __future__ import annotations
@@ -26,11 +27,12 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from fuzz_inputs import KINDS, ROOT, prepare
+from hostile import KINDS, ROOT, prepare
 
 RESULT = ROOT / "benchmarks/results/fuzz.json"
 BLOCK = 1000
-LONGEST = 10  # seconds
+LONGEST = 10  # seconds of this process, at work
+ASLEEP = 90  # seconds of the clock, on a machine that has other work too
 MEMORY = 2 << 30  # bytes beyond those of the process at its start
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 FORBIDDEN = {"subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "socket.bind", "socket.connect"}
@@ -64,7 +66,8 @@ def block(kind: str, first: int, last: int, folder: Path, place: mmap.mmap) -> l
     found = []
     for n in range(first, last):
         place[:8] = struct.pack("q", n)
-        signal.alarm(LONGEST)  # ends the process, even within C code
+        signal.setitimer(signal.ITIMER_PROF, LONGEST)  # ends the process, even within C code
+        signal.alarm(ASLEEP)
         wrong = None
         try:
             KINDS[kind][1](random.Random(f"{kind} {n}"), folder)
@@ -74,6 +77,7 @@ def block(kind: str, first: int, last: int, folder: Path, place: mmap.mmap) -> l
                 wrong = f"a message of {len(text)} characters: {text[:100]!r}"
         except BaseException:
             wrong = traceback.format_exc()[-1500:]
+        signal.setitimer(signal.ITIMER_PROF, 0)
         signal.alarm(0)
         if seen:
             wrong = "; ".join(seen)
@@ -106,7 +110,8 @@ def in_child(kind: str, first: int, last: int, folder: Path) -> list[dict[str, A
         if status == 0:
             return found + json.loads(report.read_text())
         at = struct.unpack("q", place[:8])[0]
-        how = f"over {LONGEST} s" if status == signal.SIGALRM else f"the process ended with {status}"
+        late = {signal.SIGPROF: f"over {LONGEST} s of work", signal.SIGALRM: f"over {ASLEEP} s"}
+        how = late.get(status, f"the process ended with {status}")
         found.append({"kind": kind, "number": at, "wrong": how})
         first = at + 1
     return found

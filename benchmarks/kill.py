@@ -2,13 +2,13 @@
 
     python benchmarks/kill.py [--kills 300] [--workflow 0] [--folder DIR] [--minutes 4]
 
-Each kill (SIGKILL to the process group) hits a stage of a tiny case, run as its rule types it; the stage is then run
-again by the same command. Counted are kills after which every file has the bytes of the run that nothing disturbed,
-no process of the killed run is alive, and no temporary file, lock or shared memory is left. `--workflow` kills go to
-`simgap run` as a whole, after a random time, and it is typed again. Kills are numbered, each with random numbers of
-its own; with `--minutes` the benchmark stops and goes on where it was when it is called again. Results:
-benchmarks/results/kill.json. Semaphores that others leave behind meanwhile would count too: run it alone, or within
-`unshare -m` with a /dev/shm of its own.
+Each kill (SIGKILL to the process group) hits a stage of a tiny case, run as its rule types it, which is then run
+again by the same command: three are killed in a row, the fourth runs to its end. Counted are kills after which every
+file has the bytes of the run that nothing disturbed, no process is alive, and no temporary file, lock or shared memory
+is left. `--workflow` kills go to `simgap run` as a whole, after a random time; it is then typed again. Jobs have
+numbers, and random numbers of their own; with `--minutes` the benchmark stops and goes on where it was when it is
+called again. Results: benchmarks/results/kill.json. Semaphores that others leave behind meanwhile would count too: run
+it alone, or within `unshare -m` with a /dev/shm of its own.
 """
 
 from __future__ import annotations
@@ -26,9 +26,11 @@ from pathlib import Path
 from typing import Any
 
 import stage_runs
-from stage_runs import Stage, digests, finish, fork, restore
+from stage_runs import Journal, Stage, digests, finish, fork, restore
+from tiny_cases import write_cases
 
 RESULT = stage_runs.ROOT / "benchmarks/results/kill.json"
+CHAIN = 3  # kills in a row before a run is left to end
 POINTS = 3  # places within a write: before it, half of it done, just after it
 
 
@@ -61,27 +63,21 @@ def unused(names: set[str]) -> set[str]:
 
 
 def kill_stage(stage: Stage, source: Path, place: Path, rng: random.Random, number: int) -> dict[str, Any]:
-    """One kill of a stage and its recovery."""
+    """A stage is killed CHAIN times in a row, each time going on from what is left; then it runs to its end."""
     mark, scratch, shared = f"kill-{os.getpid()}-{number}", place.with_suffix(".tmp"), set(os.listdir("/dev/shm"))
     shutil.rmtree(scratch, ignore_errors=True)
     scratch.mkdir()
     restore(source, stage.before, place)
-    in_write = rng.random() < 0.6
-    writes = max(1, len(stage.makes) + len(stage.recordings))
-    point = rng.randint(1, POINTS * writes) if in_write else 0
-    more = {"SIMGAP_KILL_AT": str(point)} if in_write else {}
-    process = fork(place, stage.command, FAULT_MARK=mark, TMPDIR=str(scratch), **more)
-    if not in_write:
-        time.sleep(rng.uniform(0.0, TIMES.get(stage.name, 2.0)))
-        os.killpg(process, signal.SIGKILL)
+    result: dict[str, Any] = {"stage": stage.name, "killed": 0, "in_write": 0, "runs": CHAIN}
+    for _ in range(CHAIN):
+        status, told, in_write = _killed(stage, place, rng, mark, scratch)
+        if status not in (0, -signal.SIGKILL):
+            return result | {"wrong": f"the run that was to be killed: {told}"}
+        result["killed"] += status == -signal.SIGKILL
+        result["in_write"] += in_write and status == -signal.SIGKILL
     began = time.monotonic()
-    status, told = finish(process)
-    if in_write:
-        TIMES[stage.name] = max(0.2, time.monotonic() - began)
-    result: dict[str, Any] = {"stage": stage.name, "killed": status == -signal.SIGKILL, "in_write": in_write}
-    if status not in (0, -signal.SIGKILL):
-        return result | {"wrong": f"the run that was to be killed: {told}"}
     status, told = finish(fork(place, stage.command, FAULT_MARK=mark, TMPDIR=str(scratch)))
+    TIMES[stage.name] = max(0.2, time.monotonic() - began)
     if status:
         return result | {"wrong": f"run again: {told}: {place.with_suffix('.out').read_text()[-300:]}"}
     made = digests(place)
@@ -89,6 +85,18 @@ def kill_stage(stage: Stage, source: Path, place: Path, rng: random.Random, numb
     differ += [n for n in stage.recordings if not (place / n).exists()]
     left = left_behind(place, scratch, shared, mark)
     return result | ({"wrong": f"differ: {differ}; left: {left}"} if differ or left else {})
+
+
+def _killed(stage: Stage, place: Path, rng: random.Random, mark: str, scratch: Path) -> tuple[int, str, bool]:
+    """One kill, at a place within a write or at any moment: -> how the run ended, and whether it was the former."""
+    in_write = rng.random() < 0.6
+    writes = max(1, len(stage.makes) + len(stage.recordings))
+    more = {"SIMGAP_KILL_AT": str(rng.randint(1, POINTS * writes))} if in_write else {}
+    process = fork(place, stage.command, FAULT_MARK=mark, TMPDIR=str(scratch), **more)
+    if not in_write:
+        time.sleep(rng.uniform(0.0, TIMES.get(stage.name, 2.0)))
+        os.killpg(process, signal.SIGKILL)
+    return *finish(process), in_write
 
 
 TIMES: dict[str, float] = {}
@@ -101,7 +109,7 @@ def kill_workflow(folder: Path, rng: random.Random, number: int, wanted: dict[st
     scratch = folder.with_suffix(".tmp")
     scratch.mkdir(exist_ok=True)
     if not (folder / "small.yaml").exists():
-        stage_runs.write_cases(folder)
+        write_cases(folder)
     run = stage_runs.workflow(folder, 2, "--quiet", "all", FAULT_MARK=mark, TMPDIR=str(scratch))
     try:
         run.communicate(timeout=rng.uniform(3.0, 25.0))
@@ -109,7 +117,8 @@ def kill_workflow(folder: Path, rng: random.Random, number: int, wanted: dict[st
         whole = rng.random() < 0.7  # else the command that a person sees alone, whose processes must follow it
         (os.killpg if whole else os.kill)(run.pid, signal.SIGKILL)
         run.wait()
-    result: dict[str, Any] = {"stage": "simgap run", "killed": run.returncode == -signal.SIGKILL, "in_write": False}
+    killed = int(run.returncode == -signal.SIGKILL)
+    result: dict[str, Any] = {"stage": "simgap run", "killed": killed, "in_write": 0, "runs": 1}
     if run.returncode not in (0, -signal.SIGKILL):
         return result | {"wrong": f"status {run.returncode}"}
     if run.returncode == 0:  # all is there: the bytes are compared, and it begins anew
@@ -139,10 +148,9 @@ def main() -> None:
     asked.folder.mkdir(parents=True, exist_ok=True)
     stage_runs.warm()
     stages = stage_runs.reference(asked.folder)
-    journal = asked.folder / "kills.jsonl"
-    done = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []
-    ran = {(k["kind"], k["number"]) for k in done}
-    jobs = [("stage", n) for n in range(asked.kills)] + [("workflow", n) for n in range(asked.workflow)]
+    journal = Journal(asked.folder, "kills")
+    ran = {(k["kind"], k["number"]) for k in journal.done}
+    jobs = [("stage", n) for n in range(-(-asked.kills // CHAIN))] + [("workflow", n) for n in range(asked.workflow)]
     wanted = digests(asked.folder / "again")
     for kind, number in (job for job in jobs if job not in ran):
         if time.monotonic() > end:
@@ -153,23 +161,22 @@ def main() -> None:
             found = kill_stage(stage, asked.folder / "again", asked.folder / "one", rng, number)
         else:
             found = kill_workflow(asked.folder / "run", rng, number, wanted)
-        done.append({"kind": kind, "number": number} | found)
-        with journal.open("a") as stream:
-            stream.write(json.dumps(done[-1]) + "\n")
+        journal.add({"kind": kind, "number": number} | found)
         if "wrong" in found:
             print(kind, number, found, flush=True)
-    _report(done)
+    _report(journal.done)
 
 
 def _report(done: list[dict[str, Any]]) -> None:
-    killed = [k for k in done if k["killed"]]
+    by_stage: Counter[str] = Counter()
+    for job in done:
+        by_stage[job["stage"]] += job["killed"]
     content = {
-        "runs": len(done),
-        "killed": len(killed),
-        "killed_in_a_write": sum(k["in_write"] for k in killed),
-        "ended_before_the_kill": len(done) - len(killed),
-        "not_recovered": sum("wrong" in k for k in done),
-        "by_stage": dict(sorted(Counter(k["stage"] for k in killed).items())),
+        "killed": by_stage.total(),
+        "killed_in_a_write": sum(job["in_write"] for job in done),
+        "ended_before_the_kill": sum(job["runs"] - job["killed"] for job in done),
+        "not_recovered": sum("wrong" in job for job in done),
+        "by_stage": dict(sorted(by_stage.items())),
     }
     RESULT.write_text(json.dumps(content, indent=1) + "\n")
     print(json.dumps(content, indent=1))

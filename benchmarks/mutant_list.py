@@ -358,6 +358,10 @@ MUTANTS: list[Mutant] = [
             "slack = 2.0**-48 * (abs(lower[m, k]) + abs(upper[m, k])) + 1e-300",
             "slack = 0.0",
         ),
+    ),
+    *_of(
+        "gap/headings.py",
+        BOUNDS,
         (
             "deviations between headings have a sign",
             "off = np.abs(turned - reference[None])",

@@ -17,68 +17,19 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
-import yaml
+from tiny_cases import NAMES, write_cases
 
 ROOT = Path(__file__).parents[1]
-PENDULUM = yaml.safe_load((ROOT / "configs/cases/pendulum.yaml").read_text())
-SMALL = {
-    "name": "small",
-    "plant": PENDULUM["plant"] | {"urdf": "pendulum.urdf"},
-    "domain": PENDULUM["domain"] | {"U": {"u": {"min": -1.2, "max": 1.2, "step": 0.4}}},
-    "simulator": PENDULUM["simulator"],
-    "grid": {"eps": 0.02, "shards": 2},
-    "gap": PENDULUM["gap"] | {"fresh_samples": 1000, "padding": "per_axis"},
-    "synthesis": PENDULUM["synthesis"] | {"cells": [120, 60]},
-    "validation": {"starts": 10, "steps": 60, "seed": 1},
-    "audit": {"evaluations": 1000, "steps": 500},
-    "measured": PENDULUM["measured"],
-}
-RIG = {"case": "../small.yaml", "substeps": 5, "traces": 2, "seconds": 5, "seed": 3, "noise": {"x1": 0.001},
-       "excitation": {"amplitude": 3.0, "low": 0.1, "high": 8.0}}  # fmt: skip
-TWIN = {
-    "name": "twin",
-    "plant": {
-        "integrator": "rk4",
-        "symbolic": {"parameters": {"m": {"value": 1.0, "unit": "kg"}}, "dynamics": {"x": "v", "v": "F/m"}},
-        "states": {"x": {"unit": "m"}, "v": {"unit": "m/s"}},
-        "inputs": {"F": {"unit": "N"}},
-    },
-    "domain": {"tau": 0.1, "X": {"x": [-1, 1], "v": [-1, 1]}, "U": {"F": {"values": [-1, 0, 1]}}},
-    "simulator": {"engine": "equations", "integrator": "rk4", "parameters": {"m": 1.05}},
-    "twin": {"of": {"engine": "python", "function": "sim.py:step"}, "tolerance": {"x": 1e-12, "v": 1e-12}},
-    "grid": {"eps": 0.2, "shards": 1},
-    "gap": {"basis": ["x", "v", "F", 1], "fresh_samples": 500, "bound": "conformal", "tolerated_probability": 0.1,
-            "conformal": {"calibration_samples": 500}},
-    "synthesis": {"cells": [60, 60], "specification": {"kind": "reach_and_stay",
-                                                       "target": {"x": [-0.4, 0.4], "v": [-0.6, 0.6]}}},
-    "validation": {"starts": 10, "steps": 60, "seed": 1},
-    "audit": {"evaluations": 500, "steps": 300},
-}  # fmt: skip
-ENGINE = """import numpy as np
-
-
-def step(x, u, tau):
-    a = u[0] / 1.05
-    return np.array([x[0] + tau * x[1] + a * tau * tau / 2, x[1] + tau * a])
-"""
-UNEQUAL = re.compile(r"(.*/)?(logs|benchmarks)/.*|.*\.log|.*\.rrd|\.snakemake/.*|.*__pycache__/.*|cost\.json")
-"""Files whose bytes may differ between two runs: logs, timings, recordings."""
+UNEQUAL = re.compile(r"(.*/)?(logs|benchmarks|\.snakemake|__pycache__)/.*|.*\.(log|rrd)|(.*/)?(cost|check)\.json")
+"""Files whose bytes may differ between two runs: logs, timings (also those of `check`), recordings."""
 IMPORTS = ("numba", "sympy", "scipy.optimize", "scipy.ndimage", "cvxpy", "clarabel", "pyarrow.parquet", "pyarrow.csv",
            "matplotlib.figure", "matplotlib.backends.backend_svg", "jinja2", "pydantic", "rerun", "rerun.blueprint",
            "simgap.cli")  # fmt: skip
-
-
-def write_cases(folder: Path) -> None:
-    """The tiny cases: PyBullet with a rig, and equations with a twin and a conformal bound."""
-    (folder / "rigs").mkdir(parents=True, exist_ok=True)
-    shutil.copy(ROOT / "configs/models/pendulum.urdf", folder)
-    for path, content in (("small.yaml", SMALL), ("rigs/small.yaml", RIG), ("twin.yaml", TWIN)):
-        (folder / path).write_text(yaml.safe_dump(content, sort_keys=False))
-    (folder / "sim.py").write_text(ENGINE)
 
 
 def environment(**more: str) -> dict[str, str]:
@@ -89,7 +40,7 @@ def environment(**more: str) -> dict[str, str]:
 
 def workflow(folder: Path, cores: int, *options: str, **more: str) -> subprocess.Popen[str]:
     """The documented command, in a process group of its own."""
-    command = [sys.executable, "-m", "simgap.cli", "run", "small.yaml", "twin.yaml", "--cores", str(cores), *options]
+    command = [sys.executable, "-m", "simgap.cli", "run", *NAMES, "--cores", str(cores), *options]
     return subprocess.Popen(
         command, cwd=folder, env=environment(**more), text=True, start_new_session=True, stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -114,11 +65,30 @@ class Stage:
     recordings: tuple[str, ...]
 
 
+def code() -> str:
+    """Digest of the package and of the cases: what was counted with another counts no more."""
+    sources = [*sorted((ROOT / "simgap").rglob("*.py")), ROOT / "benchmarks/tiny_cases.py"]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
+
+
+class Journal:
+    """What was done so far, a line each, in a file of this code: a benchmark goes on where it was."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._path = folder / f"{name}-{code()}.jsonl"
+        lines = self._path.read_text().splitlines() if self._path.exists() else []
+        self.done: list[dict[str, Any]] = [json.loads(line) for line in lines]
+
+    def add(self, entry: dict[str, Any]) -> None:
+        """One thing more was done."""
+        self.done.append(entry)
+        with self._path.open("a") as stream:
+            stream.write(json.dumps(entry) + "\n")
+
+
 def reference(folder: Path) -> list[Stage]:
     """The stages of the tiny cases, from a run that nothing disturbs; kept in `folder` until the code changes."""
-    sources = sorted((ROOT / "simgap").rglob("*.py"))
-    code = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
-    kept = folder / f"stages-{code}.json"
+    kept = folder / f"stages-{code()}.json"
     if kept.exists():
         return [Stage(**{k: tuple(v) if isinstance(v, list) else v for k, v in s.items()})
                 for s in json.loads(kept.read_text())]  # fmt: skip
@@ -162,8 +132,8 @@ def warm() -> None:
         importlib.import_module(name)
 
 
-def fork(folder: Path, command: Sequence[str], **environ: str) -> int:
-    """A stage in a process group of its own, its output in `folder`/.out; -> the process."""
+def fork(folder: Path, command: Sequence[str], first: Callable[[], object] | None = None, **environ: str) -> int:
+    """A stage in a process group of its own, its output in `folder`.out; -> the process. `first` is called in it."""
     folder.mkdir(parents=True, exist_ok=True)
     process = os.fork()
     if process:
@@ -177,6 +147,8 @@ def fork(folder: Path, command: Sequence[str], **environ: str) -> int:
         os.chdir(folder)
         os.environ.update(environment(**environ))
         sys.argv = ["simgap", *command]
+        if first is not None:
+            first()
         status = _stage(command)
     finally:
         sys.stdout.flush()

@@ -91,7 +91,7 @@ DOORS: Mapping[str, str] = MappingProxyType(
 """For each group the module through which its plug-ins are run: what imports it depends on those that a case uses."""
 
 _ONE = {"engines": "engine", "bases": "basis", "effects": "effect", "specifications": "specification"}
-log = logging.getLogger("simgap")
+log = logging.getLogger("simgap.code")
 
 
 def names(group: str) -> tuple[str, ...]:

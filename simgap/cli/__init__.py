@@ -13,6 +13,7 @@ from typing import Any
 import typer
 
 from simgap.cli import control, gap, measured, pages, sweeps, tools, view, workflow
+from simgap.cli.announce import announce_code
 from simgap.cli.options import app
 from simgap.errors import SimgapError, excerpt
 from simgap.io.follow import follow_the_run
@@ -30,6 +31,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Entry point: a person's mistake is one line on stderr and status 2, a broken promise status 1."""
     follow_the_run()
     logging.getLogger("simgap").addHandler(logging.NullHandler())  # without a log, errors are told once, below
+    announce_code()
     try:
         result: Any = app(arguments if arguments is not None else sys.argv[1:], standalone_mode=False)
         status = result if isinstance(result, int) else 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import tempfile
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated
@@ -66,6 +67,18 @@ State = Annotated[str, typer.Option(help="Which state.", show_default=False)]
 Log = Annotated[Path | None, typer.Option(help="File for the log of this stage; stderr if not given.")]
 
 
+class _LogFile(logging.FileHandler):
+    """A log on a disk that may be full: what fails for it is told on stderr, and once."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Say nothing of a line that could not be written."""
+
+    def close(self) -> None:
+        """Close it, with what could be written of it."""
+        with suppress(OSError):
+            super().close()
+
+
 def start_log(path: Path | None) -> None:
     """Send this package's log to a file, or to stderr for a person at the keyboard."""
     if path is None:
@@ -76,7 +89,7 @@ def start_log(path: Path | None) -> None:
     else:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("")
-        handler = logging.FileHandler(path, mode="a")  # engines append to the same file
+        handler = _LogFile(path, mode="a")  # engines append to the same file
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
     logger = logging.getLogger("simgap")
     logger.handlers, logger.propagate = [handler], False

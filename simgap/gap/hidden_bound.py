@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.gap.function import GapDomain
+from simgap.gap.headings import HeadingDeviation
 from simgap.gap.hidden_fit import HistoryInfluence, HullFit
 from simgap.gap.hidden_search import BoundTable, Searched
 from simgap.gap.hidden_state import TOP, check_fading
 from simgap.gap.previous import PreviousClasses
-from simgap.gap.symmetry import BodyFrameGap, HeadingDeviation
+from simgap.gap.symmetry import BodyFrameGap
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
 

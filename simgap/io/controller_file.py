@@ -17,6 +17,7 @@ from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io.atomic import atomic
+from simgap.io.unpacked import require_room
 from simgap.specifications.solution import Solution
 from simgap.synthesis.bits import packed_width
 from simgap.synthesis.controller import Controller
@@ -75,6 +76,7 @@ def load_controller(path: Path | str) -> Controller:
     """
     try:
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            require_room(sum(entry.file_size for entry in stored.zip.infolist()))
             arrays = {name: stored[name] for name in stored.files}
         _require(set(arrays) >= _NEEDED, "parts of it are missing")
         about = json.loads(arrays["about"].tobytes().decode())

@@ -16,6 +16,7 @@ from simgap.diagnosis.reading.table import Floats, RawTable
 from simgap.errors import UserError, excerpt
 from simgap.io import checksum
 from simgap.io.diagnosis_csv import CsvLayout, csv_layout, read_csv_columns
+from simgap.io.unpacked import require_room, table_size
 
 _MAGIC = b"PAR1"
 
@@ -119,8 +120,11 @@ def _parquet_header(path: Path, file: str) -> tuple[str, ...]:
 
 def _read_parquet(path: Path, columns: list[str], file: str) -> pa.Table:
     try:
+        require_room(table_size(pq.read_metadata(path), columns))
         return pq.read_table(path, columns=columns, partitioning=None)
-    except (pa.ArrowException, OSError):
+    except UserError as error:
+        raise UserError(error.problem, file=file, remedy=error.remedy) from None
+    except (pa.ArrowException, OSError, UnicodeDecodeError):
         raise _damaged(file) from None
 
 

@@ -15,6 +15,7 @@ from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
 from simgap.io import checksum
 from simgap.io.atomic import atomic
+from simgap.io.unpacked import require_room, table_size
 
 
 def table(
@@ -65,10 +66,14 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         data = path.read_bytes()
         if not checksum.holds(data):
             raise pa.ArrowInvalid("its checksum is missing or does not fit its content")
-        return pq.read_table(pa.BufferReader(data), columns=list(columns) if columns else None)
+        source = pq.ParquetFile(pa.BufferReader(data))
+        require_room(table_size(source.metadata, columns))
+        return source.read(list(columns) if columns else None)
     except FileNotFoundError:
         raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None
-    except (pa.ArrowException, OSError) as error:
+    except UserError as error:
+        raise UserError(error.problem, file=path, remedy=error.remedy) from None
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise UserError(
             f"not a whole Parquet file ({excerpt(str(error).splitlines()[0])})",
             file=path,

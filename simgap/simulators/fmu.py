@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, ValidationInfo, model_validator
 
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
@@ -24,7 +24,8 @@ STARTS, REMEMBERS = 1e-9, 1e-6
 """Largest relative deviation of a start from the state that was set, and of a second step from one that begins where
 the first ended. The former is rounding, the latter leaves room for a solver of variable step; both are judgement."""
 KEY = "simulator.fmu"
-log = logging.getLogger("simgap")
+log = logging.getLogger("simgap.code")
+_told: set[Path] = set()
 
 
 class FmuSettings(EngineSection):
@@ -42,6 +43,15 @@ class FmuSettings(EngineSection):
         "variable where none is given.",
     )
     parameters: dict[str, float] = Field(default_factory=dict, description="Values of other variables, by their names.")
+
+    @model_validator(mode="after")
+    def _announced(self, info: ValidationInfo) -> FmuSettings:
+        """Said where the case is read, and not in the engine's process, whose output goes to a log."""
+        folder = (info.context or {}).get("folder")
+        if folder is not None and (folder / self.fmu).resolve() not in _told:
+            _told.add((folder / self.fmu).resolve())
+            log.warning("the simulator %s is code and runs with your rights", folder / self.fmu)
+        return self
 
 
 class FmuEngine(Engine):
@@ -77,7 +87,6 @@ class FmuEngine(Engine):
             unknown = sorted(set(getattr(section, key)) - set(known))
             if unknown:
                 raise UserError(f"{unknown} are not of the plant", key=f"simulator.{key}", remedy=f"It has {[*known]}.")
-        log.warning("the simulator %s is code and runs with your rights", folder / section.fmu)
         engine = cls(Unit(folder / section.fmu), names, section, case.domain.tau)
         units = [s.unit for s in case.plant.states.values()], [i.unit for i in case.plant.inputs.values()]
         engine._check(units)

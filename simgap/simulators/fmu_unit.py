@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
+import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +18,28 @@ from simgap.geometry import Floats
 from simgap.units import check_unit, require_unit
 
 KEY = "simulator.fmu"
+PREFIX = "simgap-fmu-"
 REAL = ("Real", "Float64")
+
+
+def _place() -> tuple[Path, int]:
+    """A folder to unpack to, and its lock, which ends with this process; those of processes that were killed go."""
+    for left in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
+        with suppress(OSError):  # somebody else's, or in use
+            os.close(_locked(left))
+            shutil.rmtree(left)
+    folder = Path(tempfile.mkdtemp(prefix=PREFIX))
+    return folder, _locked(folder)
+
+
+def _locked(folder: Path) -> int:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
 
 
 class Unit:
@@ -48,7 +73,8 @@ class Unit:
                 key=KEY, remedy="Export it as FMI 2 or 3 for co-simulation.",
             )  # fmt: skip
         self._variables = {v.name: v for v in about.modelVariables}
-        self._folder = Path(fmpy.extract(str(path)))
+        self._folder, self._lock = _place()
+        fmpy.extract(str(path), str(self._folder))
         try:
             self._fmu: Any = kinds[self.fmi[0]](
                 guid=about.guid, unzipDirectory=str(self._folder), instanceName="simgap",
@@ -56,7 +82,7 @@ class Unit:
             )  # fmt: skip
             self._fmu.instantiate()
         except Exception as error:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._remove()
             raise UserError(f"cannot be loaded on this machine: {_said(error)}", file=path, key=KEY) from None
         self._running = False
 
@@ -159,7 +185,11 @@ class Unit:
                 self._fmu.terminate()
             self._fmu.freeInstance()
         finally:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._remove()
+
+    def _remove(self) -> None:
+        shutil.rmtree(self._folder, ignore_errors=True)
+        os.close(self._lock)
 
 
 def _said(error: BaseException) -> str:

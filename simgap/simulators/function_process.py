@@ -20,6 +20,7 @@ import numpy as np
 from simgap.config.function_file import KEY, FunctionFile
 from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
+from simgap.simulators.unnamed import SharedBytes, Unnamed
 from simgap.simulators.watched import LOOK, grown_too_large
 
 ROWS = 1024
@@ -42,9 +43,9 @@ class FunctionProcess:
         Raises:
             UserError: a file that fails, ends its process or takes too long while it is imported.
         """
-        context = multiprocessing.get_context("spawn")
+        context = Unnamed()
         self._function, self._timeout, self._batch = function, timeout, batch
-        self._done = context.Value("q", 0, lock=False)
+        self._done = SharedBytes(8)
         self._pipe, theirs = context.Pipe()
         job = (theirs, self._done, str(function.path), function.name, tau, parameters, batch, timeout)
         self._process = context.Process(target=_serve, args=job, daemon=True)
@@ -67,17 +68,19 @@ class FunctionProcess:
         return out
 
     def _block(self, x: Floats, u: Floats, said: Callable[[Any, Any], str]) -> Floats:
-        def where() -> str:
-            return said(x[self._done.value], u[self._done.value])
+        done = self._done.view.cast("q")
 
-        self._done.value = 0
+        def where() -> str:
+            return said(x[done[0]], u[done[0]])
+
+        done[0] = 0
         try:
             self._pipe.send((x, u))
         except OSError:
             raise self.fault("is not running any more", "before this call") from None
         before = -1
-        while not self._batch and not self._pipe.poll(self._timeout) and self._done.value != before:
-            before = self._done.value  # one call more must be done each time
+        while not self._batch and not self._pipe.poll(self._timeout) and done[0] != before:
+            before = done[0]  # one call more must be done each time
         answer = self._answer(self._timeout if self._batch else 0.0, where)
         if isinstance(answer, str) or answer is None:
             raise self.fault(str(answer), where())
@@ -115,7 +118,7 @@ class FunctionProcess:
 
 
 def _serve(
-    pipe: Connection, done: Any, path: str, name: str, tau: float, parameters: dict[str, float], batch: bool,
+    pipe: Connection, done: SharedBytes, path: str, name: str, tau: float, parameters: dict[str, float], batch: bool,
     timeout: float,
 ) -> None:  # fmt: skip
     """The process: import the file, then answer calls until the pipe is closed, by arrays or by what is wrong."""
@@ -127,6 +130,7 @@ def _serve(
         pipe.send(f"cannot be imported: {type(error).__name__}: {excerpt(str(error))}")
         return
     pipe.send(None)
+    at = done.view.cast("q")
     while True:
         try:
             x, u = pipe.recv()
@@ -137,7 +141,7 @@ def _serve(
         try:
             answer: Floats | str = _many(function, x, u, tau, parameters) if batch else np.empty_like(x)
             for k in range(0 if batch else len(x)):
-                done.value = k
+                at[0] = k
                 answer[k] = _row(function(x[k].copy(), u[k].copy(), tau, **parameters), x[k].shape)  # type: ignore[index]
         except _NoStateError as error:
             answer = str(error)

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from simgap import plugins
 from simgap.errors import SimgapError
+from simgap.simulators.unnamed import SharedBytes, Tokens, Unnamed
 from simgap.simulators.watched import LOOK, NOTE, Note, grown_too_large, note_in
 
 T = TypeVar("T")
@@ -25,7 +26,7 @@ class EngineCrash(SimgapError):
     """The engine's process died."""
 
 
-def _start(log: str | None, ran: tuple[tuple[Path, bytes], ...], notes: Any, taken: Any) -> None:
+def _start(log: str | None, ran: tuple[tuple[Path, bytes], ...], notes: SharedBytes, free: Tokens) -> None:
     """Send what C code prints (file descriptors 1 and 2) to the log file or nowhere; errors come back as exceptions.
 
     Plug-in files that the parent ran are run here too, before a case that holds their sections is unpickled.
@@ -35,10 +36,11 @@ def _start(log: str | None, ran: tuple[tuple[Path, bytes], ...], notes: Any, tak
         stream.flush()
         os.dup2(target, descriptor)
     os.close(target)
-    with taken.get_lock():
-        number = taken.value
-        taken.value += 1
-    note = note_in(memoryview(notes).cast("B")[number * NOTE : (number + 1) * NOTE])
+    with free:
+        *places, taken = _places(notes)
+        number = taken[0]
+        taken[0] += 1
+    note = note_in(places[number])
     threading.Thread(target=_end_with_parent, args=(note,), name="watchdog", daemon=True).start()
     plugins.adopt(ran)
 
@@ -53,6 +55,11 @@ def _end_with_parent(note: Note) -> None:
     os._exit(1)
 
 
+def _places(notes: SharedBytes) -> list[memoryview]:
+    """A note for each worker, and a byte that counts those that are taken."""
+    return [notes.view[k : k + NOTE] for k in range(0, len(notes.view), NOTE)]
+
+
 @contextmanager
 def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPoolExecutor]:
     """A pool of fresh processes whose engine chatter goes to `log`.
@@ -60,15 +67,14 @@ def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPo
     Raises:
         EngineCrash: if a process died, with what it computed, where it is known, and where its last words are.
     """
-    context = multiprocessing.get_context("spawn")  # a forked engine would share its parent's threads and state
-    notes, taken = context.RawArray("c", workers * NOTE), context.Value("i", 0)
-    begin = (str(log.resolve()) if log else None, plugins.files(), notes, taken)
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_start, initargs=begin) as pool:
+    notes = SharedBytes(workers * NOTE + 1)
+    begin = (str(log.resolve()) if log else None, plugins.files(), notes, Tokens(1))
+    # Spawned: a forked engine would share its parent's threads and state.
+    with ProcessPoolExecutor(workers, mp_context=Unnamed(), initializer=_start, initargs=begin) as pool:
         try:
             yield pool
         except BrokenProcessPool:
-            places = (Note(memoryview(notes).cast("B")[k * NOTE : (k + 1) * NOTE]) for k in range(workers))
-            said = [words for place in places if (words := place.said())]
+            said = [words for place in _places(notes)[:-1] if (words := Note(place).said())]
             where = f"; its output is in {log}" if log else ""
             raise EngineCrash(f"an engine process ended: {' or '.join(said) or 'it died'}{where}") from None
         except BaseException:  # an error, Ctrl-C, an exit: nobody waits for what the others are at

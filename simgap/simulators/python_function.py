@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 REPEATED = 8
 """Calls that are made again in reverse order at the first roll-out: what differs then depends on what ran before it."""
-log = logging.getLogger("simgap")
+log = logging.getLogger("simgap.code")
 _told: set[Path] = set()
 
 

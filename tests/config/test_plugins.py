@@ -1,8 +1,11 @@
 """Plug-ins: found by name, in a file beside a case or offered by a distribution; their keys checked like any others."""
 
+import subprocess
+import sys
 from typing import Annotated
 
 import pytest
+from little_cart import write_cart
 from pydantic import BaseModel, ValidationError
 
 from simgap import plugins
@@ -156,3 +159,14 @@ def test_a_case_with_an_engine_that_is_none_is_one_line(vary, simulator, words):
     assert words in text
     assert "\n" not in text
     assert text.startswith(f"{path}: simulator")
+
+
+def test_a_person_who_checks_a_case_is_told_that_it_runs_code(tmp_path):
+    """In a process of its own: it is said once, whatever ran before."""
+    path = write_cart(tmp_path, simulator={"engine": "python", "function": "my_sim.py:step"})
+    (tmp_path / "my_sim.py").write_text("def step(x, u, tau):\n    return x + tau * u[0]\n")
+    command = [sys.executable, "-m", "simgap.cli", "check", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    said = "".join(done.stderr.split())  # lines are as long as the terminal is wide
+    assert said.count(f"thesimulator{tmp_path.resolve() / 'my_sim.py'}iscodeandrunswithyourrights") == 1

@@ -10,6 +10,7 @@ from simgap.gap.cells import CellGap
 from simgap.gap.envelope import fit_envelope
 from simgap.gap.fresh_check import check_fresh, clopper_pearson_upper
 from simgap.gap.function import GapDomain
+from simgap.gap.headings import heading_deviation
 from simgap.gap.hidden_bound import Robot, assemble_hulls
 from simgap.gap.hidden_fit import HistoryInfluence, HullFit, Widened, fit_hull
 from simgap.gap.hidden_state import extrapolated_maximum, fading, hull
@@ -18,7 +19,7 @@ from simgap.gap.lipschitz.result import GridLipschitz, worse
 from simgap.gap.previous import PreviousClasses
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
-from simgap.gap.symmetry import BodyFrameGap, heading_deviation
+from simgap.gap.symmetry import BodyFrameGap
 from simgap.gap.tiers import Tier
 from simgap.geometry import Box, Grid
 from simgap.simulators.body_samples import BodySamples

@@ -55,3 +55,29 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path, kind):
     assert done.stderr.startswith("simgap: ")
     assert done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+LOGGED = """
+import errno, logging, os, sys
+from pathlib import Path
+from simgap.cli import main
+from simgap.cli.options import app, start_log
+
+@app.command()
+def fill():
+    start_log(Path(sys.argv[1]))
+    logging.getLogger("simgap").info("the first line fits nowhere")
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "results/a.json")
+
+main(["fill"])
+"""
+
+
+def test_a_log_on_the_full_disk_says_no_more_than_the_result(tmp_path):
+    """The log of a stage stands beside its results: here it is a device that takes nothing."""
+    done = subprocess.run(
+        [sys.executable, "-c", LOGGED, "/dev/full"], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 1, done.stderr
+    assert done.stderr.startswith("simgap: results/a.json: No space left on device.")
+    assert done.stderr.count("\n") == 1

@@ -1,8 +1,10 @@
 """FMUs of both versions, compiled here: they step as their equations say, and hidden state is refused."""
 
+import os
 import re
 import shutil
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -165,3 +167,38 @@ def test_what_does_not_fit_is_one_line(fmu, slider, changes, words):
     said = refused(slider(fmu(2), **changes))
     assert "\n" not in said
     assert all(word in said for word in words), said
+
+
+UNPACK = """
+import sys
+from pathlib import Path
+from simgap.simulators.fmu_unit import Unit
+unit = Unit(Path(sys.argv[1]))
+print("unpacked", flush=True)
+sys.stdin.read()
+unit.close()
+"""
+
+
+def test_what_a_killed_process_had_unpacked_goes_with_the_next_and_nobody_elses(fmu, tmp_path):
+    def unpacking():
+        process = subprocess.Popen(
+            [sys.executable, "-c", UNPACK, str(fmu(2))], env=os.environ | {"TMPDIR": str(tmp_path)},
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert process.stdout.readline() == "unpacked\n"
+        return process, {path.name for path in tmp_path.iterdir()}
+
+    killed, first = unpacking()
+    living, both = unpacking()
+    assert len(first) == 1
+    assert first < both
+    killed.kill()
+    killed.communicate()
+    third, after = unpacking()
+    assert not first & after
+    assert both - first < after
+    for process in (living, third):
+        process.communicate("")
+        assert process.returncode == 0
+    assert list(tmp_path.iterdir()) == []

@@ -60,3 +60,30 @@ def test_a_killed_run_leaves_no_engine_behind(tmp_path):
         if runs(pid):
             os.kill(pid, signal.SIGKILL)
     assert gone
+
+
+def named_memory(pid):
+    """Files below /dev/shm that a process maps, and that still have a name."""
+    lines = Path(f"/proc/{pid}/maps").read_text().splitlines()
+    return {path for line in lines if (path := line[73:]).startswith("/dev/shm/") and not path.endswith(" (deleted)")}
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs /proc")
+def test_a_killed_group_leaves_no_semaphore_or_memory_with_a_name(tmp_path):
+    """As a batch system kills: the run, its engines and what would have tidied up after them, all at once."""
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    command = [sys.executable, str(script), str(tmp_path), str(Path(__file__).parent)]
+    run = subprocess.Popen(command, start_new_session=True)
+    try:
+        assert until(lambda: len([*tmp_path.glob("*.pid")]) == 2, 240)
+        engines = [int(path.read_text()) for path in tmp_path.glob("*.pid")]
+        shared = named_memory(run.pid).union(*map(named_memory, engines))
+    finally:
+        os.killpg(run.pid, signal.SIGKILL)
+        run.wait()
+    assert until(lambda: not any(runs(pid) for pid in engines), 30)
+    left = {path for path in shared if Path(path).exists()}
+    for path in left:
+        os.unlink(path)
+    assert left == set()

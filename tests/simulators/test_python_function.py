@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-import yaml
+from little_cart import write_cart
 
 from simgap.config.copied_plugins import copied_plugins
 from simgap.config.load import load_case
@@ -22,22 +22,11 @@ def many(x, u, tau, friction=0.0):
     assert x.ndim == 2 and len(x) == len(u)
     return np.stack([x[:, 0] + tau * x[:, 1], x[:, 1] + tau * (u[:, 0] - friction * x[:, 1])], axis=1)
 """
-CASE = {
-    "name": "cart",
-    "plant": {
-        "states": {"x": {"unit": "m"}, "v": {"unit": "m/s"}},
-        "inputs": {"F": {"unit": "N"}},
-        "symbolic": {"dynamics": {"x": "v", "v": "F"}},
-    },
-    "domain": {"tau": 0.01, "X": {"x": [-1, 1], "v": [-1, 1]}, "U": {"F": {"values": [-1, 0, 1]}}},
-}
 
 
 def written(folder, source, **keys):
     (folder / "my_sim.py").write_text(source)
-    section = {"engine": "python", "function": "my_sim.py:step"} | keys
-    (folder / "case.yaml").write_text(yaml.safe_dump(CASE | {"simulator": section}, sort_keys=False))
-    return folder / "case.yaml"
+    return write_cart(folder, simulator={"engine": "python", "function": "my_sim.py:step"} | keys)
 
 
 def rolled(path, x, u):

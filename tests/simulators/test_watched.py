@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-import yaml
+from little_cart import write_cart
 
 from simgap.config.load import load_case
 from simgap.errors import SimgapError
@@ -37,25 +37,14 @@ class Mine(Engine):
             FAULT
         return np.array([x[0] + 0.01 * x[1], x[1] + 0.01 * u[0]])
 """
-CASE = {
-    "name": "cart",
-    "plant": {
-        "states": {"x": {"unit": "m"}, "v": {"unit": "m/s"}},
-        "inputs": {"F": {"unit": "N"}},
-        "symbolic": {"dynamics": {"x": "v", "v": "F"}},
-    },
-    "domain": {"tau": 0.01, "X": {"x": [-1, 1], "v": [-1, 1]}, "U": {"F": {"values": [-1, 0, 1]}}},
-}
 X, U = np.array([[0.1, 0.2], [-0.3, 0.4], [0.9, -0.9], [0.5, 0.0]]), np.array([[1.0], [0.0], [-1.0], [1.0]])
 AT = "x = -0.3, v = 0.4, F = 0"
 
 
 def rolled(folder, fault, timeout=1.0):
     (folder / "mine.py").write_text(ENGINE.replace("FAULT", fault))
-    (folder / "case.yaml").write_text(
-        yaml.safe_dump(CASE | {"simulator": {"engine": "mine.py:Mine", "timeout": timeout}}, sort_keys=False)
-    )
-    job = (load_case(folder / "case.yaml"), folder, X, U)
+    path = write_cart(folder, simulator={"engine": "mine.py:Mine", "timeout": timeout})
+    job = (load_case(path), folder, X, U)
     return run_in_processes(roll_out, [job], log=folder / "engine.log")[0]
 
 

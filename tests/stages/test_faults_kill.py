@@ -6,19 +6,9 @@ import subprocess
 import sys
 
 import pytest
-import yaml
+from little_cart import write_cart
 
-CASE = {
-    "name": "cart",
-    "plant": {
-        "states": {"x": {"unit": "m"}, "v": {"unit": "m/s"}},
-        "inputs": {"F": {"unit": "N"}},
-        "symbolic": {"dynamics": {"x": "v", "v": "F"}},
-    },
-    "domain": {"tau": 0.1, "X": {"x": [-1, 1], "v": [-1, 1]}, "U": {"F": {"values": [-1, 0, 1]}}},
-    "grid": {"eps": 0.5},
-    "gap": {"basis": ["x", "v", "F", 1]},
-}
+MORE = {"grid": {"eps": 0.5}, "gap": {"basis": ["x", "v", "F", 1]}}
 
 
 def grid(folder, **environment):
@@ -30,14 +20,14 @@ def grid(folder, **environment):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
-    (folder / "cart.yaml").write_text(yaml.safe_dump(CASE))
+    write_cart(folder, **MORE)
     assert grid(folder) == 0
     return {path.name: path.read_bytes() for path in (folder / "grid").iterdir()}
 
 
 @pytest.mark.parametrize("place", [2, 5])  # half of the first file, half of the second
 def test_a_stage_killed_within_a_write_is_taken_up_by_the_same_command(tmp_path, whole, place):
-    (tmp_path / "cart.yaml").write_text(yaml.safe_dump(CASE))
+    write_cart(tmp_path, **MORE)
     assert grid(tmp_path, SIMGAP_KILL_AT=str(place)) == -signal.SIGKILL
     left = {path.name for path in (tmp_path / "grid").iterdir()}
     assert len(left) == (place + 1) // 3  # what was finished, and a hidden half

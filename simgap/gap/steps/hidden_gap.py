@@ -17,6 +17,7 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.acceptance import confirmed, tolerate
 from simgap.gap.fresh_check import FreshCheck, check_sequences
 from simgap.gap.function import GapDomain
+from simgap.gap.headings import HeadingDeviation, check_symmetry
 from simgap.gap.hidden_bound import HiddenStateFit, Robot, assemble_hulls
 from simgap.gap.hidden_fit import HistoryInfluence, HullFit
 from simgap.gap.hidden_search import BoundTable, Searched, search
@@ -24,7 +25,6 @@ from simgap.gap.hidden_state import tolerance_of
 from simgap.gap.points import Columns, Points
 from simgap.gap.steps.samples import previous_classes, read_back
 from simgap.gap.steps.tables import body_samples
-from simgap.gap.symmetry import HeadingDeviation, check_symmetry
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
 from simgap.plants.context import Context

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simgap.gap.headings import heading_deviation
 from simgap.gap.hidden_fit import HistoryInfluence
 from simgap.gap.hidden_state import fading
 from simgap.gap.lipschitz.result import DimensionLipschitz
@@ -13,7 +14,6 @@ from simgap.gap.points import Columns, Points, remembers
 from simgap.gap.settings import GapSettings
 from simgap.gap.steps.samples import check_histories, dimension_samples
 from simgap.gap.steps.tables import HISTORY
-from simgap.gap.symmetry import heading_deviation
 from simgap.plants.context import Context
 
 
