@@ -145,6 +145,22 @@ def dry_friction(data: Sequence[Mapping[str, Any]]) -> str:
     return markdown([*head, "chi^2 jointly / one by one, largest", "error 0.2 s ahead / floor, median"], rows)
 
 
+def encoders(data: Sequence[Mapping[str, Any]]) -> str:
+    """Records by encoders, one plant and step a row."""
+    rows = []
+    for plant, step in dict.fromkeys((r["plant"], r["step"]) for r in sorted(data, key=lambda r: r["step"])):
+        own = [r for r in data if (r["plant"], r["step"]) == (plant, step)]
+        covered = [c for r in own for c in r["covered"]]
+        right = sum(r["verdict"] == ("attributed" if r["truth"] else "none") for r in own)
+        counts = (right, *(sum(bool(r[key]) for r in own) for key in ("exact", "wrong", "faults")))
+        cpu = sorted(r["cpu_s"] for r in own)[len(own) // 2]
+        rows.append(
+            [plant, f"{step:g}", str(len(own)), *map(str, counts), f"{sum(covered)} of {len(covered)}", f"{cpu:.3g}"]
+        )
+    head = ["plant", "count over noise", "records", "right verdict", "right set", "wrong names", "faults named"]
+    return markdown([*head, "intervals that cover", "CPU s, median"], sorted(rows, key=lambda r: r[0]))
+
+
 def recording_faults(data: Sequence[Mapping[str, Any]]) -> str:
     """Faults of a recording, with and without a missing effect."""
     kinds = {"clean": "", "coloured noise": "coloured_noise", "input late": "late_log", "input reversed": "wrong_sign"}
@@ -268,6 +284,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "undeclared": ("undeclared.json", undeclared),
     "rollouts": ("rollouts.json", rollouts),
     "dry_friction": ("dry_friction.json", dry_friction),
+    "encoders": ("encoders.json", encoders),
     "recording_faults": ("recording_faults.json", recording_faults),
     "diagnosis_cost": ("diagnosis_cost.json", diagnosis_cost),
     "long_record": ("long_record.json", long_record),

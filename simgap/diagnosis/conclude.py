@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import stretches
 from simgap.diagnosis.result import (
+    Concentrated,
     Diagnosis,
     DiagnosisSettings,
     FoldStretches,
@@ -25,7 +26,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict import answer
-from simgap.diagnosis.verdict.concentration import concentrated
+from simgap.diagnosis.verdict.concentration import concentrated, elsewhere
 from simgap.diagnosis.verdict.faults import fitted_faults, gain_faults, noise_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
@@ -79,13 +80,14 @@ def conclude(
     known, confirm, search, full, base = parts.known, parts.confirm, chosen.search, chosen.full, chosen.base
     at, horizon = chosen.kept.fit, settings.horizon_s
     old, new = (judge(confirm, theta, horizon) for theta in (base.theta, at.theta))
-    evidence = _evidence(known, confirm, chosen, old, new)
+    names = [trace.name for trace in record.traces]
+    where = concentrated(confirm, names, old, new)
+    evidence = _evidence(known, confirm, chosen, old, new, where)
     word, share = verdict(chosen.kept, evidence), evidence.share
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     short = nearest(full, chosen.kept, evidence, chosen.at_floor, model) if word == "unexplained" else None
     kept, kept_held = (chosen.kept, new) if named else (full.empty(base), old)
     others = _rivals(chosen) if named else []
-    names = [trace.name for trace in record.traces]
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, kept_held.states), True)
     empty = search.empty(chosen.sparse)
@@ -115,7 +117,7 @@ def conclude(
         left_over=second_look(search, chosen.found if named else empty, confirm, kept_held, horizon, model)
         if tested
         else None,
-        concentrated=concentrated(confirm, names, old, new),
+        concentrated=where,
         recording=(
             *faults,
             *fitted_faults(fitted),
@@ -125,7 +127,9 @@ def conclude(
     )
 
 
-def _evidence(known: Problem, confirm: Problem, chosen: Chosen, old: HeldOut, new: HeldOut) -> Evidence:
+def _evidence(
+    known: Problem, confirm: Problem, chosen: Chosen, old: HeldOut, new: HeldOut, where: Concentrated | None
+) -> Evidence:
     """What the verdict is made of."""
     found, full, agree = chosen.kept, chosen.full, chosen.agree
     share = excess_share(old, new, known.sigma)
@@ -135,7 +139,7 @@ def _evidence(known: Problem, confirm: Problem, chosen: Chosen, old: HeldOut, ne
     elif found.members and chosen.at_floor and not (wanted and new.ratio <= HELD_OUT_QUALITY):
         agree = folds_agree(known, found, full.steps, 1.0)
     before, after = (chi2_dof(known, at) for at in (chosen.base, found.fit))
-    return Evidence(before, after, old, new, share, agree, wanted)
+    return Evidence(before, after, old, new, share, agree, wanted, elsewhere(where))
 
 
 def _rivals(chosen: Chosen) -> list[Rival]:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from simgap.diagnosis.reading.encoder import worth
 from simgap.diagnosis.reading.folds import cut_in_folds
-from simgap.diagnosis.reading.noise import noise_floor
 from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.stillness import resolution
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import build_problem
@@ -30,7 +27,8 @@ def parts_of(
 ) -> tuple[Parts, tuple[str, ...]]:
     """The folds as problems, and what is to be said of them; `second`: with effects that others are tried before."""
     compiled = cached_supermodel(model, record.measured, settings.effects, second)
-    sigma = np.maximum(noise_floor(record), resolution(record) / np.sqrt(12.0))  # rounding is noise, at rest too
+    readings = worth(record)
+    sigma = readings.sigma
     for name, value in settings.noise.items():
         if name in record.measured:
             sigma[record.measured.index(name)] = value
@@ -40,7 +38,7 @@ def parts_of(
     said = (_SHORT.format(length, settings.window_s),) if length < settings.window_s else ()
     if model.wheels is None and not model.coordinates:
         said = (*said, _NO_COORDINATES)
-    every = settled(build_problem(compiled, record, windows, sigma))
+    every = settled(build_problem(compiled, record, windows, sigma, readings.weight))
     known = folds.fit | folds.choose
     parts = Parts(*(every.on(windows.pick(mask)) for mask in (known, folds.fit, folds.choose, folds.confirm)))
     return parts.past_the_unknown(every.reach(compiled.null)), said  # reach of delays that the model declares

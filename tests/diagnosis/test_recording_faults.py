@@ -17,6 +17,7 @@ from simgap.diagnosis.search.noise_colour import _law
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from tests.diagnosis import rigs
+from tests.undeclared.counted import counted_model, counted_record
 from tests.undeclared.nominals import nominal, record
 from tests.undeclared.rig.textbook import Hidden, cart_pole
 
@@ -104,6 +105,29 @@ def test_columns_in_another_unit_or_place_are_found():
         parts, _ = parts_of(rig.model, rigs.record(rig, fault, 1, seconds=6.0, viscous=0.2), FEW)
         found = better_columns(coarse(parts.known))
         assert (found and (found.finding.fault, found.finding.channel, found.finding.value)) == answer
+
+
+@pytest.mark.parametrize(
+    ("plant", "of_input", "factor", "wanted"),
+    [
+        ("ball", False, 1e3, ("wrong_unit", "q", 1e-3)),
+        ("ball", True, 180 / np.pi, ("wrong_unit", "u", np.pi / 180)),
+        ("spring", False, 1e3, ("wrong_unit", "q", 1e-3)),
+        ("motor", False, 180 / np.pi, ("wrong_unit", "q", np.pi / 180)),
+        ("motor", True, 1e3, ("wrong_unit", "u", 1e-3)),
+        ("spring", False, 1.0, None),
+        ("ball", False, 1.0, None),
+    ],
+)
+def test_strong_friction_hides_no_wrong_unit(plant, of_input, factor, wanted):
+    """Friction that takes most of the force, and a column in millimetres, degrees or milliamperes."""
+    made, _ = counted_record(plant, "both", 5e-5, 3, seconds=8.0)
+    traces = tuple(replace(r, u=r.u * factor) if of_input else replace(r, y=r.y * factor) for r in made.traces)
+    parts, _ = parts_of(counted_model(plant), replace(made, traces=traces), DiagnosisSettings())
+    found = better_columns(coarse(parts.known))
+    assert (found and (found.finding.fault, found.finding.channel, found.finding.value)) == wanted
+    if (plant, of_input) == ("spring", False) and found is not None:  # linear: a motion cannot tell
+        assert found.finding.sentence.endswith("with u in a thousand times the declared unit.")
 
 
 def test_swapped_columns_are_exchanged_and_the_model_lacks_nothing():

@@ -132,3 +132,13 @@ def test_a_simulation_does_not_look_its_functions_up(monkeypatch):
     found = problem.states(theta, np.array([[0.0, 0.4]]))
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_allclose(found.T, stopping(0.4, 1.0, 2.0, t), atol=1e-12)
+
+
+@pytest.mark.parametrize("dry", [0.0, 0.3])
+def test_stamps_a_few_trillionths_of_a_second_apart_are_simulated(dry):
+    """An instant that rounding leaves before the end of a sample was no step at all, and divided by zero."""
+    t = np.concatenate([[0.0, 0.01, 0.01 + 5e-12], np.arange(0.02, 1.0, 0.01)])
+    problem, compiled = one_window(block(2.0), t, np.full_like(t, 1.0))
+    theta = with_effect(compiled, "coulomb_friction", "slide", F_c=dry)
+    x = problem.states(theta, np.array([[0.0, 0.0]]))
+    np.testing.assert_allclose(x[:, 1], 0.5 * (1.0 - dry) * t, atol=1e-9)

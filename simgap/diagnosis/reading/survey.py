@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
+from simgap.diagnosis.reading.encoder import worth
 from simgap.diagnosis.reading.lag import VelocityLag, velocity_lag
-from simgap.diagnosis.reading.noise import noise_floor
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.stillness import Stretch, at_limit, frozen_stretches, resolution, still_stretches
 from simgap.diagnosis.reading.table import Floats
@@ -73,7 +73,7 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
         noise: standard deviations that are known, by channel; the others are estimated.
     """
     quantum = resolution(record)
-    sigma = np.maximum(noise_floor(record), quantum / np.sqrt(12.0))  # rounding is noise too, also where nothing moves
+    sigma = worth(record).sigma
     for name, value in (noise or {}).items():
         if name in record.measured:
             sigma[record.measured.index(name)] = value

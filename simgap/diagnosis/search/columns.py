@@ -1,14 +1,15 @@
 """Columns that are not what the case says: a wrong sign or unit, two that were swapped.
 
 Such a fault is discrete and large: no effect leads there step by step, and a search under it leads nowhere. Each
-possibility is tried on a few windows with the model as declared, before the search, and one is taken up where it misses
-by a small part of what the columns as they are miss. An input's sign is left to its gain, which may be negative.
+possibility is tried on a few windows before the search, with the model as declared and with friction, biases and gains
+beside it, and one is taken up where it misses by a small part of what the columns as they are miss. An input's sign is
+left to its gain, which may be negative.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,16 +18,19 @@ from numpy.typing import NDArray
 from simgap.diagnosis.reading.exchanged import swap
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
-from simgap.diagnosis.search.fit import fit
+from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Memo, Problem
+from simgap.diagnosis.simulation.sensitivity import choose_step
 from simgap.diagnosis.simulation.step_length import settled
-from simgap.diagnosis.thresholds import COLUMN_TELLS, COLUMNS_IN_DOUBT, INPUT_TELLS
-from simgap.units import full_turn
+from simgap.diagnosis.thresholds import COLUMN_TELLS, COLUMNS_IN_DOUBT, INPUT_TELLS, PLAUSIBLE_RATIO
+from simgap.notation import joined
 
 Floats = NDArray[np.float64]
 _WINDOWS = 8
 _LIKE = 0.7  # a later possibility must miss by less than this share of the best before it
+_FORCES, _GAIN = ("viscous_friction", "coulomb_friction", "input_bias"), "input_gain"
+_DESCENTS = 10  # linearisations of a fit that need not settle
 _THOUSANDS = (("a thousandth of the declared unit", 1e-3), ("a thousand times the declared unit", 1e3))
 
 
@@ -38,6 +42,7 @@ class Columns:
         finding: the fault, if it is one.
         y, u: (k,), (m,) factors from logged to true, after the order below.
         y_order, u_order: which logged column each channel is in.
+        words: which column is in which unit; "" where it is no unit.
     """
 
     finding: RecordingFault
@@ -45,6 +50,7 @@ class Columns:
     u: Floats
     y_order: tuple[int, ...]
     u_order: tuple[int, ...]
+    words: str = ""
 
     def applied(self, problem: Problem) -> Problem:
         """The problem with the columns as they may really be."""
@@ -55,8 +61,17 @@ class Columns:
             u=np.ascontiguousarray(problem.u[:, list(self.u_order)] * self.u),
             sigma=problem.sigma[order] * np.abs(y_scale),
             used=np.ascontiguousarray(problem.used[:, order]),
+            weight=np.ascontiguousarray(problem.weight[:, order]),
             memo=Memo(),
         )
+
+    def beside(self, others: Sequence[Columns]) -> Columns:
+        """The same, saying what else would explain the data: of a linear plant inputs and readings scale alike."""
+        words = [o.words for o in others if o.words]
+        if not (words and self.words):
+            return self
+        also = f"{self.finding.sentence} These data would be the same with {joined(words, 'or')}."
+        return replace(self, finding=replace(self.finding, sentence=also))
 
     def of_record(self, record: Record) -> Record:
         """The record with the columns as they really are."""
@@ -71,63 +86,106 @@ class Columns:
 def better_columns(problem: Problem) -> Columns | None:
     """The possibility under which the declared model misses least, if it is better by far than the columns as they are.
 
-    A small factor on an input must also be better by far than no input at all, which it comes near to.
+    A large missing effect hides a wrong unit from the declared model: where no possibility is better by far, each is
+    tried once more with friction, biases and gains that are free. A small factor on an input must also be better by far
+    than no input at all, which it comes near to.
     """
     few = np.unique(np.linspace(0, len(problem.windows) - 1, _WINDOWS).astype(int))
     part = problem.on(problem.windows.pick(few))
-    bar, best, least = _missed(part), None, np.inf
+    if _missed(part) < COLUMNS_IN_DOUBT:
+        return None
+    return _best(problem, part, _missed) or _best(problem, part, _missed_beside_effects)
+
+
+def _best(problem: Problem, part: Problem, missed: Callable[[Problem], float]) -> Columns | None:
+    """The best of the possibilities by a measure of what is missed, with those that do as well in its words."""
+    bar = missed(part)
     if bar < COLUMNS_IN_DOUBT:
         return None
-    for option in _options(problem):
-        missed = _missed(option.applied(part))
-        if missed < (_LIKE if best is not None else 1.0) * least:  # a linear plant: input or reading, one and the same
-            best, least = option, missed
-    if best is None or least > COLUMN_TELLS * bar or np.any(best.u < 0.0):
+    tried = [(option, missed(option.applied(part))) for option in _options(problem)]
+    best, least = tried[0]
+    for option, left in tried:
+        if left < _LIKE * least:  # a linear plant: input or reading, one and the same
+            best, least = option, left
+    if not least <= COLUMN_TELLS * bar or np.any(best.u < 0.0):
         return None
-    off = np.inf
-    if np.any(best.u < 1.0):
-        off = _missed(replace(part, u=np.zeros_like(part.u), memo=Memo()))
-    return best if least < INPUT_TELLS * off else None
+    if np.any(best.u < 1.0) and least >= INPUT_TELLS * missed(replace(part, u=np.zeros_like(part.u), memo=Memo())):
+        return None
+    return best.beside([option for option, left in tried if option is not best and left < least / _LIKE])
 
 
 def _missed(part: Problem) -> float:
     """chi^2/dof of the declared model, initial states fitted."""
     part = settled(part)
     at = fit(part, part.model.null, initial_states(part), [], {})
-    return at.chi2 / max(part.size - part.model.nx * len(part.windows), 1)
+    return _per_number(part, at)
+
+
+def _missed_beside_effects(part: Problem) -> float:
+    """The same with friction and biases that are free, and gains where they stay near what is declared.
+
+    A gain far from it would be the wrong unit by another name.
+    """
+    part = settled(part)
+    at = fit(part, part.model.null, initial_states(part), [], {})
+    kinds = {c.key: c for c in part.model.candidates if c.effect.name in (*_FORCES, _GAIN)}
+    for names in ((*_FORCES, _GAIN), _FORCES):
+        slots = [k for key, c in kinds.items() if key[0] in names for k in c.slots]
+        steps = {k: choose_step(part, at.theta, at.x0, k, 1e-4) for k in slots}
+        beside = fit(part, at.theta, at.x0, slots, steps, _DESCENTS)
+        gains = [abs(float(beside.theta[c.slots[0]])) for key, c in kinds.items() if key[0] == _GAIN]
+        if all(1.0 / PLAUSIBLE_RATIO <= g <= PLAUSIBLE_RATIO for g in gains):
+            return min(_per_number(part, beside), _per_number(part, at))
+    return _per_number(part, at)
+
+
+def _per_number(part: Problem, at: Fit) -> float:
+    return at.chi2 / max(part.size - part.taken - len(at.slots), 1)
 
 
 def _options(problem: Problem) -> Iterator[Columns]:
+    """Signs, units that are smaller than the declared one, larger ones, exchanged columns: likelier ones first."""
     names, inputs = problem.model.measured, problem.model.model.input_names
     units = {v.name: v.unit for v in (*problem.model.model.states, *problem.model.model.inputs)}
     k, m = len(names), len(inputs)
     ones, same = (np.ones(k), np.ones(m)), (tuple(range(k)), tuple(range(m)))
 
-    def scaled(which: list[int], factor: float, of_input: bool, finding: RecordingFault) -> Columns:
+    def scaled(which: list[int], of_input: bool, factor: float, finding: RecordingFault, words: str = "") -> Columns:
         y, u = ones[0].copy(), ones[1].copy()
         (u if of_input else y)[which] = factor
-        return Columns(finding, y, u, *same)
+        return Columns(finding, y, u, *same, words)
 
-    for of_input, channels in ((True, inputs), (False, names)):
-        for j, name in enumerate(channels):
-            yield scaled([j], -1.0, of_input, _sign(name))
-            for words, factor in (*_THOUSANDS, *_angles(units[name])):
-                yield scaled([j], factor, of_input, _unit(name, words, factor))
-    turning = [j for j, name in enumerate(names) if full_turn(units[name].split("/")[0]) is not None]
-    if len(turning) > 1:
-        yield scaled(turning, np.pi / 180, False, _unit(", ".join(names[j] for j in turning), "degrees", np.pi / 180))
+    places = [([j], of_input, n) for of_input, each in ((True, inputs), (False, names)) for j, n in enumerate(each)]
+    for which, of_input, name in places:
+        yield scaled(which, of_input, -1.0, _sign(name))
+    together = [*places, *_groups(names, units)]
+    for larger in (False, True):
+        for which, of_input, name in together:
+            for words, factor in _mistaken(units[name.split(", ")[0]]):
+                if (factor > 1.0) is larger:
+                    yield scaled(which, of_input, factor, _unit(name, words, factor), f"{name} in {words}")
     for i, j in itertools.combinations(range(k), 2):
         yield Columns(swap(names[i], names[j]), *ones, _exchanged(same[0], i, j), same[1])
     for i, j in itertools.combinations(range(m), 2):
         yield Columns(swap(inputs[i], inputs[j]), *ones, same[0], _exchanged(same[1], i, j))
 
 
-def _angles(unit: str) -> list[tuple[str, float]]:
+def _groups(names: Sequence[str], units: Mapping[str, str]) -> Iterator[tuple[list[int], bool, str]]:
+    """Readings whose units are mistaken together: all angles and their rates, all lengths and theirs."""
+    for kind in ("rad", "m"):
+        which = [j for j, n in enumerate(names) if units[n] in (kind, f"{kind}/s")]
+        if len(which) > 1:
+            yield which, False, ", ".join(names[j] for j in which)
+
+
+def _mistaken(unit: str) -> list[tuple[str, float]]:
     """Units that are mistaken for this one, with the factor to it."""
     return {
-        "rad": [("degrees", np.pi / 180), ("turns", 2 * np.pi)],
-        "rad/s": [("degrees a second", np.pi / 180), ("turns a minute", np.pi / 30)],
-    }.get(unit, [])
+        "rad": [("degrees", np.pi / 180), ("turns", 2 * np.pi), *_THOUSANDS],
+        "rad/s": [("degrees a second", np.pi / 180), ("turns a minute", np.pi / 30), *_THOUSANDS],
+        "m": [("millimetres", 1e-3), ("kilometres", 1e3)],
+        "m/s": [("millimetres a second", 1e-3), ("kilometres a second", 1e3)],
+    }.get(unit, list(_THOUSANDS))
 
 
 def _exchanged(order: tuple[int, ...], i: int, j: int) -> tuple[int, ...]:

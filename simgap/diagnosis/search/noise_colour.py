@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 Law = Callable[[Floats], Floats]
 _FIRST = 3  # the initial states of a window take what is slower
 _HOP = 5  # samples apart: noise weighs less
+_OWN = 0.8  # mean worth of readings: those of an encoder that share its rounding are no noise that remembers
 _BINS = 1.5  # neighbouring frequencies that a Hann window makes one
 
 
@@ -38,7 +39,7 @@ def noise_colour(problem: Problem, theta: Floats, x0: Floats) -> tuple[Floats, C
     k = residual.shape[1]
     size, shared, tau = np.ones(k), np.zeros(k), np.full(k, dt)
     for c in range(k):
-        motion = _motion(problem, c)
+        motion = _motion(problem, c) if np.mean(problem.weight[:, c]) > _OWN else 0.0
         law = _law(*_spectrum(problem, residual[:, c]), dt, motion) if motion > 0.0 else None
         if law is not None:
             size[c], shared[c], tau[c] = law

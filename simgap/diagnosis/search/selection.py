@@ -129,7 +129,7 @@ def carried_over(search: Search, base: Fit, found: Explanation, reduced: float, 
     """
     start = fit(search.problem, found.fit.theta, base.x0, [], {})
     here = _prune(search, search.explain(found.members, found.fit.theta, start))
-    free = search.problem.size - search.problem.model.nx * len(search.problem.windows) - len(here.fit.slots)
+    free = search.problem.size - search.problem.taken - len(here.fit.slots)
     now = here.fit.chi2 / max(free, 1)
     return here if now <= FIT_QUALITY or now > MASKING_TELLS * reduced else select(search, base, most)
 

@@ -78,7 +78,7 @@ def _blocks(problem: Problem, k: int) -> Problem:
     parts = [_thinned(problem, int(a), b, k, mean) for a, b in zip(problem.firsts, ends, strict=True)]
     lengths = [len(part[0]) for part in parts]
     firsts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
-    t, y, u = (np.ascontiguousarray(np.concatenate([part[j] for part in parts])) for j in range(3))
+    t, y, u, weight = (np.ascontiguousarray(np.concatenate([part[j] for part in parts])) for j in range(4))
     windows = _mapped(problem.windows, problem.firsts, firsts, k)
     sigma, colour = problem.sigma / np.sqrt(k) if mean else problem.sigma, problem.colour
     if colour is not None:
@@ -86,24 +86,27 @@ def _blocks(problem: Problem, k: int) -> Problem:
         sigma = problem.sigma * spread
     return replace(
         problem, t=t, y=y, u=u, firsts=firsts, windows=windows, sigma=sigma, h_max=interval(t), memo=Memo(),
-        used=np.ones_like(y), colour=colour,
+        used=np.ones_like(y), weight=weight, colour=colour,
     )  # fmt: skip
 
 
-def _thinned(problem: Problem, a: int, b: int, k: int, mean: bool) -> tuple[Floats, Floats, Floats]:
-    """Stamps, centred means of the readings (or the readings), and means of the held inputs until the next stamp."""
+def _thinned(problem: Problem, a: int, b: int, k: int, mean: bool) -> tuple[Floats, Floats, Floats, Floats]:
+    """Stamps, centred means of the readings (or the readings), means of the held inputs until the next stamp, and what
+    each of these readings is worth: of a mean as much as one of its samples, else those between share its error."""
     t, y, u = problem.t[a:b], problem.y[a:b], problem.u[a:b]
     at = np.arange(0, len(t), k)
-    middle = y[at]
+    middle, weight = y[at], problem.weight[a:b][at]
+    weight = 1.0 / (1.0 + (1.0 / weight - 1.0) / k)
     if mean:
         reach = np.minimum(np.minimum(at, len(t) - 1 - at), k // 2)  # the ends have less on one side
         total = np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(y, axis=0)])
         middle = (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
+        weight = problem.weight[a:b][at]
     area = np.concatenate([np.zeros((1, u.shape[1])), np.cumsum(u[:-1] * np.diff(t)[:, None], axis=0)])
     held = u[at].copy()
     for j, (lo, hi) in enumerate(itertools.pairwise(at.tolist())):
         held[j] = (area[hi] - area[lo]) / (t[hi] - t[lo])
-    return t[at], middle, held
+    return t[at], middle, held, weight
 
 
 def _mapped(windows: Windows, old: Ints, new: Ints, k: int) -> Windows:

@@ -132,7 +132,7 @@ def coast(
             if active[j] and (stuck[j] or abs(x[speed[j]]) <= _CREEP):
                 return time
             s[j] = 0.0 if not active[j] else 1.0 if x[speed[j]] > 0.0 else -1.0
-        h = (end - time) / math.ceil((end - time) / span - 1e-9)
+        h = (end - time) / max(math.ceil((end - time) / span - 1e-9), 1)
         for i in range(x.size):
             new[i] = x[i]
         if still:
@@ -164,7 +164,7 @@ def advance(
         input_at(time, t, u, held, level, excess, delay, lag)
         if _direction(rhs, x, u, theta, s, stuck, active, speed, work) and still:
             return
-        h = (end - time) / math.ceil((end - time) / span - 1e-9)
+        h = (end - time) / max(math.ceil((end - time) / span - 1e-9), 1)
         free = still and not any_of(stuck)
         if free:
             new[:] = x

@@ -53,6 +53,7 @@ class Problem:
         h_max: longest integration step, s.
         used: (n, k) 1 for readings that are compared, 0 for those that are no measurement.
         heard: (k,) 1 for channels that are fitted, 0 for one that was left out.
+        weight: (n, k) what each reading is worth, in (0, 1]; less than 1 where several share one error of rounding.
         colour: law of the noise; None if it is white.
     """
 
@@ -66,6 +67,7 @@ class Problem:
     h_max: float
     used: Floats
     heard: Floats
+    weight: Floats
     colour: Colour | None = None
     memo: Memo = field(default_factory=lambda: Memo())
 
@@ -90,13 +92,25 @@ class Problem:
 
     @property
     def size(self) -> int:
-        """Number of compared numbers."""
+        """Number of compared numbers, as far as they are independent."""
         return int(np.sum(self.counts))
 
     @cached_property
     def counts(self) -> Floats:
-        """(w,) compared numbers of each window, at least 1."""
-        return np.maximum(np.add.reduceat(self.used[self.samples] @ self.heard, self.rows[:-1]), 1.0)
+        """(w,) compared numbers of each window, as far as they are independent; at least 1."""
+        each = (self.used[self.samples] * self.weight[self.samples]) @ self.heard
+        return np.maximum(np.add.reduceat(each, self.rows[:-1]), 1.0)
+
+    @cached_property
+    def taken(self) -> float:
+        """Degrees of freedom that the initial states take: in a window no more than it has compared numbers."""
+        return float(np.sum(np.minimum(self.counts, self.model.nx)))
+
+    @cached_property
+    def _root_weight(self) -> Floats:
+        """(rows, k) factors of the misses; empty where all are 1."""
+        root = np.sqrt(self.weight[self.samples])
+        return root if np.any(root < 1.0) else np.zeros((0, 0))
 
     @cached_property
     def rows(self) -> Ints:
@@ -168,6 +182,8 @@ class Problem:
         residual = self.misses(theta, x0)
         if self.colour is not None:
             whiten(residual, self.rows, *self.colour.predictors)
+        if self._root_weight.size:
+            residual *= self._root_weight
         return residual if self.heard.all() else residual * self.heard
 
     def _drive(self, theta: Floats) -> Drive:
@@ -229,8 +245,10 @@ def interval(t: Floats) -> float:
     return float(np.median(steps[steps > 0]))
 
 
-def build_problem(model: SuperModel, record: Record, windows: Windows, sigma: Floats) -> Problem:
-    """Lay the traces one after another; sigma: (k,) noise of each channel."""
+def build_problem(
+    model: SuperModel, record: Record, windows: Windows, sigma: Floats, weight: Floats | None = None
+) -> Problem:
+    """Lay the traces one after another; sigma: (k,) noise of each channel, weight: (n, k) of the readings (1)."""
     t = np.concatenate([trace.t for trace in record.traces])
     lengths = [len(trace.t) for trace in record.traces]
     return Problem(
@@ -244,4 +262,5 @@ def build_problem(model: SuperModel, record: Record, windows: Windows, sigma: Fl
         h_max=interval(t),
         used=np.concatenate([trace.compared for trace in record.traces]),
         heard=np.ones(len(record.measured)),
+        weight=np.ones((len(t), len(record.measured))) if weight is None else weight,
     )

@@ -114,7 +114,7 @@ def simulate(
                 if smooth:
                     for c in range(m):
                         u[c] = level[held[c], c]
-                    count = math.ceil((end - time) / h_max - 1e-9)
+                    count = max(math.ceil((end - time) / h_max - 1e-9), 1)
                     glide(x, u, u, u, theta, s, (end - time) / count, count, pads[0], pads[1])
                 else:
                     time = coast(

@@ -54,19 +54,18 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     """Refit only the initial states (w, nx) of held-out windows at theta (q,), and predict ahead causally."""
     at = fit(held, theta, initial_states(held), [], {})
     residual, count = held.residuals(theta, at.x0), held.size
-    lost = held.model.nx * len(held.windows) / count  # degrees of freedom that the initial states took
-    unbiased = math.sqrt(max(1.0 - lost, 0.1))
+    unbiased = math.sqrt(max(1.0 - held.taken / count, 0.1))  # the initial states took some degrees of freedom
     each = np.maximum(np.sum(held.used[held.samples], axis=0), 1.0)
     rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / each) * held.sigma / unbiased
     ratio = math.sqrt(float(np.sum(residual**2)) / count) / unbiased
-    free = max(count - held.model.nx * len(held.windows), 1)
+    free = max(round(count - held.taken), 1)
     ahead = horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
     return HeldOut(at.x0, rmse, ratio, float(np.sum(residual**2)), free, held.heard, ahead)
 
 
 def chi2_dof(problem: Problem, at: Fit) -> float:
     """Reduced chi^2 of fitted windows."""
-    return at.chi2 / max(problem.size - problem.model.nx * len(problem.windows) - len(at.slots), 1)
+    return at.chi2 / max(problem.size - problem.taken - len(at.slots), 1)
 
 
 def judged(problem: Problem, at: Fit, held: HeldOut, horizon_s: float) -> Judged:
@@ -170,6 +169,8 @@ class Evidence:
         declared, corrected: error on *confirm*; share: excess of the one over the other there.
         agree: whether the coefficients agree between halves of the fitted data.
         needed: whether *confirm* asks for each effect.
+        elsewhere: the share without the places that carry most of the error, where there are such and the median of the
+            errors, all of them, falls by half too; else 1.
     """
 
     before: float
@@ -179,6 +180,7 @@ class Evidence:
     share: float
     agree: bool
     needed: bool
+    elsewhere: float = 1.0
 
 
 def verdict(found: Explanation, evidence: Evidence) -> Verdict:
@@ -197,4 +199,5 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
         return "attributed" if plant else "none"
     if not plant:
         return "unexplained"
-    return "partial" if evidence.share <= EXCESS_KEPT and found.physical and evidence.agree else "unexplained"
+    enough = min(evidence.share, evidence.elsewhere) <= EXCESS_KEPT
+    return "partial" if enough and found.physical and evidence.agree else "unexplained"

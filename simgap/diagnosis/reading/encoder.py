@@ -1,0 +1,119 @@
+"""Encoders: the noise of a rounded reading, and how much each reading is worth.
+
+The error of rounding is a function of the place. While a motion crosses several counts between readings it is as good
+as white, with a variance of step^2 / 12; while it stays within one count the error stays the same, and all readings of
+that time together are worth hardly more than one. White noise before the rounding dithers: what is left of the error at
+a given place falls with exp(-2 pi^2 (sigma / step)^2). A reading is therefore weighed by one over the design effect of
+the readings that share its count, 1 + rho (n - 1), with rho the share of the variance that they have in common.
+Source: Widrow, Kollar (2008), Quantization Noise, ch. 5, 9; Kish (1965), Survey Sampling, sec. 5.4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import float64, int64, njit
+from numpy.typing import NDArray
+
+from simgap.diagnosis.reading.noise import noise_floor
+from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.reading.stillness import resolution
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+_HARMONICS = np.arange(1, 50)
+_FEWEST = 50  # slow readings from which the white noise is estimated
+_SPAN, _NEAR = 9, 1.0  # readings, and counts within which they lie, that are slow
+_AT_ONE_PLACE = 20  # slow readings that count of one stay
+_LOUD = 0.35  # of a count: of white noise this large the place is gone from the error (rho < 0.003)
+
+
+@dataclass(frozen=True, eq=False)
+class Worth:
+    """Noise and worth of the readings.
+
+    Attributes:
+        sigma: (k,) standard deviation of one reading, rounding included.
+        weight: (n, k) what each reading is worth, of all traces one after another; 1 where nothing is rounded.
+    """
+
+    sigma: Floats
+    weight: Floats
+
+
+def worth(record: Record) -> Worth:
+    """Noise and worth of every reading of a record."""
+    sigma, steps = noise_floor(record), resolution(record)
+    weight = [np.ones(trace.y.shape) for trace in record.traces]
+    for k in np.flatnonzero(steps > 0.0):
+        step = float(steps[k])
+        white = _white(record, int(k), step, float(sigma[k]))
+        sigma[k] = np.hypot(white, step / np.sqrt(12.0))
+        shared = _placed(white / step) * (step / sigma[k]) ** 2
+        for trace, own in zip(record.traces, weight, strict=True):
+            place = np.round((trace.y[:, k] - trace.y[0, k]) / step).astype(np.int64)
+            own[:, k] = 1.0 / (1.0 + shared * (_company(place) - 1.0))
+    return Worth(sigma, np.concatenate(weight))
+
+
+def _white(record: Record, k: int, step: float, every: float) -> float:
+    """White noise before the rounding.
+
+    Where a motion is slow, steady readings change by whole counts in one direction, and only noise sends them back: two
+    changes one after the other have a mean product of minus the variance of the readings at a place. Sixth differences
+    (`every`) tell it too, but show rounding at half a count a reading as noise three times as large; they stand where
+    the noise is larger than rounding by far, or nothing is slow.
+    """
+    of_all = max(every**2 / step**2 - 1.0 / 12.0, 0.0)
+    products = np.concatenate([_returns(np.round((tr.y[:, k] - tr.y[0, k]) / step)) for tr in record.traces])
+    if of_all > _LOUD**2 or products.size < _FEWEST:
+        return step * float(np.sqrt(of_all))
+    at_place = max(-float(np.mean(products)), 0.0)
+    ratios = np.linspace(0.0, 2.0 * _LOUD, 200)
+    return step * float(np.interp(at_place, [1.0 / 12.0 + r * r - _placed(float(r)) for r in ratios], ratios))
+
+
+def _returns(place: Floats) -> Floats:
+    """Products of successive changes (counts^2) in the middle of readings that all lie within `_NEAR` counts.
+
+    Of a long rest only so many count as of a slow crossing: the edge of a count may be near its place, or not.
+    """
+    if len(place) < _SPAN:
+        return np.zeros(0)
+    slow = np.ptp(np.lib.stride_tricks.sliding_window_view(place, _SPAN), axis=1) <= _NEAR
+    change = np.diff(place)[_SPAN // 2 - 1 :][: len(slow) + 1]
+    at = np.arange(len(slow))
+    since = at - np.maximum.accumulate(np.where(slow, -1, at))  # slow readings up to here, one after the other
+    return np.asarray((change[1:] * change[:-1])[: len(slow)][slow & (since <= _AT_ONE_PLACE)])
+
+
+def _placed(ratio: float) -> float:
+    """Variance over step^2 of the error's mean at a place, over all places; ratio: white noise over the step."""
+    return float(np.sum(np.exp(-4.0 * (np.pi * ratio * _HARMONICS) ** 2) / _HARMONICS**2) / (2.0 * np.pi**2))
+
+
+@njit(float64[::1](int64[::1]), cache=True)
+def _company(place: Ints) -> Floats:
+    """How many readings (n,) each shares its count with.
+
+    A stretch of two neighbouring counts with one change between them is a motion across both and holds two stays; with
+    none, or with more (the noise flickers at the edge of a count), it is one.
+    """
+    n = place.size
+    out = np.ones(n)
+    a = 0
+    while a < n:
+        low = high = place[a]
+        b, changes, last = a + 1, 0, a
+        while b < n and max(high, place[b]) - min(low, place[b]) <= 1:
+            low, high = min(low, place[b]), max(high, place[b])
+            if place[b] != place[b - 1]:
+                changes += 1
+                last = b
+            b += 1
+        long = (b - a) * (0.5 if changes == 1 else 1.0)
+        for i in range(a, b):
+            out[i] = max(out[i], long)
+        a = last if last > a and b < n else b
+    return out
