@@ -31,6 +31,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "python": "simgap.simulators.python_function:PythonEngine",
                 "drake": "simgap.simulators.drake_joints:DrakeJoints",
                 "fmu": "simgap.simulators.fmu:FmuEngine",
+                "mujoco_wheeled": "simgap.simulators.mujoco_wheeled:MuJoCoWheeled",
             }
         ),
         "bases": MappingProxyType(

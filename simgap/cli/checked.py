@@ -24,3 +24,8 @@ def show(console: Console, checked: Checked) -> None:
         )
     if checked.compared and not checked.findings:
         console.print("Nothing in the model file that the engine drops or changes.")
+    if not checked.costs:
+        console.print(
+            "Nothing here is to be computed but a diagnosis: there is no `domain:` with a simulator or a controller.",
+            soft_wrap=True, highlight=False, markup=False,
+        )  # fmt: skip

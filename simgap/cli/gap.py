@@ -26,7 +26,9 @@ def check(
     start_log(log)
     if log is None:  # the findings are shown below
         logging.getLogger("simgap").setLevel(logging.ERROR)
-    show(Console(), stage.run(case, out, log))
+    with Console(stderr=True).status("reading the case") as status:  # in a terminal alone
+        checked = stage.run(case, out, log, status.update)
+    show(Console(), checked)
 
 
 @app.command()

@@ -21,9 +21,10 @@ from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf
-from simgap.simulators.base import Engine, PathSimulator
+from simgap.simulators.base import Engine
 from simgap.simulators.pybullet_links import links_of, without_mass
 from simgap.simulators.traits import FileTraits
+from simgap.simulators.wheeled_paths import WheeledPaths
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
@@ -69,7 +70,7 @@ class WheeledSettings(EngineSection):
         return float(self.floor_friction * gravity * (tau / self.poses) ** 2 / 8.0)
 
 
-class PyBulletWheeled(Engine, PathSimulator):
+class PyBulletWheeled(Engine, WheeledPaths):
     """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity."""
 
     Settings = WheeledSettings
@@ -253,27 +254,6 @@ class PyBulletWheeled(Engine, PathSimulator):
             self.advance(u)
             out[m] = self._in_body_frame(here)
         self._p.removeState(kept)
-        return out
-
-    def chain(self, start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
-        """Run inputs (k, nu) one after the other from rest: -> poses (k + 1, 3), paths (k, poses, 3) in body frames."""
-        self.reset(start)
-        poses = np.empty((len(inputs) + 1, 3))
-        poses[0] = start
-        paths = np.empty((len(inputs), *self.path.shape))
-        for n, u in enumerate(inputs):
-            poses[n + 1] = self.advance(u)
-            paths[n] = self._in_body_frame(poses[n])
-        return poses, paths
-
-    def _in_body_frame(self, origin: Floats) -> Floats:
-        i, j, k = self._plant.pose
-        cos, sin = np.cos(origin[k]), np.sin(origin[k])
-        d = self.path - origin
-        out = np.empty_like(d)
-        out[:, i] = cos * d[:, i] + sin * d[:, j]
-        out[:, j] = -sin * d[:, i] + cos * d[:, j]
-        out[:, k] = d[:, k]
         return out
 
     def close(self) -> None:

@@ -7,7 +7,7 @@ file and how fast it steps.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from simgap.simulators.surprises import Finding, surprises
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
-from simgap.stages.costs import StageCost, affordable, costs
+from simgap.stages.costs import StageCost, affordable, costs, duration
 from simgap.stages.fair_baseline import minding_the_path
 from simgap.stages.measured_check import check_measured
 
@@ -51,8 +51,13 @@ class Checked:
     compared: bool
 
 
-def run(case_path: Path, out: Path | None = None, engine_log: Path | None = None) -> Checked:
-    """Check a case, and write what was found to `out` (JSON) if given.
+def run(
+    case_path: Path,
+    out: Path | None = None,
+    engine_log: Path | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> Checked:
+    """Check a case, and write what was found to `out` (JSON) if given; `tell` hears what is being done.
 
     Raises:
         UserError: whatever a stage would refuse later: keys, joints, units, meshes, basis symbols, recordings that are
@@ -61,13 +66,19 @@ def run(case_path: Path, out: Path | None = None, engine_log: Path | None = None
     context = Context.load(case_path)
     case = context.case
     with context.blame():
+        said = tell or (lambda words: None)
         if case.domain is not None:
-            affordable(context, costs(context))  # before anything that would build what is too large
+            first = costs(context)
+            affordable(context, first)  # before anything that would build what is too large
+            said(_outlook(first))
         file = model_file(context)
+        said(f"building the nominal model of {len(context.states)} states")
         check_measured(context)
         _ = context.plant.sampled if case.domain is not None else context.plant.declared
         _specification(context)
         _basis(context)
+        if case.simulator is not None:
+            said(f"asking the engine {case.simulator.engine}")
         findings, rollout = of_engine(context, file, engine_log)
         found = costs(context, rollout) if case.domain is not None else []
         affordable(context, found)
@@ -79,6 +90,15 @@ def run(case_path: Path, out: Path | None = None, engine_log: Path | None = None
         record = provenance("check", case, context.folder)
         write_json(out, {"case": case.name, **asdict(result), "provenance": record})
     return result
+
+
+def _outlook(found: list[StageCost]) -> str:
+    """What a run will compute, in a line, before anything is built: the largest count and all seconds."""
+    held = [cost for cost in found if not cost.at_most]
+    if not held:
+        return "nothing long to compute"
+    most = max(held, key=lambda cost: cost.seconds)
+    return f"about {duration(sum(c.seconds for c in held))} of CPU time in all, most of it {most.count:,} {most.of}"
 
 
 def model_file(context: Context) -> ModelFile | None:

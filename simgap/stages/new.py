@@ -21,13 +21,14 @@ from simgap.io.atomic import write_text
 from simgap.io.pages import text
 from simgap.plants.drake_check import accelerations
 from simgap.plants.model_file import FileJoint, read_model_file
+from simgap.plants.numeric_terms import MOST_DERIVED
 from simgap.plants.urdf import multibody_plant
 
 TAU = 0.01
 REACH, SPEED = 0.25, 0.5
 """Half-widths of X: rad or m, and the same a second. Judgement: small enough for a first run of a minute."""
 AUTHORITY = 2.0
-"""Times the acceleration that stops SPEED within REACH, beyond what holds the plant in place. Judgement."""
+"""Times the accelerations that stop SPEED within REACH, beyond what holds the plant in place. Judgement."""
 MOST_CORNERS = 729
 """Of X at which the model is asked what its inputs must do: all of them up to three joints."""
 GRAVITY = 9.81
@@ -73,12 +74,12 @@ def _of_urdf(name: str, urdf: Path, out: Path) -> str:
     file = read_model_file(urdf)
     axes = _axes(urdf, file.joints)
     place = Path(os.path.relpath(urdf.resolve(), out.resolve())).as_posix()
-    limits = _inputs(urdf, axes)
+    needed, efforts = _inputs(urdf, axes), {a.drive: file.joints[a.joint].effort or None for a in axes}
     nx = 2 * len(axes)
     volume = math.prod(2 * a.reach * 2 * SPEED for a in axes)
     eps = 0.5 * math.sqrt(nx) * (volume / STATES) ** (1.0 / nx)
     values = 11 if len(axes) == 1 else 3
-    steps = {n: _round_up(2 * u / (values - 1)) for n, u in limits.items()}  # 0 is among the values
+    steps = {n: _step(u, efforts[n], values) for n, u in needed.items()}  # 0 is among the values
     ranges = {a.joint: a.range for a in axes}
     return text(
         "new_urdf.yaml.j2",
@@ -89,11 +90,14 @@ def _of_urdf(name: str, urdf: Path, out: Path) -> str:
         speed=SPEED,
         limits={n: round(step * (values - 1) / 2, 12) for n, step in steps.items()},
         steps=steps,
-        efforts={a.drive: file.joints[a.joint].effort for a in axes},
+        efforts=efforts,
+        weak={n: u for n, u in needed.items() if u > (efforts[n] or math.inf)},
         tau=TAU,
         eps=_round(eps),
         cells=[max(2, round(CELLS ** (1.0 / nx)))] * nx,
         single=len(axes) == 1,
+        derived=len(axes) <= MOST_DERIVED,
+        most=MOST_DERIVED,
     )
 
 
@@ -140,7 +144,12 @@ def _inward(value: float, digits: int, rounding: Callable[[float], int]) -> floa
 
 
 def _inputs(urdf: Path, axes: list[Axis]) -> dict[str, float]:
-    """For each input the largest magnitude that the case starts with, by Drake's accelerations of the model file."""
+    """For each input the largest magnitude that the case starts with, by Drake's dynamics of the model file.
+
+    With `dv/dt = a_0(q, v) + G(q) u` the torques of a motion are `u = G^-1 (a - a_0)`: those that hold the plant
+    against gravity and speed, and `|G^-1| A` more for any accelerations up to A, here those that stop SPEED within
+    REACH, times AUTHORITY. The largest over X is taken; what a joint's `effort` allows of it is decided elsewhere.
+    """
     plant, joints = multibody_plant(urdf, (0.0, 0.0, -GRAVITY))
     order = [joints.index(a.joint) for a in axes]
     n = len(axes)
@@ -150,12 +159,12 @@ def _inputs(urdf: Path, axes: list[Axis]) -> dict[str, float]:
     def acceleration(u: Floats) -> Floats:
         return accelerations(plant, order, x[:, :n], x[:, n:], np.repeat(u[None], len(x), axis=0))
 
-    free, found = acceleration(np.zeros(n)), {}
-    for k, a in enumerate(axes):
-        gain = np.abs(acceleration(np.eye(n)[k]) - free)[:, k].min()
-        needed = (np.abs(free[:, k]).max() + AUTHORITY * SPEED**2 / (2 * REACH)) / max(gain, 1e-12)
-        found[a.drive] = _round(float(needed))
-    return found
+    free = acceleration(np.zeros(n))
+    gains = np.stack([acceleration(unit) - free for unit in np.eye(n)], axis=2)  # (points, of joint, by input)
+    masses = np.linalg.inv(gains)
+    held = np.abs(np.einsum("kij,kj->ki", masses, free))
+    needed = (held + AUTHORITY * SPEED**2 / (2 * REACH) * np.abs(masses).sum(axis=2)).max(axis=0)
+    return {a.drive: _round(float(value)) for a, value in zip(axes, needed, strict=True)}
 
 
 def _corners(n: int) -> Floats:
@@ -163,6 +172,16 @@ def _corners(n: int) -> Floats:
     if 3**n <= MOST_CORNERS:
         return np.stack(np.meshgrid(*([-1.0, 0.0, 1.0],) * n, indexing="ij"), axis=-1).reshape(-1, n)
     return np.random.default_rng(0).integers(-1, 2, (MOST_CORNERS, n)).astype(np.float64)
+
+
+def _step(needed: float, effort: float | None, values: int) -> float:
+    """Between neighbours of so many values from minus to plus what is needed, or what the joint's effort allows."""
+    step = _round_up(2 * needed / (values - 1))
+    if effort is None or step * (values - 1) / 2 <= effort:
+        return step
+    most = 2 * effort / (values - 1)
+    rounded = _round(most)
+    return rounded if rounded <= most else _round(rounded - 10.0 ** (math.floor(math.log10(most)) - 1))
 
 
 def _round_up(value: float) -> float:

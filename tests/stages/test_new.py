@@ -1,8 +1,10 @@
 """`simgap new`: the case that it writes passes `check` and takes the road to a controller as it stands."""
 
 import os
+import re
 import time
 
+import numpy as np
 import pytest
 import road
 import yaml
@@ -90,14 +92,60 @@ def chain(links):
     return "".join([*parts, "</robot>"])
 
 
-def test_a_case_of_many_joints_is_written_in_no_time(tmp_path):
-    """No equations are derived for it: its inputs come from Drake's accelerations."""
+def test_a_case_of_many_joints_is_written_in_no_time_and_can_be_checked(tmp_path):
+    """No equations are derived for it: what a bound needs is a comment, with numbers by Drake's accelerations."""
     (tmp_path / "chain.urdf").write_text(chain(6))
     began = time.process_time()
     case = new.run("chain", tmp_path / "chain.urdf", tmp_path)
     assert time.process_time() - began < 10.0
-    domain = Context.load(case).case.domain
-    assert all(0.0 < domain.U[f"u{k}"].max < 100.0 for k in range(1, 7))
+    context = Context.load(case)
+    assert context.case.domain is None
+    assert len(context.states) == 12
+    assert check.run(case).costs == []
+    text = case.read_text()
+    assert "make all but 2 joints `fixed`" in text
+    head, _, tail = text.partition("# domain:")
+    commented, _, _ = tail.partition("# The high-fidelity side")
+    limits = yaml.safe_load("domain:" + commented.replace("\n# ", "\n"))["domain"]["U"]
+    assert head.rstrip().endswith("What follows is what it would hold.")
+    assert all(0.0 < limits[f"u{k}"]["max"] < 100.0 for k in range(1, 7))
+
+
+def test_inputs_of_an_arm_hold_and_stop_it_anywhere(root, tmp_path):
+    """By Drake's inverse dynamics, its own recursion: .5^2/(2 .25) rad/s^2 at every joint, anywhere in X."""
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.tree import MultibodyForces
+
+    urdf = root / "configs/models/double_pendulum.urdf"
+    domain = Context.load(new.run("arm", urdf, tmp_path)).case.domain
+    plant = MultibodyPlant(0.0)
+    (model,) = Parser(plant).AddModels(urdf)
+    (base,) = [b for b in (plant.get_body(k) for k in plant.GetBodyIndices(model)) if b.name() in ("world", "base")][:1]
+    plant.WeldFrames(plant.world_frame(), base.body_frame())
+    plant.Finalize()
+    context, rng, seen = plant.CreateDefaultContext(), np.random.default_rng(0), np.zeros(2)
+    ends = np.array([domain.X[n] for n in ("q1", "q2", "v1", "v2")])
+    for _ in range(300):
+        plant.SetPositionsAndVelocities(context, rng.uniform(ends[:, 0], ends[:, 1]))
+        forces = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(context, forces)
+        seen = np.maximum(seen, np.abs(plant.CalcInverseDynamics(context, rng.choice([-0.5, 0.5], 2), forces)))
+    most = np.array([domain.U["u1"].max, domain.U["u2"].max])
+    assert (seen < most).all()
+    assert (most < 3.0 * seen).all()
+
+
+@pytest.mark.parametrize("effort", [1.0, 0.37])
+def test_inputs_stay_within_the_effort_of_a_joint(root, tmp_path, effort):
+    text = (root / "configs/models/pendulum.urdf").read_text()
+    (tmp_path / "m.urdf").write_text(re.sub('effort="[^"]*"', f'effort="{effort}"', text))
+    case = new.run("weak", tmp_path / "m.urdf", tmp_path)
+    inputs = Context.load(case).case.domain.U["u"]
+    assert 0.8 * effort < inputs.max <= effort
+    assert 0.0 in inputs.list()
+    assert f"the URDF allows {effort}; to hold and stop it anywhere in X takes 1.5" in case.read_text()
+    assert not [f for f in check.run(case).findings if f.key == "domain.U.u"]
 
 
 def test_a_name_of_a_joint_is_no_yaml(root, tmp_path):

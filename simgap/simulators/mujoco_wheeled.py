@@ -1,0 +1,259 @@
+"""A differential-drive robot in MuJoCo: its URDF on a free joint, wheels on a floor, torque-limited velocity motors.
+
+MuJoCo's import of a URDF knows nothing of `<lateral_friction>`, welds the root to the world and has no floor and no
+motors; they are added here. What touches the floor are the links other than the root; one without friction slides.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+from xml.etree import ElementTree
+
+import numpy as np
+from pydantic import Field
+
+from simgap.errors import UserError
+from simgap.geometry import Floats
+from simgap.plants.model_file import Link
+from simgap.plants.urdf_checks import check_urdf, root_link
+from simgap.simulators.base import Engine
+from simgap.simulators.traits import FileTraits
+from simgap.simulators.wheeled import WheeledSettings
+from simgap.simulators.wheeled_paths import WheeledPaths
+
+if TYPE_CHECKING:
+    from simgap.config.case import Case
+    from simgap.effects.base import Effect
+    from simgap.simulators.commands import CommandPath
+    from simgap.simulators.wheeled_plant import WheeledPlant
+
+IMPRATIO = 10.0
+"""Stiffness of friction over that of contact: tyres of MuJoCo's default, 1, creep under load (its documentation)."""
+
+
+class MuJoCoWheeledSettings(WheeledSettings):
+    """MuJoCo over a differential-drive URDF (optional extra `simgap[mujoco]`)."""
+
+    engine: Literal["mujoco_wheeled"] = Field("mujoco_wheeled", description="Which engine.")  # type: ignore[assignment]
+    gain: float = Field(
+        2.0, gt=0, description="Of the wheels' velocity loops, N m s/rad; their torque ends at `torque`."
+    )
+
+
+class MuJoCoWheeled(Engine, WheeledPaths):
+    """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity."""
+
+    Settings = MuJoCoWheeledSettings
+    distributions = ("mujoco",)
+    file_traits = FileTraits(stops=True)
+
+    @classmethod
+    def acts_out(cls, effect: Effect) -> bool:
+        """Changes of the commands, and wheels of unequal size."""
+        from simgap.effects.base import WheelEffect
+        from simgap.effects.commands import InputEffect
+
+        return isinstance(effect, InputEffect | WheelEffect)
+
+    @classmethod
+    def of_its_own(cls, case: Case) -> bool:
+        """A unicycle has no model file: the robot's is what stands for it."""
+        return False
+
+    @classmethod
+    def build(cls, case: Case, folder: Path) -> MuJoCoWheeled:
+        """The robot of a case with `plant.symbolic.wheels`."""
+        from simgap.simulators.behind_commands import case_command_paths
+        from simgap.simulators.wheeled_plant import wheeled_plant
+
+        section: Any = case.simulator
+        return cls(wheeled_plant(case, folder), section, case_command_paths(case) if section.effects else ())
+
+    def __init__(self, plant: WheeledPlant, section: MuJoCoWheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
+        from simgap.simulators.commands import CommandMemory
+        from simgap.simulators.wheeled_plant import wheel_ratios
+
+        try:
+            import mujoco
+        except ImportError:
+            raise UserError(
+                "MuJoCo is not installed", key="simulator.engine", remedy="Install the extra: simgap[mujoco]."
+            ) from None
+        check_urdf(plant.urdf)
+        if section.substeps % section.poses:
+            raise UserError(
+                f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",
+                remedy="Let substeps be a multiple of poses.",
+            )  # fmt: skip
+        self.nx, self.nu, self.pose, self.engine = 3, 2, plant.pose, f"mujoco {mujoco.__version__}"
+        self._mujoco: Any = mujoco
+        self._plant, self._section, self._ratios = plant, section, wheel_ratios(section.effects)
+        self._model = model_of(plant, section)
+        self._data = mujoco.MjData(self._model)
+        joints = [self._model.joint(name) for name in (section.left, section.right)]
+        self._turning = [int(j.qposadr[0]) for j in joints]
+        self._memory = [CommandMemory(path, plant.tau) for path in paths]
+        self.path, self._turned = np.zeros((section.poses, 3)), 0.0
+        self._settle()
+        self._rest = self._kept()
+
+    def _settle(self) -> None:
+        """Let the robot stand until its contacts carry it."""
+        self._data.qpos[2] = self._section.wheel_radius
+        for _ in range(int(np.ceil(self._section.settle / self._model.opt.timestep))):
+            self._mujoco.mj_step(self._model, self._data)
+
+    def _kept(self) -> Floats:
+        """All that the next step depends on, the solver's warm start included."""
+        kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
+        state = np.empty(self._mujoco.mj_stateSize(self._model, kind))
+        self._mujoco.mj_getState(self._model, self._data, state, kind)
+        return state
+
+    def _return_to(self, state: Floats) -> None:
+        self._mujoco.mj_resetData(self._model, self._data)
+        self._mujoco.mj_setState(self._model, self._data, state, self._mujoco.mjtState.mjSTATE_INTEGRATION)
+
+    def loaded(self) -> Mapping[str, Link]:
+        """See `Simulator.loaded`; every link but the root."""
+        model = self._model
+        return {
+            model.body(k).name: Link(
+                float(model.body_mass[k]), np.sort(model.body_inertia[k]), np.array(model.body_ipos[k])
+            )
+            for k in range(2, model.nbody)
+        }
+
+    def reset(self, x: Floats) -> None:
+        """Put the robot at rest at a pose: x (nx,), m and rad."""
+        i, j, k = self.pose
+        self._return_to(self._rest)
+        data, heading = self._data, float(x[k])
+        turned = np.empty(4)
+        yaw = np.array([np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2)])
+        self._mujoco.mju_mulQuat(turned, yaw, np.array(data.qpos[3:7]))
+        data.qpos[0], data.qpos[1], data.qpos[3:7] = x[i], x[j], turned
+        data.qpos[self._turning], data.qvel[:] = 0.0, 0.0
+        self._turned = heading
+        for memory in self._memory:
+            memory.rest(0.0)
+
+    def _command(self, linear: float, angular: float) -> None:
+        half, radius, (left, right) = 0.5 * self._section.track * angular, self._section.wheel_radius, self._ratios
+        self._data.ctrl[:] = left * (linear - half) / radius, right * (linear + half) / radius
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold (linear, angular) for tau: -> pose, the heading continued not wrapped; `path` holds the poses on it."""
+        a, b = self._plant.commands
+        self._command(float(u[a]), float(u[b]))
+        section = self._section
+        felt = [m.step(float(c), section.poses) for m, c in zip(self._memory, u, strict=False)]
+        for n in range(section.poses):
+            if felt:
+                self._command(float(felt[a][n]), float(felt[b][n]))
+            self._mujoco.mj_step(self._model, self._data, section.substeps // section.poses)
+            self._look(n)
+        return self.path[-1].copy()
+
+    def _look(self, n: int) -> None:
+        """Pose n of the path, from the root's place and quaternion."""
+        i, j, k = self.pose
+        x, y, _, qw, qx, qy, qz = self._data.qpos[:7].tolist()
+        heading = np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
+        self._turned += (heading - self._turned + np.pi) % (2.0 * np.pi) - np.pi
+        self.path[n, i], self.path[n, j], self.path[n, k] = x, y, self._turned
+
+    def responses(self, history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
+        """Paths in the body frame of the pose that a history of inputs (k, nu) leads to, from rest.
+
+        -> (M, poses, 3), one for each of the inputs (M, nu).
+        """
+        here = np.zeros(3)
+        here[self.pose[2]] = heading
+        self.reset(here)
+        for u in history:
+            here = self.advance(u)
+        kept, remembered, turned = self._kept(), copy.deepcopy(self._memory), self._turned
+        out = np.empty((len(inputs), *self.path.shape))
+        for m, u in enumerate(inputs):
+            self._return_to(kept)
+            self._turned, self._memory = turned, copy.deepcopy(remembered)
+            self.advance(u)
+            out[m] = self._in_body_frame(here)
+        return out
+
+
+def model_of(plant: WheeledPlant, section: MuJoCoWheeledSettings) -> Any:
+    """MuJoCo's model of the URDF: on a free joint, with a floor that all links but the root touch, and two motors.
+
+    Raises:
+        UserError: wheels that are not there, or a link that touches the floor and states no friction, or too much.
+    """
+    import mujoco
+
+    spec = mujoco.MjSpec.from_file(str(plant.urdf))
+    spec.compiler.fusestatic = False
+    option = spec.option
+    option.timestep, option.iterations = plant.tau / section.substeps, section.solver_iterations
+    option.gravity = [0.0, 0.0, -plant.gravity]
+    option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, IMPRATIO
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    names = [j.name for j in spec.joints]
+    missing = [name for name in (section.left, section.right) if name not in names]
+    if missing:
+        raise UserError(f"no joint called {missing}", file=plant.urdf, remedy=f"It has {sorted(names)}.")
+    root = root_link(plant.urdf)
+    _stand(spec, mujoco, root, friction_of(plant.urdf, root), section.floor_friction)
+    for joint in spec.joints:
+        joint.frictionloss, joint.damping = 0.0, np.zeros_like(joint.damping)
+    spec.body(root).add_freejoint()
+    for name in (section.left, section.right):
+        motor = spec.add_actuator()
+        motor.target, motor.trntype, motor.biastype = name, mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtBias.mjBIAS_AFFINE
+        motor.gainprm[0], motor.biasprm[2] = section.gain, -section.gain
+        motor.forcelimited, motor.forcerange = True, [-section.torque, section.torque]
+    model = spec.compile()
+    if section.payload:
+        body = model.body(root).id
+        scale = 1.0 + section.payload / float(model.body_mass[body])
+        model.body_mass[body] *= scale
+        model.body_inertia[body] *= scale
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def friction_of(urdf: Path, root: str) -> dict[str, float]:
+    """`<lateral_friction>` of every link but the root that can touch something.
+
+    Raises:
+        UserError: a link that states none (engines would assume different ones), or more than 1.
+    """
+    found = {}
+    for link in ElementTree.parse(urdf).getroot().findall("link"):
+        name, stated = str(link.get("name")), link.find("contact/lateral_friction")
+        if name == root or link.find("collision") is None:
+            continue
+        value = None if stated is None else float(stated.get("value", "nan"))
+        if value is None or not 0.0 <= value <= 1.0:
+            what = "states no friction" if value is None else f"has the lateral friction {value:g}"
+            raise UserError(
+                f"it touches the floor and {what}", file=urdf, key=f"link '{name}': <lateral_friction>",
+                remedy='Give <contact><lateral_friction value="..."/></contact>, 0 to 1; 0 for a caster that slides.',
+            )  # fmt: skip
+        found[name] = value
+    return found
+
+
+def _stand(spec: Any, mujoco: Any, root: str, friction: Mapping[str, float], floor_friction: float) -> None:
+    """A floor, and which links it carries; nothing else touches anything. The larger friction of two shapes counts."""
+    for body in spec.bodies:
+        for geom in body.geoms:
+            mu = friction.get(body.name, 0.0) * floor_friction
+            geom.contype, geom.conaffinity = 0, int(body.name in friction)
+            geom.condim, geom.friction = (3 if mu > 0.0 else 1), [mu, 0.0, 0.0]
+    floor = spec.worldbody.add_geom()
+    floor.type, floor.size = mujoco.mjtGeom.mjGEOM_PLANE, [0.0, 0.0, 1.0]
+    floor.contype, floor.conaffinity, floor.condim, floor.friction = 1, 0, 1, [0.0, 0.0, 0.0]
