@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from typing import Any
 
@@ -67,5 +68,6 @@ def altered(content: Any, rng: random.Random) -> Any:
             return content[:k] + content[k + 1 :] * rng.choice((0, 1, 2))
         return [*content[:k], altered(content[k], rng), *content[k + 1 :]]
     if isinstance(content, int | float) and not isinstance(content, bool) and rng.random() < 0.5:
-        return rng.choice((-content, content * 1e-6, content * 1e9, content + 1, float(content), int(content)))
+        whole = int(content) if abs(content) < math.inf else content
+        return rng.choice((-content, content * 1e-6, content * 1e9, content + 1, float(content), whole))
     return rng.choice((None, True, [], {}, "", "x", 0, -1, 1e308, 2**70, [[]], {"a": []}, "nan", [1, "a"], 0.5, "1e5"))

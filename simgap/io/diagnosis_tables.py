@@ -120,7 +120,7 @@ def _parquet_header(path: Path, file: str) -> tuple[str, ...]:
 
 def _read_parquet(path: Path, columns: list[str], file: str) -> pa.Table:
     try:
-        require_room(table_size(pq.read_metadata(path), columns))
+        require_room(table_size(pq.read_metadata(path), len(columns)))
         return pq.read_table(path, columns=columns, partitioning=None)
     except UserError as error:
         raise UserError(error.problem, file=file, remedy=error.remedy) from None

@@ -67,7 +67,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         if not checksum.holds(data):
             raise pa.ArrowInvalid("its checksum is missing or does not fit its content")
         source = pq.ParquetFile(pa.BufferReader(data))
-        require_room(table_size(source.metadata, columns))
+        require_room(table_size(source.metadata, len(columns) if columns else source.metadata.num_columns))
         return source.read(list(columns) if columns else None)
     except FileNotFoundError:
         raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None
