@@ -49,7 +49,7 @@ def worth(record: Record) -> Worth:
     for k in np.flatnonzero(steps > 0.0):
         step = float(steps[k])
         white = _white(record, int(k), step, float(sigma[k]))
-        sigma[k] = np.hypot(white, step / np.sqrt(12.0))
+        sigma[k] = max(sigma[k], np.hypot(white, step / np.sqrt(12.0)))  # few slow readings tell little of the noise
         shared = _placed(white / step) * (step / sigma[k]) ** 2
         for trace, own in zip(record.traces, weight, strict=True):
             place = np.round((trace.y[:, k] - trace.y[0, k]) / step).astype(np.int64)
