@@ -10,7 +10,6 @@ import numpy as np
 
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.experiment.ask import Advice, Question, ask
-from simgap.diagnosis.experiment.bench import margins
 from simgap.diagnosis.experiment.rivals import Explained
 from simgap.diagnosis.experiment.verify import missed
 from simgap.diagnosis.experiment.words import paragraph
@@ -29,7 +28,7 @@ from simgap.stages.context import Context, log
 from simgap.stages.measured_data import load_reading
 
 DIAGNOSIS, INPUT, JSON, PICTURE = "diagnosis.json", "input.csv", "next.json", "next.png"
-LONGEST_S, MOST_SAMPLES = 20.0, 4000
+LONGEST_S, MOST_SAMPLES = 20.0, 40_000
 MOST_RIVALS = 4
 ROOM = 0.1
 """Beyond what was recorded, a share of its range that the next recording may use where the case has no `domain`."""
@@ -143,11 +142,11 @@ def _stamps(context: Context, record: Record, seconds: float | None) -> Floats:
     length = seconds if seconds is not None else min(LONGEST_S, max(t.duration for t in record.traces))
     count = round(length / dt) + 1
     window = (context.case.measured or MeasuredSection()).window_s
-    if not 2.0 * window <= length or count > MOST_SAMPLES * 10:
+    if not 2.0 * window <= length or count > MOST_SAMPLES:
         raise UserError(
             f"a recording of {length:.3g} s at {1 / dt:.4g} Hz is too {'short' if length < 2 * window else 'long'}",
             key="--seconds", remedy=f"Give at least two windows, {2 * window:.3g} s, and at most "
-            f"{MOST_SAMPLES * 10 * dt:.3g} s.",
+            f"{MOST_SAMPLES * dt:.3g} s.",
         )  # fmt: skip
     return np.asarray(dt * np.arange(count))
 
@@ -184,8 +183,8 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
         pair, left = (0, 0), None
         if len(rivals) > 1:
             content["expected_chi2"] = best.d.tolist()
-            z = margins(best.d, rivals, advice.bench)
-            pair = tuple(int(k) for k in np.unravel_index(int(np.argmin(z)), z.shape))  # type: ignore[assignment]
+            content["alike"] = [[rivals[a].label, rivals[b].label] for a, b in advice.proposal.alike()]
+            pair = advice.proposal.closest(rivals, advice.bench)
             left = missed(advice.bench, best, rivals, *pair)
             content["chi2_alone"] = float(np.sum(left**2))
         else:

@@ -324,6 +324,22 @@ def test_a_torque_in_another_scale_is_warned_of(tmp_path, plain):
     assert diagnosed(tmp_path, plain, LIGHT)["warnings"] == []
 
 
+@pytest.mark.parametrize("joint", [2, 3])
+def test_one_drive_with_another_gain_is_named_and_no_bias_in_its_place(tmp_path, plain, joint):
+    """The record shows 1.5 times the torque: the drive gives 1/1.5 of what it is declared to."""
+    scale = np.where(np.arange(3) == joint - 1, 1.5, 1.0)
+    result = diagnosed(tmp_path, plain, LIGHT, lambda u: u * scale)
+    value = {(e["name"], e["on"]): next(iter(e["parameters"].values())) for e in result["effects"]}
+    assert value["input_gain", f"torque{joint}"]["value"] == pytest.approx(1 / 1.5, rel=0.01)
+    friction = {(f, f"joint{k}") for k in (1, 2, 3) for f in ("viscous_friction", "coulomb_friction")}
+    assert set(value) == friction | {("input_gain", f"torque{joint}")}
+    for k in range(3):
+        assert value["viscous_friction", f"joint{k + 1}"]["value"] == pytest.approx(RUBBED.viscous[k], rel=0.02)
+        assert value["coulomb_friction", f"joint{k + 1}"]["value"] == pytest.approx(RUBBED.coulomb[k], rel=0.02)
+    assert result["verdict"] == "attributed"
+    assert any("relative to the declared masses" in w for w in result["warnings"])
+
+
 def test_an_arm_at_rest_is_refused(tmp_path, plain):
     still = {n: (t, 0 * q + q[0], 0 * v, u) for n, (t, q, v, u) in plain.items()}
     with pytest.raises(UserError, match="no joint moves in any recording"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -12,6 +14,8 @@ from simgap.diagnosis.experiment.bench import margins
 from simgap.diagnosis.experiment.propose import tried
 from simgap.diagnosis.experiment.rivals import known_rivals
 from simgap.diagnosis.experiment.waves import Wave, random_wave, waves
+from simgap.diagnosis.experiment.words import paragraph
+from simgap.diagnosis.reading.conditions import conditioned
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.effects import AppliedEffect
@@ -113,6 +117,19 @@ def test_equal_explanations_are_said_to_be_equal_and_what_parts_them_is_named():
     assert advice.remedy.sure > 0.99
 
 
+def test_pairs_that_nothing_tells_do_not_hide_those_that_an_input_does():
+    """Of gain, mass and a spring the first two are equal: the input is made for the spring, and the mass is named."""
+    data = record(gain=0.9)
+    asked = question(data, GAIN, HEAVY, PULL)
+    advice = ask(asked, np.random.default_rng(1))
+    assert advice.proposal.alike() == [(1, 0)]
+    assert advice.proposal.sure > 0.99
+    assert advice.remedy.name == "m"
+    said = paragraph(asked, advice, {"u": "N"}, "input.csv")
+    assert "the others are told apart" in said
+    assert "the parameter m and the gain of u act alike; to tell these, set m" in said
+
+
 def test_an_input_that_leaves_the_range_is_made_smaller(friction):
     asked = question(friction, DRAG, PULL)
     known = known_rivals(asked.model, friction, asked.settings, asked.sets, asked.noise)
@@ -124,6 +141,30 @@ def test_an_input_that_leaves_the_range_is_made_smaller(friction):
     assert all(np.all(np.abs(x) <= [2.0, 5.0]) for x in advice.proposal.best.states)
     assert advice.proposal.sure > 0.99
     assert np.abs(advice.proposal.best.u).max() <= 2.0
+
+
+def test_under_known_conditions_the_better_one_is_proposed_and_said():
+    """Two masses may be mounted, one of them was."""
+    light = record(viscous=VISCOUS)
+    (trace,) = light.traces
+    traces = tuple(
+        Trace(name, trace.t, trace.y, np.hstack([trace.u, np.full((len(trace.u), 1), mass)]))
+        for name, mass in (("light", MASS), ("again", MASS))
+    )
+    both = Record(traces, ("x",), ("u", "m"))
+    asked = question(both, DRAG, PULL, model=conditioned(rail(), ["m"]))
+    asked = replace(asked, conditions=((MASS,), (3.0 * MASS,)), units={"u": "N", "x": "m"})
+    advice = ask(asked, np.random.default_rng(1))
+    held = advice.bench.held
+    assert held in asked.conditions
+    assert np.all(advice.proposal.best.u[:, 1] == held[0])
+    said = paragraph(asked, advice, asked.units, "input.csv")
+    assert f"with m = {held[0]:g} kg" in said
+    assert "viscous friction at the rail and spring at the rail" in said
+    # the other condition would have told them less surely
+    other = asked.bench(advice.known, next(c for c in asked.conditions if c != held))
+    there = tried(other, advice.known.rivals, Wave("same", advice.proposal.best.wave))
+    assert there is None or there.score <= advice.proposal.best.score
 
 
 def test_waves_keep_to_the_range_and_hold_slow_and_fast_ones():

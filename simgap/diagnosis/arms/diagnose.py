@@ -19,6 +19,7 @@ from simgap.diagnosis.arms.consistent import Consistent, consistent
 from simgap.diagnosis.arms.fit import correlation_rows, solve, spread, standard_errors
 from simgap.diagnosis.arms.folds import folds_of, together
 from simgap.diagnosis.arms.gains import gains, open_gains, scaled
+from simgap.diagnosis.arms.lone_gains import SAID, lone_gains
 from simgap.diagnosis.arms.motion import Columns, motions, rest_speeds
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload, keys_of, part_of
 from simgap.diagnosis.arms.result import ArmDiagnosis
@@ -77,18 +78,30 @@ def diagnose_arm(
     folds = replace(folds, fit=without(folds.fit, silent), choose=without(folds.choose, silent))
     fit, judge = folds.fit, folds.choose
     weights, correlated = _weights(fit, len(keys))
-    if weighed:  # gains first: with wrong ones no choice among the rest is right
-        g = open_gains(fit, shared, weights, correlated)
-        fit, judge = scaled(fit, g, shared), scaled(judge, g, shared)
-        weights, correlated = _weights(fit, len(keys))
     tell(f"{len(base.kept)} combinations of inertial parameters, {len(TERMS)} effects of each joint")
-    chosen = choose(keys, fit, judge, weights, correlated, settings.most, tree.size)
+    chosen = None if weighed else choose(keys, fit, judge, weights, correlated, settings.most, tree.size)
+    g = (
+        open_gains(fit, shared, weights, correlated)
+        if chosen is None
+        else lone_gains(keys, inputs, fit, judge, weights, correlated, settings.most, chosen.bic)
+    )
+    if g is not None:  # gains first: with wrong ones no choice among the rest is right
+        scales = _weights(scaled(fit, g, shared), len(keys))
+        right = choose(keys, scaled(fit, g, shared), scaled(judge, g, shared), *scales, settings.most, tree.size)
+        if weighed or not any(keys[k].effect == INERTIAL for k in right.active):
+            fit, judge = scaled(fit, g, shared), scaled(judge, g, shared)
+            chosen, (weights, correlated) = right, scales
+        else:  # other bodies beside the gains: nothing tells the one from the other
+            g = None
+    assert chosen is not None
     active, theta, errors = _settled(keys, together(fit, judge), weights, chosen.active)
     known, drives = together(folds.fit, folds.choose), None
-    if weighed:
-        drives = gains(known, active, [k for k in active if k in shared], theta, weights, correlated)
+    if g is not None:
+        among = [j for j in range(tree.size) if weighed or g[j] != 1.0]
+        drives = gains(known, active, [k for k in active if k in shared], theta, weights, correlated, among)
     if drives is not None:
         known = scaled(known, drives.g, shared)
+        said = said if weighed else (*said, SAID)
     active, theta, errors = _settled(keys, known, weights, active)
     if drives is not None:
         errors[shared] = drives.of_columns[shared]  # of a mass: with the gains open too

@@ -42,15 +42,17 @@ def scaled(part: Part, g: Floats, shared: Sequence[int]) -> Part:
 
 
 def gains(
-    part: Part, active: Sequence[int], shared: Sequence[int], theta: Floats, weights: Floats, correlated: Floats
-) -> Gains | None:
+    part: Part, active: Sequence[int], shared: Sequence[int], theta: Floats, weights: Floats, correlated: Floats,
+    among: Sequence[int],
+) -> Gains | None:  # fmt: skip
     """Gains beside the active columns; those whose 95 % interval holds 1 are as declared. None if it does not settle.
 
     Args:
         shared: active columns that several joints feel.
         theta: (p,) where to begin, gains 1.
+        among: joints whose gains may differ.
     """
-    open_ = list(range(part.y.shape[1]))
+    open_ = list(among)
     while open_:
         found = _settled(part, active, shared, theta, weights, correlated, open_)
         if found is None:

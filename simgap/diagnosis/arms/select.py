@@ -40,15 +40,16 @@ def choose(
     per_joint = [range(first + j * len(TERMS), first + (j + 1) * len(TERMS)) for j in range(joints)]
     found = []
     for given in (payload, (*inertial, *payload)):
-        found.append(_forward(keys, gram, right, judge, together, given, per_joint, most))
+        found.append(forward(keys, gram, right, judge, together, given, per_joint, most))
     declared, free = found
     return free if free.bic < declared.bic - BIC_GAIN else declared
 
 
-def _forward(
+def forward(
     keys: Sequence[Key], gram: Floats, right: Floats, judge: Part, together: Floats, given: tuple[int, ...],
-    per_joint: Sequence[range], most: int,
+    per_joint: Sequence[Sequence[int]], most: int,
 ) -> Choice:  # fmt: skip
+    """Terms join the given columns one by one, the one that lowers BIC on *choose* most first."""
     active, gains = given, dict[int, float]()
     bic = _bic(gram, right, judge, together, active)
     while True:

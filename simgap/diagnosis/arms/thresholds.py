@@ -47,3 +47,8 @@ OTHER_COLUMN, OTHER_SCALE = 0.1, 3.0
 """A column is another joint's if that joint's torque leaves less than this share of the square that its own leaves, at
 a slope between 1/3 and 3; and a multiple of its own if that leaves less than this share of what its own leaves.
 Judgement."""
+
+MOST_LONE = 0.5
+"""Without a known mass, gains are named on at most this share of the drives: the others' agreement with the declared
+bodies is all that ties them. A real arm whose declared bodies are off asks for other gains at many joints.
+Judgement."""

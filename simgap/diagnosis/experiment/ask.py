@@ -83,9 +83,12 @@ def ask(question: Question, rng: np.random.Generator, tell: Callable[[str], None
     proposal = propose(benches, known.rivals, rng, tell)
     bench = benches[0] if proposal.best is None else benches[proposal.bench]
     remedy = None
-    if len(known.rivals) > 1 and proposal.best is not None and proposal.sure < WANTED:
+    open_ = proposal.sure < WANTED or proposal.alike()
+    if len(known.rivals) > 1 and proposal.best is not None and open_:
         tell("no input is enough: looking for a weight or a sensor that is")
-        remedy = best_remedy(list(_options(question, proposal.best.u, rng)), SURE)
+        asked = {k for pair in proposal.alike() for k in pair} or set(range(len(known.rivals)))
+        left = replace(question, sets=tuple(s for k, s in enumerate(question.sets) if k in asked))
+        remedy = best_remedy(_options(left, proposal.best.u, rng), SURE)
     return Advice(known, proposal, bench, remedy)
 
 
@@ -120,7 +123,7 @@ def _set(question: Question, name: str, value: float, rng: np.random.Generator) 
         question, model=model, record=record, sets=sets, conditions=((*question.conditions[0][:own], value),)
     )
     known = known_rivals(model, record, question.settings, sets, question.noise)
-    return propose([other.bench(known, other.conditions[0])], known.rivals, rng, few=True).sure
+    return propose([other.bench(known, other.conditions[0])], known.rivals, rng, few=True).of_all
 
 
 def _read(question: Question, name: str, u: Floats, rng: np.random.Generator) -> float:
@@ -133,4 +136,4 @@ def _read(question: Question, name: str, u: Floats, rng: np.random.Generator) ->
     there = cached_supermodel(here.model, (*here.measured, name), library_names(question.sets))
     seen = replace(bench, model=there, sigma=np.append(bench.sigma, UNREAD * max(span, 1e-12)))
     rivals = [translated(r, s, here, there) for r, s in zip(known.rivals, question.sets, strict=True)]
-    return propose([seen], rivals, rng, few=True).sure
+    return propose([seen], rivals, rng, few=True).of_all

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 from simgap.diagnosis.experiment.bench import Bench, Rival, margins
@@ -49,7 +50,8 @@ class Proposal:
     Attributes:
         best: the try; bench: the place of its bench among those given.
         tried: how many there were; left: how many would have left the range of the plant.
-        sure: the least probability, over the pairs, that the right one is told from the other.
+        sure: the least probability, over the pairs that count, that the right one is told from the other.
+        counted: (r, r) the pairs that some input tells apart; all, where none does.
     """
 
     best: Try | None
@@ -57,6 +59,23 @@ class Proposal:
     tried: int
     left: int
     sure: float
+    counted: NDArray[np.bool_]
+
+    def closest(self, rivals: Sequence[Rival], bench: Bench) -> tuple[int, int]:
+        """The pair that the best input tells least surely: the right one and the other."""
+        assert self.best is not None
+        z = np.where(self.counted, margins(self.best.d, rivals, bench), np.inf)
+        a, b = np.unravel_index(int(np.argmin(z)), z.shape)
+        return int(a), int(b)
+
+    @property
+    def of_all(self) -> float:
+        """`sure` where no pair is alike, else 0."""
+        return 0.0 if self.alike() else self.sure
+
+    def alike(self) -> list[tuple[int, int]]:
+        """Pairs that no input that was tried tells apart."""
+        return [(a, b) for a in range(len(self.counted)) for b in range(a) if not self.counted[a, b]]
 
 
 def propose(
@@ -81,20 +100,39 @@ def propose(
                 found.append((k, attempt))
         tell(f"{count} inputs tried")
     if not found:
-        return Proposal(None, 0, count, left, 0.0)
+        return Proposal(None, 0, count, left, 0.0, np.ones((len(rivals), len(rivals)), dtype=bool))
+    counted = _told(found, rivals, benches)
+    found = [(k, replace(a, score=_score(a.d, rivals, benches[k], counted, a.score))) for k, a in found]
     found.sort(key=lambda pair: -pair[1].score)
     best = found[:BEST]
     for k in range(0 if few else ROUNDS):
-        if sure(best[0][1].d, rivals, benches[best[0][0]]) >= SURE:
+        if sure(best[0][1].d, rivals, benches[best[0][0]], counted) >= SURE:
             break
         where, parent = best[k % len(best)]
         attempt = tried(benches[where], rivals, _changed(parent, best[0][1], benches[where].t, rng))
         count += 1
+        if attempt is not None:
+            attempt = replace(attempt, score=_score(attempt.d, rivals, benches[where], counted, attempt.score))
         if attempt is not None and attempt.score > parent.score:
             best[k % len(best)] = where, attempt
             best.sort(key=lambda pair: -pair[1].score)
     where, top = best[0]
-    return Proposal(top, where, count, left, sure(top.d, rivals, benches[where]))
+    return Proposal(top, where, count, left, sure(top.d, rivals, benches[where], counted), counted)
+
+
+def _told(found: Sequence[tuple[int, Try]], rivals: Sequence[Rival], benches: Sequence[Bench]) -> NDArray[np.bool_]:
+    """(r, r) pairs that some input tells more likely than not, whichever of the two is right; all, where none is."""
+    best = np.full((len(rivals), len(rivals)), -np.inf)
+    for k, a in found if len(rivals) > 1 else ():
+        z = margins(a.d, rivals, benches[k])
+        best = np.maximum(best, np.minimum(z, z.T))
+    told = best > 0.0
+    return told if np.any(told & ~np.eye(len(rivals), dtype=bool)) else np.ones_like(told)
+
+
+def _score(d: Floats, rivals: Sequence[Rival], bench: Bench, counted: NDArray[np.bool_], alone: float) -> float:
+    """What is made large: the least margin of the pairs that count; of one explanation alone what it had."""
+    return alone if len(rivals) == 1 else float(np.where(counted, margins(d, rivals, bench), np.inf).min())
 
 
 def _sized(bench: Bench, rng: np.random.Generator, sizes: Sequence[float]) -> Iterator[Wave]:
@@ -152,6 +190,6 @@ def _changed(parent: Try, other: Try, t: Floats, rng: np.random.Generator) -> Wa
     return Wave(parent.name, np.concatenate([parent.wave[:half], other.wave[half:]]))
 
 
-def sure(d: Floats, rivals: Sequence[Rival], bench: Bench) -> float:
-    """The least probability, over ordered pairs, that the right one is told from the other; 1 for one alone."""
-    return 1.0 if len(rivals) == 1 else float(norm.cdf(margins(d, rivals, bench).min()))
+def sure(d: Floats, rivals: Sequence[Rival], bench: Bench, counted: NDArray[np.bool_]) -> float:
+    """The least probability, over the pairs that count, that the right one is told from the other; 1 for one alone."""
+    return 1.0 if len(rivals) == 1 else float(norm.cdf(_score(d, rivals, bench, counted, 0.0)))

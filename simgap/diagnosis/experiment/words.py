@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from simgap.diagnosis.experiment.ask import WANTED, Advice, Question
-from simgap.diagnosis.experiment.bench import margins
 from simgap.notation import joined, number, pretty_unit
 
 _MOST_NAMED = 3
@@ -61,15 +60,18 @@ def _recording(question: Question, advice: Advice, units: Mapping[str, str], fil
 def _certainty(advice: Advice) -> str:
     best, rivals = advice.proposal.best, advice.known.rivals
     assert best is not None
-    z = margins(best.d, rivals, advice.bench)
-    a, b = np.unravel_index(int(np.argmin(z)), z.shape)
+    a, b = advice.proposal.closest(rivals, advice.bench)
     pair = f"if {rivals[a].label} is right, {rivals[b].label} is expected to miss by {number(best.d[a, b], 3)} in χ²"
     chance = f"{100 * min(advice.proposal.sure, 0.999):.3g} %"
     if advice.proposal.sure >= WANTED:
-        return (
-            f"Then they are told apart with a probability of at least {chance} (the closest pair: {pair}), given the "
-            "measured noise and that one of them is right."
+        equal = [f"{rivals[i].label} and {rivals[j].label}" for i, j in advice.proposal.alike()]
+        text = (
+            f"Then {'the others' if equal else 'they'} are told apart with a probability of at least {chance} (the "
+            f"closest pair: {pair}), given the measured noise and that one of them is right."
         )
+        if not equal:
+            return text
+        return f"{text} Under every input that was tried {joined(equal)} act alike{_besides(advice)}."
     text = (
         f"No input within the limits makes one sure: of {advice.proposal.tried} that were tried the best tells them "
         f"apart with a probability of {chance} ({pair})."
@@ -78,6 +80,13 @@ def _certainty(advice: Advice) -> str:
         return f"{text} They act alike on what is measured here; take whichever is simpler to mend."
     then = 100 * min(advice.remedy.sure, 0.999)
     return f"{text} Instead {advice.remedy.sentence}: then the probability is {then:.3g} %."
+
+
+def _besides(advice: Advice) -> str:
+    """What tells those apart that no input does."""
+    if advice.remedy is None:
+        return ": take whichever is simpler to mend"
+    return f"; to tell these, {advice.remedy.sentence} (probability {100 * min(advice.remedy.sure, 0.999):.3g} %)"
 
 
 def _intervals(advice: Advice) -> str:
