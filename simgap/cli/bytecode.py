@@ -36,5 +36,5 @@ def keep_bytecode() -> None:
         os.environ["PYTHONPYCACHEPREFIX"] = place
 
 
-SourceFileLoader.get_code = _mended  # type: ignore[method-assign]
+SourceFileLoader.get_code = _mended  # type: ignore[method-assign, assignment]
 keep_bytecode()
