@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from importlib.machinery import SourceFileLoader
 from importlib.util import cache_from_source
 from typing import Any
@@ -21,9 +22,11 @@ def _mended(self: SourceFileLoader, fullname: str) -> Any:
     """Byte code that a full disk or a limit on files has cut is written anew; Python 3.11 keeps it and fails on it."""
     try:
         return _get_code(self, fullname)
-    except EOFError:
-        os.unlink(cache_from_source(self.get_filename(fullname)))
-        return _get_code(self, fullname)
+    except (EOFError, ValueError):
+        path = self.get_filename(fullname)
+        with suppress(OSError):  # another process was first, or it may not be deleted
+            os.unlink(cache_from_source(path))
+        return self.source_to_code(self.get_data(path), path)
 
 
 def keep_bytecode() -> None:

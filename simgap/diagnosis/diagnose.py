@@ -70,7 +70,7 @@ def _answer(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, tell: Callable[[str], None], whole: bool
 ) -> Diagnosis:
     """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle."""
-    record, parts, said, faults = _mended(model, record, settings)
+    record, parts, said, faults = mended(model, record, settings)
     not_tried = barred(parts.known.model, record, settings.effects)
     watch = Watch(settings.budget_s, tell)
     begun = _begun(parts.known, not_tried, watch)
@@ -104,7 +104,7 @@ def _answer(
     return conclude(model, record, settings, parts, chosen, said, (*faults, *filtered))
 
 
-def _mended(
+def mended(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings
 ) -> tuple[Record, Parts, tuple[str, ...], tuple[RecordingFault, ...]]:
     """The record without what a look at it shows to be no measurement, its folds, what is to be said, the faults."""

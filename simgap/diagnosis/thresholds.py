@@ -252,3 +252,7 @@ magnitude, and so does a mild effect in a record of little noise, which no excha
 CLEARLY_NEARER, MOST_FOLLOWED = 0.9, 24
 """A set of effects on the simulator is taken in place of what its engine suggests if the simulator then misses the
 recordings by less than this share; so many windows are followed. Judgement: what was found is far above it."""
+FOLLOWS = 3.0
+"""... and if it then follows them: a simulator that misses them by more noises than this, whatever it acts out, strays
+for a reason of its own and says nothing about the effects. Set on a Furuta pendulum in an engine of 10 ms steps:
+27 noises with one of two true effects, 31 with both, 182 with none; simulators that do follow are within 1 to 3."""

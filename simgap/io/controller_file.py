@@ -17,13 +17,14 @@ from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io.atomic import atomic
-from simgap.io.unpacked import require_room
+from simgap.io.unpacked import TooLarge, require_room
 from simgap.specifications.solution import Solution
 from simgap.synthesis.bits import packed_width
 from simgap.synthesis.controller import Controller
 
 Arrays = Mapping[str, NDArray[Any]]
 REMEDY = "Run the synthesis stage again."
+FEWER = "Take another machine, fewer cells (synthesis.cells) or fewer inputs (domain.U)."
 CHECKSUM = "sha256"
 MOST_INPUTS = 2**15 - 1  # the chosen input is stored in 16 bits
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -31,7 +32,11 @@ _NEEDED = {"about", "box", "cells", "input_set", "winning", "free", "mask"}
 
 
 def save_controller(controller: Controller, path: Path | str) -> None:
-    """Write a controller, whole or not at all; equal controllers give equal bytes."""
+    """Write a controller, whole or not at all; equal controllers give equal bytes.
+
+    Raises:
+        UserError: one that is too large to be read again on this machine.
+    """
     s, grid = controller.solution, controller.grid
     about = {
         "states": list(controller.states),
@@ -59,6 +64,10 @@ def save_controller(controller: Controller, path: Path | str) -> None:
     if s.acting is not None:
         arrays["acting"] = s.acting
     arrays[CHECKSUM] = _checksum(arrays)
+    try:
+        require_room(sum(array.nbytes for array in arrays.values()))
+    except TooLarge as error:
+        raise UserError(f"the controller {error.problem}", remedy=FEWER) from None
     with atomic(Path(path)) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, array in arrays.items():
             entry = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
@@ -86,6 +95,8 @@ def load_controller(path: Path | str) -> Controller:
         return _controller(about, kept)
     except FileNotFoundError:
         raise UserError("there is no such controller", file=path, remedy="Run the synthesis stage") from None
+    except TooLarge as error:
+        raise UserError(error.problem, file=path, remedy=FEWER) from None
     except UserError as error:
         raise UserError(f"not a controller file ({error.problem})", file=path, remedy=REMEDY) from None
     except (

@@ -68,7 +68,7 @@ def _states(axis: Any, box: Box, pair: tuple[int, int], states: Sequence[str], u
 
 def _room(axis: Any) -> None:
     """Limits a little beyond everything that was drawn."""
-    drawn = [patch.get_bbox() for patch in axis.patches]  # X is among them
+    drawn = [p.get_path().get_extents(p.get_patch_transform()) for p in axis.patches]  # X is among them
     for limit, ends in ((axis.set_xlim, [b.intervalx for b in drawn]), (axis.set_ylim, [b.intervaly for b in drawn])):
         lo, hi = float(np.min(ends)), float(np.max(ends))
         limit(lo - 0.05 * (hi - lo), hi + 0.05 * (hi - lo))

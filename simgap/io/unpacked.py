@@ -10,6 +10,12 @@ from simgap.errors import UserError
 MOST = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4
 """Most bytes that one file may hold unpacked: a quarter of the machine's memory, for readers hold it up to three times
 (measured for controllers: 3.9 times, their own bytes included)."""
+
+
+class TooLarge(UserError):
+    """A file that does not fit into memory; the name is for those who know a better remedy."""
+
+
 _CELL = 8  # bytes of a number
 
 
@@ -26,10 +32,10 @@ def require_room(size: int) -> None:
     """Refuse what is too large.
 
     Raises:
-        UserError: without file.
+        TooLarge: without file.
     """
     if size > MOST:
-        raise UserError(
+        raise TooLarge(
             f"holds {size / 1e9:.3g} GB unpacked, more than a quarter of this machine's memory",
             remedy="Take another machine, or less data in a file.",
         )

@@ -26,10 +26,14 @@ def _place() -> tuple[Path, int]:
     """A folder to unpack to, and its lock, which ends with this process; those of processes that were killed go."""
     for left in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
         with suppress(OSError):  # somebody else's, or in use
-            os.close(_locked(left))
-            shutil.rmtree(left)
-    folder = Path(tempfile.mkdtemp(prefix=PREFIX))
-    return folder, _locked(folder)
+            lock = _locked(left)
+            try:
+                shutil.rmtree(left)
+            finally:
+                os.close(lock)
+    made = Path(tempfile.mkdtemp(prefix="simgap-new-"))
+    lock = _locked(made)  # before it has the name by which others find it
+    return made.rename(made.with_name(PREFIX + made.name)), lock
 
 
 def _locked(folder: Path) -> int:

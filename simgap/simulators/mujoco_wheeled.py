@@ -7,6 +7,7 @@ motors; they are added here. What touches the floor are the links other than the
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 from pydantic import Field
 
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf, root_link
@@ -236,9 +237,13 @@ def friction_of(urdf: Path, root: str) -> dict[str, float]:
         name, stated = str(link.get("name")), link.find("contact/lateral_friction")
         if name == root or link.find("collision") is None:
             continue
-        value = None if stated is None else float(stated.get("value", "nan"))
+        text = None if stated is None else str(stated.get("value", ""))
+        try:
+            value = None if text is None else float(text)
+        except ValueError:
+            value = math.nan
         if value is None or not 0.0 <= value <= 1.0:
-            what = "states no friction" if value is None else f"has the lateral friction {value:g}"
+            what = "states no friction" if text is None else f"has the lateral friction {excerpt(text, 40)}"
             raise UserError(
                 f"it touches the floor and {what}", file=urdf, key=f"link '{name}': <lateral_friction>",
                 remedy='Give <contact><lateral_friction value="..."/></contact>, 0 to 1; 0 for a caster that slides.',

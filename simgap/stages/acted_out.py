@@ -20,7 +20,7 @@ from simgap.config.case import Case
 from simgap.config.measured import MeasuredSection
 from simgap.config.plant import AddedEffect
 from simgap.diagnosis.result import Diagnosis
-from simgap.diagnosis.thresholds import CLEARLY_NEARER, MOST_FOLLOWED
+from simgap.diagnosis.thresholds import CLEARLY_NEARER, FOLLOWS, MOST_FOLLOWED
 from simgap.diagnosis.verdict.followed import Followed, followed, stray
 from simgap.effects import AppliedEffect, effect
 from simgap.errors import SimgapError
@@ -42,11 +42,13 @@ class ActedOut:
         reason: why, in a sentence.
         tried: sets of effects, by (name, on), and how far the simulator strays from the recordings with each, in
             standard deviations of the noise; empty where that was not measured.
+        rest: what the engine cannot act out, as a sentence; empty where it can act out everything.
     """
 
     effects: Effects
     reason: str
     tried: tuple[tuple[tuple[tuple[str, str], ...], float], ...] = ()
+    rest: str = ""
 
     def document(self) -> dict[str, Any]:
         """As `diagnosis.json` holds it."""
@@ -80,11 +82,12 @@ def acted_out(context: Context, section: MeasuredSection, applied: Sequence[Appl
         return ActedOut(
             able if section.into_simulator else (),
             f"The simulator {words}, as measured.into_simulator says.{rest if section.into_simulator else ''}",
+            rest=rest,
         )
     if kind is None or kind.of_its_own(case):
         reason = "The simulator is a model of its own and stays as it is: whether it lacks the effects was not measured"
-        return ActedOut((), f"{reason} (measured.into_simulator: true adds them).{rest}")
-    return ActedOut(able, f"The simulator is made of the nominal model and lacks what that lacks.{rest}")
+        return ActedOut((), f"{reason} (measured.into_simulator: true adds them).{rest}", rest=rest)
+    return ActedOut(able, f"The simulator is made of the nominal model and lacks what that lacks.{rest}", rest=rest)
 
 
 def measured_out(
@@ -178,16 +181,23 @@ def _with(case: Case, effects: Effects) -> Case:
 
 def _judged(told: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) -> ActedOut:
     """What strays clearly less than what the engine suggests, else that."""
+    errors = np.nan_to_num(np.array(errors), nan=np.inf).tolist()
     best = int(np.argmin(errors))
-    best = best if errors[best] < CLEARLY_NEARER * errors[0] else 0
+    best = best if errors[best] < CLEARLY_NEARER * errors[0] and errors[best] <= FOLLOWS else 0
     tried = tuple((tuple((e.name, e.on) for e in s), error) for s, error in zip(sets, errors, strict=True))
     taken, other = sets[best], max(sets, key=len) if not sets[best] else ()
     words = joined([e.name.replace("_", " ") for e in taken] or [""])
     what = f"acts out {words}" if taken else "stays as it is"
     beside = "without them" if taken else "with the effects on top"
+    far = (
+        " None of the sets makes it follow them: it strays for another reason, such as its time step (substeps) or a "
+        "damping of its own, and that stays in the gap."
+    )
     return ActedOut(
         taken,
         f"The simulator {what}: so it misses the recordings that confirm by {number(errors[best], 3)} times their "
-        f"noise, {beside} by {number(errors[sets.index(other)], 3)} times.",
+        f"noise, {beside} by {number(errors[sets.index(other)], 3)} times.{far if min(errors) > FOLLOWS else ''}"
+        f"{told.rest}",
         tried,
+        told.rest,
     )

@@ -65,7 +65,8 @@ def corrected_case(
         content["plant"]["effects"] = [*content["plant"].get("effects", []), *added]
         if rig != "simulator":
             shared = applied if simulated is None else simulated.effects
-            words = _on_hardware(content, [_plain(a) for a in shared], target, case_path)
+            readings = dict.fromkeys(r for a in applied if (r := effect(a.name).reading_remedy))
+            words = (*readings, *_on_hardware(content, [_plain(a) for a in shared], target, case_path))
     if remainder:
         content["gap"]["remainder"] = {name: float(v) for name, v in remainder.items()}
     checked = parse_case(yaml.safe_load(_dumped(content)), target, case_path)
@@ -83,7 +84,6 @@ def _on_hardware(
 ) -> tuple[str, ...]:
     """The simulator gets what moves the plant; delay and lag that it has become states while they stay small."""
     moving = [e for e in added if not effect(e["name"]).reading_remedy]
-    words = dict.fromkeys(effect(e["name"]).reading_remedy for e in added if e not in moving)
     if moving and isinstance(content.get("simulator"), dict):
         content["simulator"]["effects"] = [*content["simulator"].get("effects", []), *moving]
     case = parse_case(content, target, case_path)
@@ -94,7 +94,7 @@ def _on_hardware(
     every = [AppliedEffect(e.name, e.on, e.parameters) for e in case.plant.effects]
     chosen = plan(case, [e for e in every if not effect(e.name).remembers or (e.name, e.on) in late])
     augment(content, case, chosen)
-    return (*words, *chosen.words)
+    return tuple(chosen.words)
 
 
 def _plain(a: AppliedEffect) -> dict[str, Any]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from simgap.config.measured import MeasuredSection
+from simgap.diagnosis.diagnose import mended
 from simgap.diagnosis.experiment.ask import Advice, Question, ask
-from simgap.diagnosis.experiment.rivals import Explained
+from simgap.diagnosis.experiment.rivals import Explained, library_names
 from simgap.diagnosis.experiment.verify import missed
 from simgap.diagnosis.experiment.words import paragraph
 from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
@@ -81,6 +83,7 @@ def _question(
         window_s=section.window_s, horizon_s=section.horizon_s, held_out_traces=reading.held_out,
         held_out_share=section.held_out.fraction,
     )  # fmt: skip
+    record = mended(conditioned(model, names), record, replace(settings, effects=library_names(sets)))[0]
     allowed, middle, reach = _limits(context, record)
     return Question(
         conditioned(model, names), record, settings, dict(document["noise"]), sets, _stamps(context, record, seconds),

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from simgap.config.pose import pose_axes
-from simgap.errors import UserError
+from simgap.errors import BrokenPromise, UserError
 from simgap.gap.symmetry import BodyFrameGap
-from simgap.geometry import Floats
+from simgap.geometry import Box, Floats
 from simgap.io.atomic import write_text
 from simgap.io.controller_file import save_controller
 from simgap.io.documents import write_json
@@ -30,7 +30,7 @@ from simgap.stages.costs import affordable, costs
 from simgap.stages.fair_baseline import minding_the_path
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.explain import explain
-from simgap.synthesis.intersample import excursion, rates
+from simgap.synthesis.intersample import Rates, excursion, rates
 from simgap.synthesis.previous import PreviousBounds
 from simgap.synthesis.refusals import EmptyDomain
 from simgap.synthesis.swept import SweptCells, planar_swept_cells
@@ -78,7 +78,9 @@ def run(
         "free_cells": int(solution.free.sum()),
         "winning_fraction": solution.fraction,
         "winning_fraction_after_inflation": after_inflation(problem, solution, between),
-        "between_samples": dict(zip(context.states, between.tolist(), strict=True)),
+        "between_samples": dict(zip(context.states, between.tolist(), strict=True))
+        if np.isfinite(between).all()
+        else {},
         "between_samples_by": "swept boxes" if problem.swept is not None else _clearance(problem),
         "looks_between_samples": gap_path is not None or section.nominal_between_samples,
         "statistics": solution.statistics,
@@ -119,6 +121,21 @@ def _retimed(context: Context) -> Callable[[float], NominalModel] | None:
     return lambda times: replace(context.plant, tau=tau * times).sampled
 
 
+def _between(context: Context, flow: Rates, region: Box, extra: Floats, needed: bool) -> Floats:
+    """How far a path may stray from its samples, (nx,); infinite where no bound is found and none is promised.
+
+    Raises:
+        BrokenPromise: no bound, where the specification promises something between samples.
+    """
+    try:
+        return excursion(flow, region, context.input_set, context.domain.tau, extra, context.states)[0]
+    except BrokenPromise as error:
+        if needed:
+            raise
+        log.warning("nothing is promised between samples, and nothing told of it: %s", error)
+        return np.full(len(context.states), np.inf)
+
+
 def _clearance(problem: Problem) -> str | None:
     return "clearance" if problem.stray is not None else None
 
@@ -128,7 +145,7 @@ def after_inflation(problem: Problem, solution: Solution, between: Floats) -> fl
 
     That is what may happen between samples.
     """
-    if not problem.specification.between_samples:
+    if not problem.specification.between_samples or not np.isfinite(between).all():
         return None
     free = problem.specification.free(problem.space, solution.grid, between)
     return float((solution.winning & free).sum() / max(1, free.sum()))
@@ -152,7 +169,8 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     swept = _swept(context, model, bound) if boxes_do else None
     flow = rates(context.plant.carried)
     spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and swept is None else np.zeros(model.nx)
-    between, _ = excursion(flow, specification.region(space), context.input_set, model.tau, spread / model.tau)
+    needed = on_the_path and swept is None
+    between = _between(context, flow, specification.region(space), spread / model.tau, needed)
     problem = Problem(
         model=model,
         specification=specification,
@@ -164,7 +182,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
         error=error,
         latency=sensing.latency if sensing else 0,
         first=_first_input(context, sensing.first_input) if sensing and sensing.first_input else None,
-        stray=between if on_the_path and swept is None else None,
+        stray=between if needed else None,
     )
     if swept is not None:
         problem = replace(problem, swept=planar_swept_cells(problem.grid, *swept, pose_axes(context), error))

@@ -7,7 +7,7 @@ it by at most that much, and a path whose samples all keep that distance from an
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,12 @@ def rates(model: SymbolicModel) -> Rates:
 
 
 def excursion(
-    rates_over: Rates, region: Box, inputs: Floats, tau: float, extra_rate: Floats | None = None
+    rates_over: Rates,
+    region: Box,
+    inputs: Floats,
+    tau: float,
+    extra_rate: Floats | None = None,
+    names: Sequence[str] = (),
 ) -> tuple[Floats, Floats]:
     """Bound of how far a path strays from its samples: -> (V_i tau / 2, V_i), each (nx,).
 
@@ -40,6 +45,7 @@ def excursion(
         tau: sampling time, s.
         extra_rate: bound of what the real dx/dt adds to the model's, (nx,). A gap bound at sampling instants does not
             give one; a caller who uses gamma / tau here makes an assumption and should say so.
+        names: of the states, for the message.
 
     The rates are bounded over the region widened by the excursion itself, found by iteration from below.
 
@@ -58,4 +64,9 @@ def excursion(
         if not np.all(np.isfinite(needed)):
             break
         reach = needed * (1.0 + 1e-6)
-    raise BrokenPromise("the motion between samples has no bound", "Shorten tau, or shrink the state box")
+    axis = int(np.argmax(np.where(np.isfinite(needed), needed / (region.hi - region.lo), np.inf)))
+    of = f" of {names[axis]}" if names else ""
+    raise BrokenPromise(
+        f"the motion{of} between samples has no bound: within half of tau = {tau:g} s it may leave any box",
+        "Shorten domain.tau, or shrink domain.X",
+    )

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from matplotlib.patches import Circle
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
 import loop_example as example
@@ -201,4 +202,17 @@ def test_the_question_shows_x_the_specification_and_every_input(root):
         assert heading.patches[0].get_bbox().intervaly.tolist() == [context.box.lo[2], context.box.hi[2]]
         dots = np.column_stack(drives.lines[0].get_data())
         assert {tuple(u) for u in dots.tolist()} == {tuple(u) for u in context.input_set.tolist()}
+        style.close(figure)
+
+
+def test_a_plug_in_may_draw_any_patch(root):
+    context = Context.load(root / "configs/cases/pendulum.yaml")
+    names = context.states, context.inputs
+    with style.figure_style():
+        figure = figures_problem.problem_figure(
+            context.box, context.input_set, names, context.units,
+            lambda pair, own: own.add_patch(Circle((0.0, 0.0), 0.9, label="a circle")),
+        )  # fmt: skip
+        lo, hi = figure.axes[0].get_ylim()
+        assert lo < -0.9 < 0.9 < hi
         style.close(figure)

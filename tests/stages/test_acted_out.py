@@ -18,8 +18,11 @@ from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.reading.survey import survey
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.followed import followed, stray
+from simgap.effects import AppliedEffect
 from simgap.plants.plant_model import PlantModel
+from simgap.stages import acted_out
 from simgap.stages import diagnosis as stage
+from simgap.stages.acted_out import ActedOut
 from simgap.stages.context import Context
 
 DOMAIN = "domain: {tau: 0.02 s, X: {q: [-1, 1], v: [-3, 3]}, U: {u: {min: -2, max: 2, step: 1}}}\n"
@@ -128,3 +131,18 @@ def test_a_window_as_a_run_by_hand():
     np.testing.assert_allclose(later.inputs[1:, 0], run.inputs[:-1, 0])
     path = np.stack([np.ones(5), 5.0 + run.t + 0.2], axis=1)
     assert stray([run], [path], [1], np.array([0.1]), 0.25) == pytest.approx(2.0)
+
+
+def test_a_simulator_that_follows_with_no_set_gets_what_its_engine_suggests():
+    """It strays for a reason of its own: leaving out an effect that was found may look better and says nothing."""
+    one, two = (AppliedEffect(name, "hinge", {}) for name in ("coulomb_friction", "viscous_friction"))
+    told = ActedOut((one, two), "made of the model", rest=" It cannot act out delay.")
+    sets = [(one, two), (), (one,), (two,)]
+    judged = acted_out._judged(told, sets, [31.0, 182.0, 27.3, 60.0])
+    assert judged.effects == (one, two)
+    assert "strays for another reason" in judged.reason
+    assert judged.reason.endswith("It cannot act out delay.")
+    assert acted_out._judged(told, sets, [31.0, float("nan"), 1.3, 60.0]).effects == (one,)
+    followed_it = acted_out._judged(told, sets, [31.0, 182.0, 1.3, 60.0])
+    assert followed_it.effects == (one,)
+    assert "another reason" not in followed_it.reason

@@ -85,6 +85,7 @@ def diagnose_arm(
         if chosen is None
         else lone_gains(keys, inputs, fit, judge, weights, correlated, settings.most, chosen.bic)
     )
+    without_gains = chosen, fit, judge, weights, correlated
     if g is not None:  # gains first: with wrong ones no choice among the rest is right
         scales = _weights(scaled(fit, g, shared), len(keys))
         right = choose(keys, scaled(fit, g, shared), scaled(judge, g, shared), *scales, settings.most, tree.size)
@@ -99,6 +100,10 @@ def diagnose_arm(
     if g is not None:
         among = [j for j in range(tree.size) if weighed or g[j] != 1.0]
         drives = gains(known, active, [k for k in active if k in shared], theta, weights, correlated, among)
+        if drives is None and without_gains[0] is not None:  # what was chosen beside them goes with them
+            chosen, fit, judge, weights, correlated = without_gains
+            assert chosen is not None
+            active, theta, errors = _settled(keys, together(fit, judge), weights, chosen.active)
     if drives is not None:
         known = scaled(known, drives.g, shared)
         said = said if weighed else (*said, SAID)

@@ -17,6 +17,7 @@ from simgap.diagnosis.simulation.sensitivity import choose_step, linearise, slot
 from simgap.diagnosis.simulation.supermodel import Candidate, SuperModel
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS, AppliedEffect
+from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import joined
 
@@ -71,7 +72,17 @@ def translated(rival: Rival, effects: Explained, here: SuperModel, there: SuperM
 
 
 def members(model: SuperModel, effects: Explained) -> tuple[Candidate, ...]:
-    """The candidates of a compiled model that a set of effects is made of."""
+    """The candidates of a compiled model that a set of effects is made of.
+
+    Raises:
+        UserError: effects that the model cannot have: they are of another one.
+    """
+    there = {c.key for c in model.candidates}
+    for a in effects:
+        if (a.name, a.on) not in there:
+            raise UserError(
+                f"the diagnosis names '{a.name}' on '{a.on}', which this case cannot have", remedy="Diagnose it again."
+            )
     return tuple(model.find(a.name, a.on) for a in effects)
 
 

@@ -199,5 +199,7 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
         return "attributed" if plant else "none"
     if not plant:
         return "unexplained"
-    enough = min(evidence.share, evidence.elsewhere) <= EXCESS_KEPT
+    # A stretch that carries the error is left out only if the whole is no worse than as declared: an effect that
+    # strays wildly in a place that was never fitted makes a "push" of its own.
+    enough = evidence.share <= EXCESS_KEPT or (evidence.share < 1.0 and evidence.elsewhere <= EXCESS_KEPT)
     return "partial" if enough and found.physical and evidence.agree else "unexplained"
