@@ -19,7 +19,7 @@ _get_code = SourceFileLoader.get_code
 
 
 def _mended(self: SourceFileLoader, fullname: str) -> Any:
-    """Byte code that a full disk or a limit on files has cut is written anew; Python 3.11 keeps it and fails on it."""
+    """Byte code that a full disk or a limit has cut is deleted: Python 3.11 would keep it, and fail on it."""
     try:
         return _get_code(self, fullname)
     except (EOFError, ValueError):

@@ -85,7 +85,7 @@ def test_a_log_on_the_full_disk_says_no_more_than_the_result(tmp_path):
 
 
 @pytest.mark.parametrize("kept", [16, 200])
-def test_byte_code_that_was_cut_is_written_anew(tmp_path, root, kept):
+def test_byte_code_that_was_cut_is_done_without(tmp_path, root, kept):
     """A limit on the size of a file cuts what Python 3.11 writes, and Python would fail on it for ever."""
     env = os.environ | {"PYTHONPYCACHEPREFIX": str(tmp_path), "PYTHONDONTWRITEBYTECODE": ""}
     command = [sys.executable, "-m", "simgap.cli", "effects"]
@@ -95,4 +95,4 @@ def test_byte_code_that_was_cut_is_written_anew(tmp_path, root, kept):
         path.write_bytes(path.read_bytes()[:kept])
     again = subprocess.run(command, cwd=root, env=env, capture_output=True, text=True, timeout=120, check=False)
     assert (again.returncode, again.stdout, again.stderr) == (0, whole.stdout, whole.stderr)
-    assert min(path.stat().st_size for path in cut) > 200
+    assert [path for path in cut if path.exists()] == []  # the next process writes them
