@@ -69,6 +69,7 @@ def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPo
     """
     notes = SharedBytes(workers * NOTE + 1)
     begin = (str(log.resolve()) if log else None, plugins.files(), notes, Tokens(1))
+    others = set(multiprocessing.active_children())
     # Spawned: a forked engine would share its parent's threads and state.
     with ProcessPoolExecutor(workers, mp_context=Unnamed(), initializer=_start, initargs=begin) as pool:
         try:
@@ -78,9 +79,9 @@ def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPo
             where = f"; its output is in {log}" if log else ""
             raise EngineCrash(f"an engine process ended: {' or '.join(said) or 'it died'}{where}") from None
         except BaseException:  # an error, Ctrl-C, an exit: nobody waits for what the others are at
-            children = [*(getattr(pool, "_processes", None) or {}).values()]
             pool.shutdown(wait=False, cancel_futures=True)
-            for child in children:
+            # One that was being started is no worker of the pool yet; the end of this program would wait for it.
+            for child in set(multiprocessing.active_children()) - others:
                 child.terminate()
             raise
 

@@ -1,5 +1,6 @@
 """Engines' processes end with the run that started them."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -8,6 +9,8 @@ import time
 from pathlib import Path
 
 import pytest
+
+from simgap.simulators.process import engine_pool
 
 PARENT = """
 import sys
@@ -87,3 +90,23 @@ def test_a_killed_group_leaves_no_semaphore_or_memory_with_a_name(tmp_path):
     for path in left:
         os.unlink(path)
     assert left == set()
+
+
+def interrupted_while_starting(started):
+    """Ctrl-C while a worker is being started: the pool has not noted it yet."""
+    before = set(multiprocessing.active_children())
+    with engine_pool(2) as pool:
+        for _ in range(2):
+            pool.submit(time.sleep, 60)
+        started |= set(multiprocessing.active_children()) - before
+        del pool._processes[max(child.pid for child in started)]
+        raise KeyboardInterrupt
+
+
+def test_an_interrupt_ends_a_worker_that_the_pool_does_not_know_yet():
+    """The end of the program would wait for it."""
+    started = set()
+    with pytest.raises(KeyboardInterrupt):
+        interrupted_while_starting(started)
+    assert len(started) == 2
+    assert until(lambda: not any(child.is_alive() for child in started), 20)

@@ -2,9 +2,11 @@
 
 import copy
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import sympy as sp
 import yaml
 
 from simgap.config.load import load_case
@@ -255,3 +257,13 @@ def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch
     monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Slow())
     _, seconds = check.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert least <= seconds < most
+
+
+@pytest.mark.parametrize(("terms", "told"), [(100, False), (4000, True)])
+def test_a_step_of_very_many_operations_is_told(terms, told):
+    x = sp.Symbol("x")
+    step = sum((sp.sin(k * x) for k in range(1, terms)), sp.Integer(0))
+    plant = SimpleNamespace(sampled=SimpleNamespace(f=(step,)))
+    found = check.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=object()), plant=plant))
+    assert [finding.key for finding in found] == ["plant.integrator"] * told
+    assert check.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=None), plant=plant)) == []
