@@ -36,8 +36,8 @@ TRIED, FEWEST = 0.2, 15
 
 
 HEAVY = 5_000
-"""Operations of a step beyond which a person is warned: a Furuta pendulum has 95 by explicit_euler, compiled in 5 s, and
-24,913 by rk4, not compiled in 250 s."""
+"""Operations of a step beyond which a person is warned: a Furuta pendulum has 95 by explicit_euler, compiled in 5 s,
+and 24,913 by rk4, not compiled in 250 s."""
 
 
 @dataclass(frozen=True)
@@ -107,8 +107,8 @@ def heavy_steps(context: Context) -> list[Finding]:
     return [
         Finding(
             "plant.integrator",
-            f"a step of the nominal model has {operations:,} operations; compiling and asking it takes synthesis minutes "
-            "to hours more than is estimated",
+            f"a step of the nominal model has {operations:,} operations; compiling and asking it takes synthesis "
+            "minutes to hours more than is estimated",
             "explicit_euler or semi_implicit_euler has a hundredth of them; what such a step misses is in the gap",
         )
     ]
