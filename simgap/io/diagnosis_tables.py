@@ -122,9 +122,6 @@ def _read_parquet(path: Path, columns: list[str], file: str) -> pa.Table:
     try:
         require_room(table_size(pq.read_metadata(path), len(columns)))
         kinds = {field.name: field.type for field in pq.read_schema(path) if field.name in columns}
-        nested = sorted(name for name, kind in kinds.items() if pa.types.is_nested(kind))
-        if nested:
-            raise UserError(f"column '{excerpt(nested[0], 40)}' holds lists or records", remedy="Give it numbers.")
         # A text that every row repeats is read once: a small file may say that it is gigabytes.
         words = [name for name, kind in kinds.items() if pa.types.is_string(kind) or pa.types.is_large_string(kind)]
         return pq.read_table(path, columns=columns, partitioning=None, read_dictionary=words)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -231,7 +232,8 @@ def test_an_audit_that_is_ended_leaves_no_tables_and_no_engines(made, tmp_path, 
     (tmp_path / "endless.py").write_text(ENDLESS)
     tables = tmp_path / ".tables"
     asked = [sys.executable, str(tmp_path / "endless.py"), str(folder), str(tmp_path)]
-    child = subprocess.Popen(asked, start_new_session=True, stderr=subprocess.DEVNULL)
+    listens = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # whatever the tests themselves run behind
+    child = subprocess.Popen(asked, start_new_session=True, stderr=subprocess.DEVNULL, preexec_fn=listens)
     try:
         until(lambda: len(workers(child.pid)) == 2 and (tables / "mask.npy").exists())
         engines = workers(child.pid)
