@@ -13,7 +13,7 @@ from test_workflow import Project
 
 ASKED = "SIMGAP_TEST_SLURM"
 pytestmark = [
-    pytest.mark.skipif(ASKED not in os.environ, reason=f"takes two minutes: set {ASKED}=1"),
+    pytest.mark.skipif(ASKED not in os.environ, reason=f"takes four minutes: set {ASKED}=1"),
     pytest.mark.skipif(not installed(), reason="slurm-wlm and munge are not installed, or this is not root"),
 ]
 QUICK = (
