@@ -238,7 +238,8 @@ class Diagnosis:
         excess_share: excess of E(h) over the floor, after over before (1 if there was none).
         sigma: noise of each measured state.
         candidates: every effect tried.
-        steps: from the model as declared to the set that was chosen, one effect at a time; a last one that takes none if more was fitted.
+        steps: from the model as declared to the set that was chosen, one effect at a time; a last one takes none, if
+            more was fitted there.
         collinear: candidates that this excitation can hardly tell apart.
         folds: what fitted, what chose among sets, and what the errors and the verdict are from.
         warnings: what a person should know.

@@ -37,10 +37,10 @@ MEANING = {
     ),
 }
 STEPS = (
-    "From the model as declared to the answer, one effect at a time. Each line runs from the error before a step to the "
-    "error with that effect, as chi² per degree of freedom of fit and choose; 1 is the noise. The effects of the answer "
-    "stand in the order in which each takes away most, beside what else was fitted there. An effect that gains less than "
-    f"{BIC_GAIN:g} in BIC is not taken, nor one that does not carry over to other data; the other candidates, with the "
+    "From the model as declared to the answer, one effect at a time. A line runs from the error before a step to the "
+    "error with that effect, as chi² per degree of freedom of fit and choose; 1 is the noise. Effects of the answer "
+    "stand in the order in which each takes away most, beside what else was fitted there. What gains less than "
+    f"{BIC_GAIN:g} in BIC is not taken, nor what does not carry over to other data; the other candidates, with the "
     "drop that each promised, are in diagnosis.json."
 )
 
