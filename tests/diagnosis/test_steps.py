@@ -12,7 +12,7 @@ from tests.diagnosis.plants import block
 from tests.diagnosis.test_watch import EFFECTS, _record
 
 
-@pytest.mark.parametrize(("budget", "extra"), ((None, 0.2), (1e-3, 0.02)))
+@pytest.mark.parametrize(("budget", "extra"), [(None, 0.2), (1e-3, 0.02)])
 def test_steps_lead_from_the_declared_model_to_the_answer(budget, extra):
     d = diagnose(block(), _record(extra=extra), DiagnosisSettings(effects=EFFECTS, budget_s=budget))
     taken = [o for s in d.steps for o in s.options if o.taken]
