@@ -12,7 +12,7 @@ from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict.missing import Missing
 from simgap.io import figure_style as style
-from simgap.io.diagnosis_figures import Overlay, error_figure, missing_figure, overlay_figure, ranking_figure
+from simgap.io.diagnosis_figures import Overlay, error_figure, missing_figure, overlay_figure, steps_figure
 from simgap.io.pages import render
 from simgap.notation import joined
 
@@ -36,11 +36,12 @@ MEANING = {
         "corrected case is the case as it was."
     ),
 }
-RANKING = (
-    "What is left of the error, as chi² per degree of freedom of fit and choose, when an effect is fitted alone: the "
-    "less the better, 1 is the noise. An effect of the answer may leave much by itself and be asked for once the "
-    f"others are there. One that gains less than {BIC_GAIN:g} in BIC does not count; what was not worth a fit is in "
-    "diagnosis.json."
+STEPS = (
+    "From the model as declared to the answer, one effect at a time. A line runs from the error before a step to the "
+    "error with that effect, as chi² per degree of freedom of fit and choose; 1 is the noise. Effects of the answer "
+    "stand in the order in which each takes away most, beside what else was fitted there. What gains less than "
+    f"{BIC_GAIN:g} in BIC is not taken, nor what does not carry over to other data; the other candidates, with the "
+    "drop that each promised, are in diagnosis.json."
 )
 
 
@@ -83,7 +84,7 @@ def draw(
 ) -> dict[str, Any]:
     """All figures: written as PNG into `folder`, returned as SVG text for the page."""
     units = document["units"]
-    texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "ranking": ""}
+    texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "steps": ""}
 
     with style.figure_style():
         if document["error"]["before"]["horizon_rmse"]:
@@ -92,11 +93,8 @@ def draw(
             texts["overlays"].append(style.kept(overlay_figure(o, units), folder / f"measured-{k + 1}.png"))
         for k, m in enumerate(missing):
             texts["missing"].append(style.kept(missing_figure(m), folder / f"residual-{k + 1}.png"))
-        if any(c.get("chi2_dof") is not None for c in document["candidates"]):
-            left = document["fit_quality"]["chi2_dof"]
-            texts["ranking"] = style.kept(
-                ranking_figure(document["candidates"], document["effects"], left), folder / "candidates.png"
-            )
+        if document["steps"]:
+            texts["steps"] = style.kept(steps_figure(document["steps"]), folder / "steps.png")
     return texts
 
 
@@ -113,7 +111,7 @@ def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) ->
         meaning=MEANING[document["verdict"]],
         folds={name: _fold(fold) for name, fold in document["folds"].items()},
         quality=_quality(document["fit_quality"]),
-        ranking_note=RANKING,
+        steps_note=STEPS,
     )
 
 
