@@ -49,25 +49,26 @@ class Overlay:
 
 
 def overlay_figure(o: Overlay, units: Mapping[str, str]) -> Any:
-    """Measured against predicted, and the residuals below each other, for every measured state; the inputs last."""
+    """Measured against predicted, then what is left before and after, for every measured state; the inputs last."""
     import matplotlib.pyplot as plt
 
-    rows = 2 * len(o.states) + (1 if o.inputs else 0)
-    heights = [2.4, 1.5] * len(o.states) + ([1.2] if o.inputs else [])
+    rows = 3 * len(o.states) + (1 if o.inputs else 0)
+    heights = [2.4, 1.1, 1.1] * len(o.states) + ([1.2] if o.inputs else [])
     figure, axes = plt.subplots(
         rows, 1, sharex=True, figsize=(style.WIDTH, sum(heights) + 0.6), height_ratios=heights, squeeze=False
     )
     pick = np.arange(0, o.t.size, max(1, o.t.size // MOST_POINTS))
     for k, name in enumerate(o.states):
-        top, low = axes[2 * k, 0], axes[2 * k + 1, 0]
+        top, first, second = axes[3 * k : 3 * k + 3, 0]
         top.plot(o.t[pick], o.measured[pick, k], color=style.MEASURED, lw=3.2, alpha=0.35, label="measured")
         top.plot(o.t[pick], o.before[pick, k], color=style.BEFORE, ls=(0, (5, 2)), label="before")
         top.plot(o.t[pick], o.after[pick, k], color=style.AFTER, lw=1.3, label="after")
         top.set_ylabel(axis_label(name, units))
-        for predicted, colour, dash in ((o.before, style.BEFORE, (0, (5, 2))), (o.after, style.AFTER, "-")):
+        sides = ((first, o.before, style.BEFORE, (0, (5, 2)), "before"), (second, o.after, style.AFTER, "-", "after"))
+        for low, predicted, colour, dash, word in sides:  # each on its own scale, or the noise could not be seen
+            low.axhspan(-2 * o.sigma[k], 2 * o.sigma[k], color=style.FLOOR, alpha=0.45, lw=0, label="noise, ±2σ")
             low.plot(o.t[pick], (o.measured - predicted)[pick, k], color=colour, ls=dash, lw=1.3)
-        low.axhspan(-2 * o.sigma[k], 2 * o.sigma[k], color=style.FLOOR, alpha=0.35, lw=0, label="noise, ±2σ")
-        low.set_ylabel(f"residual\n{axis_label(name, units)}")
+            low.set_ylabel(f"left {word}\n({pretty_unit(units[name])})")
     if o.inputs:
         colours = (style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
         for j, name in enumerate(o.inputs):
@@ -81,7 +82,7 @@ def overlay_figure(o: Overlay, units: Mapping[str, str]) -> Any:
     axes[0, 0].set_title(f"{o.trace}: " + ("never fitted" if o.whole else "shaded windows were never fitted"))
     axes[-1, 0].set_xlabel("time (s)")
     figure.align_ylabels()
-    entries = [axis.get_legend_handles_labels() for axis in axes[:2, 0]]
+    entries = [axis.get_legend_handles_labels() for axis in axes[:3, 0]]
     named = {label: handle for handles, labels in entries for handle, label in zip(handles, labels, strict=True)}
     figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=5, columnspacing=1.2)
     return figure

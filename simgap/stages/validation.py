@@ -63,6 +63,7 @@ def run(
     record = provenance("validation", context.case, context.folder, {"starts": section.seed})
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
+    shown: dict[int, Verdict] = {}  # by the nominal-only controller's runs in the simulator: the same starts for all
     paths = {NOMINAL: nominal, ROBUST: robust} | ({CAREFUL: careful} if careful is not None else {})
     controllers = {kind: load_controller_of(path, context) for kind, path in paths.items()}
     with context.blame():
@@ -73,17 +74,19 @@ def run(
         judge = Judge(space, monitor, section.steps, controller.input_set, model, gap)
         proven = replace(judge, certificate=controller.solution, tolerant=tolerated(context.case) > 0)
         for plant, runs in (
-            (SIMULATOR, _simulated(context, controller, begin[kind], workers, traces.parent / TABLES, engine_log)),
-            (MODEL, batch_loop(model.step, controller, begin[kind], section.steps, monitor)),
+            (SIMULATOR, _simulated(context, controller, begin[kind].x, workers, traces.parent / TABLES, engine_log)),
+            (MODEL, batch_loop(model.step, controller, begin[kind].x, section.steps, monitor)),
         ):
-            figures, kept = (proven if (kind, plant) == (ROBUST, SIMULATOR) else judge).count(runs, section.kept)
+            own = proven if (kind, plant) == (ROBUST, SIMULATOR) else judge
+            figures, kept = own.count(runs, begin[kind].numbers.tolist(), section.kept, shown)
+            shown = shown or kept
             tallies.setdefault(kind, {})[plant] = figures
             log.info("%s controller, %s: %s", kind, plant, _short(figures))
             names = context.states, context.inputs, context.units
             about = {"case": context.case.name, "controller": kind, "plant": plant}
             if kind == CAREFUL:
                 continue
-            parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in enumerate(kept)]
+            parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in kept.items()]
     write_parquet(traces, pa.concat_tables(parts).unify_dictionaries())
     write_json(out, {"starts": section.starts, "steps": section.steps, "controllers": tallies, "provenance": record})
     keep_promise(tallies[ROBUST][SIMULATOR], tolerated(context.case))

@@ -21,7 +21,7 @@ from simgap.io.diagnosis_figures import steps_figure
 from simgap.io.figures_margins import slices_figure
 from simgap.io.parquet import stack
 from simgap.io.recording_phase import domains_image, to_pixels
-from simgap.io.traces import NOMINAL, ROBUST, shown, split
+from simgap.io.traces import CAREFUL, NOMINAL, ROBUST, shown, split
 from simgap.report.figures import surroundings
 from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 
@@ -123,13 +123,24 @@ def test_a_body_that_only_feels_its_input_is_shown_over_inputs(tmp_path):
         style.close(figure)
 
 
+def test_the_promised_time_stands_beside_the_times_of_every_controller():
+    with style.figure_style():
+        figure = figures_arena.times_figure({ROBUST: [10, 20], CAREFUL: [15], NOMINAL: [30]}, 0.5, 40)
+        (axis,) = figure.axes
+        assert [line.get_xdata()[0] for line in axis.lines] == [20.0]
+        labels = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert len(labels) == 4
+        assert any("20 s" in label and "promised" in label for label in labels)
+        style.close(figure)
+
+
 def test_times_are_in_seconds():
     with style.figure_style():
         figure = figures_arena.times_figure({ROBUST: [10, 20, 30], NOMINAL: []}, 0.5)
         (axis,) = figure.axes
         assert axis.get_xlim() == pytest.approx((0.0, 15.0))
         (label,) = [text.get_text() for text in figure.legends[0].get_texts()]  # nothing is said of no runs
-        assert label.endswith("3 runs, median 10 s")
+        assert label.endswith("3 runs, median 10 s, longest 15 s")
         filled, line = axis.patches
         width = 15.0 / 40
         for corners in (filled.get_xy(), line.get_xy()):

@@ -36,8 +36,8 @@ class Worth:
     Attributes:
         sigma: (k,) standard deviation of one reading, rounding included.
         weight: (n, k) what each reading is worth, of all traces one after another; 1 where nothing is rounded.
-        steps: (k,) counts, 0 where nothing is rounded; shared: (k,) share of the variance that one count's readings have
-            in common.
+        steps: (k,) counts, 0 where nothing is rounded.
+        shared: (k,) share of the variance that readings of one count have in common.
     """
 
     sigma: Floats
