@@ -53,6 +53,10 @@ class Watch:
             self.stopped = f"The search was ended after measured.budget_s = {self.budget_s:g} s"
             raise Stopped
 
+    def over(self) -> None:
+        """What follows judges what was found: no budget ends it."""
+        self.budget_s = None
+
     def interrupted(self) -> None:
         """A person ended it."""
         self.stopped = "The search was interrupted"
