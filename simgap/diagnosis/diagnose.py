@@ -110,8 +110,7 @@ def _answer(
     still = left_out_by(model, record, settings, parts.known, search, found, sought=left_out is None and not aside)
     if still != record.left_out:
         return _answer(model, given, replace(settings, budget_s=watch.left), tell, whole, still)
-    if still:
-        faults = (*faults, push_fault(record, parts.known))
+    pushes = (push_fault(record, parts.known),) if still else ()
     louder = _under_its_noise(parts, search, found, settings.max_effects, not_tried)
     if louder is not None:
         parts, (search, base, found) = louder
@@ -120,7 +119,7 @@ def _answer(
         if apart is not None:
             return replace(apart, recording=(*faults, *apart.recording))
     chosen = _chosen(parts, search, base, found, settings, not_tried)
-    return conclude(model, record, settings, parts, chosen, said, (*faults, *filtered))
+    return conclude(model, record, settings, parts, chosen, said, (*faults, *pushes, *filtered))
 
 
 def mended(

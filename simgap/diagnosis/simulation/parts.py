@@ -36,8 +36,8 @@ class Parts:
         """The same without those times in what is fitted and in what chooses; what confirms is kept whole."""
         if not spans:
             return self
-        less = (p.on(left_out(p.windows, p.t, spans)) for p in (self.known, self.fit, self.choose))
-        return Parts(*less, self.confirm)
+        known, fit, choose = (p.on(left_out(p.windows, p.t, spans)) for p in (self.known, self.fit, self.choose))
+        return Parts(known, fit, choose, self.confirm)
 
     def changed(self, change: Callable[[Problem], Problem]) -> Parts:
         """Each of the problems, changed."""
