@@ -87,19 +87,23 @@ def _pinned_unicycle(number: int, backend: str, masks: bool) -> dict[str, object
     return _timed(f"(b) unicycle {row[0]}, {row[1] ** 2} inputs, {backend}, {what}", run)
 
 
-def _hundred_million() -> dict[str, object]:
+def _hundred_million(one: bool) -> dict[str, object]:
     from pinned_problems import LAYERS, unicycle
 
+    from simgap.synthesis.controller import least_effort
     from simgap.synthesis.reach import reach_avoid
 
     LAYERS[0.019] = 375
     problem = unicycle(0.019, 21, (9.0, 9.5))
+    order = least_effort(problem[0].inputs) if one else None
 
     def run() -> dict[str, object]:
-        found = reach_avoid(*problem, backend="bit_rows", masks=False)
-        return {"cells": problem[0].grid.size, "winning": int(found.winning.sum()), "steps": found.steps}
+        found = reach_avoid(*problem, backend="bit_rows", masks=False, order=order)
+        facts = {"with_input": int((found.chosen >= 0).sum())} if one else {}
+        winning = int(found.winning.sum())
+        return {"cells": problem[0].grid.size, "winning": winning, "steps": found.steps, **facts}
 
-    return _timed("unicycle 0.019, 441 inputs, bit_rows, values only", run)
+    return _timed(f"unicycle 0.019, 441 inputs, bit_rows, {'one input' if one else 'values only'}", run)
 
 
 def _scots(name: str) -> dict[str, object]:
@@ -200,7 +204,8 @@ JOBS = [
     *[("_pinned_unicycle", k, "bit_rows", False) for k in range(4)],
     ("_pinned_unicycle", 3, "bit_rows", True),
     *[("_pinned_unicycle", k, "table", False) for k in (0, 1)],
-    ("_hundred_million",),
+    ("_hundred_million", False),
+    ("_hundred_million", True),
     *[("_scots", name) for name in ("dcdc", "vehicle", "aircraft")],
     *[("_product", gap, threads) for gap in ("nominal", "constant gap", "gap in x and u") for threads in (1, 2)],
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
@@ -86,16 +86,29 @@ class Judge:
             return verdict
         return replace(verdict, outcome=replace(verdict.outcome, end=LEFT, kept=False))
 
-    def count(self, runs: Iterable[Run], keep: int) -> tuple[dict[str, Any], list[Verdict]]:
-        """Judge and audit every run: -> figures as plain data, the `keep` runs to look at."""
-        tally, kept = Tally(), list[Verdict]()
-        following = iter(runs)
+    def count(
+        self, runs: Iterable[Run], numbers: Iterable[int], keep: int, again: Collection[int] = ()
+    ) -> tuple[dict[str, Any], dict[int, Verdict]]:
+        """Judge and audit every run: -> figures as plain data, the runs to look at by the numbers of their starts.
+
+        Args:
+            runs: from starts with these `numbers`.
+            keep: how many to look at; again: starts that another controller or plant was looked at from, which are kept
+                if any of them is among the numbers.
+        """
+        numbers = list(numbers)
+        wanted = set(again) & set(numbers)
+        tally, kept = Tally(), dict[int, Verdict]()
+        following, number = iter(runs), iter(numbers)
         while batch := [self.verdict(run) for run in islice(following, BATCH)]:
             outside = split_by_run(self.audit([v.run for v in batch]).outside, [v.run for v in batch])
             for verdict, count in zip(batch, outside, strict=True):
-                held = self.certified(verdict, count)
+                held, start = self.certified(verdict, count), next(number)
                 tally.add(held.outcome, count)
-                keep_some(kept, held, keep)
+                if start in wanted:
+                    kept[start] = held
+                elif not wanted:
+                    keep_some(kept, start, held, keep)
         return self.monitor.summary(tally.outcomes) | tally.to_json(), kept
 
 
@@ -150,12 +163,12 @@ class Tally:
         }
 
 
-def keep_some(kept: list[Verdict], verdict: Verdict, count: int) -> None:
+def keep_some(kept: dict[int, Verdict], number: int, verdict: Verdict, count: int) -> None:
     """Keep the first runs; the first that failed takes the last place if none of them did, so that it can be seen."""
+    if len(kept) >= count and not verdict.outcome.kept and all(v.outcome.kept for v in kept.values()):
+        kept.popitem()
     if len(kept) < count:
-        kept.append(verdict)
-    elif not verdict.outcome.kept and all(v.outcome.kept for v in kept):
-        kept[-1] = verdict
+        kept[number] = verdict
 
 
 def steps_of(runs: Sequence[Run], inputs: Floats) -> tuple[Floats, Floats, Floats]:

@@ -48,7 +48,7 @@ def judged(solution, run, size, **more):
     around = Surroundings.of(SPACE, (), BOX, np.zeros(3))
     target = Box([5.0, -np.inf, -np.inf], [6.0, np.inf, np.inf])
     judge = Judge(SPACE, Arriving(SPACE, target, around, solution), 20, INPUTS, model(), gap(size), **more)
-    return judge.count([run], 1)[0]
+    return judge.count([run], [0], 1)[0]
 
 
 def test_a_run_that_climbs_and_gets_there_all_the_same_is_a_violation():
@@ -110,3 +110,18 @@ def test_a_pending_input_that_may_not_act_from_where_the_plant_is_leaves_the_cer
     assert (strays(own, held), strays(own, left)) == (0, 1)
     gone = Run(run.x + np.array([[0.0], [0.0], [9.0]]), run.inputs, False, run.x, run.clearance, np.array([1, 1, 0]))
     assert strays(own, gone) == 1
+
+
+def test_the_same_starts_are_looked_at_for_every_controller_and_plant():
+    """The first runs and the first that fails, by the numbers of their starts; then these, fail what may."""
+    solution = corridor([5, 4, 3, 2, 1, 0])
+    around = Surroundings.of(SPACE, (), BOX, np.zeros(3))
+    target = Box([5.0, -np.inf, -np.inf], [6.0, np.inf, np.inf])
+    judge = Judge(SPACE, Arriving(SPACE, target, around, solution), 20, INPUTS, model(), gap(0.1))
+    good, bad = along([4.5, 5.5], [1]), along([4.5, 4.5], [1])
+    kept = judge.count([good, good, good, bad, bad], [0, 2, 4, 6, 8], 3)[1]
+    assert list(kept) == [0, 2, 6]
+    assert [v.outcome.kept for v in kept.values()] == [True, True, False]
+    runs = [good, bad, *[good] * 7]
+    assert list(judge.count(runs, range(9), 3, kept)[1]) == [0, 2, 6]
+    assert list(judge.count(runs, range(100, 109), 3, kept)[1]) == [100, 101, 102]  # none of these starts is its own

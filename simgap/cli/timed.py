@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
 
 from rich.console import Console
 from rich.table import Table
@@ -20,4 +21,5 @@ def show(console: Console, jobs: Sequence[JobTime]) -> None:
         share = f"{so_far / total:.0%}" if total else "-"
         table.add_row(job.case, job.job, duration(job.wall), duration(job.cpu), share, size(job.memory))
     console.print(table)
-    console.print(f"{len(jobs)} jobs, {duration(total)} of CPU time")
+    last = datetime.fromtimestamp(max(job.ended for job in jobs)).astimezone()
+    console.print(f"{len(jobs)} jobs, {duration(total)} of CPU time; the last ended on {last:%Y-%m-%d at %H:%M %Z}")

@@ -42,6 +42,7 @@ from simgap.diagnosis.verdict.judge import (
 from simgap.diagnosis.verdict.restated import told
 from simgap.diagnosis.verdict.second_look import nearest, second_look
 from simgap.diagnosis.verdict.size import slight
+from simgap.diagnosis.verdict.steps import steps
 from simgap.diagnosis.verdict.transfer import Carried, independent_share
 from simgap.effects import apply_effects
 from simgap.model.symbolic import SymbolicModel
@@ -124,6 +125,7 @@ def conclude(
             *gain_faults(every),
             *noise_faults(known),
         ),
+        steps=steps(search, empty, chosen.kept),
     )
 
 

@@ -237,5 +237,5 @@ def _chosen(
         if carried is not None:
             search, found = carried.search, carried.chosen
             kept = on_all(full, search, found, base)
-    search.watch.over()
+    search.watch.over = full.watch.over = True
     return Chosen(search, sparse, found, real(full, kept, at_floor), full, base, carried, at_floor, agree, not_tried)

@@ -112,6 +112,25 @@ class CandidateScore:
 
 
 @dataclass(frozen=True)
+class Option:
+    """One effect that could be added at a step: chi^2/dof with it, what BIC gains by it, whether the answer has it."""
+
+    name: str
+    on: str
+    chi2_dof: float
+    bic_gain: float
+    taken: bool
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step to the answer: chi^2/dof before it, and what was fitted there, what was taken first."""
+
+    chi2_dof: float
+    options: tuple[Option, ...]
+
+
+@dataclass(frozen=True)
 class Collinear:
     """Two candidates that this excitation can hardly tell apart, with the correlation of their sensitivities."""
 
@@ -219,6 +238,8 @@ class Diagnosis:
         excess_share: excess of E(h) over the floor, after over before (1 if there was none).
         sigma: noise of each measured state.
         candidates: every effect tried.
+        steps: from the model as declared to the set that was chosen, one effect at a time; a last one takes none, if
+            more was fitted there.
         collinear: candidates that this excitation can hardly tell apart.
         folds: what fitted, what chose among sets, and what the errors and the verdict are from.
         warnings: what a person should know.
@@ -250,3 +271,4 @@ class Diagnosis:
     left_over: tuple[LeftOver, ...] | None = None
     concentrated: Concentrated | None = None
     recording: tuple[RecordingFault, ...] = ()
+    steps: tuple[Step, ...] = ()

@@ -16,6 +16,8 @@ from simgap.notation import axis_label, pretty_unit
 
 MOST_POINTS = 1500
 NO_LESS = 0.5  # of chi^2/dof that is shown
+MOST_OPTIONS = 5  # of a step that are drawn
+OTHER = "#8A929B"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,25 +49,26 @@ class Overlay:
 
 
 def overlay_figure(o: Overlay, units: Mapping[str, str]) -> Any:
-    """Measured against predicted, and the residuals below each other, for every measured state; the inputs last."""
+    """Measured against predicted, then what is left before and after, for every measured state; the inputs last."""
     import matplotlib.pyplot as plt
 
-    rows = 2 * len(o.states) + (1 if o.inputs else 0)
-    heights = [2.4, 1.5] * len(o.states) + ([1.2] if o.inputs else [])
+    rows = 3 * len(o.states) + (1 if o.inputs else 0)
+    heights = [2.4, 1.1, 1.1] * len(o.states) + ([1.2] if o.inputs else [])
     figure, axes = plt.subplots(
         rows, 1, sharex=True, figsize=(style.WIDTH, sum(heights) + 0.6), height_ratios=heights, squeeze=False
     )
     pick = np.arange(0, o.t.size, max(1, o.t.size // MOST_POINTS))
     for k, name in enumerate(o.states):
-        top, low = axes[2 * k, 0], axes[2 * k + 1, 0]
+        top, first, second = axes[3 * k : 3 * k + 3, 0]
         top.plot(o.t[pick], o.measured[pick, k], color=style.MEASURED, lw=3.2, alpha=0.35, label="measured")
         top.plot(o.t[pick], o.before[pick, k], color=style.BEFORE, ls=(0, (5, 2)), label="before")
         top.plot(o.t[pick], o.after[pick, k], color=style.AFTER, lw=1.3, label="after")
         top.set_ylabel(axis_label(name, units))
-        for predicted, colour, dash in ((o.before, style.BEFORE, (0, (5, 2))), (o.after, style.AFTER, "-")):
+        sides = ((first, o.before, style.BEFORE, (0, (5, 2)), "before"), (second, o.after, style.AFTER, "-", "after"))
+        for low, predicted, colour, dash, word in sides:  # each on its own scale, or the noise could not be seen
+            low.axhspan(-2 * o.sigma[k], 2 * o.sigma[k], color=style.FLOOR, alpha=0.45, lw=0, label="noise, ±2σ")
             low.plot(o.t[pick], (o.measured - predicted)[pick, k], color=colour, ls=dash, lw=1.3)
-        low.axhspan(-2 * o.sigma[k], 2 * o.sigma[k], color=style.FLOOR, alpha=0.35, lw=0, label="noise, ±2σ")
-        low.set_ylabel(f"residual\n{axis_label(name, units)}")
+            low.set_ylabel(f"left {word}\n({pretty_unit(units[name])})")
     if o.inputs:
         colours = (style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
         for j, name in enumerate(o.inputs):
@@ -79,7 +82,7 @@ def overlay_figure(o: Overlay, units: Mapping[str, str]) -> Any:
     axes[0, 0].set_title(f"{o.trace}: " + ("never fitted" if o.whole else "shaded windows were never fitted"))
     axes[-1, 0].set_xlabel("time (s)")
     figure.align_ylabels()
-    entries = [axis.get_legend_handles_labels() for axis in axes[:2, 0]]
+    entries = [axis.get_legend_handles_labels() for axis in axes[:3, 0]]
     named = {label: handle for handles, labels in entries for handle, label in zip(handles, labels, strict=True)}
     figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=5, columnspacing=1.2)
     return figure
@@ -111,44 +114,56 @@ def _errorbars(axis: Any, b: Binned, colour: str, marker: str, label: str) -> No
     )
 
 
-def ranking_figure(
-    candidates: Sequence[Mapping[str, Any]], chosen: Sequence[Mapping[str, Any]], quality: Mapping[str, float]
-) -> Any:
-    """What is left of chi^2 with each candidate fitted alone, as numbers beside bars, between no effect and the answer.
+def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
+    """From the model as declared to the answer, one effect at a time: what each option of a step leaves of chi^2/dof.
 
     Args:
-        candidates: those that were fitted have `chi2_dof`; chosen: the answer; quality: chi^2/dof before and after.
+        steps: each with `chi2_dof` before it and its `options`, what was taken first; the last step takes none.
     """
     import matplotlib.pyplot as plt
-    from matplotlib.patches import Patch
+    from matplotlib.lines import Line2D
 
-    fitted = sorted((c for c in candidates if c.get("chi2_dof") is not None), key=lambda c: float(c["chi2_dof"]))
-    keys = {(e["name"], e["on"]) for e in chosen}
-    rows = [("the model as declared", float(quality["before"]), style.BEFORE)]
-    rows += [
-        (phrase(c), float(c["chi2_dof"]), style.SKY if (c["name"], c["on"]) in keys else "#CBD1D8") for c in fitted[:12]
-    ]
-    rows += [
-        (
-            "the answer" if len(keys) < 2 else f"the {len(keys)} of the answer together",
-            float(quality["after"]),
-            style.AFTER,
-        )
-    ]
-    figure, axis = plt.subplots(figsize=(style.WIDTH, 1.3 + 0.36 * max(len(rows), 3)))
-    for y, (_, left, colour) in enumerate(rows[::-1]):
-        axis.barh(y, max(left, NO_LESS), color=colour, height=0.7, left=0.0)
-        axis.annotate(f" {left:.4g}", (max(left, NO_LESS), y), va="center", fontsize=11)
-    axis.set_yticks(range(len(rows)), [name for name, *_ in rows[::-1]])
+    rows = [row for k, step in enumerate(steps) for row in _rows_of(k, step)]
+    figure, (axis, numbers) = plt.subplots(
+        1, 2, sharey=True, width_ratios=(2.6, 1.0), figsize=(style.WIDTH, 1.5 + 0.34 * max(len(rows), 3))
+    )
+    numbers.set_axis_off()
+    for y, (_, before, option) in enumerate(rows):
+        if option is None:
+            continue
+        colour, width, size = (style.AFTER, 5.0, 8.0) if option["taken"] else (OTHER, 2.5, 6.0)
+        ends = [max(float(x), NO_LESS) for x in (before, option["chi2_dof"])]
+        axis.plot(ends, [y, y], color=colour, lw=width, solid_capstyle="butt", zorder=2)
+        axis.plot(ends[1], y, "o", color=colour, ms=size, zorder=3)
+        for x, said in (
+            (0.38, f"{option['chi2_dof']:.4g}"),
+            (1.0, f"{option['bic_gain']:,.0f}".replace("-", "\u2212")),
+        ):
+            numbers.text(x, y, said, va="center", ha="right", fontsize=11)
+    for x, head in ((0.38, "left"), (1.0, "BIC gain")):
+        numbers.text(x, 0, head, va="center", ha="right", fontsize=11, fontweight="bold")
+    axis.set_yticks(range(len(rows)), [label for label, *_ in rows])
+    for tick, (_, _, option) in zip(axis.get_yticklabels(), rows, strict=True):
+        tick.set_fontweight("bold" if option is None else "normal")
+    axis.set_ylim(len(rows) - 0.3, -0.7)
+    largest = max((float(o["chi2_dof"]) for *_, o in rows if o is not None), default=1.0)
     axis.set_xscale("log")
-    axis.set_xlim(NO_LESS, 6.0 * max(left for _, left, _ in rows))
+    axis.set_xlim(NO_LESS, 2.0 * max(largest, 5.0, *(before for _, before, _ in rows)))
     axis.axvline(1.0, color="#55595F", lw=1.4, ls=(0, (4, 2)))
     axis.set_xlabel("chi²/dof that is left (log); 1 is the noise (dashed)")
     axis.grid(axis="y", visible=False)
-    handles = [Patch(color=c) for c in (style.BEFORE, style.SKY, "#CBD1D8", style.AFTER)]
-    labels = ["no effect", "in the answer, alone", "not in the answer, alone", "answer"]
-    figure.legend(handles, labels, loc="outside upper left", ncols=4, columnspacing=1.2)
+    kinds = (("in the answer", style.AFTER, 5.0), ("fitted there, not taken", OTHER, 2.5))
+    handles = [Line2D([], [], color=c, lw=w, marker="o") for _, c, w in kinds]
+    figure.legend(handles, [label for label, *_ in kinds], loc="outside upper left", ncols=2)
     return figure
+
+
+def _rows_of(k: int, step: Mapping[str, Any]) -> list[tuple[str, float, Mapping[str, Any] | None]]:
+    """A title without an option, then the options: label, chi^2/dof before, and the option."""
+    before, options = float(step["chi2_dof"]), step["options"][:MOST_OPTIONS]
+    taken = any(o["taken"] for o in options)
+    title = f"step {k + 1}, from {before:.4g}" if taken else "nothing more taken" if k else "nothing taken"
+    return [(title, before, None), *((phrase(o), before, o) for o in options)]
 
 
 def error_figure(error: Mapping[str, Any], units: Mapping[str, str]) -> Any:

@@ -1,4 +1,4 @@
-"""Reads recordings from CSV and Parquet files into plain columns; whatever is wrong is named by file and row."""
+"""Reads recordings from CSV, Parquet and MCAP files into plain columns; whatever is wrong is named by file and row."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from simgap.diagnosis.reading.table import Floats, RawTable
 from simgap.errors import UserError, excerpt
 from simgap.io import checksum
 from simgap.io.diagnosis_csv import CsvLayout, csv_layout, read_csv_columns
+from simgap.io.mcap_tables import is_mcap, mcap_header, read_mcap
 from simgap.io.unpacked import require_room, table_size
 
 _MAGIC = b"PAR1"
 
 
 def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, name: str | None = None) -> RawTable:
-    """The wanted columns of a CSV or Parquet file; those that the file lacks are left out.
+    """The wanted columns of a CSV, Parquet or MCAP file; those that the file lacks are left out.
 
     Args:
         path: the file.
         wanted: names of the columns of states and inputs.
-        time: name of the column of time stamps.
+        time: name of the column of time stamps; messages of MCAP files have stamps of their own.
         trace: name of the column that tells traces apart; may be missing.
         name: how messages and reports call the file; its path if not given.
 
@@ -37,6 +38,8 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
     """
     file = name or str(path)
     _refuse_no_file(path, file)
+    if is_mcap(path):
+        return _whole(read_mcap(path, list(wanted), file, _sha256(path)), path, file)
     parquet, sha256 = _is_parquet(path), _sha256(path)
     layout = None if parquet else csv_layout(path, file)
     header = _parquet_header(path, file) if layout is None else layout.header
@@ -64,7 +67,12 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
         units={c: unit for c in chosen if (unit := _unit(table.schema.field(c), file)) is not None},
         sha256=sha256,
     )
-    if _sha256(path) != sha256:
+    return _whole(raw, path, file)
+
+
+def _whole(raw: RawTable, path: Path, file: str) -> RawTable:
+    """What was read, if the file is still the same."""
+    if _sha256(path) != raw.sha256:
         raise UserError("was changed while it was read", file=file, remedy="Wait until it is written, then run again.")
     return raw
 
@@ -80,6 +88,8 @@ def read_header(path: Path, file: str) -> tuple[tuple[str, ...], dict[str, str]]
         UserError: for a file that is missing, empty or damaged.
     """
     _refuse_no_file(path, file)
+    if is_mcap(path):
+        return mcap_header(path, file), {}
     if not _is_parquet(path):
         return csv_layout(path, file).header, {}
     header, schema = _parquet_header(path, file), pq.read_schema(path)
@@ -88,9 +98,9 @@ def read_header(path: Path, file: str) -> tuple[tuple[str, ...], dict[str, str]]
 
 def _refuse_no_file(path: Path, file: str) -> None:
     if path.is_dir():
-        raise UserError("is a folder, not a file", file=file, remedy="Give the path of a CSV or Parquet file.")
+        raise UserError("is a folder, not a file", file=file, remedy="Give the path of a CSV, Parquet or MCAP file.")
     if not path.is_file():
-        raise UserError("no such file", file=file, remedy="Give the path of a CSV or Parquet file.")
+        raise UserError("no such file", file=file, remedy="Give the path of a CSV, Parquet or MCAP file.")
 
 
 def _is_parquet(path: Path) -> bool:

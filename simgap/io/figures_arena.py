@@ -11,7 +11,7 @@ from simgap.geometry import Floats
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
 from simgap.io.recording_content import PlanarScene
-from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR, TITLES, Trace
+from simgap.io.traces import CAREFUL, EVERY_TITLE, NOMINAL, ROBUST, SIMULATOR, TITLES, Trace
 from simgap.notation import axis_label
 
 FOOTPRINTS = 7
@@ -97,24 +97,33 @@ def _legend(figure: Any) -> None:
     )
 
 
-def times_figure(steps: Mapping[str, Sequence[int]], tau: float) -> Any:
+def times_figure(steps: Mapping[str, Sequence[int]], tau: float, promised: int | None = None) -> Any:
     """Histogram of the times to the target, for each controller.
 
     Args:
         steps: by controller, steps to the target of the runs that reach it; tau: sampling time, s.
+        promised: steps within which the gap-aware controller arrives from any winning cell, whatever the gap within
+            gamma; None: nothing is drawn.
     """
     import matplotlib.pyplot as plt
 
     figure, axis = plt.subplots(figsize=(style.WIDTH, 3.0))
-    own = {kind: tau * np.asarray(steps[kind], dtype=float) for kind in (NOMINAL, ROBUST) if len(steps.get(kind, ()))}
-    longest = max(float(t.max()) for t in own.values())
+    own = {
+        kind: tau * np.asarray(steps[kind], dtype=float)
+        for kind in (NOMINAL, CAREFUL, ROBUST)
+        if len(steps.get(kind, ()))
+    }
+    longest = max([float(t.max()) for t in own.values()] + ([tau * promised] if promised else []))
     bins = np.linspace(0.0, longest, 41).tolist()
     for kind, t in own.items():
-        label = f"{TITLES[kind]}: {len(t):,} runs, median {np.median(t):g} s"
+        label = f"{EVERY_TITLE[kind]}: {len(t):,} runs, median {np.median(t):g} s, longest {t.max():g} s"
         axis.hist(t, bins, histtype="stepfilled", color=COLOURS[kind], alpha=0.35, label=label)
         axis.hist(t, bins, histtype="step", color=COLOURS[kind], lw=1.6)
     axis.set_xlabel("time to the target (s)")
     axis.set_ylabel("runs")
-    axis.margins(x=0)
-    figure.legend(loc="outside upper left", ncols=2)
+    if promised:
+        label = f"promised by the gap-aware controller from any winning state: {tau * promised:g} s"
+        axis.axvline(tau * promised, color=COLOURS[ROBUST], ls=(0, (4, 2)), lw=1.8, label=label)
+    axis.set_xlim(0.0, 1.02 * longest if promised else longest)
+    figure.legend(loc="outside upper left", ncols=1)
     return figure

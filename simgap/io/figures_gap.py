@@ -78,7 +78,7 @@ def _surfaces(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floa
     largest = float(max(np.abs(side[:, i]).max() for pair in bounds for side in pair))
     factor, unit = scaled(largest, units[gap.domain.states[i]])
     for pair, at in zip(bounds, chosen, strict=True):
-        for values, colour in zip(pair, (style.SKY, style.BLUE), strict=True):
+        for values, colour in zip(pair, (style.ORANGE, style.BLUE), strict=True):
             height = factor * values[:, i].reshape(gx.shape)
             axes.plot_surface(gx, gy, height, color=colour, alpha=0.4, lw=0, rcount=MESH, ccount=MESH)
         own = np.abs(u - at).max(axis=1) < 1e-9
@@ -104,9 +104,9 @@ def _residual(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floa
     factor, unit = scaled(float(half.max()), units[name])
     order = np.argsort(x[:, 0])
     edge, widest, narrowest = _envelope(x[order, 0], half[order])
-    axes.fill_between(edge, -factor * widest, factor * widest, color=style.SKY, alpha=0.3, lw=0, label="bound")
-    axes.plot(edge, factor * narrowest, color=style.BLUE, lw=1.0)
-    axes.plot(edge, -factor * narrowest, color=style.BLUE, lw=1.0, label="narrowest")
+    for sign, colour, name_ in ((1.0, style.BLUE, "upper bound"), (-1.0, style.ORANGE, "lower bound")):
+        axes.fill_between(edge, sign * factor * narrowest, sign * factor * widest, color=colour, alpha=0.45, lw=0)
+        axes.plot(edge, sign * factor * narrowest, color=colour, lw=1.4, label=name_)
     axes.scatter(x[:, 0], factor * (d[:, i] - middle), s=1.2, color=style.BLACK, lw=0, label="samples", rasterized=True)
     axes.set_xlabel(axis_label(gap.domain.states[0], units))
     axes.set_ylabel(f"gap of {name} − middle ({unit})")

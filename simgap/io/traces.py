@@ -26,7 +26,7 @@ class Trace:
     """One run of one controller on one plant; row k is the sample at `t[k]`.
 
     Attributes:
-        controller: "gap" or "nominal"; plant: "simulator" or "nominal model"; run: its number.
+        controller: "gap" or "nominal"; plant: "simulator" or "nominal model"; run: the number of its start.
         t: (n,) seconds; x: (n, nx); u: (n, nu) held from there on, NaN in the last row.
         d, lo, hi: (n, nx) gap of the step that starts there and its bound, NaN in the last row.
         safe: (n,) whether the state satisfies the safety part of the specification.
@@ -114,8 +114,9 @@ def to_table(
 def shown(traces: Sequence[Trace], controller: str) -> Trace:
     """The run of a controller in the simulator that the pictures show.
 
-    The one that takes longest to violate if there are any that do, so that a reader sees how it comes about, and the
-    first one otherwise.
+    Of the nominal-only controller the one that takes longest to violate if there are any that do, so that a reader sees
+    how it comes about, and the first one otherwise; of another the run from that start. One that violates is shown
+    whatever its start, and where a controller has no run from that start, its first.
 
     Raises:
         UserError: no trace of this controller.
@@ -127,7 +128,11 @@ def shown(traces: Sequence[Trace], controller: str) -> Trace:
             remedy="Run the validation stage again.",
         )
     violating = [t for t in own if t.violates]
-    return max(violating, key=lambda t: t.duration) if violating else own[0]
+    if violating:
+        return max(violating, key=lambda t: t.duration)
+    beside = [t for t in traces if t.controller == NOMINAL and t.plant == SIMULATOR]
+    number = own[0].run if controller == NOMINAL or not beside else shown(traces, NOMINAL).run
+    return next((t for t in own if t.run == number), own[0])
 
 
 def twin(traces: Sequence[Trace], of: Trace) -> Trace | None:

@@ -12,19 +12,32 @@ import sympy as sp
 from simgap.geometry import Floats
 from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
 from simgap.model.kept import kept
+from simgap.model.runge_kutta import RungeKutta
 
 
 @dataclass(frozen=True, eq=False)
 class NominalModel:
     """The map `x+ = f(x, u)` over one sampling time tau (paper, eq. disc_mathematical_model).
 
-    `f` holds one expression a state, over the symbols in `x` and `u` alone. Kernels are compiled when first used.
+    `rule` holds one expression a state, over the symbols in `x` and `u` alone, or a step whose expressions would be too
+    large to compile. Kernels are compiled when first used.
     """
 
     x: tuple[sp.Symbol, ...]
     u: tuple[sp.Symbol, ...]
-    f: tuple[sp.Expr, ...]
+    rule: tuple[sp.Expr, ...] | RungeKutta
     tau: float
+
+    @cached_property
+    def f(self) -> tuple[sp.Expr, ...]:
+        """One expression a state; written out first where the rule is a step."""
+        return self.rule.written_out() if isinstance(self.rule, RungeKutta) else self.rule
+
+    @property
+    def operations(self) -> int:
+        """How many operations are to be compiled."""
+        rule = self.rule
+        return sum(int(sp.count_ops(e)) for e in (rule.xdot if isinstance(rule, RungeKutta) else rule))
 
     @property
     def nx(self) -> int:
@@ -43,27 +56,37 @@ class NominalModel:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """numba: (x (nx,), u (nu,)) -> (f_0, ...)."""
+        """numba: (x (nx,), u (nu,)) -> f_0, ... by index."""
+        if isinstance(self.rule, RungeKutta):
+            return self.rule.kernel
         return compile_kernel(self.f, (self.x, self.u))
 
     @cached_property
     def interval_kernel(self) -> Kernel:
-        """numba: (xlo, xhi, ulo, uhi) -> ((lo, hi), ...): f over the box, outward rounded."""
+        """numba: (xlo, xhi, ulo, uhi) -> lo, hi by two indices: f over the box, outward rounded."""
+        if isinstance(self.rule, RungeKutta):
+            return self.rule.interval_kernel
         return compile_interval_kernel(self.f, (self.x, self.u))
 
     @cached_property
     def jacobian_interval_kernel(self) -> Kernel:
-        """numba: (xlo, xhi, ulo, uhi) -> row-major ((lo, hi), ...) of d f_i / d x_j over the box."""
+        """numba: (xlo, xhi, ulo, uhi) -> lo, hi by two indices, the first row-major, of d f_i / d x_j over the box."""
+        if isinstance(self.rule, RungeKutta):
+            return self.rule.jacobian_interval_kernel
         return compile_interval_kernel(self.jacobian_exprs, (self.x, self.u))
 
     @cached_property
     def offset_axes(self) -> tuple[frozenset[int], ...]:
         """For each i, the state axes on which f_i - x_i depends."""
+        if isinstance(self.rule, RungeKutta):
+            return self.rule.offset_axes
         return tuple(self._axes(sp.expand(f - x)) for f, x in zip(self.f, self.x, strict=True))
 
     @cached_property
     def jacobian_axes(self) -> tuple[tuple[frozenset[int], ...], ...]:
         """For each i, j, the state axes on which d f_i / d x_j depends."""
+        if isinstance(self.rule, RungeKutta):
+            return self.rule.jacobian_axes
         axes = [self._axes(e) for e in self.jacobian_exprs]
         return tuple(tuple(axes[i * self.nx : (i + 1) * self.nx]) for i in range(self.nx))
 

@@ -7,7 +7,7 @@ shares nothing with the symbolic derivation but the file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from simgap.config.plant import PlantSection
 from simgap.errors import BrokenPromise
 from simgap.geometry import Box, Floats
 from simgap.model.drake_system import evaluator
+from simgap.model.runge_kutta import RungeKutta
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.urdf import multibody_plant
@@ -38,8 +39,24 @@ def check_map(model: NominalModel, box: Box, inputs: Floats) -> None:
         BrokenPromise: naming the state in which they differ.
     """
     x, u = _points(box, inputs)
-    drake = evaluator(model.f, model.x, model.u)(x, u)
+    drake = _by_drake(model)(x, u)
     _compare("the compiled map", [s.name for s in model.x], model.step(x, u), drake, x, u)
+
+
+def _by_drake(model: NominalModel) -> Callable[[Floats, Floats], Floats]:
+    """The map by Drake's evaluation of its expressions: (n, nx), (n, nu) -> (n, nx)."""
+    rule = model.rule
+    if not isinstance(rule, RungeKutta):
+        return evaluator(rule, model.x, model.u)
+    rate, h = evaluator(rule.xdot, model.x, model.u), rule.h
+
+    def step(x: Floats, u: Floats) -> Floats:
+        k1 = rate(x, u)
+        k2 = rate(x + h / 2 * k1, u)
+        k3 = rate(x + h / 2 * k2, u)
+        return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + h * k3, u))
+
+    return step
 
 
 def check_declared(model: SymbolicModel, section: PlantSection, urdf: Path, box: Box, inputs: Floats) -> None:

@@ -15,7 +15,7 @@ from simgap.effects import EFFECTS, AppliedEffect, apply_effects, effect
 from simgap.errors import UserError
 from simgap.geometry import Box, Floats
 from simgap.model.drake_system import symbolic_plant
-from simgap.model.integrators import discretise
+from simgap.model.integrators import sampling_rule
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.model.tree import Tree
@@ -129,7 +129,7 @@ class PlantModel:
                 remedy="Take at most two joints, fixing the others; `simgap diagnose` takes them all.",
             )  # fmt: skip
         x, u = (tuple(v.symbol for v in group) for group in (self.carried.states, self.carried.inputs))
-        return NominalModel(x, u, discretise(self.carried, self.tau, self.section.integrator), self.tau)
+        return NominalModel(x, u, sampling_rule(self.carried, self.tau, self.section.integrator), self.tau)
 
     def drake_system(self) -> Any:
         """`corrected` as a Drake system that can be wired into a diagram, whatever the case declares it by.

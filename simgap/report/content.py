@@ -35,12 +35,14 @@ def content(m: Material) -> dict[str, Any]:
         "loops": tables.loops(m),
         "between": between_samples(m),
         "hidden": tables.hidden_state(m),
+        "unsettled": tables.unsettled(m.gap),
         "validation": m.validation,
         "adversary": adversary.section(m),
         "margins": m.audit["margins"] if m.audit is not None else None,
         "no_margins": m.audit.get("no_margins", "") if m.audit is not None else "",
         "diagnosis": tables.diagnosis(m),
         "corrected": tables.corrected(m),
+        "too_noisy": tables.too_noisy(m),
         "sources": tables.sources(m),
     }
 
@@ -60,6 +62,7 @@ def verdict(m: Material) -> dict[str, Any]:
         f"{robust['steps_outside_gamma']:,} of {robust['steps']:,} steps outside gamma.",
         "nominal": f"Nominal-only controller: {_violations(nominal)}.",
         "careful": _careful(m),
+        "arrival": _arrival(m),
         "winning": f"The gap-aware controller wins {m.syntheses[ROBUST]['winning_fraction']:.3f} of the "
         f"{words.allowed} with the gap taken into account; the nominal model "
         f"alone would promise {m.syntheses[NOMINAL]['winning_fraction']:.3f}.",
@@ -75,6 +78,18 @@ def _violations(tally: Mapping[str, Any]) -> str:
     text = f"{bad:,} of {runs:,} runs violate the specification in the simulator"
     median = tally.get("median_steps_until_violation")
     return text + (f", half of these within {median:,.0f} steps" if median else "")
+
+
+def _arrival(m: Material) -> str:
+    """When the target is reached at the latest, promised and seen."""
+    steps, tau = m.validation["controllers"][ROBUST][SIMULATOR].get("steps_to_target"), m.context.domain.tau
+    promised = tables.promised_steps(m)
+    if not steps or promised is None:
+        return ""
+    return (
+        f"The gap-aware controller promises the target within {promised * tau:g} s from every winning state, whatever "
+        f"the gap does within gamma; its longest run here took {max(steps) * tau:g} s."
+    )
 
 
 def _careful(m: Material) -> str:
@@ -158,7 +173,9 @@ def summary(m: Material, page: Mapping[str, Any]) -> dict[str, Any]:
         "case": m.context.case.name,
         "title": page["title"],
         "promise_kept": page["verdict"]["good"],
-        "verdict": [page["verdict"][k] for k in ("robust", "nominal", "careful", "winning") if page["verdict"][k]],
+        "verdict": [
+            page["verdict"][k] for k in ("robust", "nominal", "careful", "arrival", "winning") if page["verdict"][k]
+        ],
         "eps": m.gap.get("eps"),
         "units": {state: m.context.units[state] for state in m.context.states},
         "sup_gamma": [{"eps": r["eps"], "states": r["states"]} for r in page["sweep"]],

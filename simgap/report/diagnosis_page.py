@@ -12,7 +12,7 @@ from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict.missing import Missing
 from simgap.io import figure_style as style
-from simgap.io.diagnosis_figures import Overlay, error_figure, missing_figure, overlay_figure, ranking_figure
+from simgap.io.diagnosis_figures import Overlay, error_figure, missing_figure, overlay_figure, steps_figure
 from simgap.io.pages import render
 from simgap.notation import joined
 
@@ -24,8 +24,8 @@ MEANING = {
         "candidate gains enough. Faults of the recording, if any were found, are allowed for."
     ),
     "attributed": (
-        f"With these effects the fit reaches the noise floor (chi²/dof at most {FIT_QUALITY}), and so do data that "
-        f"were never fitted (RMSE/σ of confirm at most {HELD_OUT_QUALITY}), which ask for each of them."
+        "With these effects the fit reaches the noise floor, and so do data that were never fitted, which ask for each "
+        "of them."
     ),
     "partial": (
         "The effects have their physical sign, agree between folds and take away at least half of the excess error on "
@@ -36,11 +36,12 @@ MEANING = {
         "corrected case is the case as it was."
     ),
 }
-RANKING = (
-    "What is left of the error, as chi² per degree of freedom of fit and choose, when an effect is fitted alone: the "
-    "less the better, 1 is the noise. An effect of the answer may leave much by itself and be asked for once the "
-    f"others are there. One that gains less than {BIC_GAIN:g} in BIC does not count; what was not worth a fit is in "
-    "diagnosis.json."
+STEPS = (
+    "From the model as declared to the answer, one effect at a time. A line runs from the error before a step to the "
+    "error with that effect, as chi² per degree of freedom of fit and choose; 1 is the noise. Effects of the answer "
+    "stand in the order in which each takes away most, beside what else was fitted there. What gains less than "
+    f"{BIC_GAIN:g} in BIC is not taken, nor what does not carry over to other data; the other candidates, with the "
+    "drop that each promised, are in diagnosis.json."
 )
 
 
@@ -83,20 +84,18 @@ def draw(
 ) -> dict[str, Any]:
     """All figures: written as PNG into `folder`, returned as SVG text for the page."""
     units = document["units"]
-    texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "ranking": ""}
+    texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "steps": ""}
 
     with style.figure_style():
         if document["error"]["before"]["horizon_rmse"]:
             texts["error"] = style.kept(error_figure(document["error"], units), folder / "error.png")
         for k, o in enumerate(stretches):
-            texts["overlays"].append(style.kept(overlay_figure(o, units), folder / f"measured-{k + 1}.png"))
+            drawn = style.kept(overlay_figure(o, units), folder / f"measured-{k + 1}.png")
+            texts["overlays"].append((o.trace, drawn))
         for k, m in enumerate(missing):
-            texts["missing"].append(style.kept(missing_figure(m), folder / f"residual-{k + 1}.png"))
-        if any(c.get("chi2_dof") is not None for c in document["candidates"]):
-            left = document["fit_quality"]["chi2_dof"]
-            texts["ranking"] = style.kept(
-                ranking_figure(document["candidates"], document["effects"], left), folder / "candidates.png"
-            )
+            texts["missing"].append((m.label, style.kept(missing_figure(m), folder / f"residual-{k + 1}.png")))
+        if document["steps"]:
+            texts["steps"] = style.kept(steps_figure(document["steps"]), folder / "steps.png")
     return texts
 
 
@@ -104,22 +103,28 @@ def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) ->
     """The page as one HTML text."""
     from markupsafe import Markup
 
-    marked = {k: [Markup(f) for f in v] if isinstance(v, list) else Markup(v) for k, v in figures.items()}
+    marked = {k: [(n, Markup(f)) for n, f in v] if isinstance(v, list) else Markup(v) for k, v in figures.items()}
     return render(
         TEMPLATE,
         d=document,
         title=title,
         figures=marked,
-        meaning=MEANING[document["verdict"]],
+        meaning=f"{MEANING[document['verdict']]} {_limits(document['fit_quality'])}",
         folds={name: _fold(fold) for name, fold in document["folds"].items()},
         quality=_quality(document["fit_quality"]),
-        ranking_note=RANKING,
+        steps_note=STEPS,
+        rejected={(c["name"], c["on"]): c["rejected"] for c in document["candidates"]},
     )
 
 
 def _fold(fold: Mapping[str, Any]) -> str:
     spans = [f"{w['from']:.3g} to {w['to']:.3g} s of {w['trace']}" for w in fold["windows"]]
     return joined([*fold["traces"], *(spans if len(spans) <= 6 else [*spans[:5], f"{len(spans) - 5} more stretches"])])
+
+
+def _limits(quality: Mapping[str, Any]) -> str:
+    fit, held = quality["chi2_dof"]["after"], quality["held_out_ratio"]["after"]
+    return f"Here: chi²/dof {fit:.3g}, limit {FIT_QUALITY:g}; RMSE/σ of confirm {held:.3g}, limit {HELD_OUT_QUALITY:g}."
 
 
 def _quality(quality: Mapping[str, Any]) -> str:

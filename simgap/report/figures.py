@@ -18,7 +18,7 @@ from simgap.io.recording_content import PlanarScene
 from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, shown
 from simgap.report.material import Material
 from simgap.report.scene import limits, scene
-from simgap.report.tables import is_signed, sweep
+from simgap.report.tables import is_signed, promised_steps, sweep
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 
@@ -137,7 +137,7 @@ def _loop(m: Material) -> dict[str, Any]:
         )
     steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
     if any(len(s) for s in steps.values()):
-        out["times"] = figures_arena.times_figure(steps, context.domain.tau)
+        out["times"] = figures_arena.times_figure(steps, context.domain.tau, promised_steps(m))
     return out
 
 

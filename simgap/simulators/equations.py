@@ -88,19 +88,19 @@ class EquationsEngine(MapEngine):
         """
         import sympy as sp
 
+        from simgap.model.runge_kutta import RungeKutta
+
         if _section(case).slopes == "sampled":
             return None
         step = _substep(case, folder)
+        if isinstance(step.rule, RungeKutta) and step.rule.operations() > MOST_OPERATIONS * step.nx:
+            raise _too_large("simulator.slopes")
         rows: tuple[sp.Expr, ...] = step.f
         for _ in range(_section(case).substeps - 1):
             at = dict(zip(step.x, rows, strict=True))
             rows = tuple(sp.sympify(row).subs(at, simultaneous=True) for row in step.f)
             if max(int(sp.count_ops(row)) for row in rows) > MOST_OPERATIONS:
-                raise UserError(
-                    f"the map over tau has more than {MOST_OPERATIONS} operations, too many to enclose its gap",
-                    key="simulator.substeps",
-                    remedy="Use fewer substeps, a simpler integrator, or simulator.slopes: sampled.",
-                )
+                raise _too_large("simulator.substeps")
         return rows
 
     def rollouts(self, x: Floats, u: Floats) -> Floats:
@@ -108,6 +108,13 @@ class EquationsEngine(MapEngine):
         for _ in range(self._substeps):
             x = self._step.step(x, u)
         return x
+
+
+def _too_large(key: str) -> UserError:
+    return UserError(
+        f"the map over tau has more than {MOST_OPERATIONS} operations, too many to enclose its gap", key=key,
+        remedy="Set simulator.slopes: sampled, or use fewer substeps or a simpler integrator.",
+    )  # fmt: skip
 
 
 def _section(case: Case) -> EquationsSettings:

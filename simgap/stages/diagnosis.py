@@ -53,7 +53,7 @@ def run(
 
     Args:
         case_path: the case; it needs a nominal model alone.
-        data: CSV or Parquet files; if empty, those that the case names under `measured.files`.
+        data: CSV, Parquet or MCAP files; if empty, those that the case names under `measured.files`.
         out_dir: where the results go; it is made, and everything in it appears whole or not at all.
         progress: told in words what is being done.
 
@@ -129,7 +129,7 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
             "no data are given",
             file=context.path,
             key="measured.files",
-            remedy="Name CSV or Parquet files on the command line or here.",
+            remedy="Name CSV, Parquet or MCAP files on the command line or here.",
         )
     check_measured(context)
     return named_files(context, section)

@@ -13,6 +13,7 @@ from simgap.diagnosis.reading.stamps import same_file
 from simgap.effects import EFFECTS
 from simgap.errors import UserError
 from simgap.io.diagnosis_tables import read_header
+from simgap.io.mcap_tables import is_mcap
 from simgap.model.symbolic import SymbolicModel
 from simgap.stages.context import Context
 from simgap.stages.measured_data import channels_of, display_name, reading_options
@@ -53,7 +54,7 @@ def named_files(context: Context, section: MeasuredSection) -> list[Path]:
             raise UserError(
                 f"{'is a folder' if path.is_dir() else 'there is no file'}: '{section.files[k]}'",
                 file=context.path, key=f"measured.files.{k}",
-                remedy="Correct the path of a CSV or Parquet file; it starts from the folder of the case.",
+                remedy="Correct the path of a CSV, Parquet or MCAP file; it starts from the folder of the case.",
             )  # fmt: skip
     return paths
 
@@ -98,7 +99,7 @@ def _refuse_columns(
     """The header of one file against what the case maps."""
     name = section.files[place]
     header, units = read_header(path, name)
-    if section.time.column not in header:
+    if section.time.column not in header and not is_mcap(path):  # its messages have stamps
         listed = ", ".join(f"'{column}'" for column in header)
         raise UserError(
             f"'{name}' has no time column '{section.time.column}', it has {listed}", file=context.path,

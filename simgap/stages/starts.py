@@ -5,7 +5,10 @@ Both controllers begin at the same states, so that what tells their runs apart i
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from simgap.config.validation import ValidationSection
 from simgap.errors import UserError
@@ -13,6 +16,13 @@ from simgap.geometry import Floats, points_of_cells
 from simgap.io.traces import CAREFUL, NOMINAL, ROBUST
 from simgap.stages.context import Context
 from simgap.synthesis.controller import Controller
+
+
+class Starts(NamedTuple):
+    """States x (n, nx), and their numbers (n,): the same state has the same number for every controller."""
+
+    x: Floats
+    numbers: NDArray[np.int64]
 
 
 def starts(context: Context, section: ValidationSection, controller: Controller) -> Floats:
@@ -32,8 +42,8 @@ def starts_by_kind(
     nominal: Controller,
     robust: Controller,
     careful: Controller | None = None,
-) -> dict[str, Floats]:
-    """Starts of the gap-aware controller, and those of them that each of the others wins too: (n, nx) each.
+) -> dict[str, Starts]:
+    """Starts of the gap-aware controller, and those of them that each of the others wins too.
 
     One that wins none of them begins in its own winning domain.
 
@@ -42,10 +52,11 @@ def starts_by_kind(
     """
     own = starts(context, section, robust)
     others = {NOMINAL: nominal} | ({CAREFUL: careful} if careful is not None else {})
-    begin = {ROBUST: own}
+    begin = {ROBUST: Starts(own, np.arange(len(own)))}
     for kind, other in others.items():
-        shared = own[other.contains(own)]
-        begin[kind] = shared if len(shared) else starts(context, section, other)
+        shared = np.flatnonzero(other.contains(own))
+        apart = starts(context, section, other) if not len(shared) else own[:0]
+        begin[kind] = Starts(own[shared], shared) if len(shared) else Starts(apart, len(own) + np.arange(len(apart)))
     return begin
 
 

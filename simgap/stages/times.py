@@ -11,13 +11,14 @@ from simgap.errors import UserError, excerpt
 
 @dataclass(frozen=True)
 class JobTime:
-    """One job: case and job by name, wall time and CPU time in s, largest resident memory in bytes."""
+    """One job: case and job by name, wall time and CPU time in s, largest resident memory in bytes, end in s."""
 
     case: str
     job: str
     wall: float
     cpu: float
     memory: float
+    ended: float
 
 
 def job_times(results: Path) -> list[JobTime]:
@@ -39,12 +40,13 @@ def _one(results: Path, path: Path) -> JobTime:
         with path.open(newline="") as stream:
             row = list(csv.DictReader(stream, delimiter="\t"))[-1]
         wall, cpu, memory = (_number(row[key]) for key in ("s", "cpu_time", "max_rss"))
+        ended = path.stat().st_mtime
     except (KeyError, IndexError, ValueError, csv.Error) as error:
         raise UserError(
             f"not a benchmark file of Snakemake ({excerpt(error)})", file=path, remedy="Delete it and run again."
         ) from None
     case = path.parents[1].relative_to(results)
-    return JobTime(str(case) if case.parts else results.resolve().name, path.stem, wall, cpu, memory * 2**20)
+    return JobTime(str(case) if case.parts else results.resolve().name, path.stem, wall, cpu, memory * 2**20, ended)
 
 
 def _number(text: str) -> float:

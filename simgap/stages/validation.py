@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,11 @@ from simgap.closed_loop import Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
 from simgap.errors import BrokenPromise
 from simgap.geometry import Floats
-from simgap.io.controller_file import load_controller, load_controller_of
+from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
 from simgap.io.parquet import write_parquet
+from simgap.io.shared_solution import SharedSolution
 from simgap.io.traces import CAREFUL, MODEL, NOMINAL, ROBUST, SIMULATOR, Trace, to_table
 from simgap.judge import Judge
 from simgap.provenance import provenance
@@ -27,10 +28,12 @@ from simgap.specifications.base import specification_of
 from simgap.specifications.monitor import Run, Verdict
 from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
+from simgap.stages.scratch import scratch
 from simgap.stages.starts import starts_by_kind
 from simgap.synthesis.controller import Controller
 
 CHUNK = 50  # runs a worker does between two signs of life
+TABLES = ".tables"  # folder beside the traces
 
 
 def run(
@@ -60,28 +63,30 @@ def run(
     record = provenance("validation", context.case, context.folder, {"starts": section.seed})
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
+    shown: dict[int, Verdict] = {}  # by the nominal-only controller's runs in the simulator: the same starts for all
     paths = {NOMINAL: nominal, ROBUST: robust} | ({CAREFUL: careful} if careful is not None else {})
     controllers = {kind: load_controller_of(path, context) for kind, path in paths.items()}
     with context.blame():
         begin = starts_by_kind(context, section, controllers[NOMINAL], controllers[ROBUST], controllers.get(CAREFUL))
-    for kind, path in paths.items():
-        controller = controllers[kind]
+    for kind, controller in controllers.items():
         with context.blame():
             monitor = specification.monitor(space, controller.solution)
         judge = Judge(space, monitor, section.steps, controller.input_set, model, gap)
         proven = replace(judge, certificate=controller.solution, tolerant=tolerated(context.case) > 0)
         for plant, runs in (
-            (SIMULATOR, _simulated(context, path, begin[kind], workers, engine_log)),
-            (MODEL, batch_loop(model.step, controller, begin[kind], section.steps, monitor)),
+            (SIMULATOR, _simulated(context, controller, begin[kind].x, workers, traces.parent / TABLES, engine_log)),
+            (MODEL, batch_loop(model.step, controller, begin[kind].x, section.steps, monitor)),
         ):
-            figures, kept = (proven if (kind, plant) == (ROBUST, SIMULATOR) else judge).count(runs, section.kept)
+            own = proven if (kind, plant) == (ROBUST, SIMULATOR) else judge
+            figures, kept = own.count(runs, begin[kind].numbers.tolist(), section.kept, shown)
+            shown = shown or kept
             tallies.setdefault(kind, {})[plant] = figures
             log.info("%s controller, %s: %s", kind, plant, _short(figures))
             names = context.states, context.inputs, context.units
             about = {"case": context.case.name, "controller": kind, "plant": plant}
             if kind == CAREFUL:
                 continue
-            parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in enumerate(kept)]
+            parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in kept.items()]
     write_parquet(traces, pa.concat_tables(parts).unify_dictionaries())
     write_json(out, {"starts": section.starts, "steps": section.steps, "controllers": tallies, "provenance": record})
     keep_promise(tallies[ROBUST][SIMULATOR], tolerated(context.case))
@@ -114,31 +119,51 @@ def _short(figures: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in figures.items() if not isinstance(value, list)}
 
 
-def _simulated(context: Context, path: Path, starts: Floats, workers: int, engine_log: Path | None) -> Iterator[Run]:
+def _simulated(
+    context: Context, controller: Controller, starts: Floats, workers: int, tables: Path, engine_log: Path | None
+) -> Iterator[Run]:
     """Runs in the order of their starts, a chunk a job."""
     chunks = [starts[k : k + CHUNK] for k in range(0, len(starts), CHUNK)]
-    with engine_pool(workers, engine_log) as pool:
-        jobs = [pool.submit(simulate_chunk, context.case, context.folder, path, x, k) for k, x in enumerate(chunks)]
+    # A robot's table of inputs is a gigabyte: it is read and checked once, and the workers map what they look at.
+    with scratch(tables) as folder, engine_pool(workers, engine_log) as pool:
+        shared = Shared.of(controller, folder)
+        jobs = [pool.submit(simulate_chunk, context.case, context.folder, shared, x, k) for k, x in enumerate(chunks)]
         for k, job in enumerate(jobs):
             yield from job.result()
             if (k + 1) % 5 == 0 or k + 1 == len(jobs):
                 log.info("simulated %d of %d runs", min((k + 1) * CHUNK, len(starts)), len(starts))
 
 
-@lru_cache(maxsize=1)
-def _controller(path: Path, _changed: int) -> Controller:
-    """The controller of a worker's chunks, read once: one with memory is large."""
-    return load_controller(path)
+@dataclass(frozen=True)
+class Shared:
+    """A controller whose tables lie in files, its choices among them; two are the same if their files are."""
+
+    choice: Path
+    solution: SharedSolution = field(compare=False)
+    rest: Controller = field(compare=False)
+
+    @staticmethod
+    def of(controller: Controller, folder: Path) -> Shared:
+        """Write the tables; the folder must outlive every process that reads them."""
+        solution, choice = SharedSolution.of(controller.solution, folder), folder / "choice.npy"
+        np.save(choice, controller.choice)
+        return Shared(choice, solution, replace(controller, solution=solution.rest))
+
+    @lru_cache(maxsize=1)  # noqa: B019 - a worker's chunks are all of one controller
+    def read(self) -> Controller:
+        """The controller, its tables mapped and read-only."""
+        whole = replace(self.rest, solution=self.solution.read())
+        return whole.choosing(np.load(self.choice, mmap_mode="r"))
 
 
-def simulate_chunk(case: Case, folder: Path, path: Path, starts: Floats, chunk: int) -> list[Run]:
+def simulate_chunk(case: Case, folder: Path, shared: Shared, starts: Floats, chunk: int) -> list[Run]:
     """Run in an engine's process, from starts (n, nx)."""
     from simgap.simulators.build import make_simulator
 
     space, section = Space.of(case), case.sensing
     sensing = Sensing(space.vector(section.error if section else {}), section.latency if section else 0)
     steps, seed = (case.validation.steps, case.validation.seed) if case.validation else (0, 0)
-    controller, simulator = _controller(path, path.stat().st_mtime_ns), make_simulator(case, folder)
+    controller, simulator = shared.read(), make_simulator(case, folder)
     monitor = specification_of(case).monitor(space, controller.solution)
     rng = np.random.default_rng([chunk, seed])
     try:

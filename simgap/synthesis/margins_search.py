@@ -16,80 +16,159 @@ LARGEST_FACTOR = 1e4
 """Factors are looked for up to here; a margin that reaches it is at least that."""
 RESOLUTION = 2e-3
 """Relative accuracy of a margin, which is rounded down."""
+NEAR, FAR = 1.02, 3.0
+"""Steps, as ratios, in which a size is looked for around that of the cell before: the first, squared from one to the
+next, until it is larger than the second."""
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _fits(shape, n, table, lo, hi, header, work):  # type: ignore[no-untyped-def]
-    """Whether the cells in which [lo, hi] can be measured lie in the set; `work` holds 2n numbers."""
+@nb.njit(inline="always", error_model="numpy")
+def _grown(shape, n, tables, c, lo, hi, by, size, header, work):  # type: ignore[no-untyped-def]
+    """Whether the cells in which [lo, hi], grown by size * by on both sides, can be measured lie in the set c.
+
+    `work` holds 2n numbers. Written into its callers: to pass so many arrays would cost more than the look-up.
+    """
+    fits = True
     for j in range(n):
-        first, last = to_cells(lo[j], hi[j], j, n, header)
+        first, last = to_cells(lo[j] - size * by[j], hi[j] + size * by[j], j, n, header)
         cells = shape[0, j]
         if shape[1, j] == 0:
             if first < 0 or last >= cells:
-                return False
+                fits = False
+                break
         elif last - first >= cells:
             first, last = 0, cells - 1
         else:
             turns = cells * (first // cells)
             first, last = first - turns, last - turns
-        work[j], work[n + j] = first, last + 1
-    total = 0
-    for corner in range(1 << n):
-        sign, index = 1, 0
-        for j in range(n):
-            if corner >> j & 1:
-                sign = -sign
-                index += work[j] * shape[3, j]
-            else:
-                index += work[n + j] * shape[3, j]
-        total += sign * table[index]
-    return total == 0
+        work[j], work[n + j] = first * shape[3, j], (last + 1) * shape[3, j]
+    if fits:
+        total = 0
+        for corner in range(1 << n):
+            sign, index = 1, 0
+            for j in range(n):
+                if corner >> j & 1:
+                    sign = -sign
+                    index += work[j]
+                else:
+                    index += work[n + j]
+            total += sign * tables[c, index]
+        fits = total == 0
+    return fits
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _grown(shape, n, table, lo, hi, by, size, header, work, spare):  # type: ignore[no-untyped-def]
-    """Whether the box still fits when it grows by size * by on both sides, (n,)."""
+def _known(shape, n, tables, c, lo, hi, by, guess, header, work):  # type: ignore[no-untyped-def]
+    """A size that fits and one that does not, close to a guess: 0 and infinity where that is not known.
+
+    A box that fits also fits when it grows by less; no size is asked about where growing is not that.
+    """
+    fits, fails = -1.0, np.inf
     for j in range(n):
-        spare[j], spare[n + j] = lo[j] - size * by[j], hi[j] + size * by[j]
-    return _fits(shape, n, table, spare[:n], spare[n:], header, work)
+        if not by[j] >= 0.0:
+            return fits, fails
+    size, stride = guess, NEAR
+    while 0.0 < size < np.inf:
+        if _grown(shape, n, tables, c, lo, hi, by, size, header, work):
+            fits = size
+            if fails < np.inf:
+                break
+            size *= stride
+        else:
+            fails = size
+            if fits > 0.0 or stride > FAR:
+                break
+            size /= stride
+        stride *= stride
+        if stride > FAR * FAR:
+            break
+    return fits, fails
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _largest(shape, n, table, lo, hi, by, best, most, header, work, spare):  # type: ignore[no-untyped-def]
+def _largest(shape, n, tables, c, lo, hi, by, best, most, guess, header, work):  # type: ignore[no-untyped-def]
     """Largest size in (best, most] whose box fits, rounded down; `best` if none is larger by the resolution.
 
-    A `best` below 0 says that nothing is known to fit, not even the box itself.
+    A `best` below 0 says that nothing is known to fit, not even the box itself. The sizes that are tried do not depend
+    on the guess, which only saves asking about those whose answer follows from it.
     """
-    if best < 0.0:
-        if not _fits(shape, n, table, lo, hi, header, work):
-            return best
-        best = 0.0
-    step = max(best * (1.0 + RESOLUTION), most * 1e-9)
-    if not _grown(shape, n, table, lo, hi, by, step, header, work, spare):
-        return best
-    if _grown(shape, n, table, lo, hi, by, most, header, work, spare):
-        return most
-    low, high = step, most
-    while high > low * (1.0 + RESOLUTION):
-        middle = np.sqrt(low * high)
-        if _grown(shape, n, table, lo, hi, by, middle, header, work, spare):
-            low = middle
+    fits, fails = _known(shape, n, tables, c, lo, hi, by, guess, header, work)
+    low, high, stage = best, most, 0 if best < 0.0 else 1
+    while True:
+        if stage == 0:  # the box itself
+            size = 0.0
+        elif stage == 1:  # more than the best by the resolution
+            size = max(max(best, 0.0) * (1.0 + RESOLUTION), most * 1e-9)
+        elif stage == 2:
+            size = most
         else:
-            high = middle
-    return low
+            size = np.sqrt(low * high)
+        held = size <= fits
+        if not held and size < fails:
+            held = _grown(shape, n, tables, c, lo, hi, by, size, header, work)
+        if stage == 0:
+            if not held:
+                return best
+            low = 0.0
+        elif stage == 1:
+            if not held:
+                return low
+            low = size
+        elif stage == 2 and held:
+            return most
+        elif held:
+            low = size
+        else:
+            high = size
+        if stage >= 2 and not high > low * (1.0 + RESOLUTION):
+            return low
+        stage = min(stage + 1, 3)
+
+
+@nb.njit(inline="always", error_model="numpy")
+def _placed(m, q, boxes, shift, spare):  # type: ignore[no-untyped-def]
+    """The box of input m and how it grows: by gamma's half-widths for q = 0, else along axis q - 1 alone."""
+    for j in range(shift.size):
+        spare[0, j], spare[1, j] = boxes[0, m, j] + shift[j], boxes[1, m, j] + shift[j]
+        spare[2, j] = boxes[2, m, j] if q == 0 else (1.0 if q - 1 == j else 0.0)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _of_input(  # type: ignore[no-untyped-def]
     m, q, best, most, boxes, shift, spare, kind, shape, tables, header, work
 ):  # fmt: skip
-    """Largest growth of the box of input m: by gamma's half-widths for q = 0, else along axis q - 1 alone."""
-    n = shift.size
-    low, high, axis = spare[0], spare[1], spare[2]
-    for j in range(n):
-        low[j], high[j] = boxes[0, m, j] + shift[j], boxes[1, m, j] + shift[j]
-        axis[j] = boxes[2, m, j] if q == 0 else (1.0 if q - 1 == j else 0.0)
-    return _largest(shape, n, tables[kind[m]], low, high, axis, best, most, header, work, spare[3])
+    """Largest growth of the box of input m, `_placed` for q."""
+    _placed(m, q, boxes, shift, spare)
+    n, low, high, by = shift.size, spare[0], spare[1], spare[2]
+    return _largest(shape, n, tables, kind[m], low, high, by, best, most, -1.0, header, work)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _of_inputs(  # type: ignore[no-untyped-def]
+    q, most, admitted, liked, last, boxes, shift, spare, kind, shape, tables, header, work
+):  # fmt: skip
+    """Largest growth over the admitted inputs (bytes): what served the last cell best rarely leaves more to find.
+
+    `liked` and `last` (n + 1,) hold that input and its growth, for each q.
+    """
+    best, n = -1.0, shift.size
+    low, high, by = spare[0], spare[1], spare[2]
+    for turn in range(-1, kind.size):
+        m = liked[q] if turn < 0 else turn
+        if (turn == liked[q]) or not admitted[m >> 3] >> (m & 7) & 1:
+            continue
+        _placed(m, q, boxes, shift, spare)
+        if best >= 0.0:
+            size = max(best * (1.0 + RESOLUTION), most * 1e-9)
+            if not _grown(shape, n, tables, kind[m], low, high, by, size, header, work):
+                continue
+        guess = last[q] if best < 0.0 else best * (1.0 + RESOLUTION)
+        own = _largest(shape, n, tables, kind[m], low, high, by, best, most, guess, header, work)
+        if own > best:
+            best, liked[q] = own, m
+        if best >= most:
+            break
+    last[q] = best
+    return best
 
 
 @nb.njit(cache=True, nogil=True)
@@ -149,8 +228,8 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
     ):  # fmt: skip
         n, count = cells.shape[1], inputs.shape[0]
         boxes, box, ranges = np.empty((3, count, n)), np.empty((3, n)), np.empty((2, n))
-        work, spare, score = np.empty(2 * n, np.int64), np.empty((4, 2 * n)), np.empty(count)
-        liked, index, shift = np.zeros(n + 1, np.int64), np.empty(n, np.int64), np.empty(n)
+        work, spare, score = np.empty(2 * n, np.int64), np.empty((3, n)), np.empty(count)
+        liked, last, index, shift = np.zeros(n + 1, np.int64), np.zeros(n + 1), np.empty(n, np.int64), np.empty(n)
         window, found = 1, 0
         for j in range(n):
             window *= 2 * reach[j] + 1
@@ -175,17 +254,10 @@ def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
                 if window > 1:
                     found = _others(index, reach, wide, shape[1], seen, mask[flat], rows)
                 for q in range(n + 1):  # the factor, then each axis alone
-                    best = -1.0
                     most = LARGEST_FACTOR - 1.0 if q == 0 else header[n + q - 1] * shape[0, q - 1]
-                    for turn in range(-1, count):
-                        m = liked[q] if turn < 0 else turn  # what served the last cell best rarely leaves more to find
-                        if (turn == liked[q]) or not mask[flat, m >> 3] >> (m & 7) & 1:
-                            continue
-                        own = _of_input(m, q, best, most, boxes, shift, spare, kind, shape, tables, header, work)
-                        if own > best:
-                            best, liked[q] = own, m
-                        if best >= most:
-                            break
+                    best = _of_inputs(
+                        q, most, mask[flat], liked, last, boxes, shift, spare, kind, shape, tables, header, work
+                    )
                     if found:
                         best = _worst_measurement(
                             rows, found, q, best, most, boxes, shift, spare, kind, shape, tables, header, work, score

@@ -43,7 +43,7 @@ def image(f: Kernel, jacobian: Kernel) -> Kernel:
         for i in range(n):
             spread = 0.0
             for j in range(n):
-                a, b = slope[i * n + j]
+                a, b = slope[i * n + j][0], slope[i * n + j][1]
                 r = max(xhi[j] - c[j], c[j] - xlo[j])
                 spread += max(-a, b) * r
             lo[i] = value[i][0] - spread * (1.0 + 2.0**-48)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.synthesis.abstraction import Abstraction
+from simgap.synthesis.bits import preferred
 
 Backend = Literal["auto", "bit_rows", "table"]
 
@@ -26,12 +27,14 @@ class Reach:
     Attributes:
         value: worst-case steps to the target, (cells,) int32, 0 in the target and -1 where losing.
         mask: admissible inputs, (cells, ceil(M / 8)) uint8 as in `bits`, none in the target; (cells, 0) if not asked.
+        chosen: one admissible input of each cell, (cells,) int16, -1 in the target and where losing; (0,) if not asked.
         steps: the largest value.
         backend: `bit_rows` or `table`.
     """
 
     value: NDArray[np.int32]
     mask: NDArray[np.uint8]
+    chosen: NDArray[np.int16]
     steps: int
     backend: str
 
@@ -48,6 +51,7 @@ def reach_avoid(
     threads: int = 1,
     backend: Backend = "auto",
     masks: bool = True,
+    order: NDArray[np.int64] | None = None,
 ) -> Reach:
     """Cells from which the target is reached in bounded time through free cells, whatever the disturbance does.
 
@@ -58,6 +62,9 @@ def reach_avoid(
         threads: rows are shared among this many threads; the result does not depend on it.
         backend: `bit_rows` where some axis allows it and else `table`, unless one is asked for.
         masks: whether to record all admissible inputs.
+        order: all inputs from the one that is liked best, (M,), of which each cell's first admissible one is recorded
+            in the place of all: two bytes a cell instead of a bit for each input. A controller whose rule has that
+            order (`controller.least_effort`) applies the same inputs.
 
     Raises:
         UserError: `bit_rows` asked for where every axis matters.
@@ -78,9 +85,11 @@ def reach_avoid(
         )
     if rows is not None:
         kind = np.zeros(len(abstraction.inputs), np.int64)
-        levels, sets = reach_by_rows([rows], kind, target & free, free, threads, masks)
-        value, mask = levels[:, 0], sets[:, 0]
+        levels, sets, one = reach_by_rows([rows], kind, target & free, free, threads, masks, order)
+        value, mask, chosen = levels[:, 0], sets[:, 0], one[:, :1].reshape(-1)
     else:
         solve = (target & free).astype(np.uint8), free.astype(np.uint8)
-        value, mask = reach_by_table(abstraction, *solve, threads, masks)
-    return Reach(value, mask, int(value.max(initial=0)), "table" if rows is None else "bit_rows")
+        value, mask = reach_by_table(abstraction, *solve, threads, masks or order is not None)
+        chosen = np.empty(0, np.int16) if order is None else preferred(mask, order)
+        mask = mask if order is None else mask[:, :0]
+    return Reach(value, mask, chosen, int(value.max(initial=0)), "table" if rows is None else "bit_rows")

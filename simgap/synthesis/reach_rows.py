@@ -167,7 +167,8 @@ def reach_by_rows(
     free: NDArray[np.bool_],
     threads: int,
     masks: bool,
-) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+    order: Ints | None = None,
+) -> tuple[NDArray[np.int32], NDArray[np.uint8], NDArray[np.int16]]:
     """Levels and admissible inputs of nodes.
 
     Args:
@@ -176,26 +177,30 @@ def reach_by_rows(
         target, free: (cells,); target cells that are not free do not count.
         threads: slabs are shared among this many threads; the result does not depend on it.
         masks: whether to record the inputs.
+        order: inputs (M,) of which the first admissible one alone is recorded, whatever `masks` says.
 
     Returns:
-        value (cells, classes), mask (cells, classes, bytes), without masks (cells, classes, 0).
+        value (cells, classes), mask (cells, classes, bytes), without masks (cells, classes, 0), and that one input
+        (cells, classes), -1 for none, without an order (0, 0).
     """
     s, classes = systems[0], len(systems)
-    moves = moves_of(systems, kind, None if masks else [own.worth_trying(kind) for own in systems])
+    every, one = masks or order is not None, np.empty(0, np.int64) if order is None else order
+    moves = moves_of(systems, kind, None if every else [own.worth_trying(kind) for own in systems])
     words = words_of_a_row(systems)
     goal, allowed = (np.zeros((len(s.base), words), np.uint64) for _ in range(2))
     pack_rows((target & free).astype(np.uint8), s.base, s.stride, s.count, goal)
     pack_rows(free.astype(np.uint8), s.base, s.stride, s.count, allowed)
     value = np.full((free.size, classes), -1, np.int32)
     value[target & free] = 0
-    mask = np.zeros((free.size, classes, packed_width(len(kind)) if masks else 0), np.uint8)
-    levels = Levels(moves, classes, goal, allowed, _clear(s, allowed), threads, masks)
+    mask = np.zeros((free.size, classes, packed_width(len(kind)) if masks and order is None else 0), np.uint8)
+    chosen = np.full((0, 0) if order is None else value.shape, -1, np.int16)
+    levels = Levels(moves, classes, goal, allowed, _clear(s, allowed), threads, every)
     level = 0
     while levels.news.any():
         level += 1
         levels.spread()
-        levels.settle(level, s.base, s.stride, value, mask)
-    return value, mask
+        levels.settle(level, s.base, s.stride, one, (value, mask, chosen))
+    return value, mask, chosen
 
 
 def _clear(s: RowSystem, allowed: NDArray[np.uint64]) -> NDArray[np.uint64]:

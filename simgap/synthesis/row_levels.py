@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,8 +69,11 @@ class Levels:
         sets = self._moves, self._won, self._todo, self.news, self._made, self._clear
         return int(spread(*sets, *space, self._every, self._threads, blocks[worker]))
 
-    def settle(self, level: int, base: Ints, stride: int, value: NDArray[np.int32], mask: NDArray[np.uint8]) -> None:
-        """Win it: value (cells, classes) and mask (cells, classes, bytes) are written."""
+    def settle(self, level: int, base: Ints, stride: int, order: Ints, into: tuple[NDArray[Any], ...]) -> None:
+        """Win it: value (cells, classes), mask (cells, classes, bytes) and chosen (cells, classes) are written.
+
+        Chosen is the first of the inputs in `order` (M,), or nothing where that is empty.
+        """
         placed = np.empty((self._threads, int(self._count.max()), 2), np.uint64)
         over_items(
             lambda w: place(self._entries[w], self._count[w, 0], self._ends[w], placed[w]),
@@ -78,6 +82,6 @@ class Levels:
         )
         found = self._moves, self._fresh, self._ends, placed, self._every
         sets = self._won, self._todo, self.news
-        work = partial(settle, *found, *sets, base, stride, level, value, mask)
+        work = partial(settle, *found, *sets, base, stride, level, order, *into)
         self.news[:] = 0
         over_rows(work, self._line.shape[1], self._threads)

@@ -1,7 +1,7 @@
 """What a level of reach-while-avoid found (`row_waves`), word by word: levels, admissible inputs, what is left to win.
 
 Entries of `spread` hold 64 cells of one input. They are sorted by word, gathered as words of cells, one an input, and
-turned into words of inputs, one a cell, as a controller keeps them.
+turned into words of inputs, one a cell, as a controller keeps them; or the first of some order is picked for each cell.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ def place(entries, count, ends, placed):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, nogil=True)
 def settle(  # type: ignore[no-untyped-def]
-    moves, fresh, ends, placed, every, won, todo, news, base, stride, level, value, mask, first, last
+    moves, fresh, ends, placed, every, won, todo, news, base, stride, level, order, value, mask, chosen, first, last
 ):
     """Win the fresh cells of the words first..last of every slab and class: level, inputs, sets, news; 0.
 
     fresh: (workers, classes * slabs, words of a slab), emptied. placed, ends: (workers, n, 2), (workers, words).
-    value (cells, classes), mask (cells, classes, bytes).
+    value (cells, classes), mask (cells, classes, bytes); chosen (cells, classes), of the inputs in `order`, if any.
     """
     rows, words, _ = moves.size
     slabs, classes = base.size // rows, value.shape[1]
-    inputs = np.zeros((mask.shape[2] + 7) // 8 * 64, np.uint64)
+    inputs = np.zeros((max(8 * mask.shape[2], order.size) + 63) // 64 * 64, np.uint64)
     sets = np.zeros((64, inputs.size // 64), np.uint64)
     packed = sets.view(np.uint8)
     for q in range(first, last):
@@ -57,7 +57,10 @@ def settle(  # type: ignore[no-untyped-def]
                     for worker in range(fresh.shape[0]):
                         at = to * (rows * words) + q
                         _collect(moves.inputs_from, moves.inputs, placed[worker], ends[worker], at, inputs)
-                    _turn(inputs, sets)
+                    if order.size:
+                        _choose(inputs, order, new, c, start, stride, chosen)
+                    else:
+                        _turn(inputs, sets)
                 _write(new, c, start, stride, level, packed, value, mask)
     return 0
 
@@ -70,6 +73,18 @@ def _write(new, c, start, stride, level, sets, value, mask):  # type: ignore[no-
         new &= new - np.uint64(1)
         value[start + j * stride, c] = level
         mask[start + j * stride, c] = sets[j, : mask.shape[2]]
+
+
+@nb.njit(cache=True, nogil=True)
+def _choose(inputs, order, left, c, start, stride, chosen):  # type: ignore[no-untyped-def]
+    """Give each cell of a word the first of its inputs; inputs (M,), words of cells, are emptied."""
+    for m in order:
+        own = inputs[m] & left
+        left &= ~own
+        inputs[m] = 0
+        while own:
+            chosen[start + lowest(own) * stride, c] = m
+            own &= own - np.uint64(1)
 
 
 @nb.njit(cache=True, nogil=True)

@@ -73,6 +73,25 @@ def test_an_interrupted_search_reports_its_best():
     assert d.verdict == "partial"
 
 
+def test_a_budget_that_ends_at_any_set_gives_an_answer(monkeypatch):
+    """The last sets are fitted to say what else there is; a budget that ended there came out as an exception."""
+    step, fitted = Watch.step, 0
+
+    def counted(self: Watch, best: str) -> None:
+        nonlocal fitted
+        fitted += 1
+        self.budget_s = -1.0 if fitted >= ends_at else None
+        step(self, best)
+
+    monkeypatch.setattr(Watch, "step", counted)
+    record, settings, ends_at = _record(), DiagnosisSettings(effects=EFFECTS[:2]), 10**9
+    assert diagnose(block(), record, settings).verdict == "attributed"
+    for ends_at in range(fitted, 0, -4):
+        fitted = 0
+        d = diagnose(block(), record, settings)
+        assert [e.name for e in d.effects] == ["viscous_friction"], ends_at
+
+
 def test_a_watch_stops_once():
     watch = Watch(budget_s=-1.0)
     with pytest.raises(Stopped):

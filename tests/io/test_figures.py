@@ -17,11 +17,11 @@ from simgap.geometry import Box, Grid
 from simgap.io import figure_style as style
 from simgap.io import figures_arena, figures_domains, figures_gap, figures_problem, figures_traces
 from simgap.io.controller_file import load_controller
-from simgap.io.diagnosis_figures import ranking_figure
+from simgap.io.diagnosis_figures import steps_figure
 from simgap.io.figures_margins import slices_figure
 from simgap.io.parquet import stack
 from simgap.io.recording_phase import domains_image, to_pixels
-from simgap.io.traces import NOMINAL, ROBUST, shown, split
+from simgap.io.traces import CAREFUL, NOMINAL, ROBUST, shown, split
 from simgap.report.figures import surroundings
 from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 
@@ -123,13 +123,24 @@ def test_a_body_that_only_feels_its_input_is_shown_over_inputs(tmp_path):
         style.close(figure)
 
 
+def test_the_promised_time_stands_beside_the_times_of_every_controller():
+    with style.figure_style():
+        figure = figures_arena.times_figure({ROBUST: [10, 20], CAREFUL: [15], NOMINAL: [30]}, 0.5, 40)
+        (axis,) = figure.axes
+        assert [line.get_xdata()[0] for line in axis.lines] == [20.0]
+        labels = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert len(labels) == 4
+        assert any("20 s" in label and "promised" in label for label in labels)
+        style.close(figure)
+
+
 def test_times_are_in_seconds():
     with style.figure_style():
         figure = figures_arena.times_figure({ROBUST: [10, 20, 30], NOMINAL: []}, 0.5)
         (axis,) = figure.axes
         assert axis.get_xlim() == pytest.approx((0.0, 15.0))
         (label,) = [text.get_text() for text in figure.legends[0].get_texts()]  # nothing is said of no runs
-        assert label.endswith("3 runs, median 10 s")
+        assert label.endswith("3 runs, median 10 s, longest 15 s")
         filled, line = axis.patches
         width = 15.0 / 40
         for corners in (filled.get_xy(), line.get_xy()):
@@ -167,22 +178,28 @@ def test_maps_of_margins_show_the_layers_that_have_some_and_say_where_a_bar_ends
     plt.close(figure)
 
 
-def test_candidates_stand_by_what_each_leaves_alone():
-    """Bars that end where the error ends, numbers beside them, from no effect to the answer."""
+def test_each_step_runs_from_the_error_before_it_to_the_error_with_each_option():
+    """Of two effects that look alike alone, one takes a step of its own once the first is there."""
     import matplotlib.pyplot as plt
 
-    left = {"coulomb_friction": 43.0, "viscous_friction": 3000.0, "cogging": 50.0, "spring": None}
-    candidates = [{"name": n, "on": "hinge", "chi2_dof": x} for n, x in left.items()]
-    chosen = [{"name": n, "on": "hinge"} for n in ("viscous_friction", "coulomb_friction")]
-    figure = ranking_figure(candidates, chosen, {"before": 3087.0, "after": 1.04})
-    axis = figure.axes[0]
-    names = [label.get_text() for label in axis.get_yticklabels()][::-1]
-    assert names[0] == "the model as declared"
-    assert [n.split(" at ")[0] for n in names[1:4]] == ["Coulomb friction", "cogging", "viscous friction"]
-    assert names[4:] == ["the 2 of the answer together"]
-    assert [t.get_text().strip() for t in axis.texts][::-1] == ["3087", "43", "50", "3000", "1.04"]
-    widths = [bar.get_x() + bar.get_width() for bar in axis.patches][::-1]
-    np.testing.assert_allclose(widths, [3087.0, 43.0, 50.0, 3000.0, 1.04])
+    def option(name: str, left: float, gain: float, taken: bool = False) -> dict[str, object]:
+        return {"name": name, "on": "hinge", "chi2_dof": left, "bic_gain": gain, "taken": taken}
+
+    steps = [
+        {"chi2_dof": 3087.0, "options": [option("spring", 22.0, 9e6, True), option("viscous_friction", 3028.0, 2e5)]},
+        {"chi2_dof": 22.0, "options": [option("viscous_friction", 1.04, 4860.0, True)]},
+        {"chi2_dof": 1.04, "options": [option("cogging", 1.039, -7.0)]},
+    ]
+    figure = steps_figure(steps)
+    axis, numbers = figure.axes
+    names = [label.get_text().split(" at ")[0] for label in axis.get_yticklabels()]
+    assert names[:3] == ["step 1, from 3087", "spring", "viscous friction"]
+    assert names[3:] == ["step 2, from 22", "viscous friction", "nothing more taken", "cogging"]
+    spans = [line.get_xdata() for line in axis.lines if len(line.get_xdata()) == 2 and line.get_ydata()[0] >= 1]
+    np.testing.assert_allclose(spans, [(3087.0, 22.0), (3087.0, 3028.0), (22.0, 1.04), (1.04, 1.039)])
+    said = [t.get_text() for t in numbers.texts]
+    assert said[:4] == ["22", "9,000,000", "3028", "200,000"]
+    assert said[6:8] == ["1.039", "\u22127"]
     plt.close(figure)
 
 

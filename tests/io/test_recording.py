@@ -1,6 +1,7 @@
 """Recordings hold what the table of traces holds, and say so when they do not."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,9 @@ def test_shown_runs_are_the_telling_ones(made):
     assert worst.violates
     assert not worst.safe[-1]
     assert not best.violates
+    assert best.run == worst.run  # from the same start, where the gap-aware controller has a run from it
+    elsewhere = [replace(t, run=t.run + 50) if t.controller == ROBUST else t for t in traces]
+    assert shown(elsewhere, ROBUST).run == min(t.run for t in elsewhere if t.controller == ROBUST)
     model = twin(traces, best)
     assert model is not None
     assert (model.plant, model.run) == ("nominal model", best.run)

@@ -13,6 +13,8 @@ from simgap.diagnosis.result import (
     FoldStretches,
     FoundEffect,
     Judged,
+    Option,
+    Step,
     WindowPrediction,
 )
 from simgap.effects import AppliedEffect, apply_effects
@@ -115,6 +117,7 @@ def diagnosis(model, data, verdict="attributed"):
         corrected=apply_effects(model, effects),
         windows=windows(data),
         left_over=(),
+        steps=(Step(80.0, tuple(Option(n, "hinge", left, g, k == 0) for k, (n, _, g, left) in enumerate(rows[:2]))),),
     )
 
 

@@ -12,6 +12,7 @@ import yaml
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.io.parquet import read_parquet
+from simgap.model.sampled import NominalModel
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import check, grid, synthesis
@@ -263,7 +264,7 @@ def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch
 def test_a_step_of_very_many_operations_is_told(terms, told):
     x = sp.Symbol("x")
     step = sum((sp.sin(k * x) for k in range(1, terms)), sp.Integer(0))
-    plant = SimpleNamespace(sampled=SimpleNamespace(f=(step,)))
+    plant = SimpleNamespace(sampled=NominalModel((x,), (), (step,), 0.1))
     found = check.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=object()), plant=plant))
-    assert [finding.key for finding in found] == ["plant.integrator"] * told
+    assert [finding.key for finding in found] == ["plant"] * told
     assert check.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=None), plant=plant)) == []

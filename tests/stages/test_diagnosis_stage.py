@@ -120,7 +120,7 @@ def test_the_page_stands_alone(written):
         "Before and after",
         "Measured against predicted",
         "The residual against",
-        "Candidates",
+        "Step by step",
         "A look at the data",
     ):
         assert heading in page
@@ -130,7 +130,7 @@ def test_the_page_stands_alone(written):
 def test_pictures_are_there_and_not_empty(written):
     from matplotlib.image import imread
 
-    for name in ("error", "measured-1", "residual-1", "candidates"):
+    for name in ("error", "measured-1", "residual-1", "steps"):
         picture = imread(written / f"{name}.png")
         assert picture.shape[1] >= 1200
         assert np.ptp(picture[..., :3]) > 0.5

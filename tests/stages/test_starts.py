@@ -69,10 +69,11 @@ def test_both_controllers_begin_at_the_same_states():
     left = np.arange(GRID.size) < GRID.size // 2
     for nominal, shared in ((checkerboard(), checkerboard() & left), (left, left)):
         begin = starts_by_kind(context, section, controller(nominal), controller(left))
-        assert controller(left).contains(begin["gap"]).all()
-        assert len(begin["gap"]) == 300
-        both = controller(shared).contains(begin["gap"])
-        np.testing.assert_array_equal(begin["nominal"], begin["gap"][both])
+        assert controller(left).contains(begin["gap"].x).all()
+        assert begin["gap"].numbers.tolist() == list(range(300))
+        both = controller(shared).contains(begin["gap"].x)
+        np.testing.assert_array_equal(begin["nominal"].x, begin["gap"].x[both])
+        np.testing.assert_array_equal(begin["nominal"].x, begin["gap"].x[begin["nominal"].numbers])
     apart = starts_by_kind(context, section, controller(~left), controller(left))
-    assert controller(~left).contains(apart["nominal"]).all()
-    assert len(apart["nominal"]) == 300
+    assert controller(~left).contains(apart["nominal"].x).all()
+    assert apart["nominal"].numbers.tolist() == list(range(300, 600))

@@ -111,6 +111,15 @@ def test_levels_and_inputs_are_those_of_the_definition(name):
             assert np.array_equal(found.value, value)
             assert np.array_equal(unpack(found.mask, INPUTS), mask)
         assert np.array_equal(reach_avoid(own, target, free, backend="bit_rows", masks=False).value, value)
+        order = rng.permutation(INPUTS)
+        first = np.where(mask.any(axis=1), order[np.argmax(mask[:, order], axis=1)], -1)
+        for backend, threads in (("bit_rows", 1), ("bit_rows", 2), ("table", 1)):
+            if backend == "table" and own.swept is not None:
+                continue  # which checks no path
+            one = reach_avoid(own, target, free, threads, backend=backend, order=order)
+            assert np.array_equal(one.value, value)
+            assert np.array_equal(one.chosen, first)
+            assert one.mask.shape == (own.grid.size, 0)
         won += int((value > 0).sum())
     assert won > 20
 
@@ -124,7 +133,7 @@ def test_more_entries_than_there_is_room_for(monkeypatch):
     plain = Levels._make_room
     monkeypatch.setattr(Levels, "_make_room", lambda self, n: grown.append(n) or plain(self, n))
     system = RowSystem.of(own)
-    value, mask = reach_by_rows([system], np.zeros(INPUTS, int), target, np.ones(own.grid.size, bool), 2, masks=True)
+    value, mask, _ = reach_by_rows([system], np.zeros(INPUTS, int), target, np.ones(own.grid.size, bool), 2, masks=True)
     assert len(grown) > 1
     assert np.array_equal(value[:, 0], wanted[0])
     assert np.array_equal(unpack(mask[:, 0], INPUTS), wanted[1])

@@ -23,6 +23,7 @@ class Watch:
         begun: CPU time at the start, s; told: when something was told last, s; sets: how many sets were fitted.
         best: the best answer so far, in words.
         stopped: why it ended early ("" if it did not); what follows then is neither counted nor interrupted.
+        over: whether a set was chosen: what is fitted after it, to say what else there is, is not held to the budget.
     """
 
     budget_s: float | None = None
@@ -32,6 +33,7 @@ class Watch:
     sets: int = 0
     best: str = ""
     stopped: str = ""
+    over: bool = False
 
     @property
     def left(self) -> float | None:
@@ -49,13 +51,9 @@ class Watch:
         if best != self.best or now - self.told > TOLD_EVERY_S:
             self.best, self.told = best, now
             self.tell(f"{self.sets} sets of effects fitted in {now:.0f} s of CPU; best so far: {best}")
-        if self.budget_s is not None and now > self.budget_s and not self.stopped:
+        if self.budget_s is not None and now > self.budget_s and not (self.stopped or self.over):
             self.stopped = f"The search was ended after measured.budget_s = {self.budget_s:g} s"
             raise Stopped
-
-    def over(self) -> None:
-        """What follows judges what was found: no budget ends it."""
-        self.budget_s = None
 
     def interrupted(self) -> None:
         """A person ended it."""

@@ -1,0 +1,38 @@
+"""What a page says of older inputs and of recordings that are too noisy to be held against gamma."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from simgap.report import tables
+
+
+def test_an_influence_that_rises_with_age_is_told_from_a_memory_of_the_robot():
+    headings = [1.5e-4, 4e-4]
+    risen = {"memory": [[1.3e-4, 3e-4], [1.4e-4, 2e-4], [0.0, 0.0]], "heading_deviation": headings}
+    assert tables.unsettled(risen)
+    assert not tables.unsettled(risen | {"memory": [[1.3e-4, 3e-4], [1.2e-4, 2e-4], [0.0, 0.0]]})  # it falls
+    assert not tables.unsettled(risen | {"memory": [[5e-3, 3e-4], [6e-3, 2e-4]]})  # larger than headings explain
+    assert not tables.unsettled({"memory": risen["memory"]})
+
+
+def test_transitions_whose_noise_leaves_gamma_are_not_counted():
+    def page(before: float, after: float) -> SimpleNamespace:
+        inside = {
+            side: {"share": 0.3, "noise_alone": noise, "transitions": 202.0}
+            for side, noise in (("before", before), ("after", after))
+        }
+        return SimpleNamespace(corrected=SimpleNamespace(inside=inside), diagnosis=None)
+
+    assert "202 held-out transitions" in tables.too_noisy(page(0.0, 0.1))
+    assert tables._measured(page(0.0, 0.1)) == []
+    assert tables.too_noisy(page(0.0, 0.9)) == ""
+    assert [row["before"] for row in tables._measured(page(0.0, 0.9))] == [0.3, 0.0]
+
+
+def test_the_index_counts_every_step_of_the_adversary():
+    audit = {"violations": 0, "evaluations": 30_000, "steps": 10_014, "steps_against_the_disturbance": 10_177}
+    loop = {"runs": 1, "runs_that_kept_the_specification": 1, "steps_outside_gamma": 0, "steps": 5}
+    summary = {"closed_loop": {"gap": {"simulator": loop}}, "sup_gamma": [{"eps": None, "states": {}}], "eps": None,
+               "winning_fraction": {}, "audit": audit}  # fmt: skip
+    assert tables.overview(summary)["evaluations"] == 30_000 + 10_014 + 10_177
