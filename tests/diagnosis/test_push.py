@@ -80,11 +80,8 @@ def test_a_push_in_every_other_second_is_more_than_may_be_left_out():
 
 
 def test_the_sentence_says_why_a_push_may_be_a_stop():
-    effect = {
-        "name": "coulomb_friction",
-        "on": "slide",
-        "parameters": {"F_c": {"value": 0.6, "ci95": [0.59, 0.61], "unit": "N"}},
-    }
+    size = {"value": 0.6, "ci95": [0.59, 0.61], "unit": "N"}
+    effect = {"name": "coulomb_friction", "on": "slide", "parameters": {"F_c": size}}
     text = verdict_sentence({"verdict": "partial", "effects": [effect], "explained_share": 1.0, "unconfirmed": ["q"]})
     assert "where times were left out q goes further than in the data that confirm" in text
     assert "is left" not in text
@@ -121,7 +118,8 @@ def _stopped(seed: int, stop: float, force: float = 3000.0) -> Trace:
 
 
 def test_a_stop_where_the_data_that_confirm_never_go_is_not_attributed():
-    """The first run alone reaches 0.59, once: what is left out there looks like a push, and *confirm* cannot deny it."""
+    more = {"effects": [effect], "explained_share": 1.0, "unconfirmed": ["q"]}
+    text = verdict_sentence({"verdict": "partial", **more})
     d = _answer(_stopped(1, 0.591), _run(2), _run(3))
     assert [f.fault for f in d.recording] == ["push"]
     assert [e.name for e in d.effects] == ["coulomb_friction"]
