@@ -79,6 +79,21 @@ def test_a_push_in_every_other_second_is_more_than_may_be_left_out():
     assert d.verdict != "attributed"
 
 
+@pytest.mark.parametrize("pushes", [((4.23, 20.0),), ()])
+def test_a_budget_that_ends_it_does_not_leave_out_what_was_not_borne_out(pushes, monkeypatch):
+    """Whatever stands out, a search that was stopped says `push` only of what still stands out under its answer."""
+    if not pushes:  # as if a time had stood out that does not
+        monkeypatch.setattr("simgap.diagnosis.diagnose.suspected", lambda *a: ((0, 4.0, 4.3),))
+    record = Record((_run(1, pushes), _run(2), _run(3)), ("q",), ("u",))
+    settings = DiagnosisSettings(
+        noise={"q": 5e-4}, effects=("coulomb_friction",), held_out_traces=("run3",), budget_s=1e-3
+    )
+    d = diagnose(block(), record, settings)
+    assert [f.fault for f in d.recording] == ["push"] * len(pushes)
+    left = 19.9 - 0.5 * len(pushes)
+    assert sum(b - a for _, a, b in (*d.folds.fit, *d.folds.choose)) > left
+
+
 def test_the_push_is_in_the_sentence():
     fault = {"sentence": "4.2 to 4.4 s of run1 (a push?): 1 % of the time that is fitted was left out."}
     text = verdict_sentence({"verdict": "none", "effects": [], "candidates": [], "recording": [fault]})
