@@ -94,9 +94,9 @@ def _answer(
         wider = widened(model, record, settings, search, found, not_tried)
     if wider is not None:
         parts, (search, base, found) = wider
-    reach = parts.known.reach(found.fit.theta)
-    if reach > parts.known.reach(search.problem.model.null):  # commands from before the record are unknown: masked
-        parts = parts.past_the_unknown(reach)
+    reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
+    if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
+        parts = parts.past_the_unknown(reach).before_the_end(late)
         if watch.stopped:
             search, base, found = _fitted_again(parts.known, search, found, not_tried)
         else:
@@ -113,7 +113,7 @@ def _answer(
     if still != record.left_out:
         record = replace(record, left_out=still)
         parts, _ = parts_of(model, record, settings, any(c.effect.second for c in parts.known.model.candidates))
-        parts = parts.past_the_unknown(reach)
+        parts = parts.past_the_unknown(reach).before_the_end(late)
         search, base, found = _fitted_again(parts.known, search, found, not_tried)
     pushes = (push_fault(record, parts.known),) if still else ()
     louder = _under_its_noise(parts, search, found, settings.max_effects, not_tried)

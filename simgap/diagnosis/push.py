@@ -35,8 +35,11 @@ Floats = NDArray[np.float64]
 
 
 def stands_out(known: Problem, theta: Floats) -> tuple[Span, ...]:
-    """Times of the fitted windows that stand out at theta (q,), every one of them looked at."""
-    seen = known.past_the_unknown(known.reach(theta))
+    """Times of the fitted windows that stand out at theta (q,), every one of them looked at.
+
+    Where commands from before a trace or from after it would act, nothing can be said.
+    """
+    seen = known.past_the_unknown(known.reach(theta)).before_the_end(known.ahead(theta))
     found = outlying(coarse(seen, rows=seen.windows.samples), theta)
     return () if found is None else found.spans
 
