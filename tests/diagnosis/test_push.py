@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.parts_of import parts_of
+from simgap.diagnosis.push import stands_out
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.windows import Windows, left_out
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
@@ -79,6 +81,21 @@ def test_a_push_in_every_other_second_is_more_than_may_be_left_out():
     assert d.verdict != "attributed"
 
 
+@pytest.mark.parametrize("pushes", [((4.23, 20.0),), ()])
+def test_a_budget_that_ends_it_does_not_leave_out_what_was_not_borne_out(pushes, monkeypatch):
+    """Whatever stands out, a search that was stopped says `push` only of what still stands out under its answer."""
+    if not pushes:  # as if a time had stood out that does not
+        monkeypatch.setattr("simgap.diagnosis.diagnose.suspected", lambda *a: ((0, 4.0, 4.3),))
+    record = Record((_run(1, pushes), _run(2), _run(3)), ("q",), ("u",))
+    settings = DiagnosisSettings(
+        noise={"q": 5e-4}, effects=("coulomb_friction",), held_out_traces=("run3",), budget_s=1e-3
+    )
+    d = diagnose(block(), record, settings)
+    assert [f.fault for f in d.recording] == ["push"] * len(pushes)
+    left = 19.9 - 0.5 * len(pushes)
+    assert sum(b - a for _, a, b in (*d.folds.fit, *d.folds.choose)) > left
+
+
 def test_the_sentence_says_why_a_push_may_be_a_stop():
     size = {"value": 0.6, "ci95": [0.59, 0.61], "unit": "N"}
     effect = {"name": "coulomb_friction", "on": "slide", "parameters": {"F_c": size}}
@@ -91,6 +108,26 @@ def test_the_push_is_in_the_sentence():
     fault = {"sentence": "4.2 to 4.4 s of run1 (a push?): 1 % of the time that is fitted was left out."}
     text = verdict_sentence({"verdict": "none", "effects": [], "candidates": [], "recording": [fault]})
     assert "4.2 to 4.4 s of run1 (a push?)" in text
+
+
+def test_where_a_late_log_ends_before_what_acted_nobody_pushed():
+    late = 12  # samples
+    runs = (_run(1), _run(2), _run(3))
+    logged = [Trace(r.name, r.t[late:], r.y[late:], r.u[:-late]) for r in runs]  # each row is what was sent 0.12 s ago
+    settings = DiagnosisSettings(noise={"q": 5e-4}, effects=("coulomb_friction",), held_out_traces=("run3",))
+    parts, _ = parts_of(block(), Record(tuple(logged), ("q",), ("u",)), settings)
+    model = parts.known.model
+    theta = model.null.copy()
+    theta[list(model.find("coulomb_friction", "slide").slots)] = FRICTION
+    theta[list(model.find("late_log", "u").slots)] = late * DT
+    assert parts.known.ahead(theta) == pytest.approx(late * DT)
+    assert stands_out(parts.known, theta) == ()
+    for part in (parts.known, parts.confirm):
+        w = part.before_the_end(late * DT).windows
+        ends = {k: part.t[w.stop[w.trace == k].max() - 1] for k in set(w.trace.tolist())}
+        assert all(
+            logged[k].t[-1] - late * DT - 1.5 * DT < end < logged[k].t[-1] - late * DT for k, end in ends.items()
+        )
 
 
 def test_windows_are_cut_around_what_is_left_out():
