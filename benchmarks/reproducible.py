@@ -26,7 +26,7 @@ from storage_faults import faketime
 from tiny_cases import NAMES, write_cases
 
 RESULT = stage_runs.ROOT / "benchmarks/results/reproducible.json"
-# One run on another date is enough: under libfaketime Python's sleep fails now and then, and with it what starts a process.
+# Only one run is on another date: under libfaketime a sleep may fail, and with it what starts a process.
 RUNS: Mapping[str, Mapping[str, Any]] = {
     "one core, cold caches": {"clone": "a", "cores": 1, "caches": "first", "environment": {"PYTHONHASHSEED": "1"}},
     "two cores, warm caches, another clone, 400 days later": {
