@@ -42,7 +42,7 @@ def _answer(*traces: Trace, effects: tuple[str, ...] = ("coulomb_friction", "vis
 @pytest.mark.parametrize("where", [0, 1])
 @pytest.mark.parametrize("force", [20.0, -6.0])
 def test_a_push_in_a_window_that_fits_or_chooses_is_left_out_and_told(where, force):
-    runs = [_run(1), _run(2), _run(3)]
+    runs = [_run(1), _run(2), _run(4)]  # the last one confirms, and goes where the pushed ones do
     runs[where] = _run(where + 1, ((4.23, force),))
     d = _answer(*runs)
     assert d.verdict == "attributed"
@@ -56,7 +56,7 @@ def test_a_push_in_a_window_that_fits_or_chooses_is_left_out_and_told(where, for
     assert f"s of run{where + 1} (a push?)" in told.sentence
     spans = (*d.folds.fit, *d.folds.choose)
     assert not any(name == f"run{where + 1}" and a < 4.25 < b for name, a, b in spans)
-    assert any(name == "run3" and b - a > 9.9 for name, a, b in d.folds.confirm)  # nothing is left out there
+    assert any(name == "run4" and b - a > 9.9 for name, a, b in d.folds.confirm)  # nothing is left out there
 
 
 def test_without_a_push_nothing_is_left_out():
@@ -79,6 +79,14 @@ def test_a_push_in_every_other_second_is_more_than_may_be_left_out():
     assert d.verdict != "attributed"
 
 
+def test_the_sentence_says_why_a_push_may_be_a_stop():
+    size = {"value": 0.6, "ci95": [0.59, 0.61], "unit": "N"}
+    effect = {"name": "coulomb_friction", "on": "slide", "parameters": {"F_c": size}}
+    text = verdict_sentence({"verdict": "partial", "effects": [effect], "explained_share": 1.0, "unconfirmed": ["q"]})
+    assert "where times were left out q goes further than in the data that confirm" in text
+    assert "is left" not in text
+
+
 def test_the_push_is_in_the_sentence():
     fault = {"sentence": "4.2 to 4.4 s of run1 (a push?): 1 % of the time that is fitted was left out."}
     text = verdict_sentence({"verdict": "none", "effects": [], "candidates": [], "recording": [fault]})
@@ -92,3 +100,27 @@ def test_windows_are_cut_around_what_is_left_out():
     assert cut.start.tolist() == [0, 41, 100, 152]
     assert cut.stop.tolist() == [30, 100, 147, 200]
     assert cut.trace.tolist() == [0, 0, 1, 1]
+
+
+def _stopped(seed: int, stop: float, force: float = 3000.0) -> Trace:
+    """A run with a stiff stop that `_run` does not have: what goes past q = stop is driven back."""
+    free = _run(seed)
+    q, v, out = 0.2, 0.1, []
+    for k in range(len(free.t)):
+        out.append(q)
+        for _ in range(FINE):
+            v += DT / FINE * (free.u[k, 0] - force * max(q - stop, 0.0)) / 2.0
+            grip = DT / FINE * FRICTION / 2.0
+            v = 0.0 if abs(v) <= grip else v - np.copysign(grip, v)
+            q += DT / FINE * v
+    noise = 5e-4 * np.random.default_rng(seed + 100).standard_normal((len(free.t), 1))
+    return Trace(f"run{seed}", free.t, np.array(out)[:, None] + noise, free.u)
+
+
+def test_a_stop_where_the_data_that_confirm_never_go_is_not_attributed():
+    """The first run alone reaches 0.59, once: what is left out there looks like a push, and *confirm* is silent."""
+    d = _answer(_stopped(1, 0.591), _run(2), _run(3))
+    assert [f.fault for f in d.recording] == ["push"]
+    assert [e.name for e in d.effects] == ["coulomb_friction"]
+    assert d.verdict == "partial"
+    assert d.unconfirmed == ("q",)
