@@ -14,6 +14,9 @@ from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
 from simgap.model.kept import kept
 from simgap.model.runge_kutta import RungeKutta
 
+MOST_OPERATIONS = 3_000
+"""Of one row of a map: above it, enclosing it on every cell takes longer than any engine would (judgement)."""
+
 
 @dataclass(frozen=True, eq=False)
 class NominalModel:
@@ -38,6 +41,11 @@ class NominalModel:
         """How many operations are to be compiled."""
         rule = self.rule
         return sum(int(sp.count_ops(e)) for e in (rule.xdot if isinstance(rule, RungeKutta) else rule))
+
+    @property
+    def too_long_to_write_out(self) -> bool:
+        """Whether the map is a step whose expressions, written out, are too many to be enclosed by intervals."""
+        return isinstance(self.rule, RungeKutta) and self.rule.operations() > MOST_OPERATIONS * self.nx
 
     @property
     def nx(self) -> int:

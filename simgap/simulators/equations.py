@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from simgap.effects.base import Effect
     from simgap.model.sampled import NominalModel
 
-MOST_OPERATIONS = 3_000
-"""Of one row of the map over tau: above it, enclosing it on every cell takes longer than any engine would."""
-
 
 class EquationsSettings(EngineSection):
     """Equations of motion with an integrator of their own: a simulator whose gap is proven, not sampled."""
@@ -88,12 +85,12 @@ class EquationsEngine(MapEngine):
         """
         import sympy as sp
 
-        from simgap.model.runge_kutta import RungeKutta
+        from simgap.model.sampled import MOST_OPERATIONS
 
         if _section(case).slopes == "sampled":
             return None
         step = _substep(case, folder)
-        if isinstance(step.rule, RungeKutta) and step.rule.operations() > MOST_OPERATIONS * step.nx:
+        if step.too_long_to_write_out:
             raise _too_large("simulator.slopes")
         rows: tuple[sp.Expr, ...] = step.f
         for _ in range(_section(case).substeps - 1):
@@ -112,7 +109,7 @@ class EquationsEngine(MapEngine):
 
 def _too_large(key: str) -> UserError:
     return UserError(
-        f"the map over tau has more than {MOST_OPERATIONS} operations, too many to enclose its gap", key=key,
+        "the map over tau has too many operations to enclose its gap", key=key,
         remedy="Set simulator.slopes: sampled, or use fewer substeps or a simpler integrator.",
     )  # fmt: skip
 

@@ -117,7 +117,7 @@ def test_what_equations_cannot_do_is_one_line(vary, changes, words):
 
 def test_a_map_too_large_to_enclose_is_refused(vary):
     path = equations(vary, integrator="rk4", substeps=3)
-    with pytest.raises(UserError, match="too many to enclose"):
+    with pytest.raises(UserError, match="too many operations to enclose"):
         closed_form(load_case(path), path.parent)
 
 

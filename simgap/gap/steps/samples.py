@@ -63,6 +63,11 @@ def known_gap(context: Context) -> ClosedFormGap | None:
     if context.case.simulator is None:
         return None
     found = closed_form(context.case, context.folder)
+    if found is not None and context.plant.sampled.too_long_to_write_out:
+        raise UserError(
+            "a step of the nominal model is too long to be enclosed beside the simulator's", key="plant.integrator",
+            remedy="Set simulator.slopes: sampled, or use a simpler integrator.",
+        )  # fmt: skip
     return ClosedFormGap.of(found, context.plant.sampled) if found is not None else None
 
 
