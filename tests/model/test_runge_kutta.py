@@ -77,7 +77,7 @@ def test_it_is_the_classical_step(rod):
 
 
 def test_boxes_enclose_the_map_and_its_slopes(rod):
-    model, step, _ = rod
+    model, step = rod
     rng = np.random.default_rng(1)
     centre, r = rng.uniform(-1.0, 1.0, (300, 4)), rng.uniform(0.0, 0.05, (300, 4))
     u = rng.uniform(-0.3, 0.3, (300, 1))
