@@ -87,8 +87,9 @@ def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]
     unknown = [n for n in at if n not in joints]
     if unknown:
         raise UserError(
-            f"no moving joint is called {unknown}", key="--at", remedy=f"Moving joints: {', '.join(joints)}."
-        )
+            f"no moving joint is called {', '.join(map(repr, unknown))}", key="--at",
+            remedy=f"Moving joints: {', '.join(joints)}.",
+        )  # fmt: skip
     axes = []
     for k, (name, joint) in enumerate(joints.items()):
         if joint.kind not in ("revolute", "continuous", "prismatic"):
@@ -160,7 +161,7 @@ def needed_inputs(urdf: Path, axes: Sequence[Axis], reach: Floats, speed: Floats
 
     free = acceleration(np.zeros(n))
     gains = np.stack([acceleration(unit) - free for unit in np.eye(n)], axis=2)  # (points, of joint, by input)
-    masses = np.linalg.inv(gains[np.ix_(np.arange(len(x)), on, on)])
+    masses = np.linalg.inv(gains[:, on][:, :, on])
     held = np.abs(np.einsum("kij,kj->ki", masses, free[:, on]))
     stops = AUTHORITY * speed[on] ** 2 / (2 * reach[on])
     return np.asarray((held + np.abs(masses) @ stops).max(axis=0))

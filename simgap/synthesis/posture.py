@@ -57,7 +57,7 @@ def posture_of(model: SymbolicModel, at: Mapping[str, float]) -> Posture:
     b = _numbers([[sp.diff(e, s) for s in inputs] for e in xdot], here | dict.fromkeys(inputs, 0.0))
     drift = _numbers([[e] for e in xdot], here | dict.fromkeys(inputs, 0.0))[:, 0]
     u = -np.linalg.lstsq(b, drift, rcond=None)[0] if inputs else np.zeros(0)
-    u[np.abs(u) < STILL] = 0.0
+    u = np.asarray(np.where(np.abs(u) < STILL, 0.0, u), dtype=np.float64)
     held = here | dict(zip(inputs, u, strict=True))
     a = _numbers([[sp.diff(e, s) for s in states] for e in xdot], held)
     left = _numbers([[e] for e in xdot], held)[:, 0]

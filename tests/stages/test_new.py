@@ -16,6 +16,8 @@ from simgap.plants.model_file import read_model_file
 from simgap.stages import check, fresh, new, synthesis
 from simgap.stages.context import Context
 from simgap.stages.new_joints import axes_of, drives, needed_inputs
+from simgap.stages.propose import Numbers
+from simgap.synthesis.proposal import Proposal
 
 
 def controlled(case, folder):
@@ -37,27 +39,41 @@ def test_it_runs_as_it_stands(root, tmp_path, urdf):
     assert controller.contains([0.0, 0.0]).all()
 
 
-@pytest.fixture(scope="module")
-def arm(root, tmp_path_factory):
-    """The case of a double pendulum with both joints driven, and what was told of it."""
-    folder, notes = tmp_path_factory.mktemp("arm"), []
-    return new.run("arm", root / "configs/models/double_pendulum.urdf", folder, note=notes.append), notes
+NUMBERS = Numbers(
+    Proposal(
+        0.05, {"q1": (-0.25, 0.25), "q2": (-0.2, 0.2), "v1": (-1.0, 1.0), "v2": (-1.5, 1.5)},
+        {"u1": (-9.0, 9.0, 4.5), "u2": (-2.0, 2.0, 1.0)}, (12, 12, 14, 14), 0.25, ("q1",), (),
+    ),
+    {"q2": 0.02, "v1": 0.1, "v2": 0.15}, 2,
+)  # fmt: skip
 
 
-def test_a_case_of_four_states_asks_for_a_controller_that_the_nominal_model_has(arm, tmp_path):
-    """And the numbers that were found are those of the case: its own synthesis wins on them."""
-    context = Context.load(arm[0])
+def test_a_case_of_four_states_has_the_numbers_that_were_found(root, tmp_path, monkeypatch):
+    """The search itself is tested in tests/synthesis/test_proposal.py; here is what the case makes of it."""
+    asked, notes = [], []
+
+    def numbers(case, folder, at, limits, room, tell):
+        asked.append((at, limits, room))
+        return NUMBERS
+
+    monkeypatch.setattr(new, "numbers", numbers)
+    case = new.run("arm", root / "configs/models/double_pendulum.urdf", tmp_path, at={"elbow": 0.1}, note=notes.append)
+    context = Context.load(case)
     assert context.states == ["q1", "q2", "v1", "v2"]
-    assert {cost.stage for cost in check.run(arm[0]).costs} >= {"rollouts", "gap", "synthesis"}
-    synthesis.run(arm[0], None, tmp_path / "c.npz", tmp_path / "s.json", 1)
-    controller = load_controller(tmp_path / "c.npz")
-    assert controller.solution.winning.mean() > 0.1
-    at, model = np.zeros((1, 4)), context.plant.sampled
-    for _ in range(100):
-        assert controller.contains(at[0]).all()
-        at = model.step(at, np.atleast_2d(controller.input(at[0])))
-    assert "every joint is taken to have a drive" in arm[1][0]
-    assert "The nominal model alone wins" in arm[1][1]
+    assert context.domain.tau == 0.05
+    assert context.domain.X == NUMBERS.proposal.X
+    assert context.input_set.shape == (25, 2)
+    assert context.case.synthesis.cells == (12, 12, 14, 14)
+    assert context.case.symmetry.along == ("q1",)
+    assert context.case.simulator.substeps == 12  # of PyBullet's 240 a second
+    assert {cost.stage for cost in check.run(case).costs} >= {"rollouts", "gap", "synthesis", "audit"}
+    ((at, limits, room),) = asked
+    assert at == {"q1": 0.0, "q2": 0.1}
+    assert limits == {"u1": 100.0, "u2": 100.0}
+    assert room["q1"] == (-12.6, 12.6)
+    assert room["v2"] == (-100.0, 100.0)
+    assert "every joint is taken to have a drive" in notes[0]
+    assert "alone wins 0.25 of X on 12 x 12 x 14 x 14 cells" in notes[1]
 
 
 def geared(root, folder, changes=(), transmissions=()):
@@ -174,7 +190,7 @@ def test_a_case_of_many_joints_is_written_in_no_time_and_can_be_checked(tmp_path
 
 @pytest.mark.parametrize("driven", [(0, 1), (0,)])
 def test_inputs_of_an_arm_hold_and_stop_its_driven_joints_anywhere(root, driven):
-    """By Drake's inverse dynamics, its own recursion: .5^2/(2 .25) rad/s^2 at every driven joint, the others as they go."""
+    """By Drake's inverse dynamics, its own recursion: .5^2/(2 .25) rad/s^2 at driven joints, others as they go."""
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
     from pydrake.multibody.tree import MultibodyForces
