@@ -90,5 +90,5 @@ class Law:
         cells = s.grid.index(y)
         known = cells >= 0
         rows = np.where(known, cells * s.memory + memory, 0)
-        admitted = unpack(s.mask[rows], len(self.inputs)) & known[:, None]
+        admitted = unpack(s.admitted(len(self.inputs), rows), len(self.inputs)) & known[:, None]
         return admitted, self._ended[np.where(known, cells, 0)] & known

@@ -24,6 +24,13 @@ class SynthesisSection(Section):
         description="Whether the controller of the nominal model alone also minds what that model does between "
         "samples; as in the paper it looks at the sampling instants only.",
     )
+    record: Literal["all", "one"] = Field(
+        "all",
+        exclude_if=lambda value: value == "all",  # what a case reads that does not ask for it stays what it was
+        description="Whether the controller keeps all admissible inputs of a cell, a bit for each input, or the one "
+        "that `least_effort` picks, two bytes: for very many cells and inputs, where something is to be reached. What "
+        "it applies is the same; the audit, the margins and a certificate are then about that one input.",
+    )
     rule: Literal["least_effort", "middle"] = Field(
         "least_effort", description="Which of the admissible inputs the controller applies."
     )

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.conclude import Chosen, conclude
 from simgap.diagnosis.parts_of import parts_of
+from simgap.diagnosis.push import left_out_by, push_fault, suspected
 from simgap.diagnosis.reading.exchanged import put_back
 from simgap.diagnosis.reading.hum import without_hum
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.repair import repaired
+from simgap.diagnosis.reading.windows import Span
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Key, RecordingFault
 from simgap.diagnosis.search.barred import barred
 from simgap.diagnosis.search.columns import better_columns
@@ -67,13 +69,25 @@ def diagnose(
 
 
 def _answer(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings, tell: Callable[[str], None], whole: bool
-) -> Diagnosis:
-    """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle."""
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, tell: Callable[[str], None], whole: bool,
+    left_out: tuple[Span, ...] | None = None,
+) -> Diagnosis:  # fmt: skip
+    """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle.
+
+    `left_out`: times in which nothing is fitted; None: those that stand out, if what is found bears that out.
+    """
+    given = record
     record, parts, said, faults = mended(model, record, settings)
     not_tried = barred(parts.known.model, record, settings.effects)
     watch = Watch(settings.budget_s, tell)
     begun = _begun(parts.known, not_tried, watch)
+    aside = left_out or ()
+    if left_out is None and chi2_dof(begun[0].problem, begun[1]) > FIT_QUALITY:
+        aside = suspected(parts, not_tried)
+    if aside:
+        record = replace(record, left_out=aside)
+        parts, said = parts_of(model, record, settings)
+        begun = _begun(parts.known, not_tried, watch)
     wider = screened(model, record, settings, *begun, not_tried)
     if wider is None:
         search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, begun=begun)
@@ -93,6 +107,10 @@ def _answer(
         parts = parts.without(np.isin(record.measured, [f.channel for f in filtered]))
         not_tried |= {(f.fault, f.channel): "the channel was left out" for f in filtered}
         search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
+    still = left_out_by(model, record, settings, parts.known, search, found, sought=left_out is None and not aside)
+    if still != record.left_out:
+        return _answer(model, given, replace(settings, budget_s=watch.left), tell, whole, still)
+    pushes = (push_fault(record, parts.known),) if still else ()
     louder = _under_its_noise(parts, search, found, settings.max_effects, not_tried)
     if louder is not None:
         parts, (search, base, found) = louder
@@ -101,7 +119,7 @@ def _answer(
         if apart is not None:
             return replace(apart, recording=(*faults, *apart.recording))
     chosen = _chosen(parts, search, base, found, settings, not_tried)
-    return conclude(model, record, settings, parts, chosen, said, (*faults, *filtered))
+    return conclude(model, record, settings, parts, chosen, said, (*faults, *pushes, *filtered))
 
 
 def mended(

@@ -41,4 +41,5 @@ def parts_of(
     every = settled(build_problem(compiled, record, windows, sigma, readings.weight))
     known = folds.fit | folds.choose
     parts = Parts(*(every.on(windows.pick(mask)) for mask in (known, folds.fit, folds.choose, folds.confirm)))
+    parts = parts.leaving_out(record.left_out)
     return parts.past_the_unknown(every.reach(compiled.null)), said  # reach of delays that the model declares

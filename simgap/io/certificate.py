@@ -101,7 +101,7 @@ def write_certificate(folder: Path, what: Certified, record: Mapping[str, Any]) 
 def tables(what: Certified) -> dict[str, NDArray[Any]]:
     """Arrays by file name."""
     s = what.solution
-    found: dict[str, NDArray[Any]] = {INPUTS: s.mask, WINNING: s.winning.astype(np.uint8)}
+    found: dict[str, NDArray[Any]] = {INPUTS: s.admitted(len(what.input_set)), WINNING: s.winning.astype(np.uint8)}
     if s.value is not None:
         found[LEVELS] = s.value.reshape(-1, s.memory)
     if isinstance(what.bound, BodyFrameGap):

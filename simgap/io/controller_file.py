@@ -28,7 +28,7 @@ FEWER = "Take another machine, fewer cells (synthesis.cells) or fewer inputs (do
 CHECKSUM = "sha256"
 MOST_INPUTS = 2**15 - 1  # the chosen input is stored in 16 bits
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-_NEEDED = {"about", "box", "cells", "input_set", "winning", "free", "mask"}
+_NEEDED = {"about", "box", "cells", "input_set", "winning", "free"}
 
 
 def save_controller(controller: Controller, path: Path | str) -> None:
@@ -57,7 +57,7 @@ def save_controller(controller: Controller, path: Path | str) -> None:
         "input_set": controller.input_set,
         "winning": np.packbits(s.winning),
         "free": np.packbits(s.free),
-        "mask": s.mask,
+        **({"mask": s.mask} if s.chosen is None else {"chosen": s.chosen}),
     }
     if s.value is not None and s.target is not None:
         arrays |= {"value": s.value, "target": np.packbits(s.target)}
@@ -87,7 +87,7 @@ def load_controller(path: Path | str) -> Controller:
         with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             require_room(sum(entry.file_size for entry in stored.zip.infolist()))
             arrays = {name: stored[name] for name in stored.files}
-        _require(set(arrays) >= _NEEDED, "parts of it are missing")
+        _require(set(arrays) >= _NEEDED and ("mask" in arrays) != ("chosen" in arrays), "parts of it are missing")
         about = json.loads(arrays["about"].tobytes().decode())
         _require(CHECKSUM in arrays, "it has no checksum, so nothing says that it is whole")
         kept = {name: array for name, array in arrays.items() if name != CHECKSUM}
@@ -183,11 +183,7 @@ def _controller(about: Mapping[str, Any], arrays: Arrays) -> Controller:
     _require(type(memory) is int and memory == wanted, f"memory {memory!r:.40} cannot be")
     _require(type(first) is int and 0 <= first < memory, f"it cannot begin with memory {first!r:.40}")
     _require(isinstance(statistics, dict) and isinstance(about["provenance"], dict), "its metadata is no mapping")
-    mask = arrays["mask"]
-    shape = (grid.size * memory, packed_width(len(input_set)))
-    _require(mask.dtype == np.uint8 and mask.shape == shape, f"its table of inputs has shape {mask.shape}, not {shape}")
-    spare = 8 * shape[1] - len(input_set)
-    _require(not (mask[:, -1] >> (8 - spare)).any() if spare else True, "it admits inputs that do not exist")
+    mask, chosen = _inputs(arrays, grid.size * memory, len(input_set))
     solution = Solution(
         grid=grid,
         winning=_flags(arrays, "winning", grid.size),
@@ -201,9 +197,24 @@ def _controller(about: Mapping[str, Any], arrays: Arrays) -> Controller:
         kind=kind,
         statistics=statistics,
         acting=arrays.get("acting"),
+        chosen=chosen,
     )
     _check_sets(solution)
     return Controller(input_set, states, inputs, solution, about["rule"], about["provenance"])
+
+
+def _inputs(arrays: Arrays, nodes: int, count: int) -> tuple[NDArray[np.uint8], NDArray[np.int16] | None]:
+    """The table of admissible inputs, or one without columns and the input of each node."""
+    chosen = arrays.get("chosen")
+    if chosen is not None:
+        _require(chosen.dtype == np.int16 and chosen.shape == (nodes,), "its inputs are not one a node")
+        _require(((chosen >= -1) & (chosen < count)).all(), "it admits inputs that do not exist")
+        return np.empty((nodes, 0), np.uint8), chosen
+    mask, shape = arrays["mask"], (nodes, packed_width(count))
+    _require(mask.dtype == np.uint8 and mask.shape == shape, f"its table of inputs has shape {mask.shape}, not {shape}")
+    spare = 8 * shape[1] - count
+    _require(not (mask[:, -1] >> (8 - spare)).any() if spare else True, "it admits inputs that do not exist")
+    return mask, None
 
 
 def _kind(given: Any, inputs: int) -> NDArray[np.int64] | None:
@@ -246,6 +257,7 @@ def _check_sets(s: Solution) -> None:
     began, served = s.at_first(done | s.served), s.served
     _require(not (s.winning & ~began).any(), "it wins cells without an input")
     if s.acting is not None:
+        _require(s.chosen is None, "it keeps cells of the true state by one input each")
         shape = (s.grid.size, s.mask.shape[1])
         _require(s.acting.dtype == np.uint8 and s.acting.shape == shape, "its inputs that may act are of other cells")
         first = s.acting[:, s.first >> 3] >> (s.first & 7) & 1

@@ -9,7 +9,7 @@ import numpy as np
 
 from simgap.specifications.solution import Solution
 
-TABLES = ("winning", "mask", "free", "value", "target", "acting")
+TABLES = ("winning", "mask", "free", "value", "target", "acting", "chosen")
 FLAGS, BYTES = np.empty(0, np.bool_), np.empty((0, 0), np.uint8)  # in the place of tables that lie in files
 
 
@@ -31,7 +31,9 @@ class SharedSolution:
         names = tuple(name for name in TABLES if getattr(solution, name) is not None)
         for name in names:
             np.save(folder / f"{name}.npy", getattr(solution, name))
-        rest = replace(solution, winning=FLAGS, mask=BYTES, free=FLAGS, value=None, target=None, acting=None)
+        rest = replace(
+            solution, winning=FLAGS, mask=BYTES, free=FLAGS, value=None, target=None, acting=None, chosen=None
+        )
         return SharedSolution(folder, names, rest)
 
     def read(self) -> Solution:

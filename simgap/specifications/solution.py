@@ -29,6 +29,8 @@ class Solution:
         statistics: counts such as passes, steps and admissible pairs, and the backend that was used.
         first: memory before the first sample. late: whether the input that is remembered acts now and the chosen one a
             sample later. kind: (M,) class of each input, 0 to C - 1; None for one class.
+        chosen: (cells * memory,) int16, -1 for none: the one input of each node, where one alone is recorded; `mask`
+            has then no columns, and readers ask `admitted`.
         acting: (cells, ceil(M / 8)) uint8, inputs that may act from cells of the true state; None but for a controller
             that keeps such cells by late measurements, which does not know them itself.
     """
@@ -45,6 +47,7 @@ class Solution:
     late: bool = False
     kind: NDArray[np.int64] | None = None
     acting: NDArray[np.uint8] | None = None
+    chosen: NDArray[np.int16] | None = None
 
     @property
     def fraction(self) -> float:
@@ -54,9 +57,21 @@ class Solution:
     @cached_property
     def served(self) -> NDArray[np.bool_]:
         """Nodes (measured cell, memory) at which the controller has an input, (cells * memory,); looked up once."""
+        if self.chosen is not None:
+            return np.asarray(self.chosen >= 0)
         wide = self.mask.shape[1] % 8 == 0 and self.mask.flags.c_contiguous
         flags: NDArray[np.bool_] = np.any(self.mask.view(np.uint64) if wide else self.mask, axis=1)
         return flags
+
+    def admitted(self, inputs: int, rows: Any = slice(None)) -> NDArray[np.uint8]:
+        """Admissible inputs, of all nodes or of some rows, as `mask` has them, of `inputs` there are: (k, bytes)."""
+        if self.chosen is None:
+            return self.mask[rows]
+        own = self.chosen[rows]
+        bits = np.zeros((len(own), (inputs + 7) // 8), np.uint8)
+        some = np.flatnonzero(own >= 0)
+        bits[some, own[some] >> 3] = np.uint8(1) << (own[some] & 7).astype(np.uint8)
+        return bits
 
     @cached_property
     def ended(self) -> NDArray[np.bool_]:

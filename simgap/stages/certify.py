@@ -40,7 +40,8 @@ def run(case_path: Path, gap: Path, controller_path: Path, out: Path) -> None:
             controller.solution, controller.input_set, controller.input_names, _task(context, bound, gap),
         )  # fmt: skip
         head = write_certificate(out, what, provenance("certify", context.case, context.folder))
-    won, pairs = int(controller.solution.winning.sum()), int(np.bitwise_count(controller.solution.mask).sum())
+    won = int(controller.solution.winning.sum())
+    pairs = int(np.bitwise_count(controller.solution.admitted(len(controller.input_set))).sum())
     log.info("certificate of %d cells and %d pairs in %s (digest %s)", won, pairs, out, head["digest"][:16])
 
 

@@ -53,7 +53,8 @@ def _of_measured_cells(context: Context, gap: GapFunction, solution: Solution, e
     layers = shown_layers(grid.cells[axes[-1]], LAYERS) if solution.kind is not None and axes else None
     late = int(acts) if solution.late else None
     known = Remembered(nodes[:, remembered], kind.reshape(-1).astype(np.int64), layers, late)
-    mask = np.ascontiguousarray(solution.mask.reshape(grid.size, solution.memory, -1)[:, first])
+    rows = np.arange(grid.size) * solution.memory + first
+    mask = np.ascontiguousarray(solution.admitted(len(context.input_set), rows))
     about = context.plant.sampled, grid, context.input_set, _after(gap, solution).kernel()
     found = one_step_margins(*about, nodes[:, first], mask, axes, error, known)
     only = ["where the previous input is of the class of a robot at rest"] if solution.kind is not None else []

@@ -157,6 +157,11 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     The controller made with the gap minds the path between samples; that of the nominal model alone only if asked to.
     """
     section = context.need(context.case.synthesis, "synthesis")
+    if section.record == "one" and section.rule != "least_effort":
+        raise UserError(
+            f"one input a cell is the one of least effort, not the one that '{section.rule}' picks",
+            key="synthesis.record", remedy="Set `record: all`, or leave out `rule`.",
+        )  # fmt: skip
     model = context.plant.sampled
     bound = load_gap(gap_path, context) if gap_path is not None else None
     gap = bound.function if bound is not None else None
@@ -183,6 +188,7 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
         latency=sensing.latency if sensing else 0,
         first=_first_input(context, sensing.first_input) if sensing and sensing.first_input else None,
         stray=between if needed else None,
+        one=section.record == "one",
     )
     if swept is not None:
         problem = replace(problem, swept=planar_swept_cells(problem.grid, *swept, pose_axes(context), error))

@@ -51,6 +51,8 @@ class Controller:
     metadata: dict[str, Any]
 
     def __post_init__(self) -> None:
+        if self.solution.chosen is not None and self.rule != RULES[0]:
+            raise UserError(f"one input a cell is recorded by the rule '{RULES[0]}', not by '{self.rule}'")
         if self.rule not in RULES:
             raise UserError(f"no selection rule '{self.rule}'", remedy=f"Known rules: {', '.join(RULES)}")
 
@@ -82,6 +84,8 @@ class Controller:
     @cached_property
     def choice(self) -> NDArray[np.int16]:
         """The input that the rule picks, (cells * memory,), -1 where there is none; row cell * memory + pending."""
+        if self.solution.chosen is not None:
+            return self.solution.chosen
         if self.rule == "middle":
             return _middle(self.solution.mask, len(self.input_set))
         return preferred(self.solution.mask, least_effort(self.input_set))
@@ -142,7 +146,10 @@ class Controller:
     def inputs(self, x: ArrayLike, pending: int | None = None) -> Floats:
         """All admissible inputs at a measured state (nx,) -> (k, nu), k = 0 outside the winning domain."""
         row = int(self._of_one(x, self.rows(x, pending)))
-        return self.input_set[unpack(self.solution.mask[row], len(self.input_set))] if row >= 0 else self.input_set[:0]
+        if row < 0:
+            return self.input_set[:0]
+        count = len(self.input_set)
+        return self.input_set[unpack(self.solution.admitted(count, [row])[0], count)]
 
     def _of_one(self, x: ArrayLike, answers: Ints) -> np.int64:
         if np.ndim(x) != 1:

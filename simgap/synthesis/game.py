@@ -18,6 +18,7 @@ from simgap.specifications.regions import Mask
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction import Abstraction
+from simgap.synthesis.controller import least_effort
 from simgap.synthesis.invariance import invariance
 from simgap.synthesis.pending import Nodes, PendingGame
 from simgap.synthesis.reach import reach_avoid
@@ -32,13 +33,14 @@ class MeasuredGame:
     Attributes:
         space: the states; abstraction: its boxes account for its `error`.
         stray: how far a path strays from its samples where clearance is to cover that, (nx,).
-        threads: for the kernels.
+        threads: for the kernels. one: whether to record the input of least effort of each cell instead of all.
     """
 
     space: Space
     abstraction: Abstraction
     stray: Floats
     threads: int = 1
+    one: bool = False
 
     @property
     def grid(self) -> Grid:
@@ -51,7 +53,13 @@ class MeasuredGame:
         return self.abstraction.error
 
     def invariant(self, safe: Mask) -> Solution:
-        """The greatest fixed point of the controlled predecessor within the safe cells, (cells,) bool."""
+        """The greatest fixed point of the controlled predecessor within the safe cells, (cells,) bool.
+
+        Raises:
+            UserError: where one input a cell is asked for.
+        """
+        if self.one:
+            raise one_input_only("a set that is to be held")
         if self.abstraction.swept is not None:
             raise BrokenPromise("swept boxes are not checked by the invariance kernel", "Let the clearance cover them.")
         found = invariance(self.abstraction, None if safe.all() else safe, self.threads)
@@ -65,7 +73,8 @@ class MeasuredGame:
 
     def reach(self, target: Mask, free: Mask) -> Solution:
         """The least fixed point, its value function and all inputs that go down a level; sets are (cells,) bool."""
-        found = reach_avoid(self.abstraction, target, free, self.threads)
+        order = least_effort(self.abstraction.inputs) if self.one else None
+        found = reach_avoid(self.abstraction, target, free, self.threads, order=order)
         return Solution(
             grid=self.grid,
             winning=certified(found.winning, self.grid, self.error),
@@ -74,7 +83,15 @@ class MeasuredGame:
             value=found.value,
             target=target & free,
             statistics={"steps": found.steps, "backend": found.backend},
+            chosen=found.chosen if self.one else None,
         )
+
+
+def one_input_only(what: str) -> UserError:
+    """For what one input a cell cannot be recorded."""
+    return UserError(
+        f"one input a cell cannot be recorded for {what}", key="synthesis.record", remedy="Set it to `all`."
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.controller import least_effort
-from simgap.synthesis.game import LateGame, MeasuredGame, TrueGame
+from simgap.synthesis.game import LateGame, MeasuredGame, TrueGame, one_input_only
 from simgap.synthesis.nominal import BoxBounds, Model, nominal_abstraction
 from simgap.synthesis.pending import PendingGame
 from simgap.synthesis.previous import PreviousBounds, PreviousGame
@@ -44,6 +44,7 @@ class Problem:
         previous: the gap and the swept cells after each class of the previous input; None where there is one class.
         first: number of the input that acts in the first sample where there is a latency; None for the least effort.
         stray: what the clearance has to cover of it, (nx,); None for a controller that looks at the samples only.
+        one: whether the input of least effort alone is recorded of each cell, for what is to be reached.
     """
 
     model: Model
@@ -59,6 +60,7 @@ class Problem:
     stray: Floats | None = None
     first: int | None = None
     previous: PreviousBounds | None = None
+    one: bool = False
 
     @property
     def grid(self) -> Grid:
@@ -96,6 +98,8 @@ class Problem:
         nothing = np.zeros(self.space.size)
         stray = nothing if self.stray is None else self.stray
         first = int(least_effort(self.inputs)[0]) if self.first is None else self.first
+        if self.one and (self.on_true_cells or self.latency or self.previous is not None):
+            raise one_input_only("a controller that remembers, or that keeps cells of the true state")
         if self.on_true_cells:
             error = nothing if self.error is None else np.asarray(self.error)
             return TrueGame(self.space, self.abstraction(), error, self.latency, stray, threads, first)
@@ -108,7 +112,7 @@ class Problem:
             return PreviousGame(self.space, boxes, self.abstraction, *about)
         if self.latency:
             return LateGame(self.space, PendingGame.of(self.abstraction(), threads), stray, first)
-        return MeasuredGame(self.space, self.abstraction(), stray, threads)
+        return MeasuredGame(self.space, self.abstraction(), stray, threads, self.one)
 
 
 def synthesise(problem: Problem, threads: int = 1) -> Solution:

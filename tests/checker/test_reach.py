@@ -37,7 +37,7 @@ ARENA = {
 }
 
 
-def made_of(classes, arena, swept=True):
+def made_of(classes, arena, swept=True, one=False):
     """Controller and certificate of a robot whose gap is wider after some inputs than after others."""
     model, specification = unicycle(), ReachAvoid(kind="reach_avoid", **arena)
     kind = PreviousClasses.of(U, classes)
@@ -51,7 +51,7 @@ def made_of(classes, arena, swept=True):
         np.concatenate([way[0] - 0.03 * wide, -side], axis=2),
         np.concatenate([way[1] + 0.03 * wide, side], axis=2),
     )
-    problem = Problem(model, specification, SPACE, SHAPE, U, bound.kernel(), [2])
+    problem = Problem(model, specification, SPACE, SHAPE, U, bound.kernel(), [2], one=one)
     stray = None if swept else np.array([0.05, 0.05, 0.1])
     if swept:
         every = planar_swept_cells(problem.grid, boxes[0].min(axis=0), boxes[1].max(axis=0))
@@ -114,6 +114,16 @@ def test_every_pair_of_the_robot_is_verified(certificate, made):
     assert (value[:, 0] != value[:, 2]).any()  # the memory matters
     assert made.solution.fraction > 0.5
     assert value.max() > 5
+
+
+def test_a_controller_with_one_input_a_cell_is_verified_by_its_one_input(tmp_path):
+    made = made_of((1, 1), ARENA, one=True)
+    write_certificate(tmp_path, made, {})
+    status, words = run(tmp_path)
+    assert (status, "ACCEPTED" in words) == (0, True), words
+    pairs = int((made.solution.value > 0).sum())
+    assert pairs > 1000
+    assert f"{pairs:,} pairs of node and input" in words
 
 
 def test_a_sample_is_seeded_and_says_so(certificate):

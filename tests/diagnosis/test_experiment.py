@@ -173,3 +173,28 @@ def test_waves_keep_to_the_range_and_hold_slow_and_fast_ones():
     assert all(w.u.shape == (500, 2) and np.abs(w.u).max() <= 1.0 + 1e-9 for w in every)
     names = " ".join(w.name for w in every)
     assert all(word in names for word in ("multisine", "chirp", "steps", "ramps", "holds", "all inputs"))
+
+
+def test_readings_of_one_count_of_an_encoder_make_no_one_surer():
+    """A creep of a few counts: what white noise of the same size would tell, less what its readings have in common."""
+    step = 0.01
+    white = record(viscous=VISCOUS)
+    (trace,) = white.traces
+    rounded = Record((replace(trace, y=step * np.round(trace.y / step)),), white.measured, white.inputs)
+    asked = replace(question(rounded, DRAG, PULL), noise={"x": step / np.sqrt(12.0)})
+    known = known_rivals(asked.model, rounded, asked.settings, asked.sets, asked.noise)
+    counted = replace(asked.bench(known, ()), allowed=Box([-20.0, -20.0], [20.0, 20.0]))
+    assert counted.steps == pytest.approx([step], rel=1e-3)
+    plain = replace(counted, steps=np.zeros(1))
+    creep, quick = (Wave("held", np.full((len(asked.t), 1), size)) for size in (2e-3, 1.0))
+    parted = {}
+    for name, bench in (("counted", counted), ("plain", plain)):
+        for speed, wave, pace in (("creep", creep, 0.0), ("quick", quick, 1.5)):  # a start from rest is slow at first
+            attempt = tried(replace(bench, start=np.array([0.0, pace])), known.rivals, wave)
+            assert attempt is not None
+            parted[name, speed] = attempt.d[0, 1]
+            travel = np.ptp(attempt.states[0][:, 0]) / step
+            assert travel > len(asked.t) if speed == "quick" else travel < 0.2 * len(asked.t)
+    # readings of a creep stay in one count for n of them and are then worth 1 / (1 + rho (n - 1)) at most
+    assert parted["counted", "creep"] < 0.5 * parted["plain", "creep"]
+    assert parted["counted", "quick"] == pytest.approx(parted["plain", "quick"], rel=1e-9)  # three counts a reading

@@ -13,6 +13,7 @@ from simgap.diagnosis.experiment.propose import SURE, Proposal, propose
 from simgap.diagnosis.experiment.remedies import Remedy, best_remedy, set_words, settable
 from simgap.diagnosis.experiment.rivals import Explained, Known, known_rivals, library_names, translated
 from simgap.diagnosis.reading.conditions import conditioned
+from simgap.diagnosis.reading.encoder import worth
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
@@ -57,11 +58,11 @@ class Question:
     def bench(self, known: Known, held: tuple[float, ...]) -> Bench:
         """Where the next recording is made under these conditions."""
         problem = known.problem
-        names = self.record.measured
+        names, readings = self.record.measured, worth(self.record)
         return Bench(
             problem.model, np.array([self.noise[n] for n in names]), self.t, self.settings.window_s,
             min(problem.h_max, float(self.t[1] - self.t[0])), self.start, self.allowed, self.middle, self.reach, held,
-            known.excess, problem.size,
+            known.excess, problem.size, readings.steps, readings.shared,
         )  # fmt: skip
 
 
@@ -134,6 +135,9 @@ def _read(question: Question, name: str, u: Floats, rng: np.random.Generator) ->
     span = float(np.ptp(states[:, question.model.state_names.index(name)]))
     here = known.problem.model
     there = cached_supermodel(here.model, (*here.measured, name), library_names(question.sets))
-    seen = replace(bench, model=there, sigma=np.append(bench.sigma, UNREAD * max(span, 1e-12)))
+    seen = replace(
+        bench, model=there, sigma=np.append(bench.sigma, UNREAD * max(span, 1e-12)),
+        steps=np.append(bench.steps, 0.0), shared=np.append(bench.shared, 0.0),
+    )  # fmt: skip
     rivals = [translated(r, s, here, there) for r, s in zip(known.rivals, question.sets, strict=True)]
     return propose([seen], rivals, rng, few=True).of_all

@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from simgap.diagnosis.reading.encoder import weights
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.windows import Windows, split_windows
 from simgap.diagnosis.simulation.problem import Problem, build_problem
@@ -56,6 +57,7 @@ class Bench:
         middle, reach: (m,) of the inputs, or of those that are no known condition.
         held: values of the known conditions, after the inputs.
         excess: chi^2/dof that the best explanation leaves, at least 1; counted: numbers in the recordings at hand.
+        steps, shared: (k,) counts of encoders, and what of the noise the readings of one count have in common.
     """
 
     model: SuperModel
@@ -70,6 +72,8 @@ class Bench:
     held: tuple[float, ...] = ()
     excess: float = 1.0
     counted: int = 0
+    steps: Floats = field(default_factory=lambda: np.zeros(0))
+    shared: Floats = field(default_factory=lambda: np.zeros(0))
 
     def input(self, wave: Floats) -> Floats:
         """A wave (n, m), cut at the ends of the range, as the plant feels it, conditions behind it: (n, m + c)."""
@@ -112,7 +116,8 @@ class Bench:
 
     def _problem(self, u: Floats, y: Floats, windows: Windows) -> Problem:
         record = Record((self._trace(u, y),), self.model.measured, self.model.model.input_names)
-        return replace(build_problem(self.model, record, windows, self.sigma), h_max=self.h_max)
+        worth = weights(y, self.steps, self.shared) if np.any(self.steps > 0.0) else None
+        return replace(build_problem(self.model, record, windows, self.sigma, worth), h_max=self.h_max)
 
     def _trace(self, u: Floats, y: Floats) -> Trace:
         return Trace("next", self.t, y, np.ascontiguousarray(u))

@@ -36,25 +36,36 @@ class Worth:
     Attributes:
         sigma: (k,) standard deviation of one reading, rounding included.
         weight: (n, k) what each reading is worth, of all traces one after another; 1 where nothing is rounded.
+        steps: (k,) counts, 0 where nothing is rounded.
+        shared: (k,) share of the variance that readings of one count have in common.
     """
 
     sigma: Floats
     weight: Floats
+    steps: Floats
+    shared: Floats
 
 
 def worth(record: Record) -> Worth:
     """Noise and worth of every reading of a record."""
     sigma, steps = noise_floor(record), resolution(record)
-    weight = [np.ones(trace.y.shape) for trace in record.traces]
+    shared = np.zeros(len(steps))
     for k in np.flatnonzero(steps > 0.0):
         step = float(steps[k])
         white = _white(record, int(k), step, float(sigma[k]))
         sigma[k] = max(sigma[k], np.hypot(white, step / np.sqrt(12.0)))  # few slow readings tell little of the noise
-        shared = _placed(white / step) * (step / sigma[k]) ** 2
-        for trace, own in zip(record.traces, weight, strict=True):
-            place = np.round((trace.y[:, k] - trace.y[0, k]) / step).astype(np.int64)
-            own[:, k] = 1.0 / (1.0 + shared * (_company(place) - 1.0))
-    return Worth(sigma, np.concatenate(weight))
+        shared[k] = _placed(white / step) * (step / sigma[k]) ** 2
+    weight = [weights(trace.y, steps, shared) for trace in record.traces]
+    return Worth(sigma, np.concatenate(weight), steps, shared)
+
+
+def weights(y: Floats, steps: Floats, shared: Floats) -> Floats:
+    """What each reading of one trace is worth, (n, k), from where it is: steps and shared as in `Worth`."""
+    out = np.ones(y.shape)
+    for k in np.flatnonzero(steps > 0.0):
+        place = np.round((y[:, k] - y[0, k]) / steps[k]).astype(np.int64)
+        out[:, k] = 1.0 / (1.0 + shared[k] * (_company(place) - 1.0))
+    return out
 
 
 def _white(record: Record, k: int, step: float, every: float) -> float:

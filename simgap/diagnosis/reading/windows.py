@@ -89,12 +89,41 @@ def split_windows(record: Record, seconds: float) -> Windows:
     return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
 
 
+Span = tuple[int, float, float]
+"""(trace, from, to) s: a time that is left out; the sample at `to` is kept."""
+
+
+def left_out(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
+    """The windows without those times, cut in two where one lies inside; parts that are too short are dropped.
+
+    All are kept as they are if none would be left. t: (n,) s.
+    """
+    rows = []
+    for a, b, first, trace in zip(windows.start, windows.stop, windows.first, windows.trace, strict=True):
+        own = np.ones(b - a, dtype=bool)
+        for which, begin, end in spans:
+            if which == trace:
+                own &= (t[a:b] < begin) | (t[a:b] >= end)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], own.astype(np.int8), [0]])))
+        parts = [(a + i, a + j, first, trace) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+        rows += [row for row in parts if row[1] - row[0] >= MIN_SAMPLES]
+    if not rows:
+        return windows
+    table = np.array(rows, dtype=np.int64)
+    return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
+
+
+def joined(windows: Windows) -> Windows:
+    """Neighbouring windows of a trace as one."""
+    a, b = windows.start, windows.stop
+    begins = np.ones(len(a), dtype=bool)
+    begins[1:] = (a[1:] != b[:-1]) | (windows.trace[1:] != windows.trace[:-1])
+    last = np.append(np.flatnonzero(begins)[1:], len(a)) - 1
+    return Windows(a[begins], b[last], windows.first[begins], windows.trace[begins])
+
+
 def stretches(windows: Windows, t: Floats, names: list[str]) -> tuple[tuple[str, float, float], ...]:
     """(trace, from, to) in s, neighbouring windows of a trace joined; t: (n,) s, names: of the traces."""
-    joined: list[list[int]] = []
-    for a, b, k in zip(windows.start.tolist(), windows.stop.tolist(), windows.trace.tolist(), strict=True):
-        if joined and joined[-1][1] == a and joined[-1][2] == k:
-            joined[-1][1] = b
-        else:
-            joined.append([a, b, k])
-    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, k in joined)
+    whole = joined(windows)
+    rows = zip(whole.start.tolist(), whole.stop.tolist(), whole.trace.tolist(), strict=True)
+    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, k in rows)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.diagnosis.reading.windows import Span, left_out
 from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.problem import Problem
 
@@ -30,6 +31,13 @@ class Parts:
     def past_the_unknown(self, reach_s: float) -> Parts:
         """The same without the samples on which commands from before the record may still act."""
         return self.changed(lambda p: p.past_the_unknown(reach_s))
+
+    def leaving_out(self, spans: tuple[Span, ...]) -> Parts:
+        """The same without those times in what is fitted and in what chooses; what confirms is kept whole."""
+        if not spans:
+            return self
+        known, fit, choose = (p.on(left_out(p.windows, p.t, spans)) for p in (self.known, self.fit, self.choose))
+        return Parts(known, fit, choose, self.confirm)
 
     def changed(self, change: Callable[[Problem], Problem]) -> Parts:
         """Each of the problems, changed."""

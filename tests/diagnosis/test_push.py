@@ -1,0 +1,94 @@
+"""A push in the data that are fitted: told, left out, and nothing else is left out in its name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.reading.windows import Windows, left_out
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
+from simgap.diagnosis.verdict.words import verdict_sentence
+from tests.diagnosis.plants import block
+
+DT, FINE = 0.01, 100
+FRICTION = 0.6
+
+
+def _run(seed: int, pushes: tuple[tuple[float, float], ...] = (), limit: float = np.inf) -> Trace:
+    """A mass of 2 under dry friction by small steps; pushes: (from s, N), 0.1 s each; limit of the drive."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 10.0, DT)
+    waves = zip(rng.uniform(1.0, 2.0, 3), (0.4, 0.9, 1.7), rng.uniform(0, 6, 3), strict=True)
+    u = np.asarray(sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in waves))
+    q, v, out = 0.2, 0.1, []
+    for k, now in enumerate(t):
+        out.append(q)
+        hand = sum(force for begin, force in pushes if begin <= now < begin + 0.1)
+        for _ in range(FINE):
+            v += DT / FINE * (min(max(u[k], -limit), limit) + hand) / 2.0
+            grip = DT / FINE * FRICTION / 2.0
+            v = 0.0 if abs(v) <= grip else v - np.copysign(grip, v)
+            q += DT / FINE * v
+    return Trace(f"run{seed}", t, np.array(out)[:, None] + 5e-4 * rng.standard_normal((len(t), 1)), u[:, None])
+
+
+def _answer(*traces: Trace, effects: tuple[str, ...] = ("coulomb_friction", "viscous_friction", "spring")) -> Diagnosis:
+    settings = DiagnosisSettings(noise={"q": 5e-4}, effects=effects, held_out_traces=(traces[-1].name,))
+    return diagnose(block(), Record(traces, ("q",), ("u",)), settings)
+
+
+@pytest.mark.parametrize("where", [0, 1])
+@pytest.mark.parametrize("force", [20.0, -6.0])
+def test_a_push_in_a_window_that_fits_or_chooses_is_left_out_and_told(where, force):
+    runs = [_run(1), _run(2), _run(3)]
+    runs[where] = _run(where + 1, ((4.23, force),))
+    d = _answer(*runs)
+    assert d.verdict == "attributed"
+    assert [e.name for e in d.effects] == ["coulomb_friction"]
+    estimate = d.effects[0].parameters["F_c"]
+    assert abs(estimate.value - FRICTION) < 1.5 * 0.5 * (estimate.ci95[1] - estimate.ci95[0])  # three standard errors
+    assert estimate.value == pytest.approx(FRICTION, rel=0.01)
+    (told,) = d.recording
+    assert told.fault == "push"
+    assert 0.1 < told.value < 0.5
+    assert f"s of run{where + 1} (a push?)" in told.sentence
+    spans = (*d.folds.fit, *d.folds.choose)
+    assert not any(name == f"run{where + 1}" and a < 4.25 < b for name, a, b in spans)
+    assert any(name == "run3" and b - a > 9.9 for name, a, b in d.folds.confirm)  # nothing is left out there
+
+
+def test_without_a_push_nothing_is_left_out():
+    d = _answer(_run(1), _run(2), _run(3))
+    assert (d.verdict, d.recording) == ("attributed", ())
+    assert sum(b - a for _, a, b in (*d.folds.fit, *d.folds.choose)) > 19.9
+
+
+def test_what_a_drive_that_saturates_now_and_then_misses_is_no_push():
+    runs = [_run(k, limit=3.2) for k in (1, 2, 3)]
+    d = _answer(*runs, effects=("coulomb_friction", "input_saturation"))
+    assert {e.name for e in d.effects} == {"coulomb_friction", "input_saturation"}
+    assert not d.recording
+
+
+def test_a_push_in_every_other_second_is_more_than_may_be_left_out():
+    often = tuple((0.5 + k, 15.0 * (-1) ** k) for k in range(9))
+    d = _answer(_run(1, often), _run(2, often), _run(3), effects=("coulomb_friction",))
+    assert not any(f.fault == "push" for f in d.recording)
+    assert d.verdict != "attributed"
+
+
+def test_the_push_is_in_the_sentence():
+    fault = {"sentence": "4.2 to 4.4 s of run1 (a push?): 1 % of the time that is fitted was left out."}
+    text = verdict_sentence({"verdict": "none", "effects": [], "candidates": [], "recording": [fault]})
+    assert "4.2 to 4.4 s of run1 (a push?)" in text
+
+
+def test_windows_are_cut_around_what_is_left_out():
+    t = np.concatenate([np.arange(100) * 0.01, np.arange(100) * 0.01])
+    at = (np.array(a) for a in ([0, 100, 150], [100, 150, 200], [0, 100, 100], [0, 1, 1]))
+    cut = left_out(Windows(*at), t, ((0, 0.295, 0.405), (1, 0.47, 0.515)))
+    assert cut.start.tolist() == [0, 41, 100, 152]
+    assert cut.stop.tolist() == [30, 100, 147, 200]
+    assert cut.trace.tolist() == [0, 0, 1, 1]
