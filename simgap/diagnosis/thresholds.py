@@ -23,6 +23,9 @@ Stat. Assoc. 90(430): "not worth more than a bare mention")."""
 FIT_QUALITY = 1.15
 """Largest chi^2/dof of a model that reaches the noise floor."""
 
+WITHIN_NOISE = 5.0
+"""A reading that goes further than others by at most so many times its noise goes no further (judgement)."""
+
 HELD_OUT_QUALITY = 1.08
 """Largest held-out RMSE/sigma of a model that reaches the noise floor."""
 
