@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from rich.console import Console
 from rich.table import Table
 
-from simgap.stages.check import Checked
+from simgap.stages.check import Checked, conclusion
 from simgap.stages.costs import duration, size
 
 
-def show(console: Console, checked: Checked) -> None:
-    """A table of what the stages cost, the cells an axis, and what the engine makes of the model file."""
+def show(console: Console, checked: Checked, case: Path) -> None:
+    """A table of what the stages cost, the cells an axis, what the engine makes of the model file, and what follows."""
     if checked.costs:
         table = Table("stage", "what", "CPU time, about", "memory, about", box=None)
         for cost in checked.costs:
@@ -29,3 +31,4 @@ def show(console: Console, checked: Checked) -> None:
             "Nothing here is to be computed but a diagnosis: there is no `domain:` with a simulator or a controller.",
             soft_wrap=True, highlight=False, markup=False,
         )  # fmt: skip
+    console.print(conclusion(checked, case), soft_wrap=True, highlight=False, markup=False)

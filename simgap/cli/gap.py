@@ -28,7 +28,7 @@ def check(
         logging.getLogger("simgap").setLevel(logging.ERROR)
     with Console(stderr=True).status("reading the case") as status:  # in a terminal alone
         checked = stage.run(case, out, log, status.update)
-    show(Console(), checked)
+    show(Console(), checked, case)
 
 
 @app.command()

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import CasePath, Log, Out, app, new_folder, start_log
+from simgap.cli.options import CasePath, Log, Out, app, new_folder, start_log, values_of
 from simgap.errors import UserError
 
 
@@ -69,15 +69,8 @@ def next_experiment(
 
     start_log(log or out / "next.log")
     with Console(stderr=True).status("starting") as status:
-        result = stage.run(case, found, out, seconds, _values(start), lambda words: status.update(escape(words)))
+        result = stage.run(
+            case, found, out, seconds, values_of(start, "--start"), lambda words: status.update(escape(words))
+        )
     for line in (result["paragraph"], f"Picture: {out / 'next.png'}" if result["input"] else ""):
         Console().print(line, soft_wrap=True, highlight=False, markup=False)
-
-
-def _values(text: str) -> dict[str, float]:
-    """'q=0.5,v=0' as numbers by name."""
-    try:
-        pairs = [part.split("=") for part in text.split(",") if part.strip()]
-        return {name.strip(): float(value) for name, value in pairs}
-    except ValueError:
-        raise UserError(f"'{text}' names no state", key="--start", remedy="Write q=0.5,v=0.") from None

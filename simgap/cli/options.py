@@ -109,3 +109,16 @@ def options(
     ] = False,
 ) -> None:
     """Measure, bound and close the gap between a robot model, its simulator and its recordings."""
+
+
+def values_of(text: str, key: str) -> dict[str, float]:
+    """'q=0.5,v=0' as numbers by name.
+
+    Raises:
+        UserError: a text that is something else.
+    """
+    try:
+        pairs = [part.split("=") for part in text.split(",") if part.strip()]
+        return {name.strip(): float(value) for name, value in pairs}
+    except ValueError:
+        raise UserError(f"'{text}' names no state", key=key, remedy="Write q=0.5,v=0.") from None

@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 import yaml
 
-from simgap.cli.options import app, new_folder
+from simgap.cli.options import CasePath, app, new_folder, values_of
 from simgap.errors import SimgapError, UserError
 from simgap.io.atomic import host, write_text
 from simgap.io.follow import RUN
@@ -59,15 +59,47 @@ def new(
     name: Annotated[str, typer.Argument(help="Name of the case: lower-case letters, digits, - and _.")],
     urdf: Annotated[Path | None, typer.Option(help="Model file of the robot.")] = None,
     equations: Annotated[bool, typer.Option("--equations", help="Equations, to be replaced by your own.")] = False,
+    inputs: Annotated[str, typer.Option(help="Joints that have a drive, such as arm or shoulder,elbow.")] = "",
+    at: Annotated[
+        str, typer.Option(help="Posture around which to work, such as pole=3.1416; 0 for other joints.")
+    ] = "",
     out: Annotated[Path, typer.Option(help="Folder for the case.", callback=new_folder)] = Path(),
 ) -> None:
     """Write a commented case for a robot of yours: NAME.yaml, which runs as it stands."""
+    from rich.console import Console
+    from rich.markup import escape
+
     from simgap.stages import new as stage
 
     if (urdf is None) != equations:
         raise UserError("either a URDF or equations", key="--urdf", remedy="Give --urdf FILE, or --equations.")
-    path = stage.run(name, urdf, out)
-    typer.echo(f"Wrote {path}. Next: simgap check {path}, then simgap run {path}")
+    if urdf is None and (inputs or at):
+        raise UserError(
+            "belongs to a URDF", key="--inputs" if inputs else "--at", remedy="Write it into the equations."
+        )
+    named, notes = [n.strip() for n in inputs.split(",") if n.strip()] or None, list[str]()
+    with Console(stderr=True).status("reading the model") as status:
+        path = stage.run(
+            name, urdf, out, named, values_of(at, "--at"), lambda words: status.update(escape(words)), notes.append
+        )
+    for line in [*notes, f"Wrote {path}. Next: simgap check {path}, then simgap run {path}"]:
+        typer.echo(line)
+
+
+@app.command()
+def propose(
+    case: CasePath,
+    at: Annotated[str, typer.Option(help="Posture around which to work, such as q2=3.1416; 0 for other states.")] = "",
+) -> None:
+    """Find tau, X, U and cells with which the nominal model of a case wins something, and print them as sections."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    from simgap.stages import propose as stage
+
+    with Console(stderr=True).status("building the nominal model") as status:
+        found = stage.run(case, values_of(at, "--at"), lambda words: status.update(escape(words)))
+    typer.echo(found.block())
 
 
 @app.command()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap.config.basis import BasisSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Basis
 from simgap.gap.design import Design
@@ -19,6 +20,7 @@ from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import PaddedSide, SideFit, padded
 from simgap.gap.tiers import Tier, directed_words, guarantee
+from simgap.geometry import Box
 
 Sides = dict[str, PaddedSide]
 
@@ -48,13 +50,25 @@ def basis_of(where: SampleGrid, settings: GapSettings) -> Basis:
         UserError: for terms that are no basis, or a term that depends on an axis along which a symmetry is declared.
     """
     chosen = Expressions(terms=("1",)) if settings.bound == "constant" else settings.basis
-    terms = chosen.listed(where.states, where.input_names, where.grid.box)
-    basis = Basis(tuple(map(str, terms)), tuple(where.states), tuple(where.input_names))
-    for j in where.free:
+    return listed_basis(chosen, where.states, where.input_names, where.grid.box, where.free)
+
+
+def listed_basis(
+    chosen: BasisSection, states: Sequence[str], inputs: Sequence[str], box: Box, free: Sequence[int]
+) -> Basis:
+    """The terms of a basis that do not depend on the axes `free`, along which a symmetry is declared.
+
+    Raises:
+        UserError: for terms that are no basis, or a written term that depends on a free axis.
+    """
+    kept = [j for j in range(len(states)) if j not in free]
+    terms = chosen.listed([states[j] for j in kept], inputs, Box(box.lo[kept], box.hi[kept]))
+    basis = Basis(tuple(map(str, terms)), tuple(states), tuple(inputs))
+    for j in free:
         for term, row in zip(basis.terms, basis.gradients, strict=True):
             if row[j] != 0:
                 raise UserError(
-                    f"the term '{term}' depends on {where.states[j]}, along which a symmetry is declared",
+                    f"the term '{term}' depends on {states[j]}, along which a symmetry is declared",
                     key="gap.basis",
                     remedy="Leave it out, or withdraw the symmetry.",
                 )

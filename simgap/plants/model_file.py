@@ -45,13 +45,19 @@ class FileJoint:
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """A URDF as it is written; bare: links without `<inertial>` that are part of what moves; meshes: named files."""
+    """A URDF as it is written.
+
+    Attributes:
+        bare: links without `<inertial>` that are part of what moves. meshes: named files.
+        driven: joints that some `<transmission>` joins to an actuator; None for a file without one.
+    """
 
     path: Path
     links: Mapping[str, Link]
     bare: tuple[str, ...]
     joints: Mapping[str, FileJoint]
     meshes: tuple[str, ...]
+    driven: tuple[str, ...] | None
 
 
 def read_model_file(path: Path) -> ModelFile:
@@ -68,7 +74,9 @@ def read_model_file(path: Path) -> ModelFile:
     joints = {str(j.get("name")): _joint(j, geared) for j in robot.findall("joint") if j.get("type") != "fixed"}
     bare = tuple(name for name in _carried(robot) if name not in weighed)
     meshes = tuple(dict.fromkeys(str(mesh.get("filename")) for mesh in robot.iter("mesh")))
-    return ModelFile(path, weighed, bare, joints, meshes)
+    geared_to = [str(j.get("name")) for t in robot.findall("transmission") for j in t.findall("joint")]
+    driven = tuple(name for name in joints if name in geared_to) if geared_to else None
+    return ModelFile(path, weighed, bare, joints, meshes, driven)
 
 
 def _carried(robot: ElementTree.Element) -> list[str]:

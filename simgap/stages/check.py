@@ -17,7 +17,7 @@ import numpy as np
 from simgap import plugins
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.gap.points import covering_grid, own_point
+from simgap.gap.points import covering_grid, free_axes, own_point
 from simgap.io.documents import write_json
 from simgap.plants.model_file import Link, ModelFile, read_model_file
 from simgap.provenance import provenance
@@ -27,7 +27,7 @@ from simgap.simulators.surprises import Finding, surprises
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages.context import Context, log
-from simgap.stages.costs import StageCost, affordable, costs, duration
+from simgap.stages.costs import StageCost, affordable, costs, duration, size
 from simgap.stages.fair_baseline import minding_the_path
 from simgap.stages.measured_check import check_measured
 from simgap.synthesis.game import one_input_only
@@ -124,6 +124,17 @@ def _outlook(found: list[StageCost]) -> str:
     return f"about {duration(sum(c.seconds for c in held))} of CPU time in all, most of it {most.count:,} {most.of}"
 
 
+def conclusion(checked: Checked, case: Path) -> str:
+    """What follows from a check, in a line: what a run will take and how it is begun."""
+    held = [cost for cost in checked.costs if not cost.at_most]
+    if not held:
+        return f"The case is in order. simgap diagnose {case} takes recordings."
+    seconds, most = sum(cost.seconds for cost in held), max(cost.bytes for cost in held)
+    return (
+        f"The case is in order. A run takes about {duration(seconds)} of CPU time and {size(most)}: simgap run {case}"
+    )
+
+
 def model_file(context: Context) -> ModelFile | None:
     """The file that the simulator loads, its meshes there; the nominal model's where there is no simulator."""
     section, own = context.case.simulator, context.case.plant.urdf
@@ -179,11 +190,11 @@ def _basis(context: Context) -> None:
     section = context.case.gap
     if section is None or section.bound not in ("scenario", "conformal") or context.case.domain is None:
         return
-    from simgap.gap.bases import Basis  # takes a second: only paid by cases that get this far
+    from simgap.gap.linear_fit import listed_basis  # takes a second: only paid by cases that get this far
 
     try:
-        terms = section.basis.listed(context.states, context.inputs, context.box)
-        _ = Basis(tuple(terms), tuple(context.states), tuple(context.inputs)).hessians
+        free = free_axes(context.case)
+        _ = listed_basis(section.basis, context.states, context.inputs, context.box, free).hessians
     except UserError as error:
         raise UserError(error.problem, key=error.key or "gap.basis", remedy=error.remedy) from None
 

@@ -18,7 +18,7 @@ from simgap.gap.borders import thinned_count
 from simgap.gap.points import covering_grid, covering_point, free_axes, own_point
 from simgap.gap.steps.borders import checked_at_most
 from simgap.gap.thresholds import CHECK_LEVELS, MOST_BORDER_STATES
-from simgap.geometry import Grid
+from simgap.geometry import Box, Grid
 
 START = 4.0
 """CPU seconds that a stage takes to start: imports, the nominal model, compiled kernels read back."""
@@ -28,10 +28,16 @@ ROLLOUT = 3e-5
 """CPU seconds of an engine's step of a joint plant where the engine was not asked."""
 FIT, SLOPES, BOUND = 2e-6, 6e-6, 6e-6
 """CPU seconds a sample, of `scp` and `lipschitz` (one state) and of `gap` (one state)."""
+PROGRAM = 5e-3
+"""CPU seconds of the linear programs of one state, for each pair of terms of the basis: 31 terms take 5 s."""
 PAIR = 3e-7
 """CPU seconds a pair of cell and input, of a synthesis that ends."""
 ROW_PAIR = 1.5e-8
 """The same where whole rows of cells are decided at once: a robot whose gap does not depend on where it stands."""
+MARGIN = 1e-6
+"""CPU seconds a pair of cell and input of the margins, by which gamma could grow in each cell, in `audit`."""
+MARGIN_BYTES = 24
+"""Bytes a cell and state of the margins, and as many again."""
 SAMPLE_BYTES = 60
 """Bytes a sample and state that the stages from roll-outs to the bound hold."""
 
@@ -120,7 +126,8 @@ def _samples(context: Context, rollout: float, eps: float | None) -> Iterator[St
         if case.gap is not None or case.hidden_state is not None:
             attacks = 0 if case.hidden_state is None or stage != "gap" else 2 * case.hidden_state.search
             more = attacks * (1 + case.hidden_state.search_length) * rollout if case.hidden_state and attacks else 0.0
-            yield StageCost(stage, count, of, nx * (START + count * rate) + more, held, key)
+            program = PROGRAM * _terms(context) ** 2 if stage == "scp" else 0.0
+            yield StageCost(stage, count, of, nx * (START + count * rate + program) + more, held, key)
 
 
 def _grid(context: Context, eps: float | None) -> Grid:
@@ -139,10 +146,11 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
     a_cell = 9 + 8 * len(context.states) + rows * math.ceil(inputs / 8)
     wheeled = case.plant.symbolic is not None and case.plant.symbolic.wheels is not None
     rate = ROW_PAIR if wheeled and not (case.sensing is not None and case.sensing.latency) else PAIR
-    seconds = START + rate * cells * inputs * rows
+    controllers = 2 if case.simulator is not None and (case.gap is not None or case.hidden_state is not None) else 1
+    seconds = controllers * (START + rate * cells * inputs * rows)
     yield StageCost(
-        "synthesis", cells * inputs * rows, "pairs of cell and input", seconds, BYTES + a_cell * cells,
-        "synthesis.cells",
+        "synthesis", cells * inputs * rows, "pairs of cell and input" + ", twice" * (controllers > 1), seconds,
+        BYTES + a_cell * cells, "synthesis.cells",
     )  # fmt: skip
     if case.validation is not None and case.simulator is not None:
         steps, ends = 2 * case.validation.starts * case.validation.steps, not _holds(case)
@@ -154,7 +162,23 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
         evaluations, attacked = (case.audit or AuditSection()).budget(case.hidden_state is not None)
         asked = evaluations + attacked * (1 if case.hidden_state is not None else 1 + inputs // 4)
         seconds = START + asked * rollout + PAIR * cells + attacked * inputs * PAIR
-        yield StageCost("audit", asked, "steps of an adversary", seconds, 2 * BYTES + 12.0 * cells, "audit.evaluations")
+        held = 2 * BYTES + 12.0 * cells
+        if not wheeled:
+            seconds, held = seconds + MARGIN * cells * inputs, held + MARGIN_BYTES * (1 + len(context.states)) * cells
+        yield StageCost("audit", asked, "steps of an adversary", seconds, held, "audit.evaluations")
+
+
+def _terms(context: Context) -> int:
+    """Of a basis that is one; `check` tells of others."""
+    section = context.case.gap
+    if section is None or section.bound not in ("scenario", "conformal"):
+        return 0
+    kept = [j for j in range(len(context.states)) if j not in free_axes(context.case)]
+    box = Box(context.box.lo[kept], context.box.hi[kept])
+    try:
+        return len(section.basis.listed([context.states[j] for j in kept], context.inputs, box))
+    except UserError:
+        return 0
 
 
 def _holds(case: Case) -> bool:

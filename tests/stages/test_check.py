@@ -15,7 +15,7 @@ from simgap.io.parquet import read_parquet
 from simgap.model.sampled import NominalModel
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
-from simgap.stages import check, grid, synthesis
+from simgap.stages import check, costs, grid, synthesis
 from simgap.stages.context import Context
 
 LINK = """<link name="rod"><inertial><origin xyz="0 0 -0.5" rpy="0 0 0"/><mass value="1.0"/>
@@ -285,3 +285,21 @@ def test_a_step_of_very_many_operations_is_told(terms, told):
     found = check.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=object()), plant=plant))
     assert [finding.key for finding in found] == ["plant"] * told
     assert check.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=None), plant=plant)) == []
+
+
+def test_a_check_ends_with_what_a_run_takes(tmp_path):
+    path = written(tmp_path)
+    found = check.run(path)
+    seconds = sum(cost.seconds for cost in found.costs)
+    assert check.conclusion(found, path) == (
+        f"The case is in order. A run takes about {costs.duration(seconds)} of CPU time and "
+        f"{costs.size(max(cost.bytes for cost in found.costs))}: simgap run {path}"
+    )
+
+
+def test_a_term_along_a_symmetry_is_refused_before_anything_runs_and_listed_bases_leave_it_out(tmp_path):
+    symmetry = {"group": "translation", "along": ["q"], "tolerance": {"q": 1e-9, "w": 1e-9}}
+    along = {"symmetry": symmetry, "grid": {"half_widths": {"w": 0.1}}}
+    with pytest.raises(UserError, match="the term 'q' depends on q, along which a symmetry is declared"):
+        check.run(written(tmp_path, case=along))
+    check.run(written(tmp_path, case=along | {"gap": {"basis": {"kind": "monomials", "degree": 2}}}))

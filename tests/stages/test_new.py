@@ -3,6 +3,7 @@
 import os
 import re
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,12 @@ import yaml
 
 from simgap.errors import UserError
 from simgap.io.controller_file import load_controller
+from simgap.plants.model_file import read_model_file
 from simgap.stages import check, fresh, new, synthesis
 from simgap.stages.context import Context
+from simgap.stages.new_joints import axes_of, drives, needed_inputs
+from simgap.stages.propose import Numbers
+from simgap.synthesis.proposal import Proposal
 
 
 def controlled(case, folder):
@@ -34,19 +39,91 @@ def test_it_runs_as_it_stands(root, tmp_path, urdf):
     assert controller.contains([0.0, 0.0]).all()
 
 
-def test_an_arm_of_two_joints_passes_the_check(root, tmp_path):
-    """Its controller is written as a comment, since four states take longer; what is commented out is a case too."""
-    case = new.run("arm", root / "configs/models/double_pendulum.urdf", tmp_path)
+NUMBERS = Numbers(
+    Proposal(
+        0.05, {"q1": (-0.25, 0.25), "q2": (-0.2, 0.2), "v1": (-1.0, 1.0), "v2": (-1.5, 1.5)},
+        {"u1": (-9.0, 9.0, 4.5), "u2": (-2.0, 2.0, 1.0)}, (12, 12, 14, 14), 0.25, ("q1",), (),
+    ),
+    {"q2": 0.02, "v1": 0.1, "v2": 0.15}, 2,
+)  # fmt: skip
+
+
+def test_a_case_of_four_states_has_the_numbers_that_were_found(root, tmp_path, monkeypatch):
+    """The search itself is tested in tests/synthesis/test_proposal.py; here is what the case makes of it."""
+    asked, notes = [], []
+
+    def numbers(case, folder, at, limits, room, tell):
+        asked.append((at, limits, room))
+        return NUMBERS
+
+    monkeypatch.setattr(new, "numbers", numbers)
+    case = new.run("arm", root / "configs/models/double_pendulum.urdf", tmp_path, at={"elbow": 0.1}, note=notes.append)
     context = Context.load(case)
     assert context.states == ["q1", "q2", "v1", "v2"]
-    assert context.case.synthesis is None
-    found = check.run(case)
-    assert {cost.stage for cost in found.costs} >= {"rollouts", "gap"}
-    head, _, tail = case.read_text().partition("# synthesis:")
-    commented, _, rest = tail.partition("# Your recordings")
-    case.write_text(head + "synthesis:" + commented.replace("\n# ", "\n") + "# Your recordings" + rest)
-    assert Context.load(case).case.synthesis.cells == (14, 14, 14, 14)
-    check.run(case)
+    assert context.domain.tau == 0.05
+    assert context.domain.X == NUMBERS.proposal.X
+    assert context.input_set.shape == (25, 2)
+    assert context.case.synthesis.cells == (12, 12, 14, 14)
+    assert context.case.symmetry.along == ("q1",)
+    assert context.case.simulator.substeps == 12  # of PyBullet's 240 a second
+    assert {cost.stage for cost in check.run(case).costs} >= {"rollouts", "gap", "synthesis", "audit"}
+    ((at, limits, room),) = asked
+    assert at == {"q1": 0.0, "q2": 0.1}
+    assert limits == {"u1": 100.0, "u2": 100.0}
+    assert room["q1"] == (-12.6, 12.6)
+    assert room["v2"] == (-100.0, 100.0)
+    assert "every joint is taken to have a drive" in notes[0]
+    assert "alone wins 0.25 of X on 12 x 12 x 14 x 14 cells" in notes[1]
+
+
+def geared(root, folder, changes=(), transmissions=()):
+    """The double pendulum with parts replaced and drives on some joints."""
+    text = (root / "configs/models/double_pendulum.urdf").read_text()
+    for old, better in changes:
+        assert old in text
+        text = text.replace(old, better)
+    drives = (f'<transmission name="{j}"><joint name="{j}"/><actuator name="m"/></transmission>' for j in transmissions)
+    (folder / "m.urdf").write_text(text.replace("</robot>", "".join(drives) + "</robot>"))
+    return read_model_file(folder / "m.urdf")
+
+
+LIMIT = '<limit lower="-12.6" upper="12.6" effort="100" velocity="100"/>'
+
+
+def test_joints_have_a_drive_where_the_file_says_so(root, tmp_path):
+    both = ("shoulder", "elbow")
+    assert drives(geared(root, tmp_path, transmissions=["elbow"]), None, True)[0] == ("elbow",)
+    assert drives(geared(root, tmp_path), None, True)[0] == both
+    assert drives(geared(root, tmp_path), ["elbow"], True)[0] == ("elbow",)
+    free = [('name="elbow" type="revolute"', 'name="elbow" type="continuous"')]
+    loose = (tmp_path / "m.urdf").read_text()
+    head, tail = loose.rsplit(LIMIT, 1)
+    (tmp_path / "m.urdf").write_text((head + tail).replace(*free[0]))
+    assert drives(read_model_file(tmp_path / "m.urdf"), None, True)[0] == ("shoulder",)
+
+
+def test_what_drives_an_underactuated_robot_is_asked_for(root, tmp_path):
+    text = (root / "configs/models/double_pendulum.urdf").read_text()
+    (tmp_path / "m.urdf").write_text(text.replace("revolute", "continuous").replace(LIMIT, ""))
+    with pytest.raises(UserError, match="does not say which joints have a drive") as caught:
+        new.run("mine", tmp_path / "m.urdf", tmp_path)
+    assert "--inputs shoulder" in caught.value.remedy
+    with pytest.raises(UserError, match="no moving joint is called 'wrist'"):
+        new.run("mine", tmp_path / "m.urdf", tmp_path, ["wrist"])
+    with pytest.raises(UserError, match="no moving joint is called 'wrist'"):
+        new.run("mine", tmp_path / "m.urdf", tmp_path, ["elbow"], {"wrist": 1.0})
+    assert not (tmp_path / "mine.yaml").exists()
+
+
+def test_a_posture_that_nothing_holds_is_a_case_without_a_controller_that_says_why(root, tmp_path):
+    """The shoulder alone cannot hold the forearm to one side; the case is there for a diagnosis."""
+    notes = []
+    urdf = root / "configs/models/double_pendulum.urdf"
+    case = new.run("mine", urdf, tmp_path, ["shoulder"], {"elbow": 0.7}, note=notes.append)
+    assert Context.load(case).case.synthesis is None
+    assert list(Context.load(case).case.plant.inputs) == ["u1"]
+    assert "no input holds the posture" in notes[1]
+    assert "no input holds the posture" in case.read_text()
 
 
 def test_inputs_can_hold_the_plant_and_stop_it(root, tmp_path):
@@ -111,27 +188,31 @@ def test_a_case_of_many_joints_is_written_in_no_time_and_can_be_checked(tmp_path
     assert all(0.0 < limits[f"u{k}"]["max"] < 100.0 for k in range(1, 7))
 
 
-def test_inputs_of_an_arm_hold_and_stop_it_anywhere(root, tmp_path):
-    """By Drake's inverse dynamics, its own recursion: .5^2/(2 .25) rad/s^2 at every joint, anywhere in X."""
+@pytest.mark.parametrize("driven", [(0, 1), (0,)])
+def test_inputs_of_an_arm_hold_and_stop_its_driven_joints_anywhere(root, driven):
+    """By Drake's inverse dynamics, its own recursion: .5^2/(2 .25) rad/s^2 at driven joints, others as they go."""
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
     from pydrake.multibody.tree import MultibodyForces
 
     urdf = root / "configs/models/double_pendulum.urdf"
-    domain = Context.load(new.run("arm", urdf, tmp_path)).case.domain
+    axes = [replace(a, driven=k in driven) for k, a in enumerate(axes_of(urdf, read_model_file(urdf).joints, {}))]
+    most = needed_inputs(urdf, axes, np.full(2, 0.25), np.full(2, 0.5))
     plant = MultibodyPlant(0.0)
     (model,) = Parser(plant).AddModels(urdf)
     (base,) = [b for b in (plant.get_body(k) for k in plant.GetBodyIndices(model)) if b.name() in ("world", "base")][:1]
     plant.WeldFrames(plant.world_frame(), base.body_frame())
     plant.Finalize()
-    context, rng, seen = plant.CreateDefaultContext(), np.random.default_rng(0), np.zeros(2)
-    ends = np.array([domain.X[n] for n in ("q1", "q2", "v1", "v2")])
+    context, rng, seen = plant.CreateDefaultContext(), np.random.default_rng(0), np.zeros(len(driven))
     for _ in range(300):
-        plant.SetPositionsAndVelocities(context, rng.uniform(ends[:, 0], ends[:, 1]))
+        plant.SetPositionsAndVelocities(context, rng.uniform([-0.25, -0.25, -0.5, -0.5], [0.25, 0.25, 0.5, 0.5]))
         forces = MultibodyForces(plant)
         plant.CalcForceElementsContribution(context, forces)
-        seen = np.maximum(seen, np.abs(plant.CalcInverseDynamics(context, rng.choice([-0.5, 0.5], 2), forces)))
-    most = np.array([domain.U["u1"].max, domain.U["u2"].max])
+        asked = rng.choice([-0.5, 0.5], 2)
+        if len(driven) == 1:  # the elbow's acceleration is the one without a torque there
+            at = [plant.CalcInverseDynamics(context, np.array([asked[0], a]), forces)[1] for a in (0.0, 1.0)]
+            asked[1] = -at[0] / (at[1] - at[0])
+        seen = np.maximum(seen, np.abs(plant.CalcInverseDynamics(context, asked, forces))[list(driven)])
     assert (seen < most).all()
     assert (most < 3.0 * seen).all()
 

@@ -1,0 +1,174 @@
+"""The joints of a URDF as a new case names them: which are driven, how far they go, what their inputs must do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from simgap.errors import UserError
+from simgap.geometry import Floats
+from simgap.plants.drake_check import accelerations
+from simgap.plants.model_file import FileJoint, ModelFile
+from simgap.plants.urdf import multibody_plant
+
+REACH, SPEED = 0.25, 0.5
+"""Half-widths of X: rad or m, and the same a second. Judgement: small enough for a first run of a minute."""
+AUTHORITY = 2.0
+"""Times the accelerations that stop SPEED within REACH, beyond what holds the plant in place. Judgement."""
+MOST_CORNERS = 729
+"""Of X at which the model is asked what its inputs must do: all of them up to three joints."""
+GRAVITY = 9.81
+TAU = 0.01
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A moving joint as the case names it: symbols of position, velocity and input, units, its interval of X.
+
+    `centre` is the position around which to work; `driven` whether it has an input.
+    """
+
+    joint: str
+    position: str
+    velocity: str
+    drive: str
+    unit: str
+    force: str
+    range: tuple[float, float]
+    centre: float
+    driven: bool = True
+
+    @property
+    def reach(self) -> float:
+        """Half the width of its interval."""
+        return (self.range[1] - self.range[0]) / 2
+
+
+def drives(file: ModelFile, named: Sequence[str] | None, derived: bool) -> tuple[tuple[str, ...], str]:
+    """The joints that have a drive, in the order of the file, and what says so.
+
+    Raises:
+        UserError: a name that is no moving joint, or a file of two joints that does not say which of them are driven.
+    """
+    joints = file.joints
+    if named is not None:
+        unknown = [n for n in named if n not in joints]
+        if unknown or not named:
+            raise UserError(
+                f"no moving joint is called {', '.join(map(repr, unknown))}" if unknown else "no joint is named",
+                key="--inputs", remedy=f"Moving joints: {', '.join(joints)}.",
+            )  # fmt: skip
+        return tuple(n for n in joints if n in named), "as asked"
+    if file.driven is not None:
+        return file.driven, f"the URDF has a <transmission> for {'it' if len(file.driven) == 1 else 'them'}"
+    stated = tuple(n for n, joint in joints.items() if joint.effort)
+    if stated and len(stated) < len(joints):
+        return stated, "the URDF states an effort for no other joint"
+    if stated or len(joints) == 1 or not derived:
+        return tuple(joints), "the URDF has no <transmission>, so that every joint is taken to have a drive"
+    raise UserError(
+        "does not say which joints have a drive", file=file.path, key="<transmission>",
+        remedy=f"Name them: --inputs {next(iter(joints))}, or --inputs {','.join(joints)} for all.",
+    )  # fmt: skip
+
+
+def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]) -> list[Axis]:
+    """The moving joints in the order of the file, around the positions `at`, 0 where none is given.
+
+    Raises:
+        UserError: a file without moving joints, a joint of another kind or without room, a name that is none of them.
+    """
+    if not joints:
+        raise UserError("has no moving joint", file=urdf, remedy="Give the URDF of a robot that moves.")
+    unknown = [n for n in at if n not in joints]
+    if unknown:
+        raise UserError(
+            f"no moving joint is called {', '.join(map(repr, unknown))}", key="--at",
+            remedy=f"Moving joints: {', '.join(joints)}.",
+        )  # fmt: skip
+    axes = []
+    for k, (name, joint) in enumerate(joints.items()):
+        if joint.kind not in ("revolute", "continuous", "prismatic"):
+            raise UserError(
+                f"the joint '{name}' is {joint.kind}", file=urdf,
+                remedy="Joints that turn about or slide along one axis can be taken; write equations for the others.",
+            )  # fmt: skip
+        slides = joint.kind == "prismatic"
+        end = "" if len(joints) == 1 else str(k + 1)
+        units = ("m", "N") if slides else ("rad", "N*m")
+        axes.append(
+            Axis(
+                name,
+                f"q{end}",
+                f"v{end}",
+                f"u{end}",
+                *units,
+                _interval(urdf, name, joint, at.get(name, 0.0)),
+                at.get(name, 0.0),
+            )
+        )
+    return axes
+
+
+def _interval(urdf: Path, name: str, joint: FileJoint, at: float) -> tuple[float, float]:
+    """Of the position, around `at` or as near to it as the joint goes, with room for a step before its stops.
+
+    Raises:
+        UserError: a range that leaves no room.
+    """
+    lower, upper = joint.range or (-math.inf, math.inf)
+    room = SPEED * TAU
+    lower, upper = lower + room, upper - room
+    if not lower < upper:
+        raise UserError(
+            f"the joint '{name}' has no room between its limits", file=urdf, key="<limit> lower, upper",
+            remedy="Correct them, or make it `fixed` if it does not move.",
+        )  # fmt: skip
+    centre = min(max(at, lower + REACH), upper - REACH) if upper - lower > 2 * REACH else (lower + upper) / 2
+    low, high = max(lower, centre - REACH), min(upper, centre + REACH)
+    digits = 2 - math.floor(math.log10(high - low))  # of a hundredth of its width, inward
+    return _inward(low, digits, math.ceil), _inward(high, digits, math.floor)
+
+
+def _inward(value: float, digits: int, rounding: Callable[[float], int]) -> float:
+    """A number of so many decimals, rounding of a number that has no more aside."""
+    return round(rounding(round(value * 10.0**digits, 6)) / 10.0**digits, max(digits, 0))
+
+
+def needed_inputs(urdf: Path, axes: Sequence[Axis], reach: Floats, speed: Floats) -> Floats:
+    """For each driven joint the largest magnitude of its input over X, by Drake's dynamics of the model file.
+
+    With `dv/dt = a_0(q, v) + G(q) u` and the driven joints D, the inputs of a motion of these are
+    `u = G_DD^-1 (a - a_0)_D`: those that hold them against gravity and speed, and `|G_DD^-1| A` more for any
+    accelerations up to A, here those that stop `speed` within `reach`, times AUTHORITY. What a joint's `effort` allows
+    of it is decided elsewhere.
+
+    Args:
+        reach, speed: half-widths of X around the middle of each axis, (n,).
+    """
+    plant, joints = multibody_plant(urdf, (0.0, 0.0, -GRAVITY))
+    order, on = [joints.index(a.joint) for a in axes], [k for k, a in enumerate(axes) if a.driven]
+    n = len(axes)
+    x = _corners(2 * n) * np.concatenate([reach, speed])
+    x[:, :n] += [(a.range[0] + a.range[1]) / 2 for a in axes]
+
+    def acceleration(u: Floats) -> Floats:
+        return accelerations(plant, order, x[:, :n], x[:, n:], np.repeat(u[None], len(x), axis=0))
+
+    free = acceleration(np.zeros(n))
+    gains = np.stack([acceleration(unit) - free for unit in np.eye(n)], axis=2)  # (points, of joint, by input)
+    masses = np.linalg.inv(gains[:, on][:, :, on])
+    held = np.abs(np.einsum("kij,kj->ki", masses, free[:, on]))
+    stops = AUTHORITY * speed[on] ** 2 / (2 * reach[on])
+    return np.asarray((held + np.abs(masses) @ stops).max(axis=0))
+
+
+def _corners(n: int) -> Floats:
+    """Ends and middles of a box, (k, n) of -1, 0, 1: all of them, or where they are many a seeded choice."""
+    if 3**n <= MOST_CORNERS:
+        return np.stack(np.meshgrid(*([-1.0, 0.0, 1.0],) * n, indexing="ij"), axis=-1).reshape(-1, n)
+    return np.random.default_rng(0).integers(-1, 2, (MOST_CORNERS, n)).astype(np.float64)

@@ -1,0 +1,89 @@
+"""Stage `propose`: tau, X, U, grid and cells for a case, with which its nominal model wins something."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from simgap.config.case import Case
+from simgap.errors import UserError
+from simgap.io.pages import text
+from simgap.plants.plant_model import PlantModel
+from simgap.stages.context import Context
+from simgap.synthesis.abstraction import MAX_AXES
+from simgap.synthesis.proposal import Proposal, propose, rounded
+
+ALONG = {1: 200, 2: 40, 3: 10, 4: 10}
+"""Cells of the grid of samples along each axis on which the gap may depend, for so many of them. Judgement: on 6 x 6
+the gap of a two-link arm was refused, so few do not show how it bends."""
+TOLERANCE = "1.0e-9"
+"""Of a declared translation, in the unit of each state: rounding, and nothing of an engine that knows places apart."""
+DEGREE = {1: 3}
+"""Of the basis, by the number of inputs, else 2: the programs take a time that grows with the square of its terms."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A proposal as a case writes it: `proposal`, half-widths of the grid by state, the degree of the basis."""
+
+    proposal: Proposal
+    half_widths: Mapping[str, float]
+    degree: int
+
+    def block(self) -> str:
+        """Sections of a case file."""
+        found = self.proposal
+        return text(
+            "proposal.yaml.j2", tau=found.tau, X=shown(found.X), U=found.U, free=found.free,
+            states=list(found.X), half_widths=self.half_widths, degree=self.degree, cells=found.cells,
+            tolerance=TOLERANCE, wins=f"{found.wins:.2g}",
+        )  # fmt: skip
+
+
+def run(path: Path, at: Mapping[str, float], tell: Callable[[str], None]) -> Numbers:
+    """Numbers for the plant of a case file; its U, where it has one, is taken for what the drives can do.
+
+    Raises:
+        UserError: as `numbers`.
+    """
+    context = Context.load(path)
+    case = context.case
+    limits = {}
+    if case.domain is not None:
+        limits = {n: max(abs(u.list()[0]), abs(u.list()[-1])) for n, u in case.domain.U.items()}
+    with context.blame():
+        return numbers(case, context.folder, at, limits, {}, tell)
+
+
+def numbers(
+    case: Case, folder: Path, at: Mapping[str, float], limits: Mapping[str, float],
+    room: Mapping[str, tuple[float, float]], tell: Callable[[str], None],
+) -> Numbers:  # fmt: skip
+    """Numbers for the plant of a case; the arguments are those of `propose`.
+
+    Raises:
+        UserError: a plant of more states than a controller covers, or one that `propose` refuses.
+    """
+    plant = PlantModel.of(case, folder)
+    if len(case.plant.states) > MAX_AXES or not plant.carried.derived:
+        raise UserError(
+            f"a controller covers at most {MAX_AXES} states, with equations that are written out", key="plant.states",
+            remedy="Leave states out, or fix joints.",
+        )  # fmt: skip
+    if not case.plant.inputs:
+        raise UserError("the plant has no input", key="plant.inputs", remedy="Name the joints that have a drive.")
+    found = propose(plant.carried, lambda tau: replace(plant, tau=tau).sampled, at, limits, room, tell)
+    kept = [n for n in found.X if n not in found.free]
+    along = ALONG.get(len(kept), 10)
+    widths = {n: rounded((found.X[n][1] - found.X[n][0]) / (2 * along)) for n in kept}
+    return Numbers(found, widths, DEGREE.get(len(case.plant.inputs), 2))
+
+
+def shown(values: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, ...]]:
+    """Without the digits that only rounding has: a thousandth of the width is kept."""
+    return {
+        n: tuple(round(v, 3 - math.floor(math.log10(max(ends[1] - ends[0], 1e-12)))) for v in ends)
+        for n, ends in values.items()
+    }

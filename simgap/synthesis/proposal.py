@@ -1,0 +1,222 @@
+"""Sampling time, X, U and cells with which the nominal model of a plant wins something.
+
+The linear model around a posture says how they have to be to each other (`proportions`); how strong the inputs have to
+be for a box is found by solving the nominal model's own game on coarse cells, a few seconds each.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simgap.errors import UserError
+from simgap.geometry import Box, Floats
+from simgap.model.symbolic import SymbolicModel
+from simgap.specifications.invariance import Invariance
+from simgap.specifications.space import Space
+from simgap.synthesis.nominal import Model
+from simgap.synthesis.posture import Posture, posture_of
+from simgap.synthesis.proportions import Proportions, proportions
+from simgap.synthesis.synthesise import Problem
+
+REACH = 0.25
+"""Half-width of X for the largest angle, rad, on which the motion depends, and where there is none for the largest
+position, in its unit. Judgement: the sine of it differs from it by a hundredth."""
+SHARES = (0.1, 0.2, 0.4)
+"""Of the input that a linear feedback takes at the worst corner of the box: what is tried, and the first that wins is
+taken. A pole on a cart wins .18 of its box with .09 of it. Stronger ones are farther apart, which costs cells."""
+WINS = 0.1
+"""Share of the cells that has to win. Judgement: beside it a bound of the gap still leaves some."""
+GROWTH = 2.5
+"""Times as many cells from one round to the next."""
+PAIRS = 60_000_000
+"""Most pairs of cell and input of one try: half a minute of CPU."""
+VALUES = {1: 15, 2: 5}
+"""Values of each of one or two inputs at least, and `FEWER` of more; the posture's own is among them."""
+FEWER, MOST, FEWEST = 3, 15, 10
+"""Values of an input at least, and at most where strong ones have to lie close; cells along an axis at least."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One game: its cells, the largest inputs beyond those at rest, how far apart, half-widths of X, what share won."""
+
+    cells: tuple[int, ...]
+    inputs: tuple[float, ...]
+    steps: tuple[float, ...]
+    box: tuple[float, ...]
+    wins: float
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Numbers for a case.
+
+    Attributes:
+        tau: s. X: for each state its ends. U: for each input its least and largest value and their distance.
+        cells: along each axis. wins: share of them that the nominal model alone wins.
+        free: states on which the motion does not depend. tried: the games that were solved.
+    """
+
+    tau: float
+    X: Mapping[str, tuple[float, float]]
+    U: Mapping[str, tuple[float, float, float]]
+    cells: tuple[int, ...]
+    wins: float
+    free: tuple[str, ...]
+    tried: tuple[Tried, ...]
+
+
+def propose(
+    model: SymbolicModel,
+    sampled: Callable[[float], Model],
+    at: Mapping[str, float],
+    limits: Mapping[str, float],
+    room: Mapping[str, tuple[float, float]],
+    tell: Callable[[str], None] = lambda words: None,
+) -> Proposal:
+    """Numbers for a plant.
+
+    Args:
+        model: continuous. sampled: the nominal model over so many seconds.
+        at: states of the posture around which to work, 0 where none is given.
+        limits: for inputs that have one the largest size. room: for states that have one the interval to stay within.
+        tell: hears what is being done.
+
+    Raises:
+        UserError: a posture that no input holds, a plant that no feedback holds, or too little won within `PAIRS`.
+    """
+    posture = posture_of(model, at)
+    tell("looking for the sampling time and the shape of X")
+    shape = _shape(posture)
+    search = _Search(model, sampled(shape.tau), posture, shape, limits, room)
+    tried: list[Tried] = []
+    for cells in search.rounds():
+        for share in SHARES:
+            tell(f"a game of {' x '.join(map(str, cells))} cells")
+            tried.append(search.play(cells, share))
+            if tried[-1].wins >= WINS:
+                return search.proposal(tried[-1], tried)
+    most = max(tried, key=lambda t: (t.wins, math.prod(t.cells)))
+    words = " x ".join(map(str, most.cells))
+    raise UserError(
+        f"on {words} cells the nominal model alone wins {most.wins:.2g}, and more are beyond a quick search; by its "
+        f"linear model it takes about {shape.size:,.0f} at tau = {shape.tau:g} s", key="synthesis.cells",
+        remedy="Give it another input or stronger ones, or begin with fewer states.",
+    )  # fmt: skip
+
+
+def _shape(posture: Posture) -> Proportions:
+    a = posture.a * posture.scale / posture.scale[:, None]
+    b = posture.b * posture.strength / posture.scale[:, None]
+    found = proportions(a, b, posture.rate)
+    if found is None:
+        raise UserError(
+            "no feedback holds the plant at this posture: its inputs do not move all of what is unstable",
+            key="plant.inputs", remedy="Give it another input, or another posture (--at).",
+        )  # fmt: skip
+    gain = posture.strength[:, None] * found.gain / posture.scale
+    return replace(found, tau=rounded(found.tau), box=found.box * posture.scale, gain=gain)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    model: SymbolicModel
+    sampled: Model
+    posture: Posture
+    shape: Proportions
+    limits: Mapping[str, float]
+    room: Mapping[str, tuple[float, float]]
+
+    def rounds(self) -> Iterator[tuple[int, ...]]:
+        """Cells along each axis: as the linear model asks, then more while they are affordable."""
+        for k in itertools.count():
+            more = GROWTH ** (k / len(self.shape.cells))
+            cells = tuple(max(FEWEST, math.ceil(n * more)) for n in self.shape.cells)
+            if k and math.prod(cells) * VALUES.get(len(self.model.inputs), FEWER) ** len(self.model.inputs) > PAIRS:
+                return
+            yield cells
+
+    def values(self, needed: Floats, box: Floats, cells: tuple[int, ...]) -> list[int]:
+        """How many of each input: neighbours no farther apart than what the feedback makes of a cell."""
+        apart = 2.0 * np.abs(self.shape.gain) @ (box / np.array(cells))
+        least = VALUES.get(len(self.model.inputs), FEWER)
+        return [
+            min(MOST, max(least, 1 + 2 * math.ceil(n / max(a, 1e-300)))) for n, a in zip(needed, apart, strict=True)
+        ]
+
+    def box(self) -> Floats:
+        """Half-widths of X: an angle on which the motion depends goes to REACH, and nothing beyond its room."""
+        names, unit = self.model.state_names, {v.name: v.unit for v in self.model.states}
+        groups = (
+            [n for n in names if unit[n] == "rad" and n not in self.posture.free],
+            [c.position for c in self.model.coordinates],
+            list(names),
+        )
+        measured = next(group for group in groups if group)
+        box = self.shape.box * REACH / max(self.shape.box[names.index(n)] for n in measured)
+        fits = 1.0
+        for j, n in enumerate(names):
+            lo, hi = self.room.get(n, (-math.inf, math.inf))
+            there = min(hi - self.posture.x[j], self.posture.x[j] - lo)
+            if there <= 0:
+                raise UserError(f"the posture is outside the room of {n}, [{lo:g}, {hi:g}]", key="--at")
+            fits = min(fits, there / box[j])
+        return box * fits
+
+    def play(self, cells: tuple[int, ...], share: float) -> Tried:
+        """The game on these cells with this share of the inputs of a linear feedback, X smaller where they are weak."""
+        box, names = self.box(), self.model.input_names
+        needed = share * np.abs(self.shape.gain) @ box
+        fits = 1.0
+        for n, rest, most in zip(names, self.posture.u, needed, strict=True):
+            left = self.limits.get(n, math.inf) - abs(rest)
+            if left <= 0:
+                raise UserError(
+                    f"to hold the posture takes {abs(rest):.3g} of {n}, its limit is {self.limits[n]:g}", key="--at",
+                    remedy="Name a posture that takes less, or a stronger drive.",
+                )  # fmt: skip
+            fits = min(fits, left / most if most > 0 else 1.0)
+        half = [rounded(v, down=True) for v in box * fits]
+        counts = self.values(needed, box, cells)
+        steps = [rounded(2 * v / (c - 1), down=fits < 1.0) for v, c in zip(needed * fits, counts, strict=True)]
+        x = self.posture.x
+        space = Space(self.model.state_names, Box(x - half, x + half))
+        every = [
+            _beside(u, s) + s * (np.arange(c) - c // 2) for u, s, c in zip(self.posture.u, steps, counts, strict=True)
+        ]
+        ends = dict(zip(space.states, zip(x - half, x + half, strict=True), strict=True))
+        specification = Invariance(kind="invariance", safe=ends)
+        problem = Problem(self.sampled, specification, space, cells, np.array(list(itertools.product(*every))))
+        solution = specification.solve(problem.game())
+        inputs = tuple(s * (c // 2) for s, c in zip(steps, counts, strict=True))
+        return Tried(cells, inputs, tuple(steps), tuple(half), solution.fraction if solution.useful else 0.0)
+
+    def proposal(self, best: Tried, tried: list[Tried]) -> Proposal:
+        """The case in which that game is played."""
+        x = self.posture.x
+        X = {n: (float(x[j]) - best.box[j], float(x[j]) + best.box[j]) for j, n in enumerate(self.model.state_names)}
+        U = {}
+        for n, rest, most, step in zip(self.model.input_names, self.posture.u, best.inputs, best.steps, strict=True):
+            at = _beside(rest, step)
+            U[n] = (round(at - most, 12), round(at + most, 12), step)
+        return Proposal(self.shape.tau, X, U, best.cells, best.wins, self.posture.free, tuple(tried))
+
+
+def _beside(rest: float, step: float) -> float:
+    """An input at rest, with two digits more than the distance of its neighbours."""
+    return 0.0 if rest == 0.0 else round(float(rest), max(0, 3 - math.floor(math.log10(step))))
+
+
+def rounded(value: float, down: bool = False) -> float:
+    """Two significant digits, as a person would write them; toward 0 where it is to be no larger."""
+    if value == 0.0:
+        return 0.0
+    digits = 1 - math.floor(math.log10(abs(value)))
+    scaled = abs(value) * 10.0**digits
+    whole = math.floor(scaled + 1e-9) if down else round(scaled)
+    return math.copysign(round(whole / 10.0**digits, max(digits, 0)), value)

@@ -1,0 +1,95 @@
+"""Proportions of cells against their definition; what is proposed for a plant is won, and nothing beyond its limits."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from simgap.errors import UserError
+from simgap.model.sampled import NominalModel
+from simgap.model.symbolic import Coordinate, SymbolicModel, Variable, symbol
+from simgap.synthesis.posture import posture_of
+from simgap.synthesis.proportions import proportions
+from simgap.synthesis.proposal import WINS, propose, rounded
+
+
+def pendulum(top=True, push=3.0):
+    """A rod of 1 kg and 1 m with a motor, its angle from the upright or from hanging."""
+    q, v, u = (symbol(n) for n in ("q", "v", "u"))
+    way = 1 if top else -1
+    return SymbolicModel(
+        (Variable("q", "rad"), Variable("v", "rad/s")), (Variable("u", "N*m"),), {},
+        (v, way * 14.715 * sp.sin(q) + push * u), (Coordinate("hinge", "q", "v"),),
+    )  # fmt: skip
+
+
+def sampled(model):
+    x, u = (tuple(v.symbol for v in group) for group in (model.states, model.inputs))
+    rates = model.numeric()
+    return lambda tau: NominalModel(x, u, tuple(s + tau * r for s, r in zip(x, rates, strict=True)), tau)
+
+
+def test_one_unstable_state_takes_as_many_cells_as_it_grows():
+    """|a| r fits into R at best, by an input that cancels what is known: R / r = e^(rate tau)."""
+    found = proportions(np.array([[2.0]]), np.array([[1.0]]), 2.0, [0.25])
+    assert found.cells[0] == pytest.approx(np.exp(0.5), rel=0.02)
+
+
+def test_no_errors_of_half_a_cell_lead_out_of_the_box():
+    """The plant under its feedback, which sees cells' centres, and the worst that half a cell can add in each step."""
+    a, b = np.array([[0.0, 1.0], [1.0, 0.0]]), np.array([[0.0], [1.0]])
+    found = proportions(a, b, 1.0, [0.4])
+    ch, sh = np.cosh(0.4), np.sinh(0.4)
+    ad, bd = np.array([[ch, sh], [sh, ch]]), np.array([[ch - 1.0], [sh]])
+    half, rng, largest = found.box / found.cells, np.random.default_rng(0), np.zeros(2)
+    for direction in np.array([[1.0, 0.0], [0.0, 1.0]]):
+        closed, row = ad - bd @ found.gain, direction.copy()
+        reach = 0.0
+        for _ in range(500):  # the support of the reachable set in this direction
+            reach += np.abs(row @ ad) @ half
+            row = row @ closed
+        largest[direction.argmax()] = reach
+    assert (largest <= found.box * (1 + 1e-3)).all()
+    x = np.zeros(2)
+    for _ in range(2000):
+        x = ad @ x - bd @ (found.gain @ x) + ad @ (half * rng.choice([-1.0, 1.0], 2))
+        assert (np.abs(x) <= largest * (1 + 1e-9)).all()
+
+
+def test_nothing_is_proposed_where_no_feedback_holds():
+    assert proportions(np.array([[1.0, 0.0], [0.0, 1.0]]), np.array([[1.0], [0.0]]), 1.0) is None
+
+
+@pytest.mark.parametrize("limit", [None, 0.2])
+def test_what_is_proposed_is_won_within_the_limits(limit):
+    model = pendulum()
+    limits = {} if limit is None else {"u": limit}
+    found = propose(model, sampled(model), {}, limits, {"v": (-0.9, 0.9)})
+    assert found.wins >= WINS
+    assert found.free == ()
+    lo, hi, step = found.U["u"]
+    assert lo == -hi
+    assert (hi - lo) / step == pytest.approx(14)
+    assert hi <= (limit or np.inf)
+    assert all(found.X[n][1] <= most for n, most in (("q", 0.25), ("v", 0.9)))
+    weight = 14.715 / 3.0 * np.sin(found.X["q"][1])
+    assert (hi < weight) == (limit is not None and limit < weight)
+    assert 0.2 / np.sqrt(14.715) * 0.9 <= found.tau <= 0.8 / np.sqrt(14.715) * 1.1
+
+
+def test_postures_that_do_not_rest_are_refused_with_what_moves():
+    q, v, u = (symbol(n) for n in ("q", "v", "u"))
+    two = SymbolicModel(
+        (Variable("q", "rad"), Variable("v", "rad/s")), (Variable("u", "N*m"),), {}, (v + u, -14.715 * sp.sin(q))
+    )
+    with pytest.raises(UserError, match=r"no input holds the posture q=0.5, v=0: v changes by -7.05"):
+        posture_of(two, {"q": 0.5})
+    with pytest.raises(UserError, match="are no states"):
+        posture_of(two, {"w": 0.5})
+    held = posture_of(pendulum(top=False), {"q": 0.5})
+    assert held.u[0] == pytest.approx(14.715 * np.sin(0.5) / 3.0)
+    assert held.rate == pytest.approx(np.sqrt(14.715 * np.cos(0.5)))
+
+
+def test_two_digits():
+    assert [rounded(v) for v in (0.0, 0.0456, 1234.0, -0.999)] == [0.0, 0.046, 1200.0, -1.0]
+    assert [rounded(v, down=True) for v in (0.0459, 0.05, 1290.0)] == [0.045, 0.05, 1200.0]
