@@ -26,14 +26,15 @@ from storage_faults import faketime
 from tiny_cases import NAMES, write_cases
 
 RESULT = stage_runs.ROOT / "benchmarks/results/reproducible.json"
+# Only one run is on another date: under libfaketime a sleep may fail, and with it what starts a process.
 RUNS: Mapping[str, Mapping[str, Any]] = {
     "one core, cold caches": {"clone": "a", "cores": 1, "caches": "first", "environment": {"PYTHONHASHSEED": "1"}},
     "two cores, warm caches, another clone, 400 days later": {
         "clone": "another place/with a longer path/b", "cores": 2, "caches": "first", "days": 400,
         "environment": {"PYTHONHASHSEED": "2", "TZ": "Asia/Kathmandu", "LC_ALL": "C", "COLUMNS": "40"},
     },
-    "two cores, cold caches, another clone, two years before": {
-        "clone": "another place/with a longer path/b", "cores": 2, "caches": "second", "days": -730,
+    "two cores, cold caches, another clone": {
+        "clone": "another place/with a longer path/b", "cores": 2, "caches": "second",
         "environment": {"TZ": "America/St_Johns", "LANG": "tr_TR.UTF-8"},
     },
 }  # fmt: skip

@@ -93,12 +93,13 @@ class Judge:
 
         Args:
             runs: from starts with these `numbers`.
-            keep: how many to look at; again: starts that another controller or plant was looked at from, which are kept
-                if any of them is among the numbers.
+            keep: how many to look at; again: starts that another controller or plant was looked at from: if any of them
+                is among the numbers, these are kept, and the first other one that breaks what its certificate promises.
         """
         numbers = list(numbers)
         wanted = set(again) & set(numbers)
         tally, kept = Tally(), dict[int, Verdict]()
+        promised, broken = self.certificate is not None, False
         following, number = iter(runs), iter(numbers)
         while batch := [self.verdict(run) for run in islice(following, BATCH)]:
             outside = split_by_run(self.audit([v.run for v in batch]).outside, [v.run for v in batch])
@@ -109,6 +110,8 @@ class Judge:
                     kept[start] = held
                 elif not wanted:
                     keep_some(kept, start, held, keep)
+                elif not held.outcome.kept and promised and not broken:  # what breaks a promise is always to be seen
+                    kept[start], broken = held, True
         return self.monitor.summary(tally.outcomes) | tally.to_json(), kept
 
 

@@ -1,5 +1,7 @@
 """What counts as a violation of a controller that proves something, on runs made by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import sympy as sp
 
@@ -124,4 +126,6 @@ def test_the_same_starts_are_looked_at_for_every_controller_and_plant():
     assert [v.outcome.kept for v in kept.values()] == [True, True, False]
     runs = [good, bad, *[good] * 7]
     assert list(judge.count(runs, range(9), 3, kept)[1]) == [0, 2, 6]
+    promised = replace(judge, certificate=solution)  # a broken promise is kept to be seen, wherever it began
+    assert list(promised.count([*runs, bad], range(10), 3, kept)[1]) == [0, 1, 2, 6]
     assert list(judge.count(runs, range(100, 109), 3, kept)[1]) == [100, 101, 102]  # none of these starts is its own

@@ -26,6 +26,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
 from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict import answer
+from simgap.diagnosis.verdict.beyond import beyond
 from simgap.diagnosis.verdict.concentration import concentrated, elsewhere
 from simgap.diagnosis.verdict.faults import fitted_faults, gain_faults, noise_faults
 from simgap.diagnosis.verdict.judge import (
@@ -85,6 +86,8 @@ def conclude(
     where = concentrated(confirm, names, old, new)
     evidence = _evidence(known, confirm, chosen, old, new, where)
     word, share = verdict(chosen.kept, evidence), evidence.share
+    further = beyond(record, confirm) if word in ("attributed", "none") and record.left_out else ()
+    word = "partial" if further and chosen.kept.members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     short = nearest(full, chosen.kept, evidence, chosen.at_floor, model) if word == "unexplained" else None
     kept, kept_held = (chosen.kept, new) if named else (full.empty(base), old)
@@ -111,6 +114,7 @@ def conclude(
         collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
         folds=FoldStretches(*(stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
         warnings=(*said, *_of_no_size(every, small), *_warnings(search.watch, kept_held, kept, horizon)),
+        unconfirmed=further,
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),

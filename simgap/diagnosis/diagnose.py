@@ -83,7 +83,7 @@ def _answer(
     begun = _begun(parts.known, not_tried, watch)
     aside = left_out or ()
     if left_out is None and chi2_dof(begun[0].problem, begun[1]) > FIT_QUALITY:
-        aside = suspected(parts, not_tried)
+        aside = suspected(parts, not_tried, watch)
     if aside:
         record = replace(record, left_out=aside)
         parts, said = parts_of(model, record, settings)
@@ -94,9 +94,9 @@ def _answer(
         wider = widened(model, record, settings, search, found, not_tried)
     if wider is not None:
         parts, (search, base, found) = wider
-    reach = parts.known.reach(found.fit.theta)
-    if reach > parts.known.reach(search.problem.model.null):  # commands from before the record are unknown: masked
-        parts = parts.past_the_unknown(reach)
+    reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
+    if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
+        parts = parts.past_the_unknown(reach).before_the_end(late)
         if watch.stopped:
             search, base, found = _fitted_again(parts.known, search, found, not_tried)
         else:
@@ -108,8 +108,13 @@ def _answer(
         not_tried |= {(f.fault, f.channel): "the channel was left out" for f in filtered}
         search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch)
     still = left_out_by(model, record, settings, parts.known, search, found, sought=left_out is None and not aside)
-    if still != record.left_out:
+    if still != record.left_out and not watch.stopped:
         return _answer(model, given, replace(settings, budget_s=watch.left), tell, whole, still)
+    if still != record.left_out:
+        record = replace(record, left_out=still)
+        parts, _ = parts_of(model, record, settings, any(c.effect.second for c in parts.known.model.candidates))
+        parts = parts.past_the_unknown(reach).before_the_end(late)
+        search, base, found = _fitted_again(parts.known, search, found, not_tried)
     pushes = (push_fault(record, parts.known),) if still else ()
     louder = _under_its_noise(parts, search, found, settings.max_effects, not_tried)
     if louder is not None:

@@ -20,6 +20,7 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.outlying import outlying
 from simgap.diagnosis.search.scoring import list_starts
+from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
@@ -34,28 +35,37 @@ Floats = NDArray[np.float64]
 
 
 def stands_out(known: Problem, theta: Floats) -> tuple[Span, ...]:
-    """Times of the fitted windows that stand out at theta (q,), every one of them looked at."""
-    seen = known.past_the_unknown(known.reach(theta))
+    """Times of the fitted windows that stand out at theta (q,), every one of them looked at.
+
+    Where commands from before a trace or from after it would act, nothing can be said.
+    """
+    seen = known.past_the_unknown(known.reach(theta)).before_the_end(known.ahead(theta))
     found = outlying(coarse(seen, rows=seen.windows.samples), theta)
     return () if found is None else found.spans
 
 
-def suspected(parts: Parts, not_tried: Collection[Key]) -> tuple[Span, ...]:
+def suspected(parts: Parts, not_tried: Collection[Key], watch: Watch) -> tuple[Span, ...]:
     """Times that stand out under the model as declared, and then under the best single effect without them.
 
-    What a model misses all the time hides where a push begins and ends: a few steps of a trimmed fit show more of it.
+    What a model misses all the time hides where a push begins and ends: a few steps of a trimmed fit show more of it,
+    as far as the budget goes.
     """
     null = parts.known.model.null
     spans = stands_out(parts.known, null)
-    for _ in range(TRIMMED if spans else 0):
-        kept = coarse(parts.leaving_out(spans).known)
-        base = fit(kept, null, initial_states(kept), [], {})
-        search = Search(kept, list_starts(kept, not_tried))
-        best = min(search.joined(search.empty(base)), key=lambda e: e.bic, default=None)
-        again = stands_out(parts.known, null if best is None else best.fit.theta)
-        if not again or again == spans:
-            break
-        spans = again
+    try:
+        for _ in range(TRIMMED if spans else 0):
+            kept = coarse(parts.leaving_out(spans).known)
+            base = fit(kept, null, initial_states(kept), [], {})
+            search = Search(kept, list_starts(kept, not_tried), watch=Watch(watch.left))
+            best = min(search.joined(search.empty(base)), key=lambda e: e.bic, default=None)
+            again = stands_out(parts.known, null if best is None else best.fit.theta)
+            if not again or again == spans:
+                break
+            spans = again
+    except Stopped:
+        pass
+    except KeyboardInterrupt:
+        watch.interrupted()
     return spans
 
 

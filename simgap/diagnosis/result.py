@@ -250,6 +250,7 @@ class Diagnosis:
             to their noise, so that there was nothing to test.
         concentrated: where the error is, if a small part of the time carries most of it.
         recording: faults of the data, which the answer accounts for.
+        unconfirmed: readings and inputs that go further where times were left out than in the data that confirm.
     """
 
     verdict: Verdict
@@ -272,3 +273,4 @@ class Diagnosis:
     concentrated: Concentrated | None = None
     recording: tuple[RecordingFault, ...] = ()
     steps: tuple[Step, ...] = ()
+    unconfirmed: tuple[str, ...] = ()

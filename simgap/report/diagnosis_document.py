@@ -95,6 +95,7 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
         "nearest": _nearest(found.nearest),
         "left_over": _left_over(found.left_over),
         "concentrated": _concentrated(found.concentrated),
+        "unconfirmed": list(found.unconfirmed),
         "alternatives": [_alternative(a) for a in found.alternatives],
         "indistinguishable": [
             {

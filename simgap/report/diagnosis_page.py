@@ -36,6 +36,10 @@ MEANING = {
         "corrected case is the case as it was."
     ),
 }
+UNCONFIRMED = (
+    "With these effects all that was kept is down to its noise; what was left out lies where no data confirm that "
+    "nothing else acts."
+)
 STEPS = (
     "From the model as declared to the answer, one effect at a time. A line runs from the error before a step to the "
     "error with that effect, as chi² per degree of freedom of fit and choose; 1 is the noise. Effects of the answer "
@@ -109,7 +113,7 @@ def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) ->
         d=document,
         title=title,
         figures=marked,
-        meaning=f"{MEANING[document['verdict']]} {_limits(document['fit_quality'])}",
+        meaning=f"{_meaning(document)} {_limits(document['fit_quality'])}",
         folds={name: _fold(fold) for name, fold in document["folds"].items()},
         quality=_quality(document["fit_quality"]),
         steps_note=STEPS,
@@ -120,6 +124,10 @@ def page(document: Mapping[str, Any], title: str, figures: Mapping[str, Any]) ->
 def _fold(fold: Mapping[str, Any]) -> str:
     spans = [f"{w['from']:.3g} to {w['to']:.3g} s of {w['trace']}" for w in fold["windows"]]
     return joined([*fold["traces"], *(spans if len(spans) <= 6 else [*spans[:5], f"{len(spans) - 5} more stretches"])])
+
+
+def _meaning(document: Mapping[str, Any]) -> str:
+    return UNCONFIRMED if document.get("unconfirmed") else MEANING[document["verdict"]]
 
 
 def _limits(quality: Mapping[str, Any]) -> str:

@@ -30,6 +30,7 @@ from simgap.stages.context import Context, log
 from simgap.stages.costs import StageCost, affordable, costs, duration
 from simgap.stages.fair_baseline import minding_the_path
 from simgap.stages.measured_check import check_measured
+from simgap.synthesis.game import one_input_only
 
 TRIED, FEWEST = 0.2, 15
 """Seconds for which the engine is timed, and how many roll-outs it makes, unless they take ten times as long."""
@@ -151,6 +152,26 @@ def _specification(context: Context) -> None:
         )  # fmt: skip
     if context.case.validation is not None and context.case.validation.fair_baseline:
         minding_the_path(context)
+    _recorded(context.case)
+
+
+def _recorded(case: Case) -> None:
+    """One input a cell is refused here where synthesis would refuse it after the roll-outs."""
+    section, sensing = case.synthesis, case.sensing
+    if section is None or section.record != "one":
+        return
+    specification = specification_of(case)
+    blurred = sensing is not None and (sensing.latency > 0 or any(sensing.error.values()))
+    obstacles = (
+        (specification.holds, "a set that is to be held"),
+        (section.rule != "least_effort", f"the rule `{section.rule}`"),
+        (sensing is not None and sensing.latency > 0, "a controller that remembers the input under way"),
+        (blurred and specification.on_true_cells, "cells of the true state"),
+        (case.hidden_state is not None and case.hidden_state.classes, "a controller that remembers the input before"),
+    )
+    for stands, what in obstacles:
+        if stands:
+            raise one_input_only(what)
 
 
 def _basis(context: Context) -> None:

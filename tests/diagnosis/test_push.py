@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.parts_of import parts_of
+from simgap.diagnosis.push import stands_out
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.windows import Windows, left_out
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
@@ -42,7 +44,7 @@ def _answer(*traces: Trace, effects: tuple[str, ...] = ("coulomb_friction", "vis
 @pytest.mark.parametrize("where", [0, 1])
 @pytest.mark.parametrize("force", [20.0, -6.0])
 def test_a_push_in_a_window_that_fits_or_chooses_is_left_out_and_told(where, force):
-    runs = [_run(1), _run(2), _run(3)]
+    runs = [_run(1), _run(2), _run(4)]  # the last one confirms, and goes where the pushed ones do
     runs[where] = _run(where + 1, ((4.23, force),))
     d = _answer(*runs)
     assert d.verdict == "attributed"
@@ -56,7 +58,7 @@ def test_a_push_in_a_window_that_fits_or_chooses_is_left_out_and_told(where, for
     assert f"s of run{where + 1} (a push?)" in told.sentence
     spans = (*d.folds.fit, *d.folds.choose)
     assert not any(name == f"run{where + 1}" and a < 4.25 < b for name, a, b in spans)
-    assert any(name == "run3" and b - a > 9.9 for name, a, b in d.folds.confirm)  # nothing is left out there
+    assert any(name == "run4" and b - a > 9.9 for name, a, b in d.folds.confirm)  # nothing is left out there
 
 
 def test_without_a_push_nothing_is_left_out():
@@ -79,10 +81,53 @@ def test_a_push_in_every_other_second_is_more_than_may_be_left_out():
     assert d.verdict != "attributed"
 
 
+@pytest.mark.parametrize("pushes", [((4.23, 20.0),), ()])
+def test_a_budget_that_ends_it_does_not_leave_out_what_was_not_borne_out(pushes, monkeypatch):
+    """Whatever stands out, a search that was stopped says `push` only of what still stands out under its answer."""
+    if not pushes:  # as if a time had stood out that does not
+        monkeypatch.setattr("simgap.diagnosis.diagnose.suspected", lambda *a: ((0, 4.0, 4.3),))
+    record = Record((_run(1, pushes), _run(2), _run(3)), ("q",), ("u",))
+    settings = DiagnosisSettings(
+        noise={"q": 5e-4}, effects=("coulomb_friction",), held_out_traces=("run3",), budget_s=1e-3
+    )
+    d = diagnose(block(), record, settings)
+    assert [f.fault for f in d.recording] == ["push"] * len(pushes)
+    left = 19.9 - 0.5 * len(pushes)
+    assert sum(b - a for _, a, b in (*d.folds.fit, *d.folds.choose)) > left
+
+
+def test_the_sentence_says_why_a_push_may_be_a_stop():
+    size = {"value": 0.6, "ci95": [0.59, 0.61], "unit": "N"}
+    effect = {"name": "coulomb_friction", "on": "slide", "parameters": {"F_c": size}}
+    text = verdict_sentence({"verdict": "partial", "effects": [effect], "explained_share": 1.0, "unconfirmed": ["q"]})
+    assert "where times were left out q goes further than in the data that confirm" in text
+    assert "is left" not in text
+
+
 def test_the_push_is_in_the_sentence():
     fault = {"sentence": "4.2 to 4.4 s of run1 (a push?): 1 % of the time that is fitted was left out."}
     text = verdict_sentence({"verdict": "none", "effects": [], "candidates": [], "recording": [fault]})
     assert "4.2 to 4.4 s of run1 (a push?)" in text
+
+
+def test_where_a_late_log_ends_before_what_acted_nobody_pushed():
+    late = 12  # samples
+    runs = (_run(1), _run(2), _run(3))
+    logged = [Trace(r.name, r.t[late:], r.y[late:], r.u[:-late]) for r in runs]  # each row is what was sent 0.12 s ago
+    settings = DiagnosisSettings(noise={"q": 5e-4}, effects=("coulomb_friction",), held_out_traces=("run3",))
+    parts, _ = parts_of(block(), Record(tuple(logged), ("q",), ("u",)), settings)
+    model = parts.known.model
+    theta = model.null.copy()
+    theta[list(model.find("coulomb_friction", "slide").slots)] = FRICTION
+    theta[list(model.find("late_log", "u").slots)] = late * DT
+    assert parts.known.ahead(theta) == pytest.approx(late * DT)
+    assert stands_out(parts.known, theta) == ()
+    for part in (parts.known, parts.confirm):
+        w = part.before_the_end(late * DT).windows
+        ends = {k: part.t[w.stop[w.trace == k].max() - 1] for k in set(w.trace.tolist())}
+        assert all(
+            logged[k].t[-1] - late * DT - 1.5 * DT < end < logged[k].t[-1] - late * DT for k, end in ends.items()
+        )
 
 
 def test_windows_are_cut_around_what_is_left_out():
@@ -92,3 +137,27 @@ def test_windows_are_cut_around_what_is_left_out():
     assert cut.start.tolist() == [0, 41, 100, 152]
     assert cut.stop.tolist() == [30, 100, 147, 200]
     assert cut.trace.tolist() == [0, 0, 1, 1]
+
+
+def _stopped(seed: int, stop: float, force: float = 3000.0) -> Trace:
+    """A run with a stiff stop that `_run` does not have: what goes past q = stop is driven back."""
+    free = _run(seed)
+    q, v, out = 0.2, 0.1, []
+    for k in range(len(free.t)):
+        out.append(q)
+        for _ in range(FINE):
+            v += DT / FINE * (free.u[k, 0] - force * max(q - stop, 0.0)) / 2.0
+            grip = DT / FINE * FRICTION / 2.0
+            v = 0.0 if abs(v) <= grip else v - np.copysign(grip, v)
+            q += DT / FINE * v
+    noise = 5e-4 * np.random.default_rng(seed + 100).standard_normal((len(free.t), 1))
+    return Trace(f"run{seed}", free.t, np.array(out)[:, None] + noise, free.u)
+
+
+def test_a_stop_where_the_data_that_confirm_never_go_is_not_attributed():
+    """The first run alone reaches 0.59, once: what is left out there looks like a push, and *confirm* is silent."""
+    d = _answer(_stopped(1, 0.591), _run(2), _run(3))
+    assert [f.fault for f in d.recording] == ["push"]
+    assert [e.name for e in d.effects] == ["coulomb_friction"]
+    assert d.verdict == "partial"
+    assert d.unconfirmed == ("q",)

@@ -238,6 +238,23 @@ def test_a_fair_baseline_of_samples_alone_is_refused_before_anything_runs(vary):
     assert caught.value.key == "validation.fair_baseline"
 
 
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"synthesis.specification": {"kind": "invariance", "safe": {"q": [0, 0.2], "w": [-0.5, 0.5]}}}, "to be held"),
+        ({"synthesis.rule": "middle"}, "the rule `middle`"),
+        ({"sensing": {"latency": 1}}, "the input under way"),
+    ],
+)
+def test_one_input_a_cell_is_refused_before_anything_runs_where_it_cannot_be_kept(tmp_path, changes, what):
+    aim = {"kind": "reach_avoid", "target": {"q": [0.1, 0.2], "w": [-0.5, 0.5]}}
+    plain = {"synthesis": {"cells": [10, 10], "specification": aim, "record": "one"}}
+    check._specification(Context.load(written(tmp_path, case=plain)))
+    with pytest.raises(UserError, match=what) as refused:
+        check._specification(Context.load(written(tmp_path, case=plain | changes)))
+    assert refused.value.key == "synthesis.record"
+
+
 @pytest.mark.parametrize(("rests", "least", "most"), [([0.01], 0.01, 0.02), ([0.0, 0.05, 0.0], 0.0, 0.01)])
 def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch, rests, least, most):
     """Waiting in every roll-out is the engine's; in some, it is others that run meanwhile."""

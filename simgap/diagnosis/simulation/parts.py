@@ -32,6 +32,10 @@ class Parts:
         """The same without the samples on which commands from before the record may still act."""
         return self.changed(lambda p: p.past_the_unknown(reach_s))
 
+    def before_the_end(self, late_s: float) -> Parts:
+        """The same without the end of each trace, where what acted was logged after its last sample."""
+        return self.changed(lambda p: p.before_the_end(late_s))
+
     def leaving_out(self, spans: tuple[Span, ...]) -> Parts:
         """The same without those times in what is fitted and in what chooses; what confirms is kept whole."""
         if not spans:

@@ -12,7 +12,7 @@ from numba import float64, int64, njit, void
 from numpy.typing import NDArray
 
 from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.windows import Windows, past_the_unknown
+from simgap.diagnosis.reading.windows import Windows, left_out, past_the_unknown
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from simgap.diagnosis.simulation.past import measured_speeds, memories
 from simgap.diagnosis.simulation.simulate import simulate
@@ -80,9 +80,24 @@ class Problem:
         _, _, delay, lag = self._drive(theta)
         return float(np.max(delay + LAGS_REMEMBERED * lag, initial=0.0))
 
+    def ahead(self, theta: Floats) -> float:
+        """By how much inputs that were logged late are brought forward at theta (q,), s: so much lacks at the end."""
+        delay = np.array(self.model.memory(theta), dtype=np.float64).reshape(2, -1)[0]
+        return float(np.max(-delay, initial=0.0))
+
     def past_the_unknown(self, reach_s: float) -> Problem:
         """The same problem without the samples on which commands from before the record may still act."""
         return self.on(past_the_unknown(self.windows, self.t, reach_s))
+
+    def before_the_end(self, late_s: float) -> Problem:
+        """The same problem without the last `late_s` of each trace, where what acted was logged after its end."""
+        if late_s <= 0.0:
+            return self
+        last = np.append(self.firsts[1:], len(self.t)) - 1
+        ends = dict(zip(self.firsts.tolist(), self.t[last].tolist(), strict=True))
+        traces = set(zip(self.windows.trace.tolist(), self.windows.first.tolist(), strict=True))
+        spans = tuple((k, ends[f] - late_s, math.inf) for k, f in sorted(traces))
+        return self.on(left_out(self.windows, self.t, spans))
 
     def part(self, which: slice) -> Problem:
         """The same data and model on a slice of the windows."""

@@ -77,7 +77,19 @@ def _blind(document: Document) -> str:
     return f" But {advice[0]}." if advice else ""
 
 
+def _unconfirmed(names: Sequence[str]) -> str:
+    """Why an answer that is down to the noise is not attributed."""
+    go = "goes" if len(names) == 1 else "go"
+    return (
+        f"What was kept is down to its noise; but where times were left out {joined(list(names))} {go} further than "
+        "in the data that confirm, and a stop, a collision or a limit there would look like a push: record a run that "
+        "goes there, and keep it for confirming (measured.held_out)."
+    )
+
+
 def _remainder(document: Document) -> str:
+    if document.get("unconfirmed"):
+        return _unconfirmed(document["unconfirmed"])
     error = document["error"]["after"]
     h = error["horizon_s"]
     sizes = joined([f"{x:.2g}{_of(document, s)}" for s, x in error["horizon_rmse"].items()])
