@@ -16,7 +16,8 @@ from simgap.diagnosis.reading.table import Floats, RawTable
 from simgap.errors import UserError, excerpt
 from simgap.io import checksum
 from simgap.io.diagnosis_csv import CsvLayout, csv_layout, read_csv_columns
-from simgap.io.mcap_tables import is_mcap, mcap_header, read_mcap
+from simgap.io.mcap_messages import is_mcap
+from simgap.io.mcap_tables import mcap_header, read_mcap
 from simgap.io.unpacked import require_room, table_size
 
 _MAGIC = b"PAR1"
@@ -89,7 +90,7 @@ def read_header(path: Path, file: str) -> tuple[tuple[str, ...], dict[str, str]]
     """
     _refuse_no_file(path, file)
     if is_mcap(path):
-        return mcap_header(path, file), {}
+        return tuple(mcap_header(path, file)), {}
     if not _is_parquet(path):
         return csv_layout(path, file).header, {}
     header, schema = _parquet_header(path, file), pq.read_schema(path)

@@ -13,7 +13,7 @@ from simgap.diagnosis.reading.stamps import same_file
 from simgap.effects import EFFECTS
 from simgap.errors import UserError
 from simgap.io.diagnosis_tables import read_header
-from simgap.io.mcap_tables import is_mcap
+from simgap.io.mcap_messages import is_mcap
 from simgap.model.symbolic import SymbolicModel
 from simgap.stages.context import Context
 from simgap.stages.measured_data import channels_of, display_name, reading_options

@@ -1,10 +1,17 @@
 """Bags: joint states and commands of a robot, written by the format's own library, up to a verdict."""
 
+import re
+import struct
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from mcap_ros2._dynamic import serialize_dynamic
 from mcap_ros2.writer import Writer
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -156,3 +163,134 @@ def test_refusals_name_the_message_and_what_to_do(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mcap.reader", None)
     with pytest.raises(UserError, match=r"simgap\[mcap\]"):
         read_recording(tmp_path / "mixed.mcap", [Q], "t", "trace", "mixed.mcap")
+
+
+def written(path, messages, encodings=("ros2msg", "cdr"), **options):
+    """A bag of (topic, header's stamp, logged, content): joints by name and position, or a command's numbers."""
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, **options)
+        writer.start()
+        kinds = {"joints": ("sensor_msgs/msg/JointState", STATES), "numbers": ("std_msgs/msg/Float64MultiArray", ARRAY)}
+        packed = {kind: serialize_dynamic(name, text)[name] for kind, (name, text) in kinds.items()}
+        schemas = {k: writer.register_schema(n, encodings[0], text.encode()) for k, (n, text) in kinds.items()}
+        channels = {}
+        for topic, stamp, logged, content in messages:
+            kind = "joints" if isinstance(content, dict) else "numbers"
+            if topic not in channels:
+                channels[topic] = writer.register_channel(topic, encodings[1], schemas[kind])
+            said = {"layout": {"dim": [], "data_offset": 0}, "data": content}
+            if kind == "joints":
+                stamp = {"sec": stamp // 10**9, "nanosec": stamp % 10**9}
+                frame = content.get("frame", "")
+                names = [name for name in content if name != "frame"]
+                said = {
+                    "header": {"stamp": stamp, "frame_id": frame}, "name": names,
+                    "position": [content[name] for name in names], "velocity": [], "effort": [],
+                }  # fmt: skip
+            writer.add_message(channels[topic], logged, packed[kind](said), logged)
+        writer.finish()
+    return path
+
+
+def read(path, *columns):
+    return read_recording(path, list(columns), "t", "trace", path.name)
+
+
+BOMB = 8_000_000
+
+
+@pytest.mark.parametrize("lie", ["none", "index", "chunk"])
+@pytest.mark.parametrize("packer", [CompressionType.ZSTD, CompressionType.LZ4])
+def test_what_does_not_fit_is_refused_before_it_is_unpacked(tmp_path, monkeypatch, packer, lie):
+    joints = {"hinge": 0.0, "frame": "x" * BOMB}
+    path = written(
+        tmp_path / "bomb.mcap", [("/joint_states", EPOCH, EPOCH, joints)], compression=packer, enable_crcs=False,
+        use_statistics=False,
+    )  # fmt: skip
+    content = bytearray(path.read_bytes())
+    with path.open("rb") as stream:
+        (index,) = make_reader(stream).get_summary().chunk_indexes
+    places = [m.start() for m in re.finditer(re.escape(struct.pack("<Q", index.uncompressed_size)), content)]
+    inside = index.chunk_start_offset + 9 + 16  # behind kind, length and two instants
+    assert inside in places
+    for at in places:
+        if (lie == "chunk" and at == inside) or (lie != "none" and at > index.chunk_start_offset + index.chunk_length):
+            content[at : at + 8] = struct.pack("<Q", 1000)
+    path.write_bytes(content)
+    monkeypatch.setattr("simgap.io.unpacked.MOST", BOMB // 4)
+    read_header(bag_of_one(tmp_path), "small.mcap")  # the libraries are loaded
+    tracemalloc.start()
+    try:
+        with pytest.raises(UserError, match=r"a chunk does not fit its length" if lie == "chunk" else "GB unpacked"):
+            read_header(path, path.name)
+        assert tracemalloc.get_traced_memory()[1] < BOMB // 4
+    finally:
+        tracemalloc.stop()
+
+
+def bag_of_one(folder):
+    return written(folder / "small.mcap", [("/joint_states", EPOCH, EPOCH, {"hinge": 0.0})])
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_a_message_of_too_many_numbers_is_refused_before_it_is_decoded(tmp_path, monkeypatch, chunked):
+    messages = [("/joint_states", EPOCH, EPOCH, {"hinge": 0.0}), ("/commands", EPOCH, EPOCH, [0.0] * 20_000)]
+    path = written(tmp_path / "wide.mcap", messages, use_chunking=chunked)
+    assert len(read_header(path, path.name)[0]) == 20_001
+    monkeypatch.setattr("simgap.io.unpacked.MOST", 4_000_000)
+    with pytest.raises(UserError, match=r"wide\.mcap.*GB unpacked"):
+        read_header(path, path.name)
+
+
+def test_joints_with_a_slash_in_their_names(tmp_path):
+    states = [("/joint_states", EPOCH + k, EPOCH + k, {"arm/hinge": 0.1 * k, "plain": -0.1 * k}) for k in range(5)]
+    commands = [("/commands", 0, EPOCH + k, [1.0 * k]) for k in range(5)]
+    path = written(tmp_path / "slash.mcap", states + commands)
+    slash = "/joint_states/arm/hinge/position"
+    raw = read(path, slash, "/joint_states/plain/position", "/commands/0")
+    assert raw.columns[slash] == pytest.approx(0.1 * np.arange(5), abs=1e-15)
+    assert raw.columns["/joint_states/plain/position"] == pytest.approx(-0.1 * np.arange(5), abs=1e-15)
+    assert read(path, slash, "/commands/0").rows == 5
+    other = ("/joint_states/arm", EPOCH, EPOCH, {"hinge": 0.0})
+    with pytest.raises(UserError, match=r"two topics give a column '/joint_states/arm/hinge/position'"):
+        read(written(tmp_path / "both.mcap", [*states, other]), slash)
+
+
+@pytest.mark.parametrize("turns", [("gripper", "hinge"), ("hinge", "gripper")])
+def test_publishers_that_take_turns_on_a_topic_are_told_of(tmp_path, turns):
+    states = [("/joint_states", EPOCH + k, EPOCH + k, {turns[k % 2]: 0.0}) for k in range(6)]
+    path = written(tmp_path / "turns.mcap", states)
+    assert set(read_header(path, path.name)[0]) == {Q, Q.replace("hinge", "gripper")}
+    with pytest.raises(UserError, match=r"message [12] of '/joint_states' has no .*a topic of its own"):
+        read(path, Q)
+
+
+@pytest.mark.parametrize("ahead_s", [3600, -3600])
+def test_clocks_that_do_not_fit_each_other_are_refused(tmp_path, ahead_s):
+    at = [EPOCH + k * 10_000_000 for k in range(100)]
+    states = [("/joint_states", t + ahead_s * 10**9, t, {"hinge": 0.01 * k}) for k, t in enumerate(at)]
+    commands = [("/commands", 0, t, [np.sin(0.1 * k)]) for k, t in enumerate(at)]
+    with pytest.raises(UserError, match=r"has no joint state (before|after).*by one clock"):
+        read(written(tmp_path / "clocks.mcap", states + commands), Q, "/commands/0")
+    if ahead_s > 0:  # one that never changes is held all the same
+        raw = read(written(tmp_path / "held.mcap", [*states, ("/commands", 0, EPOCH, [0.5])]), Q, "/commands/0")
+        assert list(raw.columns["/commands/0"]) == [0.5] * 100
+
+
+@pytest.mark.parametrize("encodings", [("ros1msg", "ros1"), ("ros2idl", "cdr"), ("ros2msg", "json")])
+def test_messages_of_another_encoding_are_not_called_damaged(tmp_path, encodings):
+    path = written(tmp_path / "other.mcap", [("/joint_states", EPOCH, EPOCH, {"hinge": 0.0})], encodings)
+    with pytest.raises(UserError, match=r"'/joint_states' is not in messages of ROS 2.*Convert it to ROS 2 messages"):
+        read(path, Q)
+
+
+def test_messages_that_overtake_each_other_are_put_in_order(tmp_path):
+    at = [EPOCH + k * 10_000_000 for k in (0, 2, 1, 3, 5, 4)]
+    states = [("/joint_states", t, EPOCH + k, {"hinge": float(t - EPOCH)}) for k, t in enumerate(at)]
+    commands = [("/commands", 0, t, [float(t - EPOCH)]) for t in sorted(at)]
+    raw = read(written(tmp_path / "order.mcap", states + commands), Q, "/commands/0")
+    assert list(raw.time) == sorted(at)
+    assert list(raw.columns[Q]) == list(raw.columns["/commands/0"]) == [t - EPOCH for t in sorted(at)]
+    again = [("/joint_states", 10**9 * (1 + k % 10), EPOCH + k, {"hinge": 0.0}) for k in range(20)]
+    with pytest.raises(UserError, match=r"the clock of '/joint_states' goes back by 9 s.*Cut it there"):
+        read(written(tmp_path / "reset.mcap", again), Q)
