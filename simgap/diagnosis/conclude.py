@@ -115,6 +115,7 @@ def conclude(
         folds=FoldStretches(*(stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
         warnings=(*said, *_of_no_size(every, small), *_warnings(search.watch, kept_held, kept, horizon)),
         unconfirmed=further,
+        at_most=settings.max_effects if len(chosen.kept.members) >= settings.max_effects else None,
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),

@@ -148,7 +148,7 @@ def push_fault(record: Record, kept: Problem) -> RecordingFault:
     where = joined(spans if len(spans) <= 3 else [*spans[:3], f"{len(spans) - 3} more"])
     sentence = (
         f"{where[0].upper()}{where[1:]} (a push?): {100 * lasts / (lasts + rest):.2g} % of the time that is fitted was "
-        "left out, as it stands out and no effect of the library explains it."
+        "left out, as it stands out and no effect that was tried explains it."
     )
     remedy = "Drop what was disturbed (measured.masks), or repeat the run with nothing touching the plant."
     return RecordingFault("push", "", lasts, "s", sentence, remedy)

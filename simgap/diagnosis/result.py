@@ -250,6 +250,7 @@ class Diagnosis:
             to their noise, so that there was nothing to test.
         concentrated: where the error is, if a small part of the time carries most of it.
         recording: faults of the data, which the answer accounts for.
+        at_most: the limit on the number of effects, if the answer has as many; None if it has fewer.
         unconfirmed: readings and inputs that go further where times were left out than in the data that confirm.
     """
 
@@ -274,3 +275,4 @@ class Diagnosis:
     recording: tuple[RecordingFault, ...] = ()
     steps: tuple[Step, ...] = ()
     unconfirmed: tuple[str, ...] = ()
+    at_most: int | None = None

@@ -143,7 +143,8 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
     rows = inputs + 1 if case.sensing is not None and case.sensing.latency else 1
     if case.hidden_state is not None:
         rows *= math.prod(case.hidden_state.classes.values())  # nodes: a controller remembers the class
-    a_cell = 9 + 8 * len(context.states) + rows * math.ceil(inputs / 8)
+    packed = math.ceil(inputs / 8)
+    a_cell = 9 + 8 * len(context.states) + (2 if case.synthesis.record == "one" else rows * packed)
     wheeled = case.plant.symbolic is not None and case.plant.symbolic.wheels is not None
     rate = ROW_PAIR if wheeled and not (case.sensing is not None and case.sensing.latency) else PAIR
     controllers = 2 if case.simulator is not None and (case.gap is not None or case.hidden_state is not None) else 1
@@ -162,7 +163,7 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
         evaluations, attacked = (case.audit or AuditSection()).budget(case.hidden_state is not None)
         asked = evaluations + attacked * (1 if case.hidden_state is not None else 1 + inputs // 4)
         seconds = START + asked * rollout + PAIR * cells + attacked * inputs * PAIR
-        held = 2 * BYTES + 12.0 * cells
+        held = 2 * BYTES + (12.0 + packed) * cells
         if not wheeled:
             seconds, held = seconds + MARGIN * cells * inputs, held + MARGIN_BYTES * (1 + len(context.states)) * cells
         yield StageCost("audit", asked, "steps of an adversary", seconds, held, "audit.evaluations")

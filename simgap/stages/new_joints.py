@@ -107,11 +107,18 @@ def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]
                 f"v{end}",
                 f"u{end}",
                 *units,
-                _interval(urdf, name, joint, at.get(name, 0.0)),
-                at.get(name, 0.0),
+                _interval(urdf, name, joint, at.get(name, _centre(joint))),
+                at.get(name, _centre(joint)),
             )
         )
     return axes
+
+
+def _centre(joint: FileJoint) -> float:
+    """Where a joint is looked at unless somebody says: at 0, or in the middle of a range that has no room about 0."""
+    if joint.range is None or joint.range[0] + SPEED * TAU < 0.0 < joint.range[1] - SPEED * TAU:
+        return 0.0
+    return 0.5 * (joint.range[0] + joint.range[1])
 
 
 def _interval(urdf: Path, name: str, joint: FileJoint, at: float) -> tuple[float, float]:

@@ -164,7 +164,10 @@ class _Search:
             lo, hi = self.room.get(n, (-math.inf, math.inf))
             there = min(hi - self.posture.x[j], self.posture.x[j] - lo)
             if there <= 0:
-                raise UserError(f"the posture is outside the room of {n}, [{lo:g}, {hi:g}]", key="--at")
+                raise UserError(
+                    f"the posture is outside the room of {n}, [{lo:g}, {hi:g}]", key="--at",
+                    remedy="Name a posture inside.",
+                )  # fmt: skip
             fits = min(fits, there / box[j])
         return box * fits
 
@@ -183,7 +186,7 @@ class _Search:
             fits = min(fits, left / most if most > 0 else 1.0)
         half = [rounded(v, down=True) for v in box * fits]
         counts = self.values(needed, box, cells)
-        steps = [rounded(2 * v / (c - 1), down=fits < 1.0) for v, c in zip(needed * fits, counts, strict=True)]
+        steps = [self._step(*own, fits < 1.0) for own in zip(range(len(counts)), needed * fits, counts, strict=True)]
         x = self.posture.x
         space = Space(self.model.state_names, Box(x - half, x + half))
         every = [
@@ -195,6 +198,12 @@ class _Search:
         solution = specification.solve(problem.game())
         inputs = tuple(s * (c // 2) for s, c in zip(steps, counts, strict=True))
         return Tried(cells, inputs, tuple(steps), tuple(half), solution.fraction if solution.useful else 0.0)
+
+    def _step(self, k: int, half: float, count: int, down: bool) -> float:
+        """Between values of input k that reach `half` from rest, rounded without passing what its drive gives."""
+        step = rounded(2 * half / (count - 1), down=down)
+        left = self.limits.get(self.model.input_names[k], math.inf) - abs(self.posture.u[k])
+        return step if step * (count // 2) <= left else rounded(2 * half / (count - 1), down=True)
 
     def proposal(self, best: Tried, tried: list[Tried]) -> Proposal:
         """The case in which that game is played."""

@@ -181,3 +181,16 @@ def test_sentences():
     assert "no effect is missing" in verdict_sentence(document("none", []))
     nothing = verdict_sentence(document("unexplained", [], candidates=[FRICTION]))
     assert "nearest is Coulomb friction at the hinge" in nothing
+
+
+def test_the_limit_on_the_number_of_effects_is_no_end_of_the_library():
+    size = {"value": 0.2, "ci95": [0.19, 0.21], "unit": "N*m"}
+    effect = {"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": size}}
+    error = {"after": {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}}}
+    document = {"verdict": "partial", "effects": [effect], "explained_share": 0.6, "error": error, "left_over": [],
+                "units": {"q": "rad"}, "at_most": 1}  # fmt: skip
+    assert "with as many effects as measured.max_effects = 1 allows" in verdict_sentence(document)
+    assert "nothing in the library" not in verdict_sentence(document)
+    nearest = {"effects": [effect], "explained_share": 0.3, "reasons": ["it explains less than half"]}
+    text = verdict_sentence({"verdict": "unexplained", "effects": [], "nearest": nearest, "at_most": 3})
+    assert "Allow more than measured.max_effects = 3 effects" in text

@@ -100,6 +100,8 @@ def _remainder(document: Document) -> str:
         why = " on the data that confirm, while the fitted ones are down to their noise: look for what changed"
     elif over:
         why = f"; {_also(over)}"
+    elif document.get("at_most"):
+        why = f" with as many effects as measured.max_effects = {document['at_most']} allows: allow more"
     else:
         why = " that nothing in the library explains"
     return f"{left}{why}{covered}."
@@ -132,9 +134,11 @@ def _unexplained(document: Document) -> str:
     if near is not None:
         found = joined([describe(e) for e in near["effects"]])
         verb, them = ("explains", "it") if len(near["effects"]) == 1 else ("together explain", "them")
+        most = document.get("at_most")
+        more = f"Allow more than measured.max_effects = {most} effects, or look" if most else "Look"
         return (
             f"{found[0].upper()}{found[1:]} {verb} {100 * near['explained_share']:.0f} % of the excess error, "
-            f"which is not enough to name {them}: {joined(near['reasons'])}. Look for {seek}."
+            f"which is not enough to name {them}: {joined(near['reasons'])}. {more} for {seek}."
         )
     if over:
         return f"No effect of the library stands up on the data that confirm; {_also(over)}. Look for {seek}."
