@@ -119,3 +119,12 @@ def full_turn(unit: str) -> float | None:
         return None
     to_rad = conversion(unit, "rad").factor
     return 2.0 * math.pi / to_rad if float(next(iter(_parsed(unit)._units.values()))) == 1.0 else None
+
+
+def of_base(unit: str) -> float:
+    """How many units of the SI base, of the same kind, one is: 0.001 for g, 1 for N*m.
+
+    Raises:
+        UserError: a unit that does not exist.
+    """
+    return 1.0 if unit in _PLAIN else float(_registry().Quantity(1.0, _parsed(unit)).to_base_units().magnitude)

@@ -32,16 +32,16 @@ def diagnose(
 ) -> None:
     """Find the physical effect that the nominal model lacks, from recordings."""
     from rich.console import Console
-    from rich.markup import escape
 
+    from simgap.cli.progress import progress
     from simgap.stages import diagnosis as stage
 
     journal = log or out / "diagnosis.log"
     start_log(journal)
     out.mkdir(parents=True, exist_ok=True)  # paths of the corrected case begin there
     try:
-        with Console(stderr=True).status("starting") as status:
-            result = stage.run(case, data or [], out, lambda words: status.update(escape(words)))
+        with progress("starting") as tell:
+            result = stage.run(case, data or [], out, tell)
     except (UserError, OSError, MemoryError):  # nothing half-written is left, the log of a default place included
         if log is None:
             journal.unlink(missing_ok=True)
@@ -63,14 +63,12 @@ def next_experiment(
 ) -> None:
     """Propose the recording that separates what a diagnosis could not tell apart."""
     from rich.console import Console
-    from rich.markup import escape
 
+    from simgap.cli.progress import progress
     from simgap.stages import next as stage
 
     start_log(log or out / "next.log")
-    with Console(stderr=True).status("starting") as status:
-        result = stage.run(
-            case, found, out, seconds, values_of(start, "--start"), lambda words: status.update(escape(words))
-        )
+    with progress("starting") as tell:
+        result = stage.run(case, found, out, seconds, values_of(start, "--start"), tell)
     for line in (result["paragraph"], f"Picture: {out / 'next.png'}" if result["input"] else ""):
         Console().print(line, soft_wrap=True, highlight=False, markup=False)

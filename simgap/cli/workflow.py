@@ -92,13 +92,11 @@ def propose(
     at: Annotated[str, typer.Option(help="Posture around which to work, such as q2=3.1416; 0 for other states.")] = "",
 ) -> None:
     """Find tau, X, U and cells with which the nominal model of a case wins something, and print them as sections."""
-    from rich.console import Console
-    from rich.markup import escape
-
+    from simgap.cli.progress import progress
     from simgap.stages import propose as stage
 
-    with Console(stderr=True).status("building the nominal model") as status:
-        found = stage.run(case, values_of(at, "--at"), lambda words: status.update(escape(words)))
+    with progress("building the nominal model") as tell:
+        found = stage.run(case, values_of(at, "--at"), tell)
     typer.echo(found.block())
 
 

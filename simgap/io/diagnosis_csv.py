@@ -59,8 +59,17 @@ def _first_lines(path: Path, file: str) -> tuple[int, str, str, list[str]]:
                 elif line.strip():
                     return k + 1, comment, line.rstrip("\r\n"), list(islice(stream, 64))
     except UnicodeDecodeError:
+        if _spreadsheet(path):
+            remedy = "Export the sheet as CSV in UTF-8."
+            raise UserError("is a spreadsheet, not text", file=file, remedy=remedy) from None
         raise UserError("is not UTF-8 text", file=file, remedy="Save it as CSV in UTF-8, or as Parquet.") from None
     raise UserError("is empty", file=file, remedy="Check the recording.")
+
+
+def _spreadsheet(path: Path) -> bool:
+    """Whether it begins as .xlsx and .ods do, or as .xls does."""
+    with path.open("rb") as stream:
+        return stream.read(4) in (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 
 
 def read_csv_columns(path: Path, layout: CsvLayout, columns: list[str], types: Mapping[str, Any], file: str) -> Any:
@@ -106,9 +115,7 @@ def _ragged(path: Path, layout: CsvLayout, file: str) -> UserError:
             row += 1
             cells = line.rstrip("\r\n").count(layout.delimiter) + 1
             if cells != want:
-                return UserError(
-                    f"row {row} has {cells} cells where the header has {want}",
-                    file=file,
-                    remedy="Mend or remove the row.",
-                )
+                commas = layout.delimiter == "," and row == 1
+                remedy = "Write decimals with points, or put semicolons between columns." if commas else "Mend the row."
+                return UserError(f"row {row} has {cells} cells where the header has {want}", file=file, remedy=remedy)
     return UserError("has rows of different lengths", file=file, remedy="Export it again.")

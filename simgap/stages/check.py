@@ -30,6 +30,8 @@ from simgap.stages.context import Context, log
 from simgap.stages.costs import StageCost, affordable, costs, duration, size
 from simgap.stages.fair_baseline import minding_the_path
 from simgap.stages.measured_check import check_measured
+from simgap.stages.mixed_units import mixed_units
+from simgap.stages.step_length import long_steps
 from simgap.synthesis.game import one_input_only
 
 TRIED, FEWEST = 0.2, 15
@@ -89,7 +91,8 @@ def run(
         found = costs(context, rollout) if case.domain is not None else []
         affordable(context, found)
     compared = findings is not None
-    result = Checked(found, _cells(context), [*(findings or []), *heavy_steps(context)], compared)
+    of_case = [*mixed_units(context), *heavy_steps(context), *long_steps(context)]
+    result = Checked(found, _cells(context), [*(findings or []), *of_case], compared)
     for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)
     if out is not None:
