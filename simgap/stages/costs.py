@@ -150,7 +150,7 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
     controllers = 2 if case.simulator is not None and (case.gap is not None or case.hidden_state is not None) else 1
     seconds = controllers * (START + rate * cells * inputs * rows)
     yield StageCost(
-        "synthesis", cells * inputs * rows, "pairs of cell and input" + ", twice" * (controllers > 1), seconds,
+        "synthesis", cells * inputs * rows, "pairs of cell and input" + " for each of two controllers" * (controllers > 1), seconds,
         BYTES + a_cell * cells, "synthesis.cells",
     )  # fmt: skip
     if case.validation is not None and case.simulator is not None:
