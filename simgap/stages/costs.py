@@ -149,9 +149,9 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
     rate = ROW_PAIR if wheeled and not (case.sensing is not None and case.sensing.latency) else PAIR
     controllers = 2 if case.simulator is not None and (case.gap is not None or case.hidden_state is not None) else 1
     seconds = controllers * (START + rate * cells * inputs * rows)
+    of = "pairs of cell and input" + " for each of two controllers" * (controllers > 1)
     yield StageCost(
-        "synthesis", cells * inputs * rows, "pairs of cell and input" + " for each of two controllers" * (controllers > 1), seconds,
-        BYTES + a_cell * cells, "synthesis.cells",
+        "synthesis", cells * inputs * rows, of, seconds, BYTES + a_cell * cells, "synthesis.cells",
     )  # fmt: skip
     if case.validation is not None and case.simulator is not None:
         steps, ends = 2 * case.validation.starts * case.validation.steps, not _holds(case)

@@ -109,7 +109,7 @@ def test_a_wrong_joint_in_any_stage(vary, tmp_path, capsys, stage):
         ("plant.effects", [{"name": "rust", "on": "hinge", "parameters": {"b": 1.0}}], "plant.effects.0.name: no"),
         ("plant.states.x1.unit", "deg", "plant.states.x1.unit: the unit is 'deg', what stands here is"),
         ("grid.eps", 1e-9, "grid.eps: 5,000,000,015,039,489,150 samples of X x U need"),
-        ("synthesis.cells", [1000000, 1000000], "synthesis.cells: 25,000,000,000,000 pairs of cell and input for each of two controllers need"),
+        ("synthesis.cells", [1000000, 1000000], "synthesis.cells: 25,000,000,000,000 pairs of cell and input for each"),
     ],
 )  # fmt: skip
 def test_a_wrong_value_is_told_in_words(vary, capsys, key, value, words):
