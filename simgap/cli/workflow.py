@@ -66,9 +66,7 @@ def new(
     out: Annotated[Path, typer.Option(help="Folder for the case.", callback=new_folder)] = Path(),
 ) -> None:
     """Write a commented case for a robot of yours: NAME.yaml, which runs as it stands."""
-    from rich.console import Console
-    from rich.markup import escape
-
+    from simgap.cli.progress import progress
     from simgap.stages import new as stage
 
     if (urdf is None) != equations:
@@ -78,10 +76,8 @@ def new(
             "belongs to a URDF", key="--inputs" if inputs else "--at", remedy="Write it into the equations."
         )
     named, notes = [n.strip() for n in inputs.split(",") if n.strip()] or None, list[str]()
-    with Console(stderr=True).status("reading the model") as status:
-        path = stage.run(
-            name, urdf, out, named, values_of(at, "--at"), lambda words: status.update(escape(words)), notes.append
-        )
+    with progress("reading the model") as tell:
+        path = stage.run(name, urdf, out, named, values_of(at, "--at"), tell, notes.append)
     for line in [*notes, f"Wrote {path}. Next: simgap check {path}, then simgap run {path}"]:
         typer.echo(line)
 

@@ -4,6 +4,7 @@ import os
 import re
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from simgap.io.controller_file import load_controller
 from simgap.plants.model_file import read_model_file
 from simgap.stages import check, fresh, new, synthesis
 from simgap.stages.context import Context
-from simgap.stages.new_joints import axes_of, drives, needed_inputs
+from simgap.stages.new_joints import _centre, axes_of, drives, needed_inputs
 from simgap.stages.propose import Numbers
 from simgap.synthesis.proposal import Proposal
 
@@ -147,6 +148,11 @@ def test_X_stays_inside_the_range_of_a_joint(root, tmp_path, limits):
     assert limits[0] < lo < hi < limits[1]
     assert hi - lo > 0.6 * min(limits[1] - limits[0], 0.5)
     assert not [f for f in check.run(case).findings if f.key.startswith("domain.X")]
+
+
+@pytest.mark.parametrize(("ends", "centre"), [((-1.0, 2.5), 0.0), ((0.0, 2.5), 1.25), ((0.4, 1.0), 0.7), (None, 0.0)])
+def test_a_joint_that_has_no_room_about_0_is_looked_at_in_its_middle(ends, centre):
+    assert _centre(SimpleNamespace(range=ends)) == pytest.approx(centre)
 
 
 def test_a_joint_without_room_is_told(root, tmp_path):

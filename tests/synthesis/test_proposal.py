@@ -9,7 +9,7 @@ from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import Coordinate, SymbolicModel, Variable, symbol
 from simgap.synthesis.posture import posture_of
 from simgap.synthesis.proportions import proportions
-from simgap.synthesis.proposal import WINS, propose, rounded
+from simgap.synthesis.proposal import WINS, _Search, propose, rounded
 
 
 def pendulum(top=True, push=3.0):
@@ -74,6 +74,15 @@ def test_what_is_proposed_is_won_within_the_limits(limit):
     weight = 14.715 / 3.0 * np.sin(found.X["q"][1])
     assert (hi < weight) == (limit is not None and limit < weight)
     assert 0.2 / np.sqrt(14.715) * 0.9 <= found.tau <= 0.8 / np.sqrt(14.715) * 1.1
+
+
+@pytest.mark.parametrize("limit", np.linspace(0.5, 3.0, 40))
+def test_values_that_are_rounded_up_stay_within_what_the_drive_gives(limit):
+    """A step of two digits, times half of the values: rounded up it may pass a limit just above what is needed."""
+    model = pendulum()
+    search = _Search(model, sampled(model)(0.05), posture_of(model, {}), None, {"u": limit}, {})
+    for half in (limit, limit * 0.998, limit * 0.97):
+        assert search._step(0, half, 15, False) * 7 <= limit
 
 
 def test_postures_that_do_not_rest_are_refused_with_what_moves():
