@@ -17,6 +17,7 @@ from simgap.cli.announce import announce_code
 from simgap.cli.options import app
 from simgap.errors import SimgapError, excerpt
 from simgap.io.follow import follow_the_run
+from simgap.io.spent import LINE, spent
 
 __all__ = ["app", "main"]
 
@@ -58,6 +59,8 @@ def main(arguments: list[str] | None = None) -> None:
         raise
     finally:
         logger = logging.getLogger("simgap")
+        if _logs_to_a_file():
+            logger.info(LINE, spent())
         for handler in logger.handlers[:]:
             logger.removeHandler(handler)
             handler.close()
