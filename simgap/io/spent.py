@@ -1,4 +1,4 @@
-"""What a stage spent, as its log's last line says: all of it, where Snakemake's `benchmark:` only looks now and then."""
+"""What a stage spent, as the last line of its log says: all of it, where Snakemake only looks now and then."""
 
 from __future__ import annotations
 
