@@ -68,6 +68,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "dahl_friction": "simgap.effects.dahl_friction:DahlFriction",
                 "load_friction": "simgap.effects.load_friction:LoadFriction",
                 "input_directional_gain": "simgap.effects.input_directional_gain:InputDirectionalGain",
+                "torque_speed_limit": "simgap.effects.torque_speed_limit:TorqueSpeedLimit",
             }
         ),
         "specifications": MappingProxyType(

@@ -14,7 +14,7 @@ from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.equivalence import rivals
-from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import list_starts
 from simgap.diagnosis.search.selection import grow, preferred
@@ -129,8 +129,25 @@ def _best(search: Search, base: Fit, found: Explanation, most: int) -> Explanati
         *search.joined(search.empty(base), exclude=known),
         *(search.joined(found, known) if found.members else ()),
     ]
+    options += _without_the_idle(search)
     for e in sorted(options, key=lambda e: e.bic)[:SECOND_EFFECTS]:
         grow(search, preferred(search, e, most) if len(e.members) >= most else e, most)
     new = [e for e in search.tried.values() if e.physical and any(c.effect.second for c in e.members)]
     fine = [e for e in new if len(e.members) <= most and math.isfinite(e.bic)]
     return preferred(search, min(fine, key=lambda e: e.bic), most) if fine else None
+
+
+def _without_the_idle(search: Search) -> list[Explanation]:
+    """The best sets in which a new effect leaves others nothing to do, without those: they had stood in for it."""
+    idle = [
+        e for e in search.tried.values()
+        if not e.physical and math.isfinite(e.bic)
+        and any(c.effect.second and sound(c, e.fit) for c in e.members)
+    ]  # fmt: skip
+    found = []
+    for e in sorted(idle, key=lambda e: e.bic)[:SECOND_EFFECTS]:
+        while e.members and not e.physical:
+            e = search.without(e, next(c for c in e.members if not sound(c, e.fit)))
+        if any(c.effect.second for c in e.members):
+            found.append(e)
+    return found

@@ -9,7 +9,7 @@ import simgap.diagnosis.diagnose as module
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.search import selection
+from simgap.diagnosis.search import explanations, selection
 from simgap.diagnosis.search.watch import Stopped, Watch
 from tests.diagnosis.plants import block
 
@@ -134,3 +134,17 @@ def test_what_is_masked_after_the_end_is_fitted_and_not_searched(monkeypatch):
 def _ended(found, watch):
     watch.stopped = "The search was ended after measured.budget_s = 0 s"
     return found
+
+
+def test_a_fit_that_begins_at_the_same_place_is_made_once(monkeypatch):
+    made, of_fit = [], explanations.fit
+
+    def counted(problem, theta, x0, slots, *rest):
+        made.append((tuple(slots), theta.tobytes(), x0.tobytes()))
+        return of_fit(problem, theta, x0, slots, *rest)
+
+    monkeypatch.setattr(explanations, "fit", counted)
+    diagnose(block(), _record(extra=0.3), DiagnosisSettings(effects=EFFECTS, max_effects=2))
+    begun = [m for m in made if m[0]]
+    assert len(begun) > 10
+    assert len(begun) == len(set(begun))

@@ -93,6 +93,11 @@ SAID = {
         "commands)",
         "the directional gain of torque",
     ),
+    "torque_speed_limit": (
+        "torque", {"T_s": (2.1, 0.1, "N*m"), "k": (0.3, 0.01, "N*m*s/rad")},
+        "a torque-speed limit of torque (2.1 ± 0.1 N m at rest, less 0.30 ± 0.01 N m s/rad times the speed)",
+        "the torque-speed limit of torque",
+    ),
     "reflected_inertia": (
         "hinge", {"I": (0.02, 0.001, "kg*m^2")},
         "a reflected inertia of 0.020 ± 0.001 kg m² at the hinge", "reflected inertia at the hinge",

@@ -3,35 +3,14 @@
 from __future__ import annotations
 
 import pytest
-import sympy as sp
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.model.symbolic import Coordinate, Parameter, SymbolicModel, Variable, symbol
-from tests.undeclared.rig import drives
-
-JOINTS = {"arm": (0.25, 1.5), "slide": (2.0, 0.0)}  # inertia, weight times lever
-
-
-def joint(name: str) -> SymbolicModel:
-    """As declared: J a = u - w sin(q), no friction; no named parameters, so that no other effect is the same."""
-    inertia, weight = (symbol(n) for n in ("J", "w"))
-    declared = JOINTS[name]
-    return SymbolicModel(
-        states=(Variable("q", "rad"), Variable("v", "rad/s")),
-        inputs=(Variable("u", "N*m"),),
-        parameters={"J": Parameter(declared[0], "kg*m^2"), "w": Parameter(declared[1], "N*m")},
-        xdot=(symbol("v"), (symbol("u") - weight * sp.sin(symbol("q"))) / inertia),
-        coordinates=(Coordinate("axis", "q", "v"),),
-        force_map={"axis": (sp.Integer(0), 1 / inertia)},
-    )
+from tests.undeclared.joints import joint, record
 
 
 def diagnosed(name: str, hidden: dict[str, float], seed: int, effects: tuple[str, ...] = ()):
-    data = drives.record(*JOINTS[name], hidden, seed)
-    traces = tuple(Trace(f"run{k}", *run) for k, run in enumerate(data))
-    return diagnose(joint(name), Record(traces, ("q",), ("u",)), DiagnosisSettings(effects=effects))
+    return diagnose(joint(name), record(name, hidden, seed), DiagnosisSettings(effects=effects))
 
 
 @pytest.mark.parametrize(
@@ -51,6 +30,25 @@ def test_a_drive_s_effect_is_named_with_its_numbers(plant, name, hidden):
     assert effect.name == name
     for number, true in hidden.items():
         assert effect.parameters[number].value == pytest.approx(true, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("plant", "hidden", "named"),
+    [
+        ("motor", {"stall": 2.3, "fall": 0.26}, {"torque_speed_limit"}),
+        ("arm", {"stall": 2.4, "fall": 0.24, "ratio_p": 0.9, "ratio_m": 0.9}, {"torque_speed_limit", "input_gain"}),
+        ("motor", {"limit": 1.5, "viscous": 0.06}, {"input_saturation", "viscous_friction"}),
+    ],
+)
+def test_a_motor_at_its_voltage_is_told_from_a_limit_and_from_friction(plant, hidden, named):
+    """The torque-speed line by itself, behind a gain, and what resembles it."""
+    found = diagnosed(plant, hidden, 3)
+    assert found.verdict == "attributed"
+    assert {e.name for e in found.effects} == named
+    line = {"stall": "T_s", "fall": "k"}
+    for e in found.effects:
+        true = {line[n]: v for n, v in hidden.items() if n in line} if e.name == "torque_speed_limit" else {}
+        assert {n: e.parameters[n].value for n in true} == pytest.approx(true, rel=0.03)
 
 
 def test_friction_that_differs_with_direction_is_said_to_be_one_with_its_equal():

@@ -62,6 +62,7 @@ class Search:
     scores: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
     every: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
     unseen: dict[frozenset[Key], frozenset[Key]] = field(default_factory=dict)
+    ends: dict[tuple[tuple[int, ...], bytes, bytes], tuple[Fit, dict[int, float]]] = field(default_factory=dict)
     watch: Watch = field(default_factory=Watch)
 
     def empty(self, base: Fit) -> Explanation:
@@ -133,13 +134,15 @@ class Search:
         key = self._key(members, theta)
         if key not in self.tried or again:
             slots = [k for c in members for k in c.slots if k not in _integers(c)]
-            found = self._fitted(theta, base.x0, slots)
+            made = len(self.ends)
+            found = self._ended(theta, base.x0, slots)
             count = sum(len(c.slots) for c in members)
-            physical = all(_sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
+            physical = all(sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
             new = Explanation(members, found, self.bic(found.chi2, count), physical)
             if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - BETTER_CHI2:
                 self.tried[key] = new
-            self.watch.step(self._best())
+            if len(self.ends) > made:
+                self.watch.step(self._best())
         return self.tried[key]
 
     def _best(self) -> str:
@@ -152,7 +155,16 @@ class Search:
         named = joined([c.effect.phrase(c.on) for c in best.members])
         return f"{named} (chi²/dof {best.fit.chi2 / self.problem.size:.3g})"
 
-    def _fitted(self, theta: Floats, x0: Floats, slots: list[int]) -> Fit:
+    def _ended(self, theta: Floats, x0: Floats, slots: list[int]) -> Fit:
+        """Where a fit ends that begins there; each is made once, as one search comes by the same place often."""
+        key = tuple(slots), theta.tobytes(), x0.tobytes()
+        if key not in self.ends:
+            self.ends[key] = self._fitted(theta, x0, slots)
+        found, steps = self.ends[key]
+        self.steps.update(steps)
+        return found
+
+    def _fitted(self, theta: Floats, x0: Floats, slots: list[int]) -> tuple[Fit, dict[int, float]]:
         """Fit, and again if difference steps that suit the start do not suit the end (a peak that began flat)."""
         steps = {k: choose_step(self.problem, theta, x0, k, 1e-4) for k in slots}
         found = fit(self.problem, theta, x0, slots, steps)
@@ -162,8 +174,7 @@ class Search:
                 break
             steps = again
             found = fit(self.problem, found.theta, found.x0, slots, steps)
-        self.steps.update(steps)
-        return found
+        return found, steps
 
     def ranked(self, base: Explanation) -> list[Score]:
         """Scores of everything that could join the base, best first, one start for each candidate."""
@@ -202,5 +213,6 @@ def _values(c: Candidate, theta: Floats) -> dict[str, float]:
     return {p.symbol: float(theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True)}
 
 
-def _sound(c: Candidate, found: Fit) -> bool:
+def sound(c: Candidate, found: Fit) -> bool:
+    """Whether a fitted effect is physical and not at a limit of what it may be."""
     return c.effect.physical(_values(c, found.theta)) and not any(k in found.at_limit for k in c.slots)
