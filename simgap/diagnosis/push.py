@@ -61,7 +61,8 @@ def suspected(parts: Parts, begun: Search, base: Fit, not_tried: Collection[Key]
         parts: the folds; begun, base: the search on them as it begins, and the model as declared.
         not_tried: what is not to be fitted; most: effects.
     """
-    found, spans = begun.empty(base), ()
+    found = begun.empty(base)
+    spans: tuple[Span, ...] = ()
     try:
         for _ in range(most + 1):
             seen = _pieces(parts.known, found.fit.theta)
