@@ -54,8 +54,8 @@ def suspected(parts: Parts, begun: Search, base: Fit, not_tried: Collection[Key]
     """Times that stand out under what explains the rest best.
 
     What a model misses all the time hides where a push begins and ends, and a push hides what the model misses: one
-    effect after the other, at most `most`, is fitted, without the times that miss most under those before wherever
-    these carry most of the error. As far as the budget goes.
+    effect after the other, at most `most`, is fitted, without the times that stand out under those before; without
+    those that miss most, where they carry most of the error. As far as the budget goes.
 
     Args:
         parts: the folds; begun, base: the search on them as it begins, and the model as declared.
@@ -66,10 +66,11 @@ def suspected(parts: Parts, begun: Search, base: Fit, not_tried: Collection[Key]
     try:
         for _ in range(most + 1):
             seen = _pieces(parts.known, found.fit.theta)
-            out, (aside, share) = seen.outlying(), seen.worst()
+            out, (worst, share) = seen.outlying(), seen.worst()
             spans = () if out is None else out.spans
+            aside = spans or (worst if share >= MOST_OF_THE_ERROR else ())
             search, at = begun, base  # which takes these steps anyhow, and keeps what it fits
-            if share >= MOST_OF_THE_ERROR:
+            if aside:
                 kept = coarse(parts.leaving_out(aside).known)
                 search = Search(kept, list_starts(kept, not_tried), watch=Watch(begun.watch.left))
                 at = fit(kept, kept.model.null, initial_states(kept), [], {})
