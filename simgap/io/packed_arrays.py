@@ -38,10 +38,10 @@ def unpacked(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     """
     entry = archive.getinfo(f"{name}.npy")
     with archive.open(entry) as stream:
-        version = np.lib.format.read_magic(stream)  # type: ignore[no-untyped-call]
+        version = np.lib.format.read_magic(stream)
         if version != (1, 0):
             raise UserError("it is of another version of numpy's format")
-        shape, columns_first, kind = np.lib.format.read_array_header_1_0(stream)  # type: ignore[no-untyped-call]
+        shape, columns_first, kind = np.lib.format.read_array_header_1_0(stream)
         if kind.hasobject or columns_first:
             raise UserError("its arrays are laid out in another way")
         size = math.prod(shape) * kind.itemsize
