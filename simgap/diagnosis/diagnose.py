@@ -26,7 +26,7 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.noise_colour import noise_colour
 from simgap.diagnosis.search.scoring import list_starts
-from simgap.diagnosis.search.selection import best_so_far, carried_over, on_all, plainest, preferred, select
+from simgap.diagnosis.search.selection import best_so_far, carried_over, on_all, preferred, select
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.colour import Colour
@@ -157,9 +157,8 @@ def _under_its_noise(
     parts: Parts, search: Search, found: Explanation, most: int, not_tried: Collection[Key]
 ) -> tuple[Parts, tuple[Search, Fit, Explanation]] | None:
     """The search again under a noise with a colour, where it then reaches that noise; None where it does not."""
-    plain = plainest(search, found)
-    full = len(plain.members) >= most  # all that it may take: what is left is no noise
-    noise = None if search.watch.stopped or full else _noise(parts.known, search, plain)
+    full = len(found.members) >= most  # all that it may take: what is left is no noise
+    noise = None if search.watch.stopped or full else _noise(parts.known, search, found)
     if noise is None:
         return None
     louder = parts.with_noise(*noise)

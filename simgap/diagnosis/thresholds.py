@@ -247,10 +247,6 @@ MOST_COLOURED = 10.0
 """... and if chi^2/dof for white noise is at most this: noise of 20 ms at 200 Hz shows 7. What a driven pendulum of
 real hardware keeps shows 46, and taken for noise it hid the friction."""
 
-LITTLE_MORE = 1.1
-"""... under the set of fewest parameters that leaves at most so many times the excess of the set that was found. Noise
-of 15 ms on a pendulum and a motor with friction was followed by two more effects that took 2 % of it. Judgement."""
-
 STATIONARY = 5.0
 """... and if nineteen of twenty windows have a sum of squares, made white, within so many standard deviations of the
 median window's."""

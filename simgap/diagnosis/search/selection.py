@@ -13,7 +13,6 @@ from simgap.diagnosis.thresholds import (
     EQUALS_PRUNED,
     FIRST_EFFECTS,
     FIT_QUALITY,
-    LITTLE_MORE,
     MASKING_TELLS,
     NEAR_TIE,
     SAME_BIC,
@@ -112,14 +111,6 @@ def _swap(search: Search, current: Explanation) -> Explanation:
             return current
         current = option
     return current
-
-
-def plainest(search: Search, found: Explanation) -> Explanation:
-    """The set of fewest parameters that leaves hardly more than what was found: noise draws effects after it."""
-    size = search.problem.size
-    enough = size + LITTLE_MORE * max(found.fit.chi2 - size, 0.0)
-    near = [e for e in search.tried.values() if e.physical and e.fit.chi2 <= enough]
-    return min((*near, found), key=lambda e: (e.count, e.bic))
 
 
 def best_so_far(search: Search, base: Fit, most: int) -> Explanation:
