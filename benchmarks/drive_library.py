@@ -55,6 +55,20 @@ def _gain(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Trut
     return {"ratio_p": ratio, "ratio_m": ratio}, {"input_gain": {"ratio": ratio}}
 
 
+def _curve(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    return {"soft": 1.3 * draw() * SCALES[plant][0]}, {"input_curve": {}}  # a tanh is none of its curves
+
+
+def _sensor(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    ratio = 1.0 + 0.05 * draw()
+    return {"sensor": ratio}, {"sensor_gain": {"ratio": ratio}}
+
+
+def _dead(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    width = 0.06 * draw() * SCALES[plant][0]
+    return {"dead": width}, {"input_dead_zone": {"width": width}}
+
+
 Part = Callable[[str, Callable[[], float]], tuple[dict[str, float], Truth]]
 KINDS: dict[str, tuple[Part, ...]] = {
     "nothing": (),
@@ -65,6 +79,13 @@ KINDS: dict[str, tuple[Part, ...]] = {
     "torque-speed limit": (_limit,),
     "torque-speed limit, viscous friction": (_limit, _viscous),
     "torque-speed limit, gain": (_limit, _gain),
+    "sensor gain": (_sensor,),
+    "sensor gain, viscous friction": (_sensor, _viscous),
+    "sensor gain, gain": (_sensor, _gain),
+    "dead zone": (_dead,),
+    "gain curve": (_curve,),
+    "gain curve, viscous friction": (_curve, _viscous),
+    "gain curve, dead zone": (_curve, _dead),
 }
 
 
@@ -76,6 +97,8 @@ def hidden(plant: str, kind: str, seed: int) -> tuple[dict[str, float], Truth]:
     for part in KINDS[kind]:
         numbers, names = part(plant, lambda: float(rng.uniform(0.8, 1.25)))
         told, truth = told | numbers, truth | names
+    if {"sensor_gain", "input_gain"} <= set(truth) and plant != "arm":  # linear, read by one sensor: they act as one
+        truth["input_gain"]["ratio"] *= truth.pop("sensor_gain")["ratio"]
     return told, truth
 
 
@@ -112,8 +135,8 @@ def table(rows: list[dict[str, Any]]) -> str:
         own = [r for r in rows if r["kind"] == kind]
         if not own:
             continue
-        covered = [c for r in own for c in r["covered"]]
-        errors = [r["error"] for r in own if r["exact"] and r["truth"]]
+        covered = [c for r in own if r["exact"] for c in r["covered"]]
+        errors = [r["error"] for r in own if r["exact"] and math.isfinite(r["error"])]
         wrong = [r for r in own if not r["listed"] and r["wrong"]]
         cells = (
             ", ".join(p for p in PLANTS if any(r["plant"] == p for r in own)), len(own),

@@ -69,6 +69,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "load_friction": "simgap.effects.load_friction:LoadFriction",
                 "input_directional_gain": "simgap.effects.input_directional_gain:InputDirectionalGain",
                 "torque_speed_limit": "simgap.effects.torque_speed_limit:TorqueSpeedLimit",
+                "sensor_gain": "simgap.effects.sensor_gain:SensorGain",
+                "input_curve": "simgap.effects.input_curve:InputCurve",
             }
         ),
         "specifications": MappingProxyType(

@@ -41,7 +41,8 @@ class EffectParameter:
 
     `unit` may hold the placeholders `{force}`, `{position}`, `{input}`, `{state}`, filled in for the target. At `null`
     (for all parameters of the effect at once) the effect vanishes. `lower` and `upper` are physical limits. `integer`
-    marks a discrete choice, `shape` a number that matters only while the others are away from their null.
+    marks a choice that starts make and no fit changes, `shape` a number that matters only while the others are away
+    from their null.
     """
 
     symbol: str
@@ -72,6 +73,8 @@ class Effect(ABC):
     """Whether fits begun at different starts end in different places: then each start is fitted."""
     second: ClassVar[bool] = False
     """Whether it refines or resembles effects that are tried first: sought where these leave more than noise."""
+    resembles: ClassVar[tuple[str, ...]] = ()
+    """Names of effects that may come within the noise of it: it is tried in their place where one was found."""
     pulls_to_a_place: ClassVar[bool] = False
     """Whether it pulls a coordinate back to one place: on an angle that winds on it is tried only if it is named."""
     excitation: ClassVar[str] = ""
@@ -105,9 +108,12 @@ class Effect(ABC):
         return {**start, **contained}
 
     def restates(
-        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect]
+        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
     ) -> tuple[frozenset[int], dict[str, float]] | None:
-        """Which of the effects that were found it moves the plant as, exactly, and with which values; None if none."""
+        """Which of the effects that were found it looks as, exactly, and with which values; None if none.
+
+        `measured`: the states that are read.
+        """
         return None
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:

@@ -25,6 +25,7 @@ class TorqueSpeedLimit(DriveEffect):
     contains = InputSaturation
     second = True
     several_valleys = True
+    resembles = ("input_saturation",)
     formula = "u' = max(-T_s - k v, min(u, T_s - k v))"
     source = "Spong, Hutchinson, Vidyasagar (2006), Robot Modeling and Control, sec. 6.1 (torque-speed curve)"
     excitation = "command large inputs at rest and at speed, driving and braking"

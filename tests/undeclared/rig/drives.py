@@ -18,6 +18,7 @@ STEP, RATE = 2e-5, 200.0
 NULL = {
     "I": 0.0, "F_p": 0.0, "F_m": 0.0, "mu": 0.0, "ratio_p": 1.0, "ratio_m": 1.0,
     "F_c": 0.0, "d": 1.0, "viscous": 0.0, "limit": math.inf, "stall": math.inf, "fall": 0.0,
+    "soft": math.inf, "sensor": 1.0, "dead": 0.0,
 }  # fmt: skip
 
 
@@ -38,6 +39,9 @@ def _move(
     for i in range((u.size - 1) * sample):
         command = u[i // sample]
         drive = p[4] * command if command > 0.0 else p[5] * command
+        drive = math.copysign(max(abs(drive) - p[14], 0.0), drive)
+        if p[12] < 1e9:  # iron that saturates
+            drive = p[12] * math.tanh(drive / p[12])
         drive = max(-p[9], min(drive, p[9]))
         if drive > p[10] - p[11] * v:
             drive = p[10] - p[11] * v
@@ -59,11 +63,14 @@ def record(
     inertia: float, weight: float, hidden: dict[str, float], seed: int, *, sigma: float = 1e-3, seconds: float = 12.0,
     top: float = 3.0, traces: int = 2, stiffness: float = 0.0,
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:  # fmt: skip
-    """Traces (t, y, u), position alone, white noise; I a = drive - weight sin(q) - stiffness q - friction."""
+    """Traces (t, y, u), position alone (times `sensor`), white noise.
+
+    I a = drive - weight sin(q) - stiffness q - friction.
+    """
     rng, n, out = np.random.default_rng([seed, 79]), int(seconds * RATE) + 1, []
     p = np.array(list({**NULL, **hidden}.values()))
     for _ in range(traces):
         u = multisine(rng, n, RATE, top)
         x = _move(inertia, weight, stiffness, p, u, round(1.0 / (RATE * STEP)), rng.uniform(-0.3, 0.3, 2), STEP)
-        out.append((np.arange(n) / RATE, x[:, :1] + sigma * rng.standard_normal((n, 1)), u[:, None]))
+        out.append((np.arange(n) / RATE, p[13] * x[:, :1] + sigma * rng.standard_normal((n, 1)), u[:, None]))
     return out
