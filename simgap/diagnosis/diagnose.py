@@ -83,7 +83,7 @@ def _answer(
     begun = _begun(parts.known, not_tried, watch)
     aside = left_out or ()
     if left_out is None and chi2_dof(begun[0].problem, begun[1]) > FIT_QUALITY:
-        aside = suspected(parts, not_tried, watch)
+        aside = suspected(parts, *begun, not_tried, settings.max_effects)
     if aside:
         record = replace(record, left_out=aside)
         parts, said = parts_of(model, record, settings)

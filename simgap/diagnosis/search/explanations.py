@@ -14,6 +14,7 @@ from simgap.diagnosis.search.scoring import Score, Starts, best_of_each, score
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
+from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, FIT_QUALITY, NEAR_TIE, SAME_PROMISE
 from simgap.notation import joined
@@ -136,7 +137,7 @@ class Search:
             made = len(self.ends)
             found = self._ended(theta, base.x0, slots)
             count = sum(len(c.slots) for c in members)
-            physical = all(sound(c, found) for c in members)
+            physical = all(sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
             new = Explanation(members, found, self.bic(found.chi2, count), physical)
             if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - BETTER_CHI2:
                 self.tried[key] = new
