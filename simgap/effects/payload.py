@@ -102,6 +102,6 @@ def _centre(model: SymbolicModel, link: str) -> dict[str, str]:
 
 def _moments(model: SymbolicModel, link: str) -> Mapping[tuple[str, str], str]:
     """Two axes -> name of the parameter that holds the link's moment of inertia."""
-    pairs = ("xx", "yy", "zz", "xy", "xz", "yz")
+    pairs = (("x", "x"), ("y", "y"), ("z", "z"), ("x", "y"), ("x", "z"), ("y", "z"))
     names = {(a, b): f"{link}.I{a}{b}" for a, b in pairs}
     return {pair: n for pair, n in names.items() if n in model.parameters}
