@@ -38,7 +38,7 @@ class DiagnosisSettings:
     horizon_s: float = 0.5
     noise: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[str, ...] = ()
-    max_effects: int = 3
+    max_effects: int = 5
     held_out_traces: tuple[str, ...] = ()
     held_out_share: float = 0.25
     budget_s: float | None = None

@@ -23,7 +23,7 @@ from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.sensitivity import with_values
-from simgap.diagnosis.thresholds import FIT_QUALITY, SECOND_EFFECTS, SECOND_SHARE
+from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, SECOND_EFFECTS, SECOND_SHARE
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.model.symbolic import SymbolicModel
 
@@ -81,7 +81,8 @@ def widened(
         if wide is None:
             return None
         parts, search, base = wide
-        best = _best(search, base, _again(search, base, found), settings.max_effects)
+        most = min(settings.max_effects, max(LEAPS_ANYHOW, len(found.members)))
+        best = _best(search, base, _again(search, base, found), most)
         if best is None or chi2_dof(search.problem, best.fit) - 1.0 > SECOND_SHARE * left:
             return None
         rivals(search, best)

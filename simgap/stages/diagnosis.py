@@ -141,7 +141,7 @@ def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
         horizon_s=section.horizon_s,
         noise=dict(section.noise),
         effects=section.effects,
-        max_effects=section.max_effects,
+        max_effects=section.max_effects or DiagnosisSettings.max_effects,
         held_out_traces=reading.held_out,
         held_out_share=section.held_out.fraction,
         budget_s=section.budget_s,
