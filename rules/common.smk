@@ -92,6 +92,15 @@ def gap_folder(wildcards):
     return f"results/{wildcards.case}/gap/{own_point(case_of(wildcards))}"
 
 
+def long_first(wildcards):
+    """Priority: a case that remembers earlier inputs has long jobs one after the other; those of other cases fill the gaps."""
+    return 10 if remembers(case_of(wildcards)) else 0
+
+
+# Priority of what nothing depends on: it fills the cores that are left at the end.
+LAST = -10
+
+
 def flagged(flag, paths):
     """Command-line words that give each path its flag; `{params.x:q}` quotes them one by one."""
     return [

@@ -41,6 +41,7 @@ rule synthesis:
         "results/{case}/logs/synthesis-{kind}.log",
     benchmark:
         "results/{case}/benchmarks/synthesis-{kind}.tsv"
+    priority: long_first
     threads: 2
     resources:
         mem_mb=2000,
@@ -71,6 +72,7 @@ rule validation:
         "results/{case}/logs/validation.log",
     benchmark:
         "results/{case}/benchmarks/validation.tsv"
+    priority: long_first
     threads: 2
     resources:
         mem_mb=3000,
@@ -102,6 +104,7 @@ rule audit:
         "results/{case}/logs/{depth}.log",
     benchmark:
         "results/{case}/benchmarks/{depth}.tsv"
+    priority: long_first
     threads: 2
     resources:
         mem_mb=3000,
@@ -169,6 +172,7 @@ rule trace:
         "results/{case}/logs/trace.log",
     benchmark:
         "results/{case}/benchmarks/trace.tsv"
+    priority: LAST
     resources:
         mem_mb=1000,
         runtime=10,

@@ -137,6 +137,7 @@ rule report:
         "results/{case}/logs/report.log",
     benchmark:
         "results/{case}/benchmarks/report.tsv"
+    priority: LAST
     resources:
         mem_mb=1500,
         runtime=10,

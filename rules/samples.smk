@@ -52,6 +52,7 @@ rule grid:
         "results/{case}/logs/grid-{point}.log",
     benchmark:
         "results/{case}/benchmarks/grid-{point}.tsv"
+    priority: long_first
     resources:
         mem_mb=500,
         runtime=5,
@@ -78,6 +79,7 @@ rule rollouts:
         "results/{case}/logs/rollouts-{point}-{shard}.log",
     benchmark:
         "results/{case}/benchmarks/rollouts-{point}-{shard}.tsv"
+    priority: long_first
     resources:
         mem_mb=1500,
         runtime=120,
@@ -92,6 +94,10 @@ rule rollouts:
         "simgap rollouts {params.case:q} --grid {params.grid:q} --shard {wildcards.shard:q} --out {output:q} --log {log:q}"
 
 
+# Beside other cases a job of one core never waits until two are free; a case alone has nothing beside it.
+ONE_OR_TWO = 2 if len(CASES) == 1 else 1
+
+
 rule fresh:
     input:
         case=correction,
@@ -101,7 +107,8 @@ rule fresh:
         "results/{case}/logs/fresh.log",
     benchmark:
         "results/{case}/benchmarks/fresh.tsv"
-    threads: 2
+    priority: long_first
+    threads: ONE_OR_TWO
     resources:
         mem_mb=1500,
         runtime=30,
@@ -160,7 +167,7 @@ rule calibration:
         "results/{case}/logs/calibration.log",
     benchmark:
         "results/{case}/benchmarks/calibration.tsv"
-    threads: 2
+    threads: ONE_OR_TWO
     resources:
         mem_mb=1500,
         runtime=30,

@@ -68,6 +68,9 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "dahl_friction": "simgap.effects.dahl_friction:DahlFriction",
                 "load_friction": "simgap.effects.load_friction:LoadFriction",
                 "input_directional_gain": "simgap.effects.input_directional_gain:InputDirectionalGain",
+                "torque_speed_limit": "simgap.effects.torque_speed_limit:TorqueSpeedLimit",
+                "sensor_gain": "simgap.effects.sensor_gain:SensorGain",
+                "input_curve": "simgap.effects.input_curve:InputCurve",
             }
         ),
         "specifications": MappingProxyType(

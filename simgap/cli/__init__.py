@@ -14,9 +14,11 @@ import typer
 
 from simgap.cli import control, gap, measured, pages, sweeps, tools, view, workflow
 from simgap.cli.announce import announce_code
+from simgap.cli.lean import without_pandas
 from simgap.cli.options import app
 from simgap.errors import SimgapError, excerpt
 from simgap.io.follow import follow_the_run
+from simgap.io.spent import LINE, spent
 
 __all__ = ["app", "main"]
 
@@ -30,6 +32,7 @@ _USAGE: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: a person's mistake is one line on stderr and status 2, a broken promise status 1."""
     follow_the_run()
+    without_pandas()
     logging.getLogger("simgap").addHandler(logging.NullHandler())  # without a log, errors are told once, below
     announce_code()
     try:
@@ -58,6 +61,8 @@ def main(arguments: list[str] | None = None) -> None:
         raise
     finally:
         logger = logging.getLogger("simgap")
+        if _logs_to_a_file():
+            logger.info(LINE, spent())
         for handler in logger.handlers[:]:
             logger.removeHandler(handler)
             handler.close()

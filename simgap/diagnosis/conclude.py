@@ -103,7 +103,9 @@ def conclude(
     listed = answer.alternatives(chosen.found, others)
     small = slight(full, kept, base)
     fitted = [e for e in every if (e.name, e.on) not in small]
-    effects, listed = told([e for e in every if not is_fault(e.name)], listed, model, answer.applied(kept))
+    effects, listed = told(
+        [e for e in every if not is_fault(e.name)], listed, model, answer.applied(kept), record.measured
+    )
     return Diagnosis(
         verdict=word,
         effects=effects,

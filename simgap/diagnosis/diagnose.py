@@ -37,7 +37,7 @@ from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MOST_COLOURED
 from simgap.diagnosis.verdict.faults import filtered_channels
 from simgap.diagnosis.verdict.judge import chi2_dof, real
 from simgap.diagnosis.verdict.transfer import Trial, transferable
-from simgap.diagnosis.widen import screened, widened
+from simgap.diagnosis.widen import clearer, screened, widened
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
 
@@ -83,7 +83,7 @@ def _answer(
     begun = _begun(parts.known, not_tried, watch)
     aside = left_out or ()
     if left_out is None and chi2_dof(begun[0].problem, begun[1]) > FIT_QUALITY:
-        aside = suspected(parts, not_tried, watch)
+        aside = suspected(parts, *begun, not_tried, settings.max_effects)
     if aside:
         record = replace(record, left_out=aside)
         parts, said = parts_of(model, record, settings)
@@ -92,6 +92,7 @@ def _answer(
     if wider is None:
         search, base, found = _searched(parts.known, settings.max_effects, not_tried, watch, begun=begun)
         wider = widened(model, record, settings, search, found, not_tried)
+        wider = wider or clearer(model, record, settings, search, found, not_tried)
     if wider is not None:
         parts, (search, base, found) = wider
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)

@@ -17,16 +17,17 @@ from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import Span, Windows
 from simgap.diagnosis.result import DiagnosisSettings, Key, RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
-from simgap.diagnosis.search.fit import fit
-from simgap.diagnosis.search.outlying import outlying
+from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.outlying import Pieces, pieces
 from simgap.diagnosis.search.scoring import list_starts
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.refit import refit_from_all, window_chi2
 from simgap.diagnosis.simulation.sensitivity import with_values
-from simgap.diagnosis.thresholds import FIT_QUALITY, OTHERS_ASKED, PUSH_EXPLAINED, TRIMMED
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, MOST_OF_THE_ERROR, OTHERS_ASKED, PUSH_EXPLAINED
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import joined
@@ -34,38 +35,54 @@ from simgap.notation import joined
 Floats = NDArray[np.float64]
 
 
-def stands_out(known: Problem, theta: Floats) -> tuple[Span, ...]:
-    """Times of the fitted windows that stand out at theta (q,), every one of them looked at.
+def _pieces(known: Problem, theta: Floats) -> Pieces:
+    """Pieces of the fitted windows at theta (q,), every one of them looked at.
 
     Where commands from before a trace or from after it would act, nothing can be said.
     """
     seen = known.past_the_unknown(known.reach(theta)).before_the_end(known.ahead(theta))
-    found = outlying(coarse(seen, rows=seen.windows.samples), theta)
+    return pieces(coarse(seen, rows=seen.windows.samples), theta)
+
+
+def stands_out(known: Problem, theta: Floats) -> tuple[Span, ...]:
+    """Times of the fitted windows that stand out at theta (q,)."""
+    found = _pieces(known, theta).outlying()
     return () if found is None else found.spans
 
 
-def suspected(parts: Parts, not_tried: Collection[Key], watch: Watch) -> tuple[Span, ...]:
-    """Times that stand out under the model as declared, and then under the best single effect without them.
+def suspected(parts: Parts, begun: Search, base: Fit, not_tried: Collection[Key], most: int) -> tuple[Span, ...]:
+    """Times that stand out under what explains the rest best.
 
-    What a model misses all the time hides where a push begins and ends: a few steps of a trimmed fit show more of it,
-    as far as the budget goes.
+    What a model misses all the time hides where a push begins and ends, and a push hides what the model misses: one
+    effect after the other, at most `most`, is fitted, without the times that stand out under those before; without
+    those that miss most, where they carry most of the error. As far as the budget goes.
+
+    Args:
+        parts: the folds; begun, base: the search on them as it begins, and the model as declared.
+        not_tried: what is not to be fitted; most: effects.
     """
-    null = parts.known.model.null
-    spans = stands_out(parts.known, null)
+    found = begun.empty(base)
+    spans: tuple[Span, ...] = ()
     try:
-        for _ in range(TRIMMED if spans else 0):
-            kept = coarse(parts.leaving_out(spans).known)
-            base = fit(kept, null, initial_states(kept), [], {})
-            search = Search(kept, list_starts(kept, not_tried), watch=Watch(watch.left))
-            best = min(search.joined(search.empty(base)), key=lambda e: e.bic, default=None)
-            again = stands_out(parts.known, null if best is None else best.fit.theta)
-            if not again or again == spans:
+        for _ in range(most + 1):
+            seen = _pieces(parts.known, found.fit.theta)
+            out, (worst, share) = seen.outlying(), seen.worst()
+            spans = () if out is None else out.spans
+            aside = spans or (worst if share >= MOST_OF_THE_ERROR else ())
+            search, at = begun, base  # which takes these steps anyhow, and keeps what it fits
+            if aside:
+                kept = coarse(parts.leaving_out(aside).known)
+                search = Search(kept, list_starts(kept, not_tried), watch=Watch(begun.watch.left))
+                at = fit(kept, kept.model.null, initial_states(kept), [], {})
+            found = search.explain(found.members, found.fit.theta, at) if found.members else search.empty(at)
+            better = min(search.joined(found, found.keys), key=lambda e: e.bic, default=found)
+            if better.bic >= found.bic - BIC_GAIN:
                 break
-            spans = again
+            found = better
     except Stopped:
         pass
     except KeyboardInterrupt:
-        watch.interrupted()
+        begun.watch.interrupted()
     return spans
 
 
@@ -121,7 +138,9 @@ def excess_left(some: Problem, theta: Floats, level: float, known: Collection[Ke
     second = {c.key for c in some.model.candidates if c.effect.second}
     first = {c.key for c in some.model.candidates} - second
     options = [*search.joined(found, {*known, *second}), *(search.joined(found, {*known, *first}) if second else ())]
-    excess = at.chi2 - level * some.size
+    # what another initial state does is no merit of the effect beside which it was found
+    alone = [window_chi2(some, at.theta, at.x0)] + [refit_from_all(some, theta, e.fit.x0).chi2 for e in options]
+    excess = float(np.sum(np.min(alone, axis=0))) - level * some.size
     return min((max(e.fit.chi2 - level * some.size, 0.0) / excess for e in options), default=1.0)
 
 
@@ -142,7 +161,7 @@ def _meet(a: Span, b: Span) -> bool:
 def push_fault(record: Record, kept: Problem) -> RecordingFault:
     """What was left out, in words: `record` has times left out, `kept` the windows that are fitted without them."""
     names = [trace.name for trace in record.traces]
-    spans = [f"{a:.3g} to {b:.3g} s of {names[k]}" for k, a, b in record.left_out]
+    spans = [f"{a:.2f} to {b:.2f} s of {names[k]}" for k, a, b in record.left_out]
     lasts, w = sum(b - a for _, a, b in record.left_out), kept.windows
     rest = float(np.sum(kept.t[w.stop - 1] - kept.t[w.start]))
     where = joined(spans if len(spans) <= 3 else [*spans[:3], f"{len(spans) - 3} more"])

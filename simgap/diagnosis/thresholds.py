@@ -140,14 +140,18 @@ SMALL_PART, MOST_OF_THE_ERROR = 0.05, 0.5
 """The error is in one place if this part of the predictions carries this share of its square. The largest 5 % of a
 Gaussian's draws carry 28 %, of a sine's 10 %."""
 
-CELL_S, PIECE_TELLS, LEFT_OUT_MOST, TRIMMED = 0.1, 1.0 - 1e-6, 0.05, 2
+CELL_S, PIECE_TELLS, LEFT_OUT_MOST = 0.1, 1.0 - 1e-6, 0.05
 """Where somebody may have pushed is sought in pieces of two cells of this length (s); one stands out if its chi^2 is
 above this quantile of noise of the median piece's size. They are left out where they take at most this share of the
-time and carry `MOST_OF_THE_ERROR`; what is left out is improved so many times under the best single effect. Pushes of
-benchmarks/other_plants.py, a tenth of a second long, made pieces of 20 to 300 times the median's chi^2/dof under the
-declared model; of 63 records without one (single effects, pairs, saturation, Dahl friction, backlash, periodic forces,
-rests of tests/undeclared/rig and benchmarks/dry_friction.py) two had times to leave out, which were put back. A share
-of a twentieth is judgement."""
+time and carry `MOST_OF_THE_ERROR`. Pushes of benchmarks/other_plants.py, a tenth of a second long, made pieces of 20 to
+300 times the median's chi^2/dof under the declared model; of 63 records without one (single effects, pairs, saturation,
+Dahl friction, backlash, periodic forces, rests of tests/undeclared/rig and benchmarks/dry_friction.py) two had times to
+leave out, which were put back. A share of a twentieth is judgement."""
+
+STEP_RESOLVES = 0.1
+"""A fit is not admitted where half the integration step moves its predictions by more than this share of its misses (of
+the noise, if they are less). Judgement: a Dahl friction that turned round within a thirtieth of what a step travels
+"explained" a push, being as large as its misses there; fits that are right move by less than a hundredth."""
 
 PUSH_EXPLAINED, OTHERS_ASKED = 0.1, 8
 """Times are not left out if one more effect of the library takes all but this share of their excess away, fitted to the

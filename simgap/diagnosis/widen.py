@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.equivalence import rivals
-from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import list_starts
 from simgap.diagnosis.search.selection import grow, preferred
@@ -23,8 +24,9 @@ from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.sensitivity import with_values
-from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, SECOND_EFFECTS, SECOND_SHARE
+from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, NEAR_TIE, SECOND_EFFECTS, SECOND_SHARE
 from simgap.diagnosis.verdict.judge import chi2_dof
+from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
 
 Searched = tuple[Search, Fit, Explanation]
@@ -94,6 +96,53 @@ def widened(
         return None
 
 
+def clearer(
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, first: Search, found: Explanation,
+    not_tried: Mapping[Key, str],
+) -> tuple[Parts, Searched] | None:  # fmt: skip
+    """The search with every effect, where one of them in the place of what it resembles tells the data clearly better.
+
+    A plain limit comes within the noise of a torque-speed limit that is seldom reached. Only these few effects are
+    compiled and tried, and only where what they resemble was found.
+
+    Args:
+        model, record, settings: of the diagnosis; first: the search without those effects, and what it found.
+        not_tried: candidates that are barred.
+    """
+    names = {c.effect.name for c in found.members if not c.of_recording}
+    likes = {e.name: e for e in EFFECTS.values() if e.second and names & set(e.resembles)}
+    off = chi2_dof(first.problem, found.fit) > FIT_QUALITY
+    if not likes or settings.effects or first.watch.stopped or off:
+        return None
+    try:
+        parts, _ = parts_of(model, record, replace(settings, effects=(*sorted(names), *likes)))
+        search, base = _fresh(parts, first, not_tried)
+        known = _again(search, base, found)
+        _in_the_place(search, known)
+        best = preferred(search, known, settings.max_effects)
+        if not any(c.effect.second for c in best.members) or best.bic > known.bic - NEAR_TIE:
+            return None
+        wide = _wide(model, record, settings, first, not_tried)
+        if wide is None:
+            return None
+        parts, search, base = wide
+        again = _again(search, base, best)
+        rivals(search, again)
+        return parts, (search, base, preferred(search, again, settings.max_effects))
+    except Stopped:
+        return None
+    except KeyboardInterrupt:
+        first.watch.interrupted()
+        return None
+
+
+def _fresh(parts: Parts, first: Search, not_tried: Mapping[Key, str]) -> tuple[Search, Fit]:
+    """A search in which nothing was tried yet, and the model as declared."""
+    problem = coarse(parts.known)
+    base = fit(problem, problem.model.null, initial_states(problem), [], {})
+    return Search(problem, list_starts(problem, not_tried), watch=first.watch), base
+
+
 def _wide(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, first: Search, not_tried: Mapping[Key, str]
 ) -> tuple[Parts, Search, Fit] | None:
@@ -101,9 +150,7 @@ def _wide(
     parts, _ = parts_of(model, record, settings, second=True)
     if not any(c.effect.second for c in parts.known.model.candidates):
         return None
-    problem = coarse(parts.known)
-    base = fit(problem, problem.model.null, initial_states(problem), [], {})
-    return parts, Search(problem, list_starts(problem, not_tried), watch=first.watch), base
+    return parts, *_fresh(parts, first, not_tried)
 
 
 def _known(search: Search) -> list[Key]:
@@ -130,8 +177,39 @@ def _best(search: Search, base: Fit, found: Explanation, most: int) -> Explanati
         *search.joined(search.empty(base), exclude=known),
         *(search.joined(found, known) if found.members else ()),
     ]
+    options += [*_in_the_place(search, found), *_without_the_idle(search)]
     for e in sorted(options, key=lambda e: e.bic)[:SECOND_EFFECTS]:
         grow(search, preferred(search, e, most) if len(e.members) >= most else e, most)
     new = [e for e in search.tried.values() if e.physical and any(c.effect.second for c in e.members)]
     fine = [e for e in new if len(e.members) <= most and math.isfinite(e.bic)]
     return preferred(search, min(fine, key=lambda e: e.bic), most) if fine else None
+
+
+def _in_the_place(search: Search, found: Explanation) -> list[Explanation]:
+    """Each new effect in the place of what it resembles, where that was found: of one such effect and of all."""
+    options: list[Explanation] = []
+    for c in search.problem.model.candidates:
+        like = [m for m in found.members if m.effect.name in c.effect.resembles]
+        others = [k.key for k in search.problem.model.candidates if k.key != c.key]
+        for gone in [[m] for m in like] + ([like] if len(like) > 1 else []):
+            kept = found
+            for m in gone:
+                kept = search.without(kept, m)
+            options += search.joined(kept, others)
+    return options
+
+
+def _without_the_idle(search: Search) -> list[Explanation]:
+    """The best sets in which a new effect leaves others nothing to do, without those: they had stood in for it."""
+    idle = [
+        e for e in search.tried.values()
+        if not e.physical and math.isfinite(e.bic)
+        and any(c.effect.second and sound(c, e.fit) for c in e.members)
+    ]  # fmt: skip
+    found = []
+    for e in sorted(idle, key=lambda e: e.bic)[:SECOND_EFFECTS]:
+        while e.members and not e.physical:
+            e = search.without(e, next(c for c in e.members if not sound(c, e.fit)))
+        if any(c.effect.second for c in e.members):
+            found.append(e)
+    return found

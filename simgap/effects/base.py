@@ -41,7 +41,8 @@ class EffectParameter:
 
     `unit` may hold the placeholders `{force}`, `{position}`, `{input}`, `{state}`, filled in for the target. At `null`
     (for all parameters of the effect at once) the effect vanishes. `lower` and `upper` are physical limits. `integer`
-    marks a discrete choice, `shape` a number that matters only while the others are away from their null.
+    marks a choice that starts make and no fit changes, `shape` a number that matters only while the others are away
+    from their null.
     """
 
     symbol: str
@@ -72,6 +73,8 @@ class Effect(ABC):
     """Whether fits begun at different starts end in different places: then each start is fitted."""
     second: ClassVar[bool] = False
     """Whether it refines or resembles effects that are tried first: sought where these leave more than noise."""
+    resembles: ClassVar[tuple[str, ...]] = ()
+    """Names of effects that may come within the noise of it: it is tried in their place where one was found."""
     pulls_to_a_place: ClassVar[bool] = False
     """Whether it pulls a coordinate back to one place: on an angle that winds on it is tried only if it is named."""
     excitation: ClassVar[str] = ""
@@ -105,9 +108,12 @@ class Effect(ABC):
         return {**start, **contained}
 
     def restates(
-        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect]
+        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
     ) -> tuple[frozenset[int], dict[str, float]] | None:
-        """Which of the effects that were found it moves the plant as, exactly, and with which values; None if none."""
+        """Which of the effects that were found it looks as, exactly, and with which values; None if none.
+
+        `measured`: the states that are read.
+        """
         return None
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:
@@ -287,8 +293,9 @@ def _driven(model: SymbolicModel) -> dict[str, str]:
     free = sorted(every - set(numbers), key=str)  # states, inputs, and parameters of effects that are still open
     draws = np.random.default_rng(0).uniform(0.2, 1.0, (_POINTS, len(free)))
     points = [numbers | {s: float(v) for s, v in zip(free, at, strict=True)} for at in draws]
-    for u in model.input_names:
-        pulls = [sp.diff(e, symbol(u)) for e in model.xdot]
+    still = {sp.sign(symbol(c.velocity)): sp.Integer(0) for c in model.coordinates}
+    for u in model.input_names:  # friction that grows with an input's force leaves it the force that it is
+        pulls = [sp.diff(sp.sympify(e).subs(still), symbol(u)) for e in model.xdot]
         for c in model.coordinates:
             off = [p - f for p, f in zip(pulls, model.force_map[c.name], strict=True)]
             if all(abs(sp.N(e.subs(at))) < 1e-9 for at in points for e in off):

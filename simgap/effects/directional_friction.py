@@ -48,7 +48,7 @@ class DirectionalFriction(CoordinateEffect):
         return -(forwards + backwards) / 2 * sp.sign(velocity) - (forwards - backwards) / 2
 
     def restates(
-        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect]
+        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
     ) -> tuple[frozenset[int], dict[str, float]] | None:
         """Coulomb friction beside a smaller bias of an input that drives the coordinate, or a constant force."""
         levels = {k: a.values["F_c"] for k, a in enumerate(found) if (a.name, a.on) == ("coulomb_friction", on)}
@@ -59,7 +59,14 @@ class DirectionalFriction(CoordinateEffect):
         if len(levels) != 1 or len(pushes) != 1:
             return None
         ((i, level),), ((j, push),) = levels.items(), pushes.items()
-        changed = {"input_gain", "input_directional_gain", "input_dead_zone", "input_saturation", "input_lag"}
+        changed = {
+            "input_gain",
+            "input_directional_gain",
+            "input_curve",
+            "input_dead_zone",
+            "input_saturation",
+            "input_lag",
+        }
         if abs(push) > level or (found[j].name == "input_bias" and any(a.name in changed for a in found)):
             return None  # a bias passes through what else is on the path of the command
         return frozenset({i, j}), {"F_p": level - push, "F_m": level + push}

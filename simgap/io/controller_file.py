@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import zipfile
 import zlib
@@ -17,18 +16,18 @@ from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io.atomic import atomic
+from simgap.io.packed_arrays import Arrays, checksum, fits, pack, unpacked
 from simgap.io.unpacked import TooLarge, require_room
 from simgap.specifications.solution import Solution
 from simgap.synthesis.bits import packed_width
 from simgap.synthesis.controller import Controller
 
-Arrays = Mapping[str, NDArray[Any]]
 REMEDY = "Run the synthesis stage again."
 FEWER = "Take another machine, fewer cells (synthesis.cells) or fewer inputs (domain.U)."
 CHECKSUM = "sha256"
 MOST_INPUTS = 2**15 - 1  # the chosen input is stored in 16 bits
-_EPOCH = (1980, 1, 1, 0, 0, 0)
 _NEEDED = {"about", "box", "cells", "input_set", "winning", "free"}
+_INPUTS = ("mask", "chosen", "acting")  # arrays that say which inputs are admissible, most of a file's bytes
 
 
 def save_controller(controller: Controller, path: Path | str) -> None:
@@ -63,18 +62,13 @@ def save_controller(controller: Controller, path: Path | str) -> None:
         arrays |= {"value": s.value, "target": np.packbits(s.target)}
     if s.acting is not None:
         arrays["acting"] = s.acting
-    arrays[CHECKSUM] = _checksum(arrays)
+    arrays[CHECKSUM] = checksum(arrays)
     try:
         require_room(sum(array.nbytes for array in arrays.values()))
     except TooLarge as error:
         raise UserError(f"the controller {error.problem}", remedy=FEWER) from None
-    with atomic(Path(path)) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        for name, array in arrays.items():
-            entry = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry._compresslevel = 1  # type: ignore[attr-defined]  # zipfile has no other way for an open entry
-            with archive.open(entry, "w", force_zip64=True) as stream:
-                np.lib.format.write_array(stream, np.ascontiguousarray(array), allow_pickle=False)
+    with atomic(Path(path)) as temporary:
+        pack(temporary, arrays)
 
 
 def load_controller(path: Path | str) -> Controller:
@@ -83,16 +77,22 @@ def load_controller(path: Path | str) -> Controller:
     Raises:
         UserError: a file that is missing, damaged, changed by hand or no controller at all.
     """
+    return _load(path, whole=True)
+
+
+def _load(path: Path | str, whole: bool) -> Controller:
     try:
-        with Path(path).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            require_room(sum(entry.file_size for entry in stored.zip.infolist()))
-            arrays = {name: stored[name] for name in stored.files}
-        _require(set(arrays) >= _NEEDED and ("mask" in arrays) != ("chosen" in arrays), "parts of it are missing")
+        with Path(path).open("rb") as stream, zipfile.ZipFile(stream) as archive:
+            require_room(sum(entry.file_size for entry in archive.infolist()))
+            names = [name.removesuffix(".npy") for name in archive.namelist()]
+            _require({*names} >= _NEEDED and ("mask" in names) != ("chosen" in names), "parts of it are missing")
+            _require(CHECKSUM in names, "it has no checksum, so nothing says that it is whole")
+            stated = unpacked(archive, CHECKSUM)
+            whole = whole or stated.ndim == 1  # an earlier version's, one checksum of everything
+            arrays = {n: unpacked(archive, n) for n in names if n != CHECKSUM and (whole or n not in _INPUTS)}
         about = json.loads(arrays["about"].tobytes().decode())
-        _require(CHECKSUM in arrays, "it has no checksum, so nothing says that it is whole")
-        kept = {name: array for name, array in arrays.items() if name != CHECKSUM}
-        _require(np.array_equal(arrays[CHECKSUM], _checksum(kept)), "its checksum does not fit its content")
-        return _controller(about, kept)
+        _require(fits(stated, arrays, sorted({*names} - {CHECKSUM})), "its checksum does not fit its content")
+        return _controller(about, arrays)
     except FileNotFoundError:
         raise UserError("there is no such controller", file=path, remedy="Run the synthesis stage") from None
     except TooLarge as error:
@@ -127,13 +127,34 @@ class CaseNames(Protocol):
     def input_set(self) -> NDArray[np.float64]: ...  # noqa: D102
 
 
+def load_domain(path: Path | str) -> Controller:
+    """Read a controller but for its admissible inputs, nearly all of its bytes; it refuses to be asked for one.
+
+    Raises:
+        UserError: what `load_controller` refuses, as far as it is read.
+    """
+    return _load(path, whole=False)
+
+
+def load_domain_of(path: Path | str, wanted: CaseNames) -> Controller:
+    """`load_domain` of the controller of a case.
+
+    Raises:
+        UserError: as `load_controller_of`.
+    """
+    return _made_for(wanted, load_domain(path), path)
+
+
 def load_controller_of(path: Path | str, wanted: CaseNames) -> Controller:
     """Read the controller of a case.
 
     Raises:
         UserError: what `load_controller` refuses, and a controller of another case, named, or of another U.
     """
-    found = load_controller(path)
+    return _made_for(wanted, load_controller(path), path)
+
+
+def _made_for(wanted: CaseNames, found: Controller, path: Path | str) -> Controller:
     made_for = found.metadata.get("case")
     for what, one, other in (
         ("case", made_for, wanted.case.name),
@@ -148,16 +169,6 @@ def load_controller_of(path: Path | str, wanted: CaseNames) -> Controller:
     if not np.array_equal(found.input_set, wanted.input_set):
         raise UserError(f"the controller of '{made_for}' is of another U than this case has", file=path, remedy=REMEDY)
     return found
-
-
-def _checksum(arrays: Arrays) -> NDArray[np.uint8]:
-    """Of names, types, shapes and bytes."""
-    found = hashlib.sha256()
-    for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        found.update(f"{name} {array.dtype.str} {array.shape};".encode())
-        found.update(array.reshape(-1).view(np.uint8).data)
-    return np.frombuffer(found.digest(), np.uint8)
 
 
 def _require(holds: Any, problem: str) -> None:
@@ -206,6 +217,8 @@ def _controller(about: Mapping[str, Any], arrays: Arrays) -> Controller:
 def _inputs(arrays: Arrays, nodes: int, count: int) -> tuple[NDArray[np.uint8], NDArray[np.int16] | None]:
     """The table of admissible inputs, or one without columns and the input of each node."""
     chosen = arrays.get("chosen")
+    if chosen is None and "mask" not in arrays:
+        return np.empty((nodes, 0), np.uint8), None  # they were not asked for
     if chosen is not None:
         _require(chosen.dtype == np.int16 and chosen.shape == (nodes,), "its inputs are not one a node")
         _require(((chosen >= -1) & (chosen < count)).all(), "it admits inputs that do not exist")
@@ -254,8 +267,10 @@ def _check_sets(s: Solution) -> None:
     _require(not (s.winning & ~s.free).any(), "it wins cells that the specification forbids")
     _require((s.value is None) == (s.target is None), "it has a value function or a target, but not both")
     done = np.zeros(len(s.mask), np.bool_) if s.target is None else s.target
-    began, served = s.at_first(done | s.served), s.served
-    _require(not (s.winning & ~began).any(), "it wins cells without an input")
+    known = s.mask.shape[1] > 0 or s.chosen is not None
+    served = s.served if known else done if s.value is None else (s.value >= 0)
+    began = s.at_first(done | served)
+    _require(not known or not (s.winning & ~began).any(), "it wins cells without an input")
     if s.acting is not None:
         _require(s.chosen is None, "it keeps cells of the true state by one input each")
         shape = (s.grid.size, s.mask.shape[1])

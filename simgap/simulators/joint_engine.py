@@ -23,11 +23,12 @@ class JointEngine(Engine):
 
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:
-        """Forces on coordinates, and every change of a command."""
+        """Forces on coordinates, every change of a command, and what a drive makes of it at its speed."""
         from simgap.effects.base import CoordinateEffect
         from simgap.effects.commands import InputEffect
+        from simgap.effects.drives import DriveEffect
 
-        return isinstance(effect, CoordinateEffect | InputEffect)
+        return isinstance(effect, CoordinateEffect | InputEffect | DriveEffect)
 
     @classmethod
     def of_its_own(cls, case: Case) -> bool:

@@ -12,6 +12,7 @@ import sympy as sp
 from simgap.config.case import Case
 from simgap.config.plant import AddedEffect
 from simgap.effects import CoordinateEffect, StaticInputEffect, effect
+from simgap.effects.drives import DriveEffect
 from simgap.errors import UserError
 from simgap.plants.joint_units import check_joint_units
 from simgap.simulators.commands import static_path
@@ -94,12 +95,27 @@ def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | 
         if isinstance(kind, CoordinateEffect) and added.on in plant.joints:
             k = plant.joints.index(added.on)
             extra[k] += kind.force(q[k], v[k], values)
-        elif not (isinstance(kind, StaticInputEffect) and added.on in plant.input_names):
+        elif not (isinstance(kind, StaticInputEffect | DriveEffect) and added.on in plant.input_names):
             raise UserError(
                 f"the simulator cannot apply '{added.name}' on '{added.on}' at each step",
                 key="simulator.effects",
                 remedy=f"It takes forces on {list(plant.joints)} and changes of {list(plant.input_names)}.",
             )
-    forces = [e + sum((applied[i] for i in drive), sp.Integer(0)) for e, drive in zip(extra, plant.inputs, strict=True)]
+    forces = []
+    for k, drive in enumerate(plant.inputs):
+        given = [_delivered(effects, plant.input_names[i], applied[i], v[k]) for i in drive]
+        forces.append(sp.Add(extra[k], *given))
     function: Any = sp.lambdify([*q, *v, *u], forces, modules="math", cse=True)
     return function
+
+
+def _delivered(effects: Sequence[AddedEffect], name: str, drive: sp.Expr, velocity: sp.Symbol) -> sp.Expr:
+    """What the joint feels of a drive at its speed: by the ranks of the effects, the last nearest the command."""
+    own = [(effect(e.name), e) for e in sorted(effects, key=lambda e: effect(e.name).rank) if e.on == name]
+    placeholder = sp.Symbol("drive", real=True)
+    felt: sp.Expr = placeholder
+    for kind, added in own:
+        if isinstance(kind, DriveEffect):
+            values = {key: sp.Float(value) for key, value in added.parameters.items()}
+            felt = felt.subs(placeholder, kind.felt(placeholder, velocity, values))
+    return felt.subs(placeholder, drive)

@@ -6,7 +6,6 @@ motors; they are added here. What touches the floor are the links other than the
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,15 +18,10 @@ from pydantic import Field
 from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
-from simgap.plants.urdf_checks import check_urdf, root_link
-from simgap.simulators.base import Engine
-from simgap.simulators.traits import FileTraits
-from simgap.simulators.wheeled import WheeledSettings
-from simgap.simulators.wheeled_paths import WheeledPaths
+from simgap.plants.urdf_checks import root_link
+from simgap.simulators.wheeled_engine import WheeledEngine, WheeledSettings
 
 if TYPE_CHECKING:
-    from simgap.config.case import Case
-    from simgap.effects.base import Effect
     from simgap.simulators.commands import CommandPath
     from simgap.simulators.wheeled_plant import WheeledPlant
 
@@ -44,60 +38,26 @@ class MuJoCoWheeledSettings(WheeledSettings):
     )
 
 
-class MuJoCoWheeled(Engine, WheeledPaths):
+class MuJoCoWheeled(WheeledEngine):
     """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity."""
 
     Settings = MuJoCoWheeledSettings
     distributions = ("mujoco",)
-    file_traits = FileTraits(stops=True)
-
-    @classmethod
-    def acts_out(cls, effect: Effect) -> bool:
-        """Changes of the commands, and wheels of unequal size."""
-        from simgap.effects.base import WheelEffect
-        from simgap.effects.commands import InputEffect
-
-        return isinstance(effect, InputEffect | WheelEffect)
-
-    @classmethod
-    def of_its_own(cls, case: Case) -> bool:
-        """A unicycle has no model file: the robot's is what stands for it."""
-        return False
-
-    @classmethod
-    def build(cls, case: Case, folder: Path) -> MuJoCoWheeled:
-        """The robot of a case with `plant.symbolic.wheels`."""
-        from simgap.simulators.behind_commands import case_command_paths
-        from simgap.simulators.wheeled_plant import wheeled_plant
-
-        section: Any = case.simulator
-        return cls(wheeled_plant(case, folder), section, case_command_paths(case) if section.effects else ())
 
     def __init__(self, plant: WheeledPlant, section: MuJoCoWheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
-        from simgap.simulators.commands import CommandMemory
-        from simgap.simulators.wheeled_plant import wheel_ratios
-
         try:
             import mujoco
         except ImportError:
             raise UserError(
                 "MuJoCo is not installed", key="simulator.engine", remedy="Install the extra: simgap[mujoco]."
             ) from None
-        check_urdf(plant.urdf)
-        if section.substeps % section.poses:
-            raise UserError(
-                f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",
-                remedy="Let substeps be a multiple of poses.",
-            )  # fmt: skip
-        self.nx, self.nu, self.pose, self.engine = 3, 2, plant.pose, f"mujoco {mujoco.__version__}"
-        self._mujoco: Any = mujoco
-        self._plant, self._section, self._ratios = plant, section, wheel_ratios(section.effects)
+        super().__init__(plant, section, paths)
+        self._section = section
+        self.engine, self._mujoco = f"mujoco {mujoco.__version__}", mujoco
         self._model = model_of(plant, section)
         self._data = mujoco.MjData(self._model)
         joints = [self._model.joint(name) for name in (section.left, section.right)]
         self._turning = [int(j.qposadr[0]) for j in joints]
-        self._memory = [CommandMemory(path, plant.tau) for path in paths]
-        self.path, self._turned = np.zeros((section.poses, 3)), 0.0
         self._settle()
         self._rest = self._kept()
 
@@ -166,25 +126,6 @@ class MuJoCoWheeled(Engine, WheeledPaths):
         heading = np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
         self._turned += (heading - self._turned + np.pi) % (2.0 * np.pi) - np.pi
         self.path[n, i], self.path[n, j], self.path[n, k] = x, y, self._turned
-
-    def responses(self, history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
-        """Paths in the body frame of the pose that a history of inputs (k, nu) leads to, from rest.
-
-        -> (M, poses, 3), one for each of the inputs (M, nu).
-        """
-        here = np.zeros(3)
-        here[self.pose[2]] = heading
-        self.reset(here)
-        for u in history:
-            here = self.advance(u)
-        kept, remembered, turned = self._kept(), copy.deepcopy(self._memory), self._turned
-        out = np.empty((len(inputs), *self.path.shape))
-        for m, u in enumerate(inputs):
-            self._return_to(kept)
-            self._turned, self._memory = turned, copy.deepcopy(remembered)
-            self.advance(u)
-            out[m] = self._in_body_frame(here)
-        return out
 
 
 def model_of(plant: WheeledPlant, section: MuJoCoWheeledSettings) -> Any:

@@ -7,28 +7,18 @@ saved state that a history of inputs leaves behind. The same arguments give the 
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import Field
 
-from simgap.config.plant import AddedEffect
-from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
-from simgap.plants.urdf_checks import check_urdf
-from simgap.simulators.base import Engine
 from simgap.simulators.pybullet_links import links_of, without_mass
-from simgap.simulators.traits import FileTraits
-from simgap.simulators.wheeled_paths import WheeledPaths
+from simgap.simulators.wheeled_engine import WheeledEngine, WheeledSettings
 
 if TYPE_CHECKING:
-    from simgap.config.case import Case
-    from simgap.effects.base import Effect
     from simgap.simulators.commands import CommandPath
     from simgap.simulators.wheeled_plant import WheeledPlant
 
@@ -40,92 +30,25 @@ SETTLED = 1e-8
 """Sum of squares of the velocity changes, (m/s)^2, at which an iteration of the contact solver is the last."""
 
 
-class WheeledSettings(EngineSection):
-    """PyBullet over a differential-drive URDF: wheels in contact with a floor, torque-limited velocity motors."""
-
-    engine: Literal["pybullet_wheeled"] = Field("pybullet_wheeled", description="Which engine.")
-    urdf: str = Field(description="Model file, relative to the case file; its root lies midway between the wheels.")
-    left: str = Field("left_wheel", description="Joint of the left wheel.")
-    right: str = Field("right_wheel", description="Joint of the right wheel.")
-    wheel_radius: float = Field(gt=0, description="Radius that turns speeds into wheel speeds, m.")
-    track: float = Field(gt=0, description="Distance between the wheels that does so, m.")
-    torque: float = Field(gt=0, description="Largest torque of a wheel motor, N m.")
-    floor_friction: float = Field(gt=0, description="Friction coefficient of the floor (times that of the tyre).")
-    payload: float = Field(0.0, ge=0, description="Mass added to the base, its inertia scaled alike, kg.")
-    substeps: int = Field(100, ge=1, description="Engine steps within tau.")
-    poses: int = Field(20, ge=1, description="Poses recorded within tau, evenly spaced; divides substeps.")
-    solver_iterations: int = Field(
-        100,
-        ge=1,
-        description="Most iterations of the contact solver an engine step; too few make turns differ between headings, "
-        "because friction is solved along the axes of the world.",
-    )
-    settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
-    effects: tuple[AddedEffect, ...] = Field(
-        (), description="Effects on the commands, delay and lag among them, and on the wheels' speeds."
-    )
-
-    def between_poses(self, tau: float, gravity: float) -> float:
-        """a t^2 / 8 for the largest acceleration that the tyres can give, over the time between two poses."""
-        return float(self.floor_friction * gravity * (tau / self.poses) ** 2 / 8.0)
-
-
-class PyBulletWheeled(Engine, WheeledPaths):
+class PyBulletWheeled(WheeledEngine):
     """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity."""
 
     Settings = WheeledSettings
     distributions = ("pybullet",)
-    file_traits = FileTraits(stops=True)
-
-    @classmethod
-    def acts_out(cls, effect: Effect) -> bool:
-        """Changes of the commands, and wheels of unequal size."""
-        from simgap.effects.base import WheelEffect
-        from simgap.effects.commands import InputEffect
-
-        return isinstance(effect, InputEffect | WheelEffect)
-
-    @classmethod
-    def of_its_own(cls, case: Case) -> bool:
-        """A unicycle has no model file: the robot's is what stands for it."""
-        return False
-
-    @classmethod
-    def build(cls, case: Case, folder: Path) -> PyBulletWheeled:
-        """The robot of a case with `plant.symbolic.wheels`."""
-        from simgap.simulators.behind_commands import case_command_paths
-        from simgap.simulators.wheeled_plant import wheeled_plant
-
-        section: Any = case.simulator
-        return cls(wheeled_plant(case, folder), section, case_command_paths(case) if section.effects else ())
 
     def __init__(self, plant: WheeledPlant, section: WheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
         import pybullet as p
         from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
-        from simgap.simulators.commands import CommandMemory
-        from simgap.simulators.wheeled_plant import wheel_ratios
-
-        check_urdf(plant.urdf)
-        if section.substeps % section.poses:
-            raise UserError(
-                f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",
-                remedy="Let substeps be a multiple of poses.",
-            )  # fmt: skip
-        self._ratios = wheel_ratios(section.effects)
-        self.nx, self.nu = 3, 2
+        super().__init__(plant, section, paths)
+        self._section = section
         self.engine = f"pybullet {p.getAPIVersion()}"
         self._p: Any = BulletClient(p.DIRECT)
         self._native: Any = p  # the client looks every function up anew, which costs more than a pose does
-        self.pose = plant.pose
-        self._plant, self._section = plant, section
         self._body, self._wheels = self._load()
         self._offset = np.array(self._p.getDynamicsInfo(self._body, -1)[3])  # of the centre of mass from the root
         self._height = self._settled_height()
-        self._rest: int = self._p.saveState()
-        self._memory = [CommandMemory(path, plant.tau) for path in paths]
-        self.path = np.zeros((section.poses, 3))
-        self._turned = 0.0
+        self._rest = self._kept()
 
     def _load(self) -> tuple[int, tuple[int, int]]:
         p, s = self._p, self._section
@@ -193,7 +116,7 @@ class PyBulletWheeled(Engine, WheeledPaths):
         i, j, k = self._plant.pose
         heading = float(x[k])
         p = self._p
-        p.restoreState(self._rest)
+        self._return_to(self._rest)
         quaternion = p.getQuaternionFromEuler([0, 0, heading])
         cos, sin = np.cos(heading), np.sin(heading)
         a, b, _ = self._offset
@@ -234,27 +157,15 @@ class PyBulletWheeled(Engine, WheeledPaths):
             self._turned += (heading - self._turned + np.pi) % (2.0 * np.pi) - np.pi
             self.path[n, k] = self._turned
 
-    def responses(self, history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
-        """Paths in the body frame of the pose that a history of inputs (k, nu) leads to, from rest.
+    def _kept(self) -> int:
+        """The number of a saved state, contacts included."""
+        return int(self._p.saveState())
 
-        -> (M, poses, 3), one for each of the inputs (M, nu).
-        """
-        start = np.zeros(3)
-        start[self._plant.pose[2]] = heading
-        self.reset(start)
-        here = start
-        for u in history:
-            here = self.advance(u)
-        kept, remembered = self._p.saveState(), copy.deepcopy(self._memory)
-        turned = self._turned
-        out = np.empty((len(inputs), *self.path.shape))
-        for m, u in enumerate(inputs):
-            self._p.restoreState(kept)
-            self._turned, self._memory = turned, copy.deepcopy(remembered)
-            self.advance(u)
-            out[m] = self._in_body_frame(here)
+    def _return_to(self, kept: int) -> None:
+        self._p.restoreState(kept)
+
+    def _forget(self, kept: int) -> None:
         self._p.removeState(kept)
-        return out
 
     def close(self) -> None:
         """Disconnect from the engine."""

@@ -59,6 +59,8 @@ class Solution:
         """Nodes (measured cell, memory) at which the controller has an input, (cells * memory,); looked up once."""
         if self.chosen is not None:
             return np.asarray(self.chosen >= 0)
+        if self.mask.shape[1] == 0:
+            raise RuntimeError("the admissible inputs of this controller were not read")
         wide = self.mask.shape[1] % 8 == 0 and self.mask.flags.c_contiguous
         flags: NDArray[np.bool_] = np.any(self.mask.view(np.uint64) if wide else self.mask, axis=1)
         return flags

@@ -10,7 +10,7 @@ from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
 from simgap.gap.function import GapFunction
 from simgap.io.atomic import write_bytes, write_text
-from simgap.io.controller_file import load_controller, load_controller_of
+from simgap.io.controller_file import load_domain, load_domain_of
 from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import need_template, render
@@ -144,7 +144,7 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         bound=gap.function,
         samples=read_parquet(inputs.samples),
         syntheses={kind: read_json(path) for kind, path in inputs.syntheses.items()},
-        controllers={kind: load_controller_of(path, context) for kind, path in inputs.controllers.items()},
+        controllers={kind: load_domain_of(path, context) for kind, path in inputs.controllers.items()},
         validation=read_json(inputs.validation),
         traces=split(read_parquet(inputs.traces), context.states, context.inputs),
         diagnosis=read_json(found.document) if found is not None else None,
@@ -162,7 +162,7 @@ def _eps(bound: SavedGap) -> float:
 
 
 def _corrected(context: Context, files: CorrectedFiles, found: Measured | None, gap: GapFunction) -> Corrected:
-    controllers = {kind: load_controller(path) for kind, path in files.controllers.items()}
+    controllers = {kind: load_domain(path) for kind, path in files.controllers.items()}
     return Corrected(read_json(files.summary), controllers, _inside(context, files, found, gap))
 
 

@@ -1,4 +1,8 @@
-"""Where the time of a run went: the `benchmark:` files that Snakemake leaves for every job, as rows."""
+"""Where the time of a run went: the `benchmark:` files that Snakemake leaves for every job, as rows.
+
+Snakemake looks at a job's processes every half second at first and then every 30 s, so that the CPU time of a job that
+lasts loses what came after its last look; what the stage says of itself at the end of its log is taken in its place.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from simgap.errors import UserError, excerpt
+from simgap.io.spent import spent_by
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,8 @@ def _one(results: Path, path: Path) -> JobTime:
         raise UserError(
             f"not a benchmark file of Snakemake ({excerpt(error)})", file=path, remedy="Delete it and run again."
         ) from None
+    told = spent_by(path.parents[1] / "logs" / f"{path.stem}.log")
+    cpu = cpu if told is None else told
     case = path.parents[1].relative_to(results)
     return JobTime(str(case) if case.parts else results.resolve().name, path.stem, wall, cpu, memory * 2**20, ended)
 

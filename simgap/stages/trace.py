@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simgap.io.controller_file import load_controller_of
+from simgap.io.controller_file import load_domain_of
 from simgap.io.parquet import read_parquet
 from simgap.io.recording import write_recording
 from simgap.io.recording_check import verify
@@ -23,9 +23,7 @@ def run(case_path: Path, nominal: Path, robust: Path, traces_path: Path, out: Pa
     context = Context.load(case_path)
     with context.blame():
         traces = split(read_parquet(traces_path), context.states, context.inputs)
-        content = recording_content(
-            context, traces, load_controller_of(nominal, context), load_controller_of(robust, context)
-        )
+        content = recording_content(context, traces, load_domain_of(nominal, context), load_domain_of(robust, context))
     write_recording(out, content)
     count = verify(out, traces, context.states, context.inputs)
     log.info("recorded %d runs; %d values read back and equal to the table", len(traces), count)

@@ -86,6 +86,8 @@ class Controller:
         """The input that the rule picks, (cells * memory,), -1 where there is none; row cell * memory + pending."""
         if self.solution.chosen is not None:
             return self.solution.chosen
+        if self.solution.mask.shape[1] == 0:
+            raise RuntimeError("the admissible inputs of this controller were not read")
         if self.rule == "middle":
             return _middle(self.solution.mask, len(self.input_set))
         return preferred(self.solution.mask, least_effort(self.input_set))

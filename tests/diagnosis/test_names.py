@@ -115,12 +115,13 @@ def test_what_falls_short_is_told_with_its_share_and_reasons():
 
 
 def test_sets_that_do_as_well_are_listed_once():
-    """A mass and a gain of a mass under a force are one; off the noise both stand beside the answer, once."""
+    """A mass, a gain of a mass under a force and of its only sensor are one; off the noise all are told, once."""
     record = _record(lambda q, v, t: _push(q, v, t))
     scaled = tuple(Trace(r.name, r.t, r.y, r.u * 0.6) for r in record.traces)
     settings = DiagnosisSettings(noise={"q": 1e-4}, effects=("input_gain", "parameter_error"), max_effects=1)
     d = diagnose(block(), Record(scaled, ("q",), ("u",)), settings)
     assert d.verdict == "partial"
     sets = [frozenset((e.name, e.on) for e in a.effects) for a in d.alternatives]
-    assert len(sets) == len(set(sets)) == 1
-    assert sets[0] | {(e.name, e.on) for e in d.effects} == {("input_gain", "u"), ("parameter_error", "mass")}
+    assert len(sets) == len(set(sets)) == 2
+    assert {(e.name, e.on) for e in d.effects} == {("input_gain", "u")}
+    assert frozenset().union(*sets) == {("parameter_error", "mass"), ("sensor_gain", "q")}

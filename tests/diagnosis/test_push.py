@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.diagnose import _begun, diagnose
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.push import stands_out
+from simgap.diagnosis.push import stands_out, suspected
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.windows import Windows, left_out
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
+from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.verdict.words import verdict_sentence
 from tests.diagnosis.plants import block
 
@@ -18,7 +19,10 @@ DT, FINE = 0.01, 100
 FRICTION = 0.6
 
 
-def _run(seed: int, pushes: tuple[tuple[float, float], ...] = (), limit: float = np.inf) -> Trace:
+def _run(
+    seed: int, pushes: tuple[tuple[float, float], ...] = (), limit: float = np.inf, drag: float = 0.0,
+    sigma: float = 5e-4,
+) -> Trace:  # fmt: skip
     """A mass of 2 under dry friction by small steps; pushes: (from s, N), 0.1 s each; limit of the drive."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 10.0, DT)
@@ -29,11 +33,11 @@ def _run(seed: int, pushes: tuple[tuple[float, float], ...] = (), limit: float =
         out.append(q)
         hand = sum(force for begin, force in pushes if begin <= now < begin + 0.1)
         for _ in range(FINE):
-            v += DT / FINE * (min(max(u[k], -limit), limit) + hand) / 2.0
+            v += DT / FINE * (min(max(u[k], -limit), limit) + hand - drag * v) / 2.0
             grip = DT / FINE * FRICTION / 2.0
             v = 0.0 if abs(v) <= grip else v - np.copysign(grip, v)
             q += DT / FINE * v
-    return Trace(f"run{seed}", t, np.array(out)[:, None] + 5e-4 * rng.standard_normal((len(t), 1)), u[:, None])
+    return Trace(f"run{seed}", t, np.array(out)[:, None] + sigma * rng.standard_normal((len(t), 1)), u[:, None])
 
 
 def _answer(*traces: Trace, effects: tuple[str, ...] = ("coulomb_friction", "viscous_friction", "spring")) -> Diagnosis:
@@ -59,6 +63,20 @@ def test_a_push_in_a_window_that_fits_or_chooses_is_left_out_and_told(where, for
     spans = (*d.folds.fit, *d.folds.choose)
     assert not any(name == f"run{where + 1}" and a < 4.25 < b for name, a, b in spans)
     assert any(name == "run4" and b - a > 9.9 for name, a, b in d.folds.confirm)  # nothing is left out there
+
+
+def test_a_push_that_two_missing_effects_hide_is_suspected():
+    """Under the declared model friction misses by far more everywhere than the push does where it acts."""
+    runs = (_run(1, ((4.23, 3.0),), drag=3.0, sigma=2e-5), *(_run(k, drag=3.0, sigma=2e-5) for k in (2, 4)))
+    few = ("coulomb_friction", "viscous_friction", "input_dead_zone", "spring")
+    settings = DiagnosisSettings(noise={"q": 2e-5}, held_out_traces=("run4",), effects=few)
+    parts, _ = parts_of(block(), Record(runs, ("q",), ("u",)), settings)
+    begun = _begun(parts.known, {}, Watch())
+    assert not any(a < 4.25 < b for _, a, b in stands_out(parts.known, parts.known.model.null))
+    ((trace, begin, end),) = suspected(parts, *begun, {}, 3)
+    assert trace == 0
+    assert 4.0 < begin < 4.23
+    assert 4.33 < end < 4.6
 
 
 def test_without_a_push_nothing_is_left_out():

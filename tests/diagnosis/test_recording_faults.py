@@ -83,6 +83,36 @@ def test_readings_that_are_none_are_found_and_the_others_left(fault):
         assert without_hum(clean_)[1] == ()
 
 
+def _counted(motion, seconds=30.0, rate=100.0, step=4e-5):
+    """An encoder's readings of a motion (function of time), and the record of it."""
+    t = np.arange(int(seconds * rate)) / rate
+    y = np.round(motion(t) / step) * step
+    return t, y, lambda y: Record((Trace("run", t, y[:, None], np.zeros((len(t), 1))),), ("q",), ("force",))
+
+
+def test_what_turns_round_or_breaks_away_under_an_encoder_repeats_counts_and_is_not_stale():
+    turning = lambda t: 0.03 * np.sin(2.0 * np.pi * 2.9 * t) + 0.05 * np.sin(2.0 * np.pi * 0.61 * t)  # noqa: E731
+    resting = lambda t: np.cumsum(np.sign(turning(t)) * np.maximum(np.abs(turning(t)) - 0.02, 0.0)) / 20.0  # noqa: E731
+    for motion in (turning, resting):
+        _, y, record = _counted(motion)
+        repeats = np.diff(y) == 0.0
+        assert repeats.sum() > 5
+        assert repaired(record(y))[1] == ()
+
+
+def test_stale_readings_of_an_encoder_are_found():
+    t, y, record = _counted(lambda t: 0.05 * np.sin(2.0 * np.pi * 0.61 * t) + 0.01 * np.sin(2.0 * np.pi * 2.9 * t))
+    hit = np.zeros(len(t), dtype=bool)
+    hit[7::33] = True
+    dirty = y.copy()
+    dirty[hit] = dirty[np.flatnonzero(hit) - 1]
+    mended, (fault,) = repaired(record(dirty))
+    assert fault.fault == "stale"
+    found = ~mended.traces[0].used[:, 0]
+    assert not found[~hit].any()
+    assert found[hit].mean() > 0.8
+
+
 def test_a_reading_that_is_no_measurement_counts_for_nothing():
     rig = rigs.oscillator()
     trace = rigs.record(rig, "clean", 4, seconds=6.0).traces[0]

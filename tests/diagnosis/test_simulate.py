@@ -6,6 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from simgap.diagnosis.parts_of import parts_of
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.step_length import resolved
 from tests.diagnosis.plants import block, one_window, point_pendulum, stopping, with_effect
 
 
@@ -142,3 +147,16 @@ def test_stamps_a_few_trillionths_of_a_second_apart_are_simulated(dry):
     theta = with_effect(compiled, "coulomb_friction", "slide", F_c=dry)
     x = problem.states(theta, np.array([[0.0, 0.0]]))
     np.testing.assert_allclose(x[:, 1], 0.5 * (1.0 - dry) * t, atol=1e-9)
+
+
+def test_a_step_that_a_stiff_effect_needs_shorter_does_not_resolve_it():
+    t = np.arange(0.0, 4.0, 0.02)
+    q = 0.3 * np.sin(2.0 * t)
+    record = Record((Trace("run", t, q[:, None], np.zeros((len(t), 1))),), ("q",), ("u",))
+    parts, _ = parts_of(block(), record, DiagnosisSettings(noise={"q": 1e-3}), second=True)
+    problem = parts.known
+    slots = problem.model.find("dahl_friction", "slide").slots
+    for distance, good in ((0.05, True), (1e-4, False)):
+        theta = problem.model.null.copy()
+        theta[list(slots)] = 0.5, distance
+        assert resolved(problem, theta, initial_states(problem)) is good

@@ -93,6 +93,21 @@ SAID = {
         "commands)",
         "the directional gain of torque",
     ),
+    "sensor_gain": (
+        "angle", {"ratio": (1.05, 0.01, "1")},
+        "a gain of the sensor of angle that is 5 ± 1 % above the declared one", "the gain of the sensor of angle",
+    ),
+    "input_curve": (
+        "torque", {n: (v, 0.01, "1") for n, v in (("g_0", 1.0), ("g_1", 0.8), ("g_2", 0.5), ("U", 3.0))},
+        "a gain of torque that changes with its size (1.00 ± 0.01 at small, 0.80 ± 0.01 at half, 0.50 ± 0.01 at full "
+        "command, of the declared one)",
+        "the gain curve of torque",
+    ),
+    "torque_speed_limit": (
+        "torque", {"T_s": (2.1, 0.1, "N*m"), "k": (0.3, 0.01, "N*m*s/rad")},
+        "a torque-speed limit of torque (2.1 ± 0.1 N m at rest, less 0.30 ± 0.01 N m s/rad times the speed)",
+        "the torque-speed limit of torque",
+    ),
     "reflected_inertia": (
         "hinge", {"I": (0.02, 0.001, "kg*m^2")},
         "a reflected inertia of 0.020 ± 0.001 kg m² at the hinge", "reflected inertia at the hinge",

@@ -22,12 +22,14 @@ SYMBOLS = {
     "parameter_error": ["ratio"], "gravity_tilt": ["tilt"], "wheel_mismatch": ["ratio"], "lateral_slip": ["ratio"],
     "reflected_inertia": ["I"], "constant_force": ["F_0"], "directional_friction": ["F_p", "F_m"],
     "dahl_friction": ["F_c", "d"], "load_friction": ["mu"],
-    "input_directional_gain": ["ratio_p", "ratio_m"],
+    "input_directional_gain": ["ratio_p", "ratio_m"], "torque_speed_limit": ["T_s", "k"],
+    "sensor_gain": ["ratio"], "input_curve": ["g_0", "g_1", "g_2", "U"],
 }  # fmt: skip
 VALUES = {
     "b": 0.1, "F_c": 0.1, "F_s": 0.2, "v_s": 0.1, "c": 0.1, "k": 0.3, "k3": 0.2, "A": 0.05, "n": 6.0, "phase": 0.4,
     "ratio": 1.2, "bias": 0.1, "delay": 0.01, "T": 0.02, "width": 0.2, "limit": 1.5, "offset": 0.05, "tilt": 0.1,
     "I": 0.15, "F_0": 0.12, "F_p": 0.1, "F_m": 0.2, "d": 0.05, "mu": 0.25, "ratio_p": 1.2, "ratio_m": 0.7,
+    "T_s": 1.6, "g_0": 1.1, "g_1": 0.8, "g_2": 0.5, "U": 2.5,
 }  # fmt: skip
 AT = {"angle": 0.7, "rate": -0.6, "torque": 1.9}
 
@@ -87,8 +89,8 @@ def test_every_effect_acts_on_a_plant_of_these_tests():
 
 
 def test_effects_enter_from_the_plant_outwards_and_commands_backwards():
-    path = ["input_lag", "input_saturation", "input_dead_zone", "input_bias", "input_gain"]
-    path += ["input_directional_gain", "input_delay"]
+    path = ["torque_speed_limit", "input_lag", "input_saturation", "input_dead_zone", "input_bias", "input_gain"]
+    path += ["input_directional_gain", "input_curve", "input_delay"]
     order = sorted(EFFECTS.values(), key=lambda e: e.rank)
     assert [e.name for e in order][-len(path) :] == path
     assert [e.kind for e in order[:3]] == ["parameter", "plant", "plant"]
@@ -122,6 +124,7 @@ def test_becomes_named_parameters_with_units(name):
         ("directional_friction", "hinge", 0.2),
         ("load_friction", "torque", 0.25 * 1.9),
         ("input_directional_gain", "torque", 0.2 * 1.9),
+        ("torque_speed_limit", "torque", 1.6 + 0.3 * 0.6 - 1.9),  # it brakes: more than at rest
         ("input_gain", "torque", 0.2 * 1.9),
         ("input_bias", "torque", 0.1),
         ("input_dead_zone", "torque", -0.2),
@@ -133,6 +136,27 @@ def test_adds_the_torque_of_its_formula(name, on, torque):
     e = EFFECTS[name]
     changed = e.apply(pendulum(), on, {p.symbol: VALUES[p.symbol] for p in e.parameters})
     assert acceleration(changed) == pytest.approx(declared() + 3.0 * torque, rel=1e-12)
+
+
+def test_a_gain_curve_is_the_integral_of_its_slope():
+    """By quadrature, over both knots and beyond, the same for both signs."""
+    values = {"g_0": 1.1, "g_1": 0.8, "g_2": 0.5, "U": 2.5}
+    changed = EFFECTS["input_curve"].apply(pendulum(), "torque", values)
+    for command in (-4.0, -2.0, -0.7, 0.0, 0.7, 2.0, 2.5, 4.0):
+        w = np.linspace(0.0, abs(command), 20001)
+        slope = np.interp(w**2, [0.0, 1.25**2, 2.5**2], [1.1, 0.8, 0.5])
+        felt = math.copysign(np.trapezoid(slope, w), command)
+        assert acceleration(changed, torque=command) == pytest.approx(declared(torque=felt), abs=1e-6)
+
+
+def test_a_sensor_s_gain_scales_its_reading_and_leaves_the_motion():
+    some = [
+        AppliedEffect("sensor_offset", "angle", {"offset": 0.05}), AppliedEffect("sensor_gain", "angle", {"ratio": 1.2})
+    ]  # fmt: skip
+    changed = apply_effects(pendulum(), some)
+    assert acceleration(changed) == declared()
+    read = sp.sympify(changed.outputs["angle"]).subs(changed.values()).subs(symbol("angle"), 0.7)
+    assert float(read) == pytest.approx(1.2 * 0.75, rel=1e-12)
 
 
 def test_reflected_inertia_slows_every_force():

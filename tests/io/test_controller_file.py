@@ -4,6 +4,8 @@ import hashlib
 import json
 import subprocess
 import sys
+import zipfile
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +14,7 @@ import pytest
 import simgap
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
-from simgap.io.controller_file import load_controller, load_controller_of, save_controller
+from simgap.io.controller_file import load_controller, load_controller_of, load_domain, save_controller
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
 
@@ -166,6 +168,50 @@ def test_every_flipped_bit_is_refused_or_changes_nothing(saved):
         else:
             assert all(np.array_equal(array, want[name]) for name, array in parts(saved).items())
     assert seen > 200
+
+
+def test_the_domain_is_read_without_the_inputs_and_says_so(saved):
+    whole, domain = reaching(), load_domain(saved)
+    for name in ("winning", "free", "value", "target"):
+        assert np.array_equal(getattr(domain.solution, name), getattr(whole.solution, name)), name
+    assert domain.contains([[0.9, 0.0]]).tolist() == whole.contains([[0.9, 0.0]]).tolist()
+    assert domain.solution.mask.size == 0
+    for asked in (lambda: domain.input([0.9, 0.0]), lambda: domain.solution.served):
+        with pytest.raises(RuntimeError, match="were not read"):
+            asked()
+
+
+@pytest.mark.parametrize("read", [load_controller, load_domain])
+@pytest.mark.parametrize("name", ["winning", "value", "about", "target"])
+def test_a_part_of_another_controller_is_refused_whatever_is_read(saved, tmp_path, read, name):
+    other = reaching()
+    other.solution.winning[2], other.solution.value[2], other.solution.target[3] = False, -1, True
+    save_controller(replace(other, metadata={"seed": 1}), tmp_path / "other.npz")
+    np.savez(saved, **parts(saved) | {name: parts(tmp_path / "other.npz")[name]})
+    with pytest.raises(UserError, match="checksum does not fit"):
+        read(saved)
+
+
+@pytest.mark.parametrize("read", [load_controller, load_domain])
+def test_an_array_more_or_less_than_the_checksum_has_is_refused(saved, read):
+    arrays = parts(saved)
+    np.savez(saved, **arrays, acting=np.zeros((12, 1), np.uint8))
+    with pytest.raises(UserError, match="checksum does not fit"):
+        read(saved)
+    np.savez(saved, **{n: a for n, a in arrays.items() if n not in ("value", "target")})
+    with pytest.raises(UserError, match="checksum does not fit"):
+        read(saved)
+
+
+def test_a_header_that_says_more_than_there_is_is_refused_before_memory_is_taken(saved):
+    arrays = parts(saved)
+    mask = arrays.pop("mask")
+    np.savez(saved, **arrays)
+    with zipfile.ZipFile(saved, "a") as archive, archive.open("mask.npy", "w") as stream:
+        header = {"descr": "|u1", "fortran_order": False, "shape": (10**12, 1)}
+        np.lib.format.write_array_header_1_0(stream, header)
+        stream.write(mask.tobytes())
+    refused(saved, "another size than it says")
 
 
 def test_what_is_no_state_gets_no_answer():

@@ -115,6 +115,19 @@ def test_static_input_effects_and_refusals(root):
         joint_forces(plant, [AddedEffect(name="input_delay", on="u", parameters={"delay": 0.01})])
 
 
+def test_what_a_drive_makes_of_its_command_at_the_joint_s_speed(root):
+    """The motor gives what its voltage allows, the gear takes a share of that; the command's gain comes before both."""
+    plant = JointPlant(root / "m.urdf", ("a", "b"), (0, 1), (2, 3), ((), (0,)), ("u",), 0.05)
+    limit = AddedEffect(name="torque_speed_limit", on="u", parameters={"T_s": 2.0, "k": 0.5})
+    gear = AddedEffect(name="load_friction", on="u", parameters={"mu": 0.1})
+    gain = AddedEffect(name="input_gain", on="u", parameters={"ratio": 2.0})
+    forces = joint_forces(plant, [gain, limit, gear])
+    assert forces is not None
+    for velocity, command, drive in ((1.0, 0.6, 1.2), (1.0, 3.0, 1.5), (1.0, -3.0, -2.5), (-1.0, 3.0, 2.5)):
+        felt = drive - 0.1 * abs(drive) * np.sign(velocity)
+        assert forces(0.0, 0.0, 9.0, velocity, command) == pytest.approx([0.0, felt])
+
+
 def test_chatter_of_the_engine_stays_in_its_log(vary, tmp_path, capfd):
     path, log = vary("pendulum", {}), tmp_path / "engine.log"
     run_in_processes(roll_out, [(load_case(path), path.parent, *samples(3))], log=log)

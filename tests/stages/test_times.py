@@ -1,8 +1,12 @@
 """Where the time of a run went."""
 
+import subprocess
+import sys
+
 import pytest
 
 from simgap.errors import UserError
+from simgap.io.spent import spent_by
 from simgap.stages.times import job_times
 
 HEAD = "s\th:m:s\tmax_rss\tmax_vms\tmax_uss\tmax_pss\tio_in\tio_out\tmean_load\tcpu_time\n"
@@ -27,3 +31,34 @@ def test_a_folder_without_times_and_a_foreign_file_are_refused(tmp_path, text):
         (tmp_path / "benchmarks" / "grid.tsv").write_text(text)
     with pytest.raises(UserError, match=r"has left its times|not a benchmark file"):
         job_times(tmp_path)
+
+
+def test_what_a_stage_says_of_itself_counts_and_not_when_snakemake_last_looked(tmp_path):
+    for folder in ("benchmarks", "logs"):
+        (tmp_path / "rod" / folder).mkdir(parents=True)
+    (tmp_path / "rod" / "benchmarks" / "audit.tsv").write_text(f"{HEAD}61.0\t0:01:01\t10.0\t-\t-\t-\t-\t-\t-\t30.1\n")
+    (tmp_path / "rod" / "logs" / "audit.log").write_text(
+        "2026-01-01 00:00:00,000 INFO found nothing\n"
+        "argv[0]=\n"
+        "2026-01-01 00:01:01,000 INFO spent 118.25 s of CPU time, with its processes\n"
+    )
+    assert [j.cpu for j in job_times(tmp_path)] == [118.25]
+
+
+def test_a_stage_counts_the_cpu_time_of_its_processes(tmp_path):
+    burn = "import time\nwhile time.process_time() < 0.6: pass"
+    stage = (
+        "import subprocess, sys\n"
+        "from simgap.cli.options import app\n"
+        "from simgap.cli import options, main\n"
+        "@app.command()\n"
+        "def burn(log: options.Log = None) -> None:\n"
+        f"    options.start_log(log); subprocess.run([sys.executable, '-c', {burn!r}], check=True)\n"
+        "main(['burn', '--log', sys.argv[1]])\n"
+    )
+    log = tmp_path / "burn.log"
+    done = subprocess.run([sys.executable, "-c", stage, str(log)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    own = spent_by(log)
+    assert own is not None
+    assert own > 0.6

@@ -2,36 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-import sympy as sp
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.model.symbolic import Coordinate, Parameter, SymbolicModel, Variable, symbol
-from tests.undeclared.rig import drives
-
-JOINTS = {"arm": (0.25, 1.5), "slide": (2.0, 0.0)}  # inertia, weight times lever
-
-
-def joint(name: str) -> SymbolicModel:
-    """As declared: J a = u - w sin(q), no friction; no named parameters, so that no other effect is the same."""
-    inertia, weight = (symbol(n) for n in ("J", "w"))
-    declared = JOINTS[name]
-    return SymbolicModel(
-        states=(Variable("q", "rad"), Variable("v", "rad/s")),
-        inputs=(Variable("u", "N*m"),),
-        parameters={"J": Parameter(declared[0], "kg*m^2"), "w": Parameter(declared[1], "N*m")},
-        xdot=(symbol("v"), (symbol("u") - weight * sp.sin(symbol("q"))) / inertia),
-        coordinates=(Coordinate("axis", "q", "v"),),
-        force_map={"axis": (sp.Integer(0), 1 / inertia)},
-    )
+from tests.undeclared.joints import joint, record
 
 
 def diagnosed(name: str, hidden: dict[str, float], seed: int, effects: tuple[str, ...] = ()):
-    data = drives.record(*JOINTS[name], hidden, seed)
-    traces = tuple(Trace(f"run{k}", *run) for k, run in enumerate(data))
-    return diagnose(joint(name), Record(traces, ("q",), ("u",)), DiagnosisSettings(effects=effects))
+    return diagnose(joint(name), record(name, hidden, seed), DiagnosisSettings(effects=effects))
 
 
 @pytest.mark.parametrize(
@@ -51,6 +31,51 @@ def test_a_drive_s_effect_is_named_with_its_numbers(plant, name, hidden):
     assert effect.name == name
     for number, true in hidden.items():
         assert effect.parameters[number].value == pytest.approx(true, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("plant", "hidden", "named"),
+    [
+        ("motor", {"stall": 2.3, "fall": 0.26}, {"torque_speed_limit"}),
+        ("slide", {"stall": 2.0, "fall": 0.7, "viscous": 0.25}, {"torque_speed_limit", "viscous_friction"}),
+    ],
+)
+def test_a_motor_at_its_voltage_is_told_from_a_limit_and_from_friction(plant, hidden, named):
+    """The torque-speed line by itself, and beside friction.
+
+    On the heavy slide a plain limit comes within the noise of it, and its slope is known to a third.
+    """
+    found = diagnosed(plant, hidden, 3)
+    assert found.verdict == "attributed"
+    assert {e.name for e in found.effects} == named
+    line = {"stall": "T_s", "fall": "k"}
+    for e in found.effects:
+        true = {line[n]: v for n, v in hidden.items() if n in line} if e.name == "torque_speed_limit" else {}
+        assert {n: e.parameters[n].value for n in true} == pytest.approx(true, rel=0.5 if plant == "slide" else 0.03)
+
+
+def test_a_wrong_scale_of_a_sensor_is_told_from_a_gain_where_the_motion_tells_it():
+    """An arm's weight tells it; what is linear and read by one sensor cannot, and both are told."""
+    (effect,) = diagnosed("arm", {"sensor": 1.05}, 4).effects
+    assert (effect.name, effect.on) == ("sensor_gain", "q")
+    assert effect.parameters["ratio"].value == pytest.approx(1.05, rel=1e-3)
+    found = diagnosed("oscillator", {"sensor": 1.05, "viscous": 0.15}, 4)
+    assert {e.name for e in found.effects} == {"input_gain", "viscous_friction"}
+    (other,) = [a for a in found.alternatives if "sensor_gain" in {e.name for e in a.effects}]
+    assert other.exact
+    assert other.effects[-1].values["ratio"] == pytest.approx(1.05, rel=2e-3)
+
+
+def test_iron_that_saturates_is_a_gain_curve():
+    """A tanh is none of its curves, and is met within 1 % of the largest command."""
+    found = diagnosed("motor", {"soft": 4.0}, 5)
+    assert found.verdict == "attributed"
+    (curve,) = found.effects
+    assert curve.name == "input_curve"
+    u = np.linspace(0.0, 3.0, 301)
+    slope = np.interp(u**2, [0.0, 2.25, 9.0], [curve.parameters[n].value for n in ("g_0", "g_1", "g_2")])
+    felt = np.concatenate([[0.0], np.cumsum((slope[1:] + slope[:-1]) / 2 * np.diff(u))])
+    assert np.abs(felt - 4.0 * np.tanh(u / 4.0)).max() < 0.03
 
 
 def test_friction_that_differs_with_direction_is_said_to_be_one_with_its_equal():

@@ -8,14 +8,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.reading.noise import noise_floor
+from simgap.diagnosis.reading.noise import ORDER, difference_weights, noise_floor
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.stillness import resolution
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.thresholds import LEAST_STALE, MOST_SPIKES, MOST_STALE, SPIKE, STALE_MISS, STALE_STEPS
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+_ENOUGH = 50_000  # readings for a median
 _LONGEST = 4  # samples from one fresh count to the next across stale ones
 
 
@@ -67,7 +69,7 @@ def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Mask:
 
     Continuous readings with noise never repeat: there all that do are stale, if some of them visibly are. Counts repeat
     where a motion is slow or rests: there only those of short runs are stale that miss the line between their
-    neighbours by more than steps.
+    neighbours by more than steps, and whose end catches up. What turns round or breaks away has runs that miss too.
     """
     y, t = trace.y[:, k], trace.t
     repeats = np.concatenate([[False], np.diff(y) == 0.0])
@@ -82,9 +84,34 @@ def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Mask:
     miss = np.abs(y[before] + (y[after] - y[before]) * (t - t[before]) / span - y)
     if quantum > 0.0:
         short = after - before <= _LONGEST  # a longer run is a rest, and the line across it begins where the rest did
-        return np.asarray(repeats & short & (miss > np.maximum(STALE_STEPS * quantum, 3.0 * sigma)))
+        least = max(STALE_STEPS * quantum, 3.0 * min(sigma, _scatter(t, y)))
+        return np.asarray(repeats & short & (miss > least) & (_catching_up(t, y, begins)[place] > least))
     visible = np.mean(miss[repeats] > STALE_MISS * sigma)
     return repeats if visible > 0.2 else np.zeros(len(y), dtype=bool)
+
+
+def _scatter(t: Floats, y: Floats) -> float:
+    """Noise of a channel from the median of its differences, which a few stale readings do not raise."""
+    if len(t) <= ORDER:
+        return np.inf
+    t, y = t[:_ENOUGH], y[:_ENOUGH]
+    differences = np.einsum("rj,rj->r", np.lib.stride_tricks.sliding_window_view(y, ORDER + 1), difference_weights(t))
+    return 1.4826 * float(np.median(np.abs(differences)))
+
+
+def _catching_up(t: Floats, y: Floats, begins: Ints) -> Floats:
+    """By how much the change that ends each run of equal readings is larger than the steps before and after it, (r,).
+
+    Behind stale readings it makes up for the time that they hid, while a motion that begins goes on faster.
+    """
+    ends = np.append(begins[1:], len(y) - 1)
+    beyond = np.append(ends[1:], len(y) - 1)
+    step = np.maximum(t[ends] - t[np.maximum(ends - 1, 0)], 1e-300)
+    earlier = np.maximum(begins - 1, 0)
+    change = y[ends] - y[begins]
+    rates = [(y[b] - y[a]) / np.maximum(t[b] - t[a], 1e-300) for a, b in ((earlier, begins), (ends, beyond))]
+    usual = np.maximum(*(np.sign(change) * rate for rate in rates)) * step
+    return np.asarray(np.abs(change) - np.maximum(usual, 0.0))
 
 
 def _bend(y: Floats) -> Floats:

@@ -14,6 +14,7 @@ from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each,
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
+from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, FIT_QUALITY, NEAR_TIE, SAME_PROMISE, SURELY
 from simgap.notation import joined
@@ -147,7 +148,7 @@ class Search:
             made = len(self.ends)
             found = self._ended(theta, base.x0, slots)
             count = sum(len(c.slots) for c in members)
-            physical = all(_sound(c, found) for c in members)
+            physical = all(sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
             new = Explanation(members, found, self.bic(found.chi2, count), physical)
             if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - BETTER_CHI2:
                 self.tried[key] = new
@@ -257,5 +258,6 @@ def _values(c: Candidate, theta: Floats) -> dict[str, float]:
     return {p.symbol: float(theta[k]) for p, k in zip(c.effect.parameters, c.slots, strict=True)}
 
 
-def _sound(c: Candidate, found: Fit) -> bool:
+def sound(c: Candidate, found: Fit) -> bool:
+    """Whether a fitted effect is physical and not at a limit of what it may be."""
     return c.effect.physical(_values(c, found.theta)) and not any(k in found.at_limit for k in c.slots)

@@ -24,6 +24,7 @@ from simgap.diagnosis.thresholds import CELL_S, LEFT_OUT_MOST, MIN_SAMPLES, MOST
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -41,44 +42,80 @@ class Outlying:
 
 
 @dataclass(frozen=True, eq=False)
-class _Cells:
-    """Cells (c,) as windows, the first cell of each piece (p,), and how many cells each piece has (p,)."""
+class Pieces:
+    """Cells (c,) as windows, and pieces (p,) of them, measured at one theta.
 
+    Attributes:
+        cells: as windows; t: (n,) s of all samples; windows: those that were cut.
+        first, count: (p,) the first cell of each piece, and how many it has.
+        chi2: (p,) with an initial state of its own; free: (p,) its degrees of freedom.
+    """
+
+    cells: Windows
+    t: Floats
     windows: Windows
     first: Ints
     count: Ints
+    chi2: Floats
+    free: Floats
+
+    def worst(self) -> tuple[tuple[Span, ...], float]:
+        """The times that miss most, as many as may be left out, and their share of all chi^2."""
+        bad, own = np.zeros(len(self.cells), dtype=bool), np.zeros(len(self.first), dtype=bool)
+        rows = self.cells.stop - self.cells.start
+        for k in np.argsort(-self.chi2 / self.free, kind="stable"):
+            more = bad.copy()
+            more[self.first[k] : self.first[k] + self.count[k]] = True
+            if rows[more].sum() > LEFT_OUT_MOST * rows.sum():
+                break
+            bad, own[k] = more, True
+        return self._spans(bad), float(self.chi2[own].sum() / self.chi2.sum())
+
+    def outlying(self) -> Outlying | None:
+        """The times that stand out, where they are few and carry most of the excess chi^2; else None.
+
+        A piece stands out if its chi^2/dof is so many times the median piece's as noise never makes it.
+        """
+        usual = max(1.0, float(np.median(self.chi2 / self.free)))
+        out = self.chi2 > usual * chi_squared.ppf(PIECE_TELLS, self.free)
+        if not out.any():
+            return None
+        bad = np.ones(len(self.cells), dtype=bool)
+        for first, count in zip(self.first[~out], self.count[~out], strict=True):
+            bad[first : first + count] = False
+        for first, count in zip(self.first[out], self.count[out], strict=True):
+            if not bad[first : first + count].any():  # neither cell alone tells enough: both
+                bad[first : first + count] = True
+        spans = self._spans(bad)
+        share = 1.0 - left_out(self.windows, self.t, spans).samples / self.windows.samples
+        above = self.chi2 - usual * self.free
+        carried = float(above[out].sum() / max(above.sum(), above[out].sum()))
+        if share > LEFT_OUT_MOST or carried < MOST_OF_THE_ERROR:
+            return None
+        return Outlying(spans, share, carried)
+
+    def _spans(self, bad: Bools) -> tuple[Span, ...]:
+        """Joined cells as times, with half a cell on either side: what lasts into it for a few samples tells little."""
+        own, pad = joined(self.cells.pick(bad)), 0.5 * CELL_S
+        rows = zip(own.start.tolist(), own.stop.tolist(), own.trace.tolist(), strict=True)
+        return tuple((trace, float(self.t[a]) - pad, float(self.t[b - 1]) + pad) for a, b, trace in rows)
 
 
-def outlying(problem: Problem, theta: Floats) -> Outlying | None:
-    """The times that stand out at theta (q,), where they are few and carry most of the excess chi^2; else None.
+def pieces(problem: Problem, theta: Floats) -> Pieces:
+    """Cells and pieces of a problem's windows, each piece fitted by itself at theta (q,)."""
+    cells, first, count = _cells(problem)
+    last = first + count - 1
+    own = problem.on(Windows(cells.start[first], cells.stop[last], cells.first[first], cells.trace[first]))
+    chi2 = refit_from_all(own, theta, initial_states(own)).chi2
+    free = np.maximum(own.counts - problem.model.nx, 1.0)
+    return Pieces(cells, problem.t, problem.windows, first, count, chi2, free)
 
-    A piece stands out if its chi^2/dof is so many times the median piece's as noise never makes it.
+
+def _cells(problem: Problem) -> tuple[Windows, Ints, Ints]:
+    """Cells of `CELL_S`, each of `MIN_SAMPLES` or more; the first cell of each piece (p,), and how many it has (p,).
+
+    Pieces are pairs of neighbours, or a cell that has none.
     """
-    cells = _cells(problem)
-    pieces = problem.on(_pieces(cells))
-    free = np.maximum(pieces.counts - problem.model.nx, 1.0)
-    chi2 = refit_from_all(pieces, theta, initial_states(pieces)).chi2
-    usual = max(1.0, float(np.median(chi2 / free)))
-    out = chi2 / free > usual * chi_squared.ppf(PIECE_TELLS, free) / free
-    if not out.any():
-        return None
-    bad = np.ones(len(cells.windows), dtype=bool)
-    for first, count in zip(cells.first[~out], cells.count[~out], strict=True):
-        bad[first : first + count] = False
-    for first, count in zip(cells.first[out], cells.count[out], strict=True):
-        if not bad[first : first + count].any():  # neither cell alone tells enough: both
-            bad[first : first + count] = True
-    spans = _spans(problem.t, joined(cells.windows.pick(bad)))
-    share = 1.0 - left_out(problem.windows, problem.t, spans).samples / problem.windows.samples
-    above = chi2 - usual * free
-    carried = float(above[out].sum() / max(above.sum(), above[out].sum()))
-    if share > LEFT_OUT_MOST or carried < MOST_OF_THE_ERROR:
-        return None
-    return Outlying(spans, share, carried)
-
-
-def _cells(problem: Problem) -> _Cells:
-    """Cells of `CELL_S`, each of `MIN_SAMPLES` or more; pieces are pairs of neighbours, or a cell that has none."""
     rows: list[tuple[int, int, int, int]] = []
     first: list[int] = []
     count: list[int] = []
@@ -93,16 +130,4 @@ def _cells(problem: Problem) -> _Cells:
         count += [min(len(kept), 2)] * pairs
         rows += kept
     table = np.array(rows, dtype=np.int64)
-    return _Cells(Windows(*(table[:, j] for j in range(4))), np.array(first), np.array(count))
-
-
-def _pieces(cells: _Cells) -> Windows:
-    w, last = cells.windows, cells.first + cells.count - 1
-    return Windows(w.start[cells.first], w.stop[last], w.first[cells.first], w.trace[cells.first])
-
-
-def _spans(t: Floats, bad: Windows) -> tuple[Span, ...]:
-    """Joined cells as times, with half a cell on either side: what lasts into it for a few samples tells too little."""
-    pad = 0.5 * CELL_S
-    rows = zip(bad.start.tolist(), bad.stop.tolist(), bad.trace.tolist(), strict=True)
-    return tuple((trace, float(t[a]) - pad, float(t[b - 1]) + pad) for a, b, trace in rows)
+    return Windows(*(table[:, j] for j in range(4))), np.array(first), np.array(count)

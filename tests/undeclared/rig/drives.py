@@ -1,7 +1,8 @@
 """A joint with the drive's own effects, in semi-implicit steps of 20 microseconds; it shares nothing with the fit.
 
 Dry friction, that of the load included, shrinks the speed towards zero (Moreau); the bending of asperities is followed
-by its solution over a piece of the way: it approaches the side that the motion goes to, exponentially.
+by its solution over a piece of the way: it approaches the side that the motion goes to, exponentially. A motor's
+voltage is limited and its back-EMF takes of it what its speed asks for: `stall` and `fall` are the torque-speed line.
 """
 
 from __future__ import annotations
@@ -16,13 +17,21 @@ from tests.undeclared.rig.pendulum import multisine
 STEP, RATE = 2e-5, 200.0
 NULL = {
     "I": 0.0, "F_p": 0.0, "F_m": 0.0, "mu": 0.0, "ratio_p": 1.0, "ratio_m": 1.0,
-    "F_c": 0.0, "d": 1.0,
+    "F_c": 0.0, "d": 1.0, "viscous": 0.0, "limit": math.inf, "stall": math.inf, "fall": 0.0,
+    "soft": math.inf, "sensor": 1.0, "dead": 0.0,
 }  # fmt: skip
 
 
 @njit(cache=True)
 def _move(
-    inertia: float, weight: float, p: np.ndarray, u: np.ndarray, sample: int, x0: np.ndarray, step: float
+    inertia: float,
+    weight: float,
+    stiffness: float,
+    p: np.ndarray,
+    u: np.ndarray,
+    sample: int,
+    x0: np.ndarray,
+    step: float,
 ) -> np.ndarray:
     out = np.empty((u.size, 2))
     q, v, z = x0[0], x0[1], 0.0
@@ -30,10 +39,18 @@ def _move(
     for i in range((u.size - 1) * sample):
         command = u[i // sample]
         drive = p[4] * command if command > 0.0 else p[5] * command
+        drive = math.copysign(max(abs(drive) - p[14], 0.0), drive)
+        if p[12] < 1e9:  # iron that saturates
+            drive = p[12] * math.tanh(drive / p[12])
+        drive = max(-p[9], min(drive, p[9]))
+        if drive > p[10] - p[11] * v:
+            drive = p[10] - p[11] * v
+        elif drive < -p[10] - p[11] * v:
+            drive = -p[10] - p[11] * v
         way = step * v
         side = 1.0 if way > 0.0 else -1.0
         z = side + (z - side) * math.exp(-abs(way) / p[7])
-        v += step * (drive - weight * math.sin(q) - p[6] * z) / (inertia + p[0])
+        v += step * (drive - weight * math.sin(q) - stiffness * q - p[8] * v - p[6] * z) / (inertia + p[0])
         grip = step * ((p[1] if v > 0.0 else p[2]) + p[3] * abs(drive)) / (inertia + p[0])
         v = 0.0 if abs(v) <= grip else v - math.copysign(grip, v)
         q += step * v
@@ -44,13 +61,16 @@ def _move(
 
 def record(
     inertia: float, weight: float, hidden: dict[str, float], seed: int, *, sigma: float = 1e-3, seconds: float = 12.0,
-    top: float = 3.0, traces: int = 2,
+    top: float = 3.0, traces: int = 2, stiffness: float = 0.0,
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:  # fmt: skip
-    """Traces (t, y, u), position alone, white noise; I a = drive - weight sin(q) - friction."""
+    """Traces (t, y, u), position alone (times `sensor`), white noise.
+
+    I a = drive - weight sin(q) - stiffness q - friction.
+    """
     rng, n, out = np.random.default_rng([seed, 79]), int(seconds * RATE) + 1, []
     p = np.array(list({**NULL, **hidden}.values()))
     for _ in range(traces):
         u = multisine(rng, n, RATE, top)
-        x = _move(inertia, weight, p, u, round(1.0 / (RATE * STEP)), rng.uniform(-0.3, 0.3, 2), STEP)
-        out.append((np.arange(n) / RATE, x[:, :1] + sigma * rng.standard_normal((n, 1)), u[:, None]))
+        x = _move(inertia, weight, stiffness, p, u, round(1.0 / (RATE * STEP)), rng.uniform(-0.3, 0.3, 2), STEP)
+        out.append((np.arange(n) / RATE, p[13] * x[:, :1] + sigma * rng.standard_normal((n, 1)), u[:, None]))
     return out

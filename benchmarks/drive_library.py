@@ -1,0 +1,179 @@
+"""Effects of drives and sensors, each hidden alone and beside what resembles it, on several plants.
+
+    python benchmarks/drive_library.py [--kinds torque_speed_limit] [--plants arm] [--seeds 1] [--again]
+
+Records are made in steps of 20 microseconds (tests/undeclared/rig/drives.py), 2 x 12 s at 200 Hz, position alone. Each
+row is kept in benchmarks/results/drive_library.json as soon as it is there; the table is drive_library.md beside it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+from simgap.diagnosis.diagnose import diagnose  # noqa: E402
+from simgap.diagnosis.result import DiagnosisSettings  # noqa: E402
+from tests.undeclared.joints import joint, record  # noqa: E402
+
+OUT = ROOT / "benchmarks" / "results" / "drive_library.json"
+PLANTS = ("arm", "motor", "oscillator", "slide")
+# sizes that each plant can show: largest command, a typical speed, a viscous friction; the heavy slide hardly moves
+SCALES = {"arm": (3.0, 4.0, 0.06), "motor": (3.0, 4.0, 0.06), "slide": (3.0, 1.5, 0.2), "oscillator": (3.0, 2.0, 0.15)}
+Truth = dict[str, dict[str, float]]
+
+
+def _limit(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    top, speed, _ = SCALES[plant]
+    stall = 0.8 * draw() * top
+    fall = 0.5 * draw() * stall / speed
+    return {"stall": stall, "fall": fall}, {"torque_speed_limit": {"T_s": stall, "k": fall}}
+
+
+def _viscous(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    b = SCALES[plant][2] * draw()
+    return {"viscous": b}, {"viscous_friction": {"b": b}}
+
+
+def _saturation(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    limit = 0.55 * draw() * SCALES[plant][0]
+    return {"limit": limit}, {"input_saturation": {"limit": limit}}
+
+
+def _gain(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    ratio = 1.0 - 0.12 * draw()
+    return {"ratio_p": ratio, "ratio_m": ratio}, {"input_gain": {"ratio": ratio}}
+
+
+def _curve(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    return {"soft": 1.3 * draw() * SCALES[plant][0]}, {"input_curve": {}}  # a tanh is none of its curves
+
+
+def _sensor(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    ratio = 1.0 + 0.05 * draw()
+    return {"sensor": ratio}, {"sensor_gain": {"ratio": ratio}}
+
+
+def _dead(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    width = 0.06 * draw() * SCALES[plant][0]
+    return {"dead": width}, {"input_dead_zone": {"width": width}}
+
+
+Part = Callable[[str, Callable[[], float]], tuple[dict[str, float], Truth]]
+KINDS: dict[str, tuple[Part, ...]] = {
+    "nothing": (),
+    "viscous friction": (_viscous,),
+    "saturation": (_saturation,),
+    "saturation, viscous friction": (_saturation, _viscous),
+    "gain": (_gain,),
+    "torque-speed limit": (_limit,),
+    "torque-speed limit, viscous friction": (_limit, _viscous),
+    "torque-speed limit, gain": (_limit, _gain),
+    "sensor gain": (_sensor,),
+    "sensor gain, viscous friction": (_sensor, _viscous),
+    "sensor gain, gain": (_sensor, _gain),
+    "dead zone": (_dead,),
+    "gain curve": (_curve,),
+    "gain curve, viscous friction": (_curve, _viscous),
+    "gain curve, dead zone": (_curve, _dead),
+}
+
+
+def hidden(plant: str, kind: str, seed: int) -> tuple[dict[str, float], Truth]:
+    """What the rig is told, and the effects that are to be found with their numbers."""
+    rng = np.random.default_rng([seed, *kind.encode(), *plant.encode()])
+    told: dict[str, float] = {}
+    truth: Truth = {}
+    for part in KINDS[kind]:
+        numbers, names = part(plant, lambda: float(rng.uniform(0.8, 1.25)))
+        told, truth = told | numbers, truth | names
+    if {"sensor_gain", "input_gain"} <= set(truth) and plant != "arm":  # linear, read by one sensor: they act as one
+        truth["input_gain"]["ratio"] *= truth.pop("sensor_gain")["ratio"]
+    return told, truth
+
+
+def one(plant: str, kind: str, seed: int, budget: float | None) -> dict[str, Any]:
+    """Make one record, diagnose it, score it."""
+    told, truth = hidden(plant, kind, seed)
+    made = record(plant, told, seed)
+    begun = time.process_time()
+    d = diagnose(joint(plant), made, DiagnosisSettings(budget_s=budget))
+    cpu = time.process_time() - begun
+    answer = {e.name: {n: p.value for n, p in e.parameters.items()} for e in d.effects}
+    sets = [{e.name for e in a.effects} for a in d.alternatives]
+    errors = [
+        abs(answer[name][n] - v) / abs(v) for name, own in truth.items() if name in answer for n, v in own.items()
+    ]
+    ci = {(e.name, n): p.ci95 for e in d.effects for n, p in e.parameters.items()}
+    covered = [bool(ci[name, n][0] <= v <= ci[name, n][1]) for name, own in truth.items() if name in answer
+               for n, v in own.items() if ci[name, n] is not None]  # fmt: skip
+    return {
+        "plant": plant, "kind": kind, "seed": seed, "verdict": d.verdict, "truth": truth, "answer": answer,
+        "exact": set(answer) == set(truth), "listed": set(answer) == set(truth) or set(truth) in sets,
+        "wrong": sorted(set(answer) - set(truth)), "error": max(errors, default=math.nan), "covered": covered,
+        "ratio": d.after.held_out_ratio, "chi2_dof": [d.before.chi2_dof, d.after.chi2_dof],
+        "alternatives": [sorted(s) for s in sets], "faults": [f.fault for f in d.recording], "cpu_s": round(cpu, 1),
+    }  # fmt: skip
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Markdown, one kind a row."""
+    head = ("plants", "records", "exact", "listed", "right verdict", "wrong attributed", "wrong partial",
+            "largest error of an exact answer", "intervals that cover", "CPU s, median")  # fmt: skip
+    lines = ["| hidden | " + " | ".join(head) + " |", "|---" * (len(head) + 1) + "|"]
+    for kind in KINDS:
+        own = [r for r in rows if r["kind"] == kind]
+        if not own:
+            continue
+        covered = [c for r in own if r["exact"] for c in r["covered"]]
+        errors = [r["error"] for r in own if r["exact"] and math.isfinite(r["error"])]
+        wrong = [r for r in own if not r["listed"] and r["wrong"]]
+        cells = (
+            ", ".join(p for p in PLANTS if any(r["plant"] == p for r in own)), len(own),
+            sum(r["exact"] for r in own), sum(r["listed"] for r in own),
+            sum(r["verdict"] == ("attributed" if r["truth"] else "none") for r in own),
+            sum(r["verdict"] == "attributed" for r in wrong), sum(r["verdict"] == "partial" for r in wrong),
+            f"{max(errors):.2g}" if errors else "", f"{sum(covered)} of {len(covered)}" if covered else "",
+            f"{float(np.median([r['cpu_s'] for r in own])):.3g}",
+        )  # fmt: skip
+        lines.append(f"| {kind} | " + " | ".join(str(c) for c in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Make what is asked for and is not there yet; write after each record."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--plants", nargs="*", default=["arm", "motor"], choices=list(PLANTS))
+    parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=list(KINDS))
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--budget", type=float, default=None, help="CPU s that a search may take")
+    parser.add_argument("--again", action="store_true", help="make again what is there")
+    given = parser.parse_args()
+    known = json.loads(OUT.read_text()) if OUT.exists() else []
+    OUT.parent.mkdir(exist_ok=True)
+    for seed in range(given.first, given.first + given.seeds):
+        for kind in given.kinds:
+            for plant in given.plants:
+                there = [r for r in known if (r["plant"], r["kind"], r["seed"]) == (plant, kind, seed)]
+                if there and not given.again:
+                    continue
+                row = one(plant, kind, seed, given.budget)
+                known = [r for r in known if r not in there] + [row]
+                print({k: row[k] for k in row if k not in ("covered",)}, flush=True)
+                OUT.write_text(json.dumps(known, indent=1) + "\n")
+                OUT.with_suffix(".md").write_text(table(known))
+
+
+if __name__ == "__main__":
+    main()

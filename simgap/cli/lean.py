@@ -1,0 +1,34 @@
+"""A command does not import pandas because pyarrow asks for it: at its first conversion, for 0.3 s of CPU.
+
+Snakemake brings pandas along; no stage hands data of pandas to pyarrow. What a plug-in imports is not touched, and
+neither is a program that uses simgap as a library: only the command line calls this.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from typing import Any
+
+_ROOM = "simgap.io."
+
+
+class _NotForArrow(MetaPathFinder):
+    """Finds nothing; says that there is no pandas where a module of `simgap.io` converts: none of them imports it."""
+
+    def find_spec(self, fullname: str, path: Sequence[str] | None, target: Any = None) -> None:
+        """See `importlib.abc.MetaPathFinder`."""
+        if fullname != "pandas":
+            return
+        frame = sys._getframe(1)
+        while frame.f_back is not None and "importlib" in frame.f_code.co_filename:
+            frame = frame.f_back
+        if str(frame.f_globals.get("__name__", "")).startswith(_ROOM):  # compiled code of pyarrow has no frame
+            raise ModuleNotFoundError("no stage needs pandas", name="pandas")
+
+
+def without_pandas() -> None:
+    """Keep pyarrow from importing it in this process."""
+    if "pandas" not in sys.modules:
+        sys.meta_path.insert(0, _NotForArrow())

@@ -1,0 +1,64 @@
+"""A sensor whose scale is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import sympy as sp
+
+from simgap.effects.base import SENSOR, AppliedEffect, Effect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
+from simgap.model.symbolic import SymbolicModel, symbol
+
+_LINEAR = {"viscous_friction", "spring", "parameter_error", "reflected_inertia", "input_delay", "input_lag"}
+
+
+class SensorGain(Effect):
+    """The sensor reads a multiple of the state: counts of an encoder, a belt, a potentiometer, a calibration."""
+
+    name = "sensor_gain"
+    kind = "state"
+    second = True
+    resembles = ("input_gain",)
+    formula = "y = ratio x"
+    source = "Ljung (1999), System Identification, sec. 14.1"
+    rank = SENSOR
+    reading_remedy = "Divide what the sensor reads by its gain; the motion is as it was."
+    excitation = "swing wider, or measure another state too"
+    parameters = (EffectParameter("ratio", "1", "reading over truth", null=1.0, lower=1e-3, upper=1e3),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Every state."""
+        return model.state_names
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Change what the sensor reads; the motion stays as it is."""
+        return model.with_output(on, values["ratio"] * model.outputs.get(on, symbol(on)))
+
+    def restates(
+        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
+    ) -> tuple[frozenset[int], dict[str, float]] | None:
+        """The gain of the only input of a linear plant of which this state alone is read."""
+        gains = [k for k, a in enumerate(found) if a.name == "input_gain"]
+        others = {a.name for k, a in enumerate(found) if k not in gains}
+        if tuple(measured) != (on,) or len(model.inputs) != 1 or len(gains) != 1 or not others <= _LINEAR:
+            return None
+        ratio = found[gains[0]].values["ratio"]
+        return (frozenset(gains), {"ratio": ratio}) if ratio > 0.0 and _linear(model) else None
+
+    def phrase(self, on: str) -> str:
+        """Named by its sensor."""
+        return f"the gain of the sensor of {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """How far it is off."""
+        return f"a gain of the sensor of {on} that is {quoted.deviation()} the declared one"
+
+
+def _linear(model: SymbolicModel) -> bool:
+    """Whether the rates are linear in states and inputs, without a constant term."""
+    moving = [v.symbol for v in (*model.states, *model.inputs)]
+    rates = [sp.expand(e) for e in model.numeric()]
+    slopes = [sp.diff(e, v) for e in rates for v in moving]
+    rest = [e.subs(dict.fromkeys(moving, 0)) for e in rates]
+    return all(s.is_number for s in slopes) and all(sp.simplify(e) == 0 for e in rest)

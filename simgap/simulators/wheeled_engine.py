@@ -1,0 +1,159 @@
+"""What engines of a planar robot share: how a case makes one, chains of inputs, paths from where an input began."""
+
+from __future__ import annotations
+
+import copy
+from abc import abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from simgap.config.plant import AddedEffect
+from simgap.config.simulator import EngineSection
+from simgap.errors import UserError
+from simgap.geometry import Floats
+from simgap.plants.urdf_checks import check_urdf
+from simgap.simulators.base import Engine, PathSimulator
+from simgap.simulators.traits import FileTraits
+
+if TYPE_CHECKING:
+    from simgap.config.case import Case
+    from simgap.effects.base import Effect
+    from simgap.simulators.commands import CommandPath
+    from simgap.simulators.wheeled_plant import WheeledPlant
+
+
+class WheeledSettings(EngineSection):
+    """PyBullet over a differential-drive URDF: wheels in contact with a floor, torque-limited velocity motors."""
+
+    engine: Literal["pybullet_wheeled"] = Field("pybullet_wheeled", description="Which engine.")
+    urdf: str = Field(description="Model file, relative to the case file; its root lies midway between the wheels.")
+    left: str = Field("left_wheel", description="Joint of the left wheel.")
+    right: str = Field("right_wheel", description="Joint of the right wheel.")
+    wheel_radius: float = Field(gt=0, description="Radius that turns speeds into wheel speeds, m.")
+    track: float = Field(gt=0, description="Distance between the wheels that does so, m.")
+    torque: float = Field(gt=0, description="Largest torque of a wheel motor, N m.")
+    floor_friction: float = Field(gt=0, description="Friction coefficient of the floor (times that of the tyre).")
+    payload: float = Field(0.0, ge=0, description="Mass added to the base, its inertia scaled alike, kg.")
+    substeps: int = Field(100, ge=1, description="Engine steps within tau.")
+    poses: int = Field(20, ge=1, description="Poses recorded within tau, evenly spaced; divides substeps.")
+    solver_iterations: int = Field(
+        100,
+        ge=1,
+        description="Most iterations of the contact solver an engine step; too few make turns differ between headings, "
+        "because friction is solved along the axes of the world.",
+    )
+    settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
+    effects: tuple[AddedEffect, ...] = Field(
+        (), description="Effects on the commands, delay and lag among them, and on the wheels' speeds."
+    )
+
+    def between_poses(self, tau: float, gravity: float) -> float:
+        """a t^2 / 8 for the largest acceleration that the tyres can give, over the time between two poses."""
+        return float(self.floor_friction * gravity * (tau / self.poses) ** 2 / 8.0)
+
+
+class WheeledEngine(Engine, PathSimulator):
+    """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity.
+
+    `path` (poses, 3) holds the poses of the last step, headings continued.
+    """
+
+    file_traits = FileTraits(stops=True)
+    path: Floats
+
+    @classmethod
+    def acts_out(cls, effect: Effect) -> bool:
+        """Changes of the commands, and wheels of unequal size."""
+        from simgap.effects.base import WheelEffect
+        from simgap.effects.commands import InputEffect
+
+        return isinstance(effect, InputEffect | WheelEffect)
+
+    @classmethod
+    def of_its_own(cls, case: Case) -> bool:
+        """A unicycle has no model file: the robot's is what stands for it."""
+        return False
+
+    @classmethod
+    def build(cls, case: Case, folder: Path) -> WheeledEngine:
+        """The robot of a case with `plant.symbolic.wheels`."""
+        from simgap.simulators.behind_commands import case_command_paths
+        from simgap.simulators.wheeled_plant import wheeled_plant
+
+        section: Any = case.simulator
+        return cls(wheeled_plant(case, folder), section, case_command_paths(case) if section.effects else ())
+
+    def __init__(self, plant: WheeledPlant, section: WheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
+        from simgap.simulators.commands import CommandMemory
+        from simgap.simulators.wheeled_plant import wheel_ratios
+
+        check_urdf(plant.urdf)
+        if section.substeps % section.poses:
+            raise UserError(
+                f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",
+                remedy="Let substeps be a multiple of poses.",
+            )  # fmt: skip
+        self.nx, self.nu, self.pose = 3, 2, plant.pose
+        self._plant, self._ratios = plant, wheel_ratios(section.effects)
+        self._memory = [CommandMemory(path, plant.tau) for path in paths]
+        self.path, self._turned = np.zeros((section.poses, 3)), 0.0
+
+    @abstractmethod
+    def reset(self, x: Floats) -> None:
+        """Put the robot at rest at a pose."""
+
+    @abstractmethod
+    def _kept(self) -> Any:
+        """All of the engine's state that the next step depends on."""
+
+    @abstractmethod
+    def _return_to(self, kept: Any) -> None:
+        """Put the engine into a kept state."""
+
+    def _forget(self, kept: Any) -> None:
+        """Free a kept state."""
+
+    def chain(self, start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
+        """Run inputs (k, nu) one after the other from rest: -> poses (k + 1, 3), paths (k, poses, 3) in body frames."""
+        self.reset(start)
+        poses = np.empty((len(inputs) + 1, 3))
+        poses[0] = start
+        paths = np.empty((len(inputs), *self.path.shape))
+        for n, u in enumerate(inputs):
+            poses[n + 1] = self.advance(u)
+            paths[n] = self._in_body_frame(poses[n])
+        return poses, paths
+
+    def _in_body_frame(self, origin: Floats) -> Floats:
+        i, j, k = self.pose
+        cos, sin = np.cos(origin[k]), np.sin(origin[k])
+        d = self.path - origin
+        out = np.empty_like(d)
+        out[:, i] = cos * d[:, i] + sin * d[:, j]
+        out[:, j] = -sin * d[:, i] + cos * d[:, j]
+        out[:, k] = d[:, k]
+        return out
+
+    def responses(self, history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
+        """Paths in the body frame of the pose that a history of inputs (k, nu) leads to, from rest.
+
+        -> (M, poses, 3), one for each of the inputs (M, nu).
+        """
+        here = np.zeros(3)
+        here[self.pose[2]] = heading
+        self.reset(here)
+        for u in history:
+            here = self.advance(u)
+        kept, remembered, turned = self._kept(), copy.deepcopy(self._memory), self._turned
+        out = np.empty((len(inputs), *self.path.shape))
+        for m, u in enumerate(inputs):
+            self._return_to(kept)
+            self._turned, self._memory = turned, copy.deepcopy(remembered)
+            self.advance(u)
+            out[m] = self._in_body_frame(here)
+        self._forget(kept)
+        return out
