@@ -188,8 +188,8 @@ class MeasuredSection(Section):
         default=None,
         ge=1,
         le=6,
-        description="Largest number of effects in one explanation (5 if not given); of an arm of three joints or "
-        "more, at each joint (3 if not given).",
+        description="Largest number of effects in one explanation (if not given 5, or 3 if more than noise is left); "
+        "of an arm of three joints or more, at each joint (3 if not given).",
     )
     budget_s: float | None = Field(
         default=None,

@@ -239,10 +239,11 @@ def _chosen(
     agree, carried = True, None
     if found.members and not at_floor:
         together = math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
+        most = min(settings.max_effects, settings.most_off_floor)
         trial = Trial(coarse(parts.fit), coarse(parts.choose, JUDGED_ROWS, together), settings.horizon_s)
         try:
             stopped = bool(search.watch.stopped)
-            carried = None if stopped else transferable(search, sparse, found, trial, settings.max_effects)
+            carried = None if stopped else transferable(search, sparse, found, trial, most)
         except Stopped:
             carried = None
         except KeyboardInterrupt:

@@ -209,7 +209,10 @@ def _without_the_idle(search: Search) -> list[Explanation]:
     found = []
     for e in sorted(idle, key=lambda e: e.bic)[:SECOND_EFFECTS]:
         while e.members and not e.physical:
-            e = search.without(e, next(c for c in e.members if not sound(c, e.fit)))
+            gone = next((c for c in e.members if not sound(c, e.fit)), None)
+            if gone is None:
+                break
+            e = search.without(e, gone)
         if any(c.effect.second for c in e.members):
             found.append(e)
     return found

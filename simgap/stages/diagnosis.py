@@ -142,6 +142,7 @@ def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
         noise=dict(section.noise),
         effects=section.effects,
         max_effects=section.max_effects or DiagnosisSettings.max_effects,
+        most_off_floor=section.max_effects or DiagnosisSettings.most_off_floor,
         held_out_traces=reading.held_out,
         held_out_share=section.held_out.fraction,
         budget_s=section.budget_s,

@@ -51,7 +51,7 @@ def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
         if c.effect.kind == "input":
             moved = drives(model, c.on)
             speed = _speed(problem, moved) if moved is not None else 1.0
-            scales = Scales(interval, command=float(commands[c.on]), speed=speed)
+            scales = Scales(interval, command=float(commands[c.on]) or 1.0, speed=speed)
         elif c.effect.kind == "coordinate":
             scales = Scales(interval, speed=_speed(problem, c.on))
         items += [(c, start) for start in c.effect.starts(scales)]
