@@ -146,7 +146,8 @@ class MeasuredSection(Section):
 
     files: tuple[str, ...] = Field(
         default=(),
-        description="CSV, Parquet or MCAP files, relative to the case file; files on the command line replace them.",
+        description="CSV, Parquet or MCAP files, relative to the case file, or patterns (runs/*.csv, in "
+        "the order of their names); files on the command line replace them.",
     )
     columns: dict[str, Annotated[ColumnMap, BeforeValidator(_column, str | ColumnMap)]] = Field(
         default_factory=dict, description="For a state or an input: its column, if it is not a column of the same name."
@@ -184,11 +185,12 @@ class MeasuredSection(Section):
     effects: tuple[str, ...] = Field(
         default=(), description="Effects that may be tried; all of `simgap effects` if none is named."
     )
-    max_effects: int = Field(
-        default=3,
+    max_effects: int | None = Field(
+        default=None,
         ge=1,
         le=6,
-        description="Largest number of effects in one explanation; of an arm of three joints or more, at each joint.",
+        description="Largest number of effects in one explanation (if not given 5, or 3 if more than noise is left); "
+        "of an arm of three joints or more, at each joint (3 if not given).",
     )
     budget_s: float | None = Field(
         default=None,

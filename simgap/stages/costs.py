@@ -20,21 +20,23 @@ from simgap.gap.steps.borders import checked_at_most
 from simgap.gap.thresholds import CHECK_LEVELS, MOST_BORDER_STATES
 from simgap.geometry import Box, Grid
 
-START = 4.0
-"""CPU seconds that a stage takes to start: imports, the nominal model, compiled kernels read back."""
+START = 2.0
+"""CPU seconds that a stage takes to start: imports, compiled kernels read back; the nominal model comes on top."""
 BYTES = 2.5e8
 """Memory of a stage with nothing in it."""
 ROLLOUT = 3e-5
 """CPU seconds of an engine's step of a joint plant where the engine was not asked."""
-FIT, SLOPES, BOUND = 2e-6, 6e-6, 6e-6
+LOOP = 6e-6
+"""CPU seconds of a closed-loop step beside the engine's."""
+FIT, SLOPES, BOUND = 2e-6, 1e-6, 1e-6
 """CPU seconds a sample, of `scp` and `lipschitz` (one state) and of `gap` (one state)."""
 PROGRAM = 5e-3
 """CPU seconds of the linear programs of one state, for each pair of terms of the basis: 31 terms take 5 s."""
-PAIR = 3e-7
+PAIR = 2e-7
 """CPU seconds a pair of cell and input, of a synthesis that ends."""
-ROW_PAIR = 1.5e-8
+ROW_PAIR = 3e-9
 """The same where whole rows of cells are decided at once: a robot whose gap does not depend on where it stands."""
-MARGIN = 1e-6
+MARGIN = 4e-7
 """CPU seconds a pair of cell and input of the margins, by which gamma could grow in each cell, in `audit`."""
 MARGIN_BYTES = 24
 """Bytes a cell and state of the margins, and as many again."""
@@ -58,15 +60,19 @@ class StageCost:
     at_most: bool = False
 
 
-def costs(context: Context, rollout: float | None = None, eps: float | None = None) -> list[StageCost]:
+def costs(
+    context: Context, rollout: float | None = None, eps: float | None = None, build: float = 0.0
+) -> list[StageCost]:
     """The stages of a case, in order.
 
     Args:
         context: of a case with a domain.
         rollout: measured time of a roll-out of its simulator, s.
         eps: radius of the balls that cover X where it is not the case's own.
+        build: measured time in which the nominal model is built, s; most stages build it.
     """
-    return [*_samples(context, rollout or ROLLOUT, eps), *_control(context, rollout or ROLLOUT)]
+    rollout, begun = rollout or ROLLOUT, START + build
+    return [*_samples(context, rollout, eps, begun), *_control(context, rollout, begun)]
 
 
 def affordable(context: Context, found: list[StageCost]) -> None:
@@ -91,7 +97,7 @@ def affordable(context: Context, found: list[StageCost]) -> None:
             )
 
 
-def _samples(context: Context, rollout: float, eps: float | None) -> Iterator[StageCost]:
+def _samples(context: Context, rollout: float, eps: float | None, begun: float) -> Iterator[StageCost]:
     case, nx = context.case, len(context.states)
     if case.simulator is None:
         return
@@ -121,13 +127,15 @@ def _samples(context: Context, rollout: float, eps: float | None) -> Iterator[St
         checked = thinned_count([CHECK_LEVELS] * nx, free, checked_at_most(states.size))
         shifted = case.symmetry.histories * (1 + case.symmetry.headings) if case.symmetry is not None and free else 0
         beside = (fitted + checked + shifted) * _inputs(case)
-        yield StageCost("borders", beside, "samples on borders of X", START + beside * rollout, 2 * BYTES, key)
+        yield StageCost("borders", beside, "samples on borders of X", begun + beside * rollout, 2 * BYTES, key)
     for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
         if case.gap is not None or case.hidden_state is not None:
             attacks = 0 if case.hidden_state is None or stage != "gap" else 2 * case.hidden_state.search
             more = attacks * (1 + case.hidden_state.search_length) * rollout if case.hidden_state and attacks else 0.0
             program = PROGRAM * _terms(context) ** 2 if stage == "scp" else 0.0
-            yield StageCost(stage, count, of, nx * (START + count * rate + program) + more, held, key)
+            processes = 1 if stage == "gap" else nx
+            seconds = processes * begun + nx * (count * rate + program) + more
+            yield StageCost(stage, count, of, seconds, held, key)
 
 
 def _grid(context: Context, eps: float | None) -> Grid:
@@ -135,7 +143,7 @@ def _grid(context: Context, eps: float | None) -> Grid:
     return covering_grid(case, context.box, own_point(case) if eps is None else covering_point(eps))
 
 
-def _control(context: Context, rollout: float) -> Iterator[StageCost]:
+def _control(context: Context, rollout: float, begun: float) -> Iterator[StageCost]:
     case = context.case
     if case.synthesis is None:
         return
@@ -148,7 +156,8 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
     wheeled = case.plant.symbolic is not None and case.plant.symbolic.wheels is not None
     rate = ROW_PAIR if wheeled and not (case.sensing is not None and case.sensing.latency) else PAIR
     controllers = 2 if case.simulator is not None and (case.gap is not None or case.hidden_state is not None) else 1
-    seconds = controllers * (START + rate * cells * inputs * rows)
+    nodes = rows + (controllers - 1) * (1 if case.hidden_state is not None else rows)  # one knows no earlier input
+    seconds = controllers * begun + rate * cells * inputs * nodes
     of = "pairs of cell and input" + " for each of two controllers" * (controllers > 1)
     yield StageCost(
         "synthesis", cells * inputs * rows, of, seconds, BYTES + a_cell * cells, "synthesis.cells",
@@ -156,13 +165,14 @@ def _control(context: Context, rollout: float) -> Iterator[StageCost]:
     if case.validation is not None and case.simulator is not None:
         steps, ends = 2 * case.validation.starts * case.validation.steps, not _holds(case)
         yield StageCost(
-            "validation", steps, "closed-loop steps" + " at most" * ends, START + steps * rollout, 2 * BYTES,
+            "validation", steps, "closed-loop steps" + " at most" * ends, begun + 2 * START + steps * (rollout + LOOP),
+            2 * BYTES,
             "validation.starts", ends,
         )  # fmt: skip
     if case.simulator is not None:
         evaluations, attacked = (case.audit or AuditSection()).budget(case.hidden_state is not None)
         asked = evaluations + attacked * (1 if case.hidden_state is not None else 1 + inputs // 4)
-        seconds = START + asked * rollout + PAIR * cells + attacked * inputs * PAIR
+        seconds = 3 * begun + asked * rollout + PAIR * cells + attacked * inputs * PAIR
         held = 2 * BYTES + (12.0 + packed) * cells
         if not wheeled:
             seconds, held = seconds + MARGIN * cells * inputs, held + MARGIN_BYTES * (1 + len(context.states)) * cells

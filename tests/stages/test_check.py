@@ -2,6 +2,7 @@
 
 import copy
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -263,8 +264,9 @@ def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch
         calls = 0
 
         def rollouts(self, x, u):
-            time.sleep(rests[self.calls % len(rests)])
-            self.calls += 1
+            for _ in x:
+                time.sleep(rests[self.calls % len(rests)])
+                self.calls += 1
 
         def loaded(self):
             return {}
@@ -275,6 +277,38 @@ def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch
     monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Slow())
     _, seconds = check.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert least <= seconds < most
+
+
+def test_what_an_engine_costs_is_that_of_many_rollouts_at_once(monkeypatch):
+    """As the stages ask for them: what is spent once a call is shared."""
+
+    class Vectorised:
+        def rollouts(self, x, u):
+            end = time.process_time() + 2e-3
+            while time.process_time() < end:
+                pass
+
+        def loaded(self):
+            return {}
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Vectorised())
+    _, seconds = check.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
+    assert seconds < 2e-5
+
+
+@pytest.mark.parametrize("case", ["dc_motor", "pendulum", "two_link"])
+def test_what_building_a_model_takes_counts_in_every_stage_that_builds_it(case):
+    context = Context.load(Path(__file__).parents[2] / "configs" / "cases" / f"{case}.yaml")
+    without, built = ({c.stage: c.seconds for c in costs.costs(context, 1e-6, build=b)} for b in (0.0, 10.0))
+    more = {stage: (built[stage] - without[stage]) / 10.0 for stage in built}
+    states = len(context.states)
+    times = {"rollouts": 0, "fresh": 0, "borders": 1, "scp": states, "lipschitz": states, "gap": 1, "synthesis": 2}
+    assert {s: round(n, 6) for s, n in more.items() if s in times} == times
+    assert more["validation"] >= 1
+    assert more["audit"] >= 1
 
 
 @pytest.mark.parametrize(("terms", "told"), [(50, False), (400, True)])
