@@ -27,7 +27,7 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit_from_all, window_chi2
 from simgap.diagnosis.simulation.sensitivity import with_values
-from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, OTHERS_ASKED, PUSH_EXPLAINED
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, OTHERS_ASKED, PUSH_EXPLAINED, SUSPECTED_BY
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import joined
@@ -76,7 +76,9 @@ def suspected(parts: Parts, begun: Search, base: Fit, not_tried: Collection[Key]
                 search = Search(kept, list_starts(kept, not_tried), watch=Watch(begun.watch.left))
                 at = fit(kept, kept.model.null, initial_states(kept), [], {})
             found = search.explain(found.members, found.fit.theta, at) if found.members else search.empty(at)
-            better = min(search.joined(found, {*found.keys, *several}), key=lambda e: e.bic, default=found)
+            better = min(
+                search.joined(found, {*found.keys, *several}, SUSPECTED_BY), key=lambda e: e.bic, default=found
+            )
             if better.bic >= found.bic - BIC_GAIN:
                 break
             found = better

@@ -153,6 +153,10 @@ STEP_RESOLVES = 0.1
 the noise, if they are less). Judgement: a Dahl friction that turned round within a thirtieth of what a step travels
 "explained" a push, being as large as its misses there; fits that are right move by less than a hundredth."""
 
+SUSPECTED_BY = 2
+"""So many of the most promising effects are fitted before the next time that may be left out is sought: five took three
+times as long and found the same times (benchmarks/other_plants.py, pushes of six plants and pushes on two effects)."""
+
 PUSH_EXPLAINED, OTHERS_ASKED = 0.1, 8
 """Times are not left out if one more effect of the library takes all but this share of their excess away, fitted to the
 windows that hold them and to so many others. Of pushes 0.30 to 0.89 was left by the best effect (eight records of
