@@ -71,6 +71,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "torque_speed_limit": "simgap.effects.torque_speed_limit:TorqueSpeedLimit",
                 "sensor_gain": "simgap.effects.sensor_gain:SensorGain",
                 "input_curve": "simgap.effects.input_curve:InputCurve",
+                "payload": "simgap.effects.payload:Payload",
             }
         ),
         "specifications": MappingProxyType(

@@ -81,6 +81,8 @@ class Effect(ABC):
     """What motion would tell it apart from another effect with the same words."""
     reading_remedy: ClassVar[str] = ""
     """What to do about an effect of the readings alone, which a simulator's twin must not act out."""
+    needs: ClassVar[str] = "nothing that every plant does not have"
+    """What a plant must have for it, told where it has no target."""
 
     @abstractmethod
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
@@ -210,6 +212,7 @@ class CoordinateTarget(Effect):
     """Whatever acts on a coordinate."""
 
     kind: ClassVar[Kind] = "coordinate"
+    needs: ClassVar[str] = "a coordinate (joints of a URDF, or plant.symbolic.coordinates)"
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """Every coordinate of the plant."""

@@ -16,6 +16,7 @@ class InputEffect(Effect):
     """A change between the recorded command and what the plant feels; every engine acts it out."""
 
     kind: ClassVar[Kind] = "input"
+    needs: ClassVar[str] = "a commanded input"
     rank: ClassVar[int] = COMMAND
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:

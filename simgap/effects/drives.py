@@ -19,6 +19,7 @@ class DriveEffect(Effect):
     """
 
     kind: ClassVar[Kind] = "input"
+    needs: ClassVar[str] = "an input that is a force on one coordinate"
     rank: ClassVar[int] = COMMAND - 10
 
     @abstractmethod

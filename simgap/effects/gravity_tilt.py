@@ -19,6 +19,7 @@ class GravityTilt(Effect):
 
     name = "gravity_tilt"
     kind = "plant"
+    needs = "gravity that the plant declares"
     formula = "g' = R(-tilt) g, R a rotation about the horizontal axis normal to the plane of motion"
     source = "Siciliano et al. (2009), Robotics, sec. 7.3 (gravity in the base frame)"
     rank = PLANT + 10

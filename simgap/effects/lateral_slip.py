@@ -16,6 +16,7 @@ class LateralSlip(Effect):
 
     name = "lateral_slip"
     kind = "plant"
+    needs = "a planar robot on two driven wheels (plant.symbolic.wheels)"
     formula = "x' += -ratio v sin(heading), y' += ratio v cos(heading)"
     source = "Wang, Low (2008), IEEE Trans. Robotics 24(3), skidding and slipping of wheeled robots"
     rank = PLANT + 30

@@ -14,6 +14,7 @@ class ParameterError(Effect):
 
     name = "parameter_error"
     kind = "parameter"
+    needs = "a named parameter that is not 0"
     formula = "p' = ratio p"
     source = "Ljung (1999), System Identification, sec. 4.2"
     rank = PLANT

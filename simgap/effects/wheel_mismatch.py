@@ -14,6 +14,7 @@ class WheelMismatch(WheelEffect):
 
     name = "wheel_mismatch"
     kind = "plant"
+    needs = "a planar robot on two driven wheels (plant.symbolic.wheels)"
     formula = "v' = (r (v + w L/2) + (v - w L/2))/2, w' = (r (v + w L/2) - (v - w L/2))/L, L the track, r the ratio"
     source = "Borenstein, Feng (1996), IEEE Trans. Robotics and Automation 12(6), unequal wheel diameters"
     rank = PLANT + 20

@@ -25,7 +25,7 @@ def _units(kind: Effect, model: SymbolicModel | None, found: Sequence[str]) -> l
 
 
 def listing(case_path: Path | None) -> str:
-    """The table of effects; with a case also the targets of each and the plant's named parameters."""
+    """The table of effects; with a case those that it can have, their targets, why not the others, its parameters."""
     buffer = io.StringIO()
     console = Console(file=buffer, width=160)
     model = None
@@ -34,13 +34,19 @@ def listing(case_path: Path | None) -> str:
         with context.blame():
             model = context.plant.declared
     table = Table("effect", "on", "formula", "parameters", box=None, pad_edge=False)
+    lacking: dict[str, list[str]] = {}
     for name, kind in EFFECTS.items():
         found = kind.targets(model) if model is not None else ()
-        targets = kind.kind if model is None else ", ".join(found) or "-"
+        if model is not None and not found:
+            lacking.setdefault(kind.needs, []).append(name)
+            continue
+        targets = kind.kind if model is None else ", ".join(found)
         for on, units in _units(kind, model, found):
             symbols = ", ".join(f"{p.symbol} ({p.description}, {units[p.symbol]})" for p in kind.parameters)
             table.add_row(name, on or targets, kind.formula, symbols)
     console.print(table)
+    for needs, absent in lacking.items():
+        console.print(f"\nNot on this plant, which lacks {needs}: {', '.join(absent)}.")
     if model is not None:
         named = Table("parameter", "declared", "unit", box=None, pad_edge=False)
         for parameter in model.named_parameters.values():

@@ -93,6 +93,10 @@ SAID = {
         "commands)",
         "the directional gain of torque",
     ),
+    "payload": (
+        "rod", {"m_p": (0.3, 0.01, "kg"), "r": (0.8, 0.02, "m")},
+        "a payload of 0.30 ± 0.01 kg on the rod, 0.80 ± 0.02 m from its joint", "a payload on the rod",
+    ),
     "sensor_gain": (
         "angle", {"ratio": (1.05, 0.01, "1")},
         "a gain of the sensor of angle that is 5 ± 1 % above the declared one", "the gain of the sensor of angle",

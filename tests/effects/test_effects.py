@@ -24,12 +24,14 @@ SYMBOLS = {
     "dahl_friction": ["F_c", "d"], "load_friction": ["mu"],
     "input_directional_gain": ["ratio_p", "ratio_m"], "torque_speed_limit": ["T_s", "k"],
     "sensor_gain": ["ratio"], "input_curve": ["g_0", "g_1", "g_2", "U"],
+    "payload": ["m_p", "r"],
 }  # fmt: skip
 VALUES = {
     "b": 0.1, "F_c": 0.1, "F_s": 0.2, "v_s": 0.1, "c": 0.1, "k": 0.3, "k3": 0.2, "A": 0.05, "n": 6.0, "phase": 0.4,
     "ratio": 1.2, "bias": 0.1, "delay": 0.01, "T": 0.02, "width": 0.2, "limit": 1.5, "offset": 0.05, "tilt": 0.1,
     "I": 0.15, "F_0": 0.12, "F_p": 0.1, "F_m": 0.2, "d": 0.05, "mu": 0.25, "ratio_p": 1.2, "ratio_m": 0.7,
     "T_s": 1.6, "g_0": 1.1, "g_1": 0.8, "g_2": 0.5, "U": 2.5,
+    "m_p": 0.3, "r": 0.8,
 }  # fmt: skip
 AT = {"angle": 0.7, "rate": -0.6, "torque": 1.9}
 
@@ -93,7 +95,7 @@ def test_effects_enter_from_the_plant_outwards_and_commands_backwards():
     path += ["input_directional_gain", "input_curve", "input_delay"]
     order = sorted(EFFECTS.values(), key=lambda e: e.rank)
     assert [e.name for e in order][-len(path) :] == path
-    assert [e.kind for e in order[:3]] == ["parameter", "plant", "plant"]
+    assert [e.kind for e in order[:4]] == ["parameter", "plant", "plant", "plant"]
     assert order[-len(path) - 1].kind == "state"
 
 
@@ -157,6 +159,26 @@ def test_a_sensor_s_gain_scales_its_reading_and_leaves_the_motion():
     assert acceleration(changed) == declared()
     read = sp.sympify(changed.outputs["angle"]).subs(changed.values()).subs(symbol("angle"), 0.7)
     assert float(read) == pytest.approx(1.2 * 0.75, rel=1e-12)
+
+
+def test_a_payload_changes_inertia_and_gravity_at_once():
+    """(I + m r^2) a = u - (m_rod l / 2 + m r) g sin(q)."""
+    changed = EFFECTS["payload"].apply(pendulum(), "rod", {"m_p": 0.3, "r": 0.8})
+    by_hand = (1.9 - 9.81 * (0.5 + 0.24) * math.sin(0.7)) / (1.0 / 3.0 + 0.3 * 0.64)
+    assert acceleration(changed) == pytest.approx(by_hand, rel=1e-12)
+
+
+def test_errors_of_centre_and_inertia_are_a_payload_where_one_link_moves():
+    some = [
+        AppliedEffect("parameter_error", "rod.com", {"ratio": 1.48}),
+        AppliedEffect("viscous_friction", "hinge", {"b": 0.1}),
+        AppliedEffect("parameter_error", "rod.inertia", {"ratio": 1.576}),
+    ]
+    places, values = EFFECTS["payload"].restates(pendulum(), "rod", some)
+    assert places == {0, 2}
+    assert values == pytest.approx({"m_p": 0.3, "r": 0.8}, rel=1e-9)
+    lighter = [AppliedEffect("parameter_error", "rod.com", {"ratio": 0.9}), *some[1:]]
+    assert EFFECTS["payload"].restates(pendulum(), "rod", lighter) is None
 
 
 def test_reflected_inertia_slows_every_force():

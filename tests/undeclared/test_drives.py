@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from tests.undeclared.joints import joint, record
+from tests.undeclared.plant import pendulum
+from tests.undeclared.rig import drives
 
 
 def diagnosed(name: str, hidden: dict[str, float], seed: int, effects: tuple[str, ...] = ()):
@@ -76,6 +79,19 @@ def test_iron_that_saturates_is_a_gain_curve():
     slope = np.interp(u**2, [0.0, 2.25, 9.0], [curve.parameters[n].value for n in ("g_0", "g_1", "g_2")])
     felt = np.concatenate([[0.0], np.cumsum((slope[1:] + slope[:-1]) / 2 * np.diff(u))])
     assert np.abs(felt - 4.0 * np.tanh(u / 4.0)).max() < 0.03
+
+
+def test_a_weight_on_a_link_is_told_beside_the_two_errors_that_it_looks_as():
+    """0.2 kg at 1 m on the rod of the URDF: mass, centre of mass and inertia pair up, and the weight is their equal."""
+    data = drives.record(1.0 / 3.0 + 0.2, 9.81 * (0.5 + 0.2), {}, 0)
+    traces = tuple(Trace(f"run{k}", *run) for k, run in enumerate(data))
+    settings = DiagnosisSettings(effects=("parameter_error",))
+    found = diagnose(pendulum(), Record(traces, ("angle",), ("torque",)), settings)
+    assert found.verdict == "attributed"
+    (other,) = [a for a in found.alternatives if a.effects[-1].name == "payload"]
+    assert other.exact
+    assert len(other.effects) == 1
+    assert other.effects[0].values == pytest.approx({"m_p": 0.2, "r": 1.0}, rel=5e-3)
 
 
 def test_friction_that_differs_with_direction_is_said_to_be_one_with_its_equal():

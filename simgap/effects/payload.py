@@ -1,0 +1,107 @@
+"""A weight that a link carries and the model does not know of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import sympy as sp
+
+from simgap.effects.base import PLANT, AppliedEffect, Effect, EffectParameter, Values
+from simgap.effects.quoted import Quoted
+from simgap.effects.start import Scales, Start
+from simgap.model.symbolic import SymbolicModel, symbol
+
+_AXES = "xyz"
+
+
+class Payload(Effect):
+    """A point mass on the line from a link's joint through its centre of mass: one change of inertia and gravity.
+
+    Where one link moves it is an error of the centre of mass beside one of the inertia; it is told of beside these and
+    not sought by itself.
+    """
+
+    name = "payload"
+    kind = "plant"
+    several_valleys = True
+    needs = "a link from a URDF of one or two joints that has a mass, a centre of mass and an inertia"
+    formula = "m' = m + m_p, m' c' = m c + m_p p, I' = I + m_p (p.p 1 - p p^T), p = r c/|c|"
+    source = "Khalil, Dombre (2002), Modeling, Identification and Control of Robots, sec. 9.9 (payload identification)"
+    rank = PLANT + 5
+    excitation = "swing wider, slowly and fast"
+    parameters = (
+        EffectParameter("m_p", "kg", "mass of the payload", null=0.0, lower=0.0),
+        EffectParameter("r", "m", "its distance from the link's joint", null=0.3, lower=1e-3, shape=True),
+    )
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Links whose mass, centre of mass and inertia are parameters of the equations."""
+        links = [n.removesuffix(".m") for n in model.parameters if n.endswith(".m")]
+        return tuple(n for n in links if _centre(model, n) and _moments(model, n) and model.derived)
+
+    def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Nowhere: two effects that are tried are the same."""
+        return ()
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """The mass as a linear coefficient, at a few distances."""
+
+        def at(distance: float) -> Start:
+            return Start(1, lambda c: {"m_p": c[0], "r": distance})
+
+        return tuple(at(distance) for distance in (0.05, 0.2, 0.5, 1.2))
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Change mass, centre of mass and inertia at once."""
+        mass, centre, extra = symbol(f"{on}.m"), _centre(model, on), values["m_p"]
+        away = sp.sqrt(sp.Add(*(symbol(n) ** 2 for n in centre.values())))
+        place = {axis: values["r"] * symbol(n) / away for axis, n in centre.items()}
+        changes = {f"{on}.m": mass + extra}
+        for axis, name in centre.items():
+            changes[name] = (mass * symbol(name) + extra * place[axis]) / (mass + extra)
+        for (a, b), name in _moments(model, on).items():
+            square = values["r"] ** 2 if a == b else sp.Integer(0)
+            changes[name] = symbol(name) + extra * (square - place.get(a, 0) * place.get(b, 0))
+        return model.substitute(changes)
+
+    def restates(
+        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
+    ) -> tuple[frozenset[int], dict[str, float]] | None:
+        """Errors of the centre of mass and of the inertia of the only link that moves, where a weight makes both."""
+        own = {k: a for k, a in enumerate(found) if a.name == "parameter_error" and a.on.startswith(f"{on}.")}
+        centre, moments = _centre(model, on), _moments(model, on)
+        if len(model.coordinates) != 1 or not own or len(moments) != 1 or len(centre) != 1:
+            return None
+        before = {n: p.value for n, p in model.parameters.items()}
+        after = dict(before)
+        for a in own.values():
+            at = {symbol(n): v for n, v in before.items()} | {symbol("ratio"): a.values["ratio"]}
+            for n, rule in model.named_parameters[a.on].scaling.items():
+                after[n] *= float(sp.sympify(rule).subs(at)) / before[n]
+        ((name,), (moment,)) = centre.values(), moments.values()
+        turn = (after[f"{on}.m"] * after[name] - before[f"{on}.m"] * before[name]) / (1.0 if before[name] > 0 else -1.0)
+        slow = after[moment] - before[moment]
+        if turn <= 0.0 or slow <= 0.0:
+            return None
+        return frozenset(own), {"m_p": turn**2 / slow, "r": slow / turn}
+
+    def phrase(self, on: str) -> str:
+        """On its link."""
+        return f"a payload on the {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """Its mass and its place."""
+        return f"a payload of {quoted.number('m_p')} on the {on}, {quoted.number('r')} from its joint"
+
+
+def _centre(model: SymbolicModel, link: str) -> dict[str, str]:
+    """Axis -> name of the parameter that holds the link's centre of mass along it."""
+    names = {axis: f"{link}.c{axis}" for axis in _AXES}
+    return {axis: n for axis, n in names.items() if n in model.parameters and model.parameters[n].value != 0.0}
+
+
+def _moments(model: SymbolicModel, link: str) -> Mapping[tuple[str, str], str]:
+    """Two axes -> name of the parameter that holds the link's moment of inertia."""
+    pairs = (("x", "x"), ("y", "y"), ("z", "z"), ("x", "y"), ("x", "z"), ("y", "z"))
+    names = {(a, b): f"{link}.I{a}{b}" for a, b in pairs}
+    return {pair: n for pair, n in names.items() if n in model.parameters}
