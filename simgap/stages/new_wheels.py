@@ -52,7 +52,7 @@ def refuse_wheels(urdf: Path) -> None:
     if wheels is None:
         return
     raise UserError(
-        f"is a robot on two driven wheels ('{wheels.left}' and '{wheels.right}'); angles of its joints do not say where "
+        f"is a robot on two driven wheels ('{wheels.left}' and '{wheels.right}'); its joints' angles do not say where "
         "it stands",
         file=urdf,
         remedy="Begin with configs/cases/pioneer.yaml (docs/pioneer.md): states x, y, theta and inputs v, w; in "
