@@ -184,11 +184,12 @@ class MeasuredSection(Section):
     effects: tuple[str, ...] = Field(
         default=(), description="Effects that may be tried; all of `simgap effects` if none is named."
     )
-    max_effects: int = Field(
-        default=3,
+    max_effects: int | None = Field(
+        default=None,
         ge=1,
         le=6,
-        description="Largest number of effects in one explanation; of an arm of three joints or more, at each joint.",
+        description="Largest number of effects in one explanation (if not given 5, or 3 if more than noise is left); "
+        "of an arm of three joints or more, at each joint (3 if not given).",
     )
     budget_s: float | None = Field(
         default=None,

@@ -24,7 +24,7 @@ from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
-from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, HELD_OUT_QUALITY
+from simgap.diagnosis.thresholds import BIC_GAIN, EXACTLY_COLLINEAR, HELD_OUT_QUALITY, LEAPS_ANYHOW
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
 from simgap.diagnosis.verdict.concentration import concentrated, elsewhere
@@ -47,6 +47,7 @@ from simgap.diagnosis.verdict.steps import steps
 from simgap.diagnosis.verdict.transfer import Carried, independent_share
 from simgap.effects import apply_effects
 from simgap.model.symbolic import SymbolicModel
+from simgap.notation import joined
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +93,8 @@ def conclude(
     short = nearest(full, chosen.kept, evidence, chosen.at_floor, model) if word == "unexplained" else None
     kept, kept_held = (chosen.kept, new) if named else (full.empty(base), old)
     others = _rivals(chosen) if named else []
+    fitter = better(others, chosen.found)
+    word = "partial" if fitter and word == "attributed" else word
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, kept_held.states), True)
     empty = search.empty(chosen.sparse)
@@ -115,7 +118,7 @@ def conclude(
         candidates=answer.candidate_scores(search, empty, chosen.barred),
         collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
         folds=FoldStretches(*(stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
-        warnings=(*said, *_of_no_size(every, small), *_warnings(search.watch, kept_held, kept, horizon)),
+        warnings=(*said, *_of_no_size(every, small), *_warnings(search.watch, kept_held, kept, horizon), *fitter),
         unconfirmed=further,
         at_most=settings.max_effects if len(chosen.kept.members) >= settings.max_effects else None,
         applied=answer.applied(kept),
@@ -143,9 +146,10 @@ def _evidence(
     found, full, agree = chosen.kept, chosen.full, chosen.agree
     share = excess_share(old, new, known.sigma)
     wanted = bool(found.members) and needed(full, found, confirm, new)
+    sure = wanted and new.ratio <= HELD_OUT_QUALITY
     if found.members and chosen.search.watch.stopped:  # nothing compared the halves yet
         agree = folds_agree(known, found, full.steps, independent_share(known, found.fit))
-    elif found.members and chosen.at_floor and not (wanted and new.ratio <= HELD_OUT_QUALITY):
+    elif chosen.at_floor and (len(found.members) > LEAPS_ANYHOW or (found.members and not sure)):
         agree = folds_agree(known, found, full.steps, 1.0)
     before, after = (chi2_dof(known, at) for at in (chosen.base, found.fit))
     return Evidence(before, after, old, new, share, agree, wanted, elsewhere(where))
@@ -160,6 +164,18 @@ def _rivals(chosen: Chosen) -> list[Rival]:
     if chosen.carried is not None:  # what fits as well need not carry over as well
         others = [r for r in others if r.exact] + [Rival(e, False) for e in chosen.carried.rivals]
     return once([*others, *as_good(search, found)])
+
+
+def better(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
+    """What is to be said of a listed set that fits clearly better than the answer."""
+    best = min((r.explanation for r in others), key=lambda e: e.bic, default=found)
+    if found.bic - best.bic < BIC_GAIN:
+        return ()
+    named = joined([c.effect.phrase(c.on) for c in best.members])
+    return (
+        f"Among the alternatives {named} fits better (BIC lower by {found.bic - best.bic:.0f}), but did not carry over "
+        "to the data that choose as well, or was found after they chose.",
+    )
 
 
 def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:

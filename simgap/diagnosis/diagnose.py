@@ -33,7 +33,7 @@ from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import FIT_QUALITY, MOST_COLOURED
+from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MOST_COLOURED
 from simgap.diagnosis.verdict.faults import filtered_channels
 from simgap.diagnosis.verdict.judge import chi2_dof, real
 from simgap.diagnosis.verdict.transfer import Trial, transferable
@@ -157,7 +157,7 @@ def _under_its_noise(
     parts: Parts, search: Search, found: Explanation, most: int, not_tried: Collection[Key]
 ) -> tuple[Parts, tuple[Search, Fit, Explanation]] | None:
     """The search again under a noise with a colour, where it then reaches that noise; None where it does not."""
-    full = len(found.members) >= most  # all that it may take: what is left is no noise
+    full = len(found.members) >= min(most, LEAPS_ANYHOW)  # all that it takes anyhow: what is left is no noise
     noise = None if search.watch.stopped or full else _noise(parts.known, search, found)
     if noise is None:
         return None
@@ -209,6 +209,8 @@ def _searched(
         return search, base, best_so_far(search, base, most)
     try:
         found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
+        if known is None and _acts_later(search, found):  # sought once more without what was commanded before
+            return search, base, found
         rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
         return search, base, preferred(search, found, most)
     except Stopped:
@@ -216,6 +218,12 @@ def _searched(
     except KeyboardInterrupt:
         watch.interrupted()
     return search, base, best_so_far(search, base, most)
+
+
+def _acts_later(search: Search, found: Explanation) -> bool:
+    """Whether commands from outside the record act on it under what was found, and not as declared."""
+    problem, null = search.problem, search.problem.model.null
+    return problem.ahead(found.fit.theta) > 0.0 or problem.reach(found.fit.theta) > problem.reach(null)
 
 
 def _chosen(
@@ -231,10 +239,11 @@ def _chosen(
     agree, carried = True, None
     if found.members and not at_floor:
         together = math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
+        most = min(settings.max_effects, settings.most_off_floor)
         trial = Trial(coarse(parts.fit), coarse(parts.choose, JUDGED_ROWS, together), settings.horizon_s)
         try:
             stopped = bool(search.watch.stopped)
-            carried = None if stopped else transferable(search, sparse, found, trial, settings.max_effects)
+            carried = None if stopped else transferable(search, sparse, found, trial, most)
         except Stopped:
             carried = None
         except KeyboardInterrupt:

@@ -75,6 +75,24 @@ SAME_BIC = 0.1
 FIRST_EFFECTS = 3
 """Single effects from which a selection sets out."""
 
+SUBSETS_KEPT, LEAPS, LEAPS_FROM = 40, 6, (3, 2, 1)
+"""Sets of each size that the normal equations keep; those of each size that are fitted; how many of the best smaller
+sets they set out from, of those that lack one effect, two, three."""
+
+SURELY = 1000.0
+"""An effect is not left out for a trial if the linear problem says that it is worth so many times `BIC_GAIN`.
+Judgement: far from its null that overrates an effect, not a thousandfold where its interval is that narrow."""
+
+LEAPS_ANYHOW, LEAPS_PAY = 3, 0.5
+"""Up to so many effects are tried wherever fewer do not reach the noise; more only where the linear problem promises
+that they leave less than this share of chi^2, and named only if halves of the data agree. Five effects instead of three
+left nine tenths where nothing in the library explains the record ("strange pendulum" of benchmarks/diagnosis_cost.py),
+and a hundredth or less where they were missing (benchmarks/many_effects.py); between is judgement."""
+
+MERGED, MERGE_NEAR = 2, 100.0
+"""So many effects are fitted in the place of any two of an answer, where the linear problem promises that they leave
+less than so many times its chi^2. It is rough, that far from the answer: 24 times were foreseen where none was left."""
+
 EQUALS_PRUNED = 8
 """Sets that predict the same, of which each effect is dropped in turn."""
 

@@ -24,7 +24,7 @@ from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.sensitivity import with_values
-from simgap.diagnosis.thresholds import FIT_QUALITY, NEAR_TIE, SECOND_EFFECTS, SECOND_SHARE
+from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, NEAR_TIE, SECOND_EFFECTS, SECOND_SHARE
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
@@ -83,7 +83,8 @@ def widened(
         if wide is None:
             return None
         parts, search, base = wide
-        best = _best(search, base, _again(search, base, found), settings.max_effects)
+        most = min(settings.max_effects, max(LEAPS_ANYHOW, len(found.members)))
+        best = _best(search, base, _again(search, base, found), most)
         if best is None or chi2_dof(search.problem, best.fit) - 1.0 > SECOND_SHARE * left:
             return None
         rivals(search, best)
@@ -208,7 +209,10 @@ def _without_the_idle(search: Search) -> list[Explanation]:
     found = []
     for e in sorted(idle, key=lambda e: e.bic)[:SECOND_EFFECTS]:
         while e.members and not e.physical:
-            e = search.without(e, next(c for c in e.members if not sound(c, e.fit)))
+            gone = next((c for c in e.members if not sound(c, e.fit)), None)
+            if gone is None:
+                break
+            e = search.without(e, gone)
         if any(c.effect.second for c in e.members):
             found.append(e)
     return found

@@ -148,7 +148,7 @@ class DimensionSamples:
     @cached_property
     def largest(self) -> float:
         """Largest sampled |d|."""
-        return max(float(np.abs(self.side(up)).max()) for up in (False, True))
+        return max(abs(float(end)) for values in self.ends for end in (values.min(), values.max()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,8 +63,8 @@ def run(
         ends = [model.coordinate(joint) for joint in tree.joints]
         where = columns_of([c.position for c in ends], [c.velocity for c in ends], inputs, record)
         settings = ArmSettings(
-            reading.held_out, section.held_out.fraction, section.max_effects, _payloads(section, tree, reading),
-            _known(context, tree, inputs),
+            reading.held_out, section.held_out.fraction, section.max_effects or ArmSettings.most,
+            _payloads(section, tree, reading), _known(context, tree, inputs),
         )  # fmt: skip
         found = diagnose_arm(tree, record, where, {c.name: c.force_unit for c in ends}, settings, tell)
     for warning in (*reading.warnings, *look.warnings, *found.warnings):

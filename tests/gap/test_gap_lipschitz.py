@@ -6,7 +6,7 @@ from scipy.stats import weibull_max
 from simgap.errors import UserError
 from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import estimate, rough_cells
-from simgap.gap.lipschitz.local import LocalPadding
+from simgap.gap.lipschitz.local import Beside, LocalPadding
 from simgap.geometry import Box, Grid
 
 
@@ -172,3 +172,39 @@ def test_the_spacing_limit_lies_beyond_the_largest_slope():
     g = [2.0 * x[:, 0] + np.sin(x[:, 1]) for x in (a, b)]
     slopes = np.abs(g[0] - g[1]) / np.linalg.norm(a - b, axis=1)
     assert top_spacing_upper(slopes, 4) >= np.hypot(2.0, 1.0) >= slopes.max()
+
+
+@pytest.mark.parametrize("periodic", [(), (0,)])
+@pytest.mark.parametrize("jump", [0.0, 3.0])
+def test_inputs_one_at_a_time_give_the_same_bits(monkeypatch, periodic, jump):
+    grid = Grid(Box([-1.0, 0.0], [1.0, 2.0]), (24, 9), periodic)
+    x, rng = grid.centres(), np.random.default_rng(7)
+    d = np.sin(np.pi * x[:, [0]]) * rng.uniform(0.5, 1.5, 5) + 0.1 * x[:, [1]] ** 2
+    d[:, 3] += jump * (x[:, 0] > 0.3)
+    whole, marked = estimate(d, grid), rough_cells(d.reshape(24, 9, 5), grid, (0, 1), 0.0)
+    monkeypatch.setattr("simgap.gap.lipschitz.grid.PIECE", 1)
+    apart = estimate(d, grid)
+    assert np.array_equal(rough_cells(d.reshape(24, 9, 5), grid, (0, 1), 0.0), marked)
+    assert marked.any() == (jump > 0.0)
+    for name, value in vars(whole).items():
+        assert np.array_equal(getattr(apart, name), value), name
+
+
+@pytest.mark.parametrize("jump", [0.0, 3.0])
+def test_local_paddings_of_inputs_one_at_a_time_are_the_same_bits(monkeypatch, jump):
+    grid = Grid(Box([-1.0, 0.0], [1.0, 2.0]), (24, 9))
+    x, rng = grid.centres(), np.random.default_rng(8)
+    t = np.sin(3.0 * x[:, [0]]) * rng.uniform(0.5, 1.5, 5) + jump * (x[:, [0]] > 0.3) * np.arange(5)
+    slope = 3.0 * np.cos(3.0 * x[:, [0]]), np.full((1, 5), 0.2)
+    given = np.sin(3.0 * x[:, [0]]) * np.ones(5), slope.__getitem__, np.eye(2)
+    beside = Beside(np.array([3, 40, 100]), np.array([[True, False], [False, True], [False, False]]))
+
+    def results():
+        own = LocalPadding(t, grid, (), 0.0)
+        pad, share = own.of_residual(*given)
+        return pad, np.array(share), *own.along(beside, slope.__getitem__, np.eye(2))
+
+    whole = results()
+    assert (whole[1] > 0.0) == (jump > 0.0)
+    monkeypatch.setattr("simgap.gap.lipschitz.grid.PIECE", 1)
+    assert all(np.array_equal(a, b) for a, b in zip(whole, results(), strict=True))

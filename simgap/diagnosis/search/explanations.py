@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.scoring import Score, Starts, best_of_each, score
+from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each, score, screen
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, FIT_QUALITY, NEAR_TIE, SAME_PROMISE
+from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, FIT_QUALITY, NEAR_TIE, SAME_PROMISE, SURELY
 from simgap.notation import joined
 
 Floats = NDArray[np.float64]
@@ -60,6 +60,7 @@ class Search:
     steps: dict[int, float] = field(default_factory=dict)
     tried: dict[tuple[frozenset[Key], tuple[float, ...]], Explanation] = field(default_factory=dict)
     scores: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
+    screens: dict[tuple[frozenset[Key], float], Screen] = field(default_factory=dict)
     every: dict[frozenset[Key], list[Score]] = field(default_factory=dict)
     unseen: dict[frozenset[Key], frozenset[Key]] = field(default_factory=dict)
     ends: dict[tuple[tuple[int, ...], bytes, bytes], tuple[Fit, dict[int, float]]] = field(default_factory=dict)
@@ -125,6 +126,16 @@ class Search:
         theta = with_values(base.fit.theta, null | {k: own[name] for name, k in names if name in own})
         return self.explain(kept, theta, base.fit, again=True)
 
+    def refined(self, base: Explanation) -> list[Explanation]:
+        """The base with an effect that contains one of its own in that one's place, fitted, physical ones only."""
+        found = []
+        for member in base.members:
+            finer = {c.key for c, _ in self.starts.items if _contained(c) == member.key} - base.keys
+            if finer:
+                rest = self.without(base, member)
+                found += [self.extend(rest, s) for s in self.ranked(rest) if s.candidate.key in finer]
+        return [e for e in found if e.physical]
+
     def _key(self, members: tuple[Candidate, ...], theta: Floats) -> tuple[frozenset[Key], tuple[float, ...]]:
         discrete = tuple(float(theta[k]) for c in members for k in _integers(c))
         return frozenset(c.key for c in members), discrete
@@ -176,16 +187,45 @@ class Search:
             found = fit(self.problem, found.theta, found.x0, slots, steps)
         return found, steps
 
+    def screen(self, base: Explanation) -> Screen:
+        """The linear problem around an explanation, with everything that could join it."""
+        key = base.keys, base.fit.chi2
+        if key not in self.screens:
+            self.screens[key] = screen(self.problem, base.fit, self.steps, self.starts, base.keys)
+        return self.screens[key]
+
+    def reached(self, e: Explanation) -> bool:
+        """Whether it is down to the noise."""
+        free = self.problem.size - self.problem.taken - len(e.fit.slots)
+        return e.fit.chi2 <= FIT_QUALITY * max(free, 1)
+
+    def surely(self, e: Explanation, member: Candidate) -> bool:
+        """Whether an effect of one parameter is worth more than any doubt: its square over its variance (Wald 1943)."""
+        if len(member.slots) != 1 or member.slots[0] not in e.fit.slots:
+            return False
+        k = member.slots[0]
+        away = float(e.fit.theta[k] - self.problem.model.null[k])
+        variance = float(e.fit.covariance[e.fit.slots.index(k), e.fit.slots.index(k)]) * self.scale
+        return math.isfinite(away) and variance > 0.0 and away**2 > SURELY * BIC_GAIN * variance
+
     def ranked(self, base: Explanation) -> list[Score]:
         """Scores of everything that could join the base, best first, one start for each candidate."""
         if base.keys not in self.scores:
-            every, self.unseen[base.keys] = score(self.problem, base.fit, self.steps, self.starts, base.keys)
+            seen = self.screen(base)
+            every, self.unseen[base.keys] = score(seen), seen.unseen
             self.scores[base.keys], self.every[base.keys] = best_of_each(every), every
         return self.scores[base.keys]
 
     def joined(self, base: Explanation, exclude: Collection[Key] = (), most: int = FINALISTS) -> list[Explanation]:
-        """The most promising extensions of the base, fitted, physical ones only."""
-        worth = [s for s in self.ranked(base) if s.candidate.key not in exclude and s.drop / self.scale > BIC_GAIN]
+        """The most promising extensions of the base, fitted, physical ones only.
+
+        An effect that contains another which may be tried is left to `refined`: it costs several fits of more numbers.
+        """
+        asked = {c.key for c, _ in self.starts.items} - set(exclude)
+        worth = [
+            s for s in self.ranked(base)
+            if s.drop / self.scale > BIC_GAIN and s.candidate.key in asked and _contained(s.candidate) not in asked
+        ]  # fmt: skip
         firsts = _distinct(worth)[:most]
         fitted = [(s, self.extend(base, s)) for s in firsts]
         sound = [(s, e) for s, e in fitted if e.physical]
@@ -203,6 +243,11 @@ def _distinct(scores: list[Score]) -> list[Score]:
         if not kept or s.drop < kept[-1].drop * (1.0 - SAME_PROMISE):
             kept.append(s)
     return kept
+
+
+def _contained(c: Candidate) -> Key | None:
+    """The candidate that this one contains."""
+    return None if c.effect.contains is None else (c.effect.contains.name, c.on)
 
 
 def _integers(c: Candidate) -> tuple[int, ...]:

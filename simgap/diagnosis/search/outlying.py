@@ -96,6 +96,8 @@ class Pieces:
 
     def _spans(self, bad: Bools) -> tuple[Span, ...]:
         """Joined cells as times, with half a cell on either side: what lasts into it for a few samples tells little."""
+        if not bad.any():  # a short record: a cell is more than may be left out
+            return ()
         own, pad = joined(self.cells.pick(bad)), 0.5 * CELL_S
         rows = zip(own.start.tolist(), own.stop.tolist(), own.trace.tolist(), strict=True)
         return tuple((trace, float(self.t[a]) - pad, float(self.t[b - 1]) + pad) for a, b, trace in rows)

@@ -51,7 +51,7 @@ def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
         if c.effect.kind == "input":
             moved = drives(model, c.on)
             speed = _speed(problem, moved) if moved is not None else 1.0
-            scales = Scales(interval, command=float(commands[c.on]), speed=speed)
+            scales = Scales(interval, command=float(commands[c.on]) or 1.0, speed=speed)
         elif c.effect.kind == "coordinate":
             scales = Scales(interval, speed=_speed(problem, c.on))
         items += [(c, start) for start in c.effect.starts(scales)]
@@ -72,12 +72,28 @@ def _speed(problem: Problem, coordinate: str) -> float:
     return 1.0
 
 
-def score(
-    problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, exclude: Collection[Key] = ()
-) -> tuple[list[Score], frozenset[Key]]:
-    """Every start of every candidate, best first, and the candidates that these data cannot see at all.
+@dataclass(frozen=True, eq=False)
+class Screen:
+    """The linear problem around a fit, with the starts of every candidate among its columns.
 
-    Those, and starts whose promise has the wrong sign, are left out of the first.
+    Attributes:
+        at: the fit; own: its free parameters, the first columns.
+        asked: candidates that the data see, each with one of its starts and the columns of it.
+        gram: (p, p), gradient: (p,), rest: projected J^T J, J^T r and r^T r of all columns.
+        unseen: candidates that these data cannot see at all.
+    """
+
+    at: Fit
+    own: int
+    asked: tuple[tuple[Candidate, Start, tuple[int, ...]], ...]
+    gram: Floats
+    gradient: Floats
+    rest: float
+    unseen: frozenset[Key]
+
+
+def screen(problem: Problem, at: Fit, steps: dict[int, float], starts: Starts, exclude: Collection[Key] = ()) -> Screen:
+    """One linearisation for the whole library.
 
     Args:
         problem: data and model.
@@ -87,30 +103,43 @@ def score(
         exclude: keys of candidates that are not asked.
     """
     own = [slot_direction(problem, at.theta, k, steps[k]) for k in at.slots]
-    asked, directions = [], list(own)
+    asked: list[tuple[Candidate, Start, tuple[int, ...]]] = []
+    directions = list(own)
     for index, (c, start) in enumerate(starts.items):
         if c.key in exclude:
             continue
         amplitude = small_amplitude(problem, at, c, start, index, starts)
         columns = [column(at.theta, c, start, j, amplitude) for j in range(start.size)]
-        asked.append((c, start, range(len(directions), len(directions) + start.size)))
+        asked.append((c, start, tuple(range(len(directions), len(directions) + start.size))))
         directions += columns
     linear = linearise(problem, at.theta, at.x0, directions)
-    scores, visible, seen = [], linear.visible, set()
-    for c, start, columns_at in asked:
-        if not visible[list(columns_at)].any():
-            continue
-        seen.add(c.key)
-        drop, coefficients = _promise(linear.gram, linear.gradient, len(own), list(columns_at))
-        if start.amplitude is not None:
-            if coefficients[0] <= 0.0:
-                continue
-            coefficients = np.clip(coefficients, *_SECANT) * start.amplitude
-        values = start.point(list(coefficients))
-        if drop > 0.0 and c.effect.physical(values):
-            slots = dict(zip((p.symbol for p in c.effect.parameters), c.slots, strict=True))
-            scores.append(Score(c, drop, {slots[s]: v for s, v in values.items()}))
-    return sorted(scores, key=lambda s: -s.drop), frozenset(c.key for c, _, _ in asked) - seen
+    seen = [it for it in asked if linear.visible[list(it[2])].any()]
+    unseen = frozenset(c.key for c, _, _ in asked) - {c.key for c, _, _ in seen}
+    return Screen(at, len(own), tuple(seen), linear.gram, linear.gradient, linear.rest, unseen)
+
+
+def score(seen: Screen) -> list[Score]:
+    """Every start of every candidate beside the fit, best first; starts of the wrong sign are left out."""
+    scores = []
+    for c, start, columns_at in seen.asked:
+        drop, coefficients = _promise(seen.gram, seen.gradient, seen.own, list(columns_at))
+        values = begun_at(c, start, coefficients)
+        if drop > 0.0 and values is not None:
+            scores.append(Score(c, drop, values))
+    return sorted(scores, key=lambda s: -s.drop)
+
+
+def begun_at(c: Candidate, start: Start, coefficients: Floats) -> dict[int, float] | None:
+    """Where a fit begins that the linear problem sends to these coefficients: slot -> value; None if not physical."""
+    if start.amplitude is not None:
+        if coefficients[0] <= 0.0:
+            return None
+        coefficients = np.clip(coefficients, *_SECANT) * start.amplitude
+    values = start.point(list(coefficients))
+    if not c.effect.physical(values):
+        return None
+    slots = dict(zip((p.symbol for p in c.effect.parameters), c.slots, strict=True))
+    return {slots[s]: v for s, v in values.items()}
 
 
 def best_of_each(scores: Sequence[Score]) -> list[Score]:

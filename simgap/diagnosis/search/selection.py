@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.leaps import leap, merge
 from simgap.diagnosis.thresholds import (
     BIC_GAIN,
     EQUALS_PRUNED,
@@ -32,16 +33,34 @@ def choose(options: Iterable[Explanation]) -> Explanation | None:
     best = min(e.bic for e in listed)
     first = min((e for e in listed if e.bic - best < NEAR_TIE), key=lambda e: (e.count, e.bic))
     same = [e for e in listed if e.count == first.count and e.bic - first.bic < SAME_BIC]
-    return min(same, key=lambda e: (max(c.slots[0] for c in e.members), e.bic) if e.members else (-1, e.bic))
+    return min(same, key=_place)
+
+
+def _place(e: Explanation) -> tuple[object, ...]:
+    """Of sets that predict the same: what stands first in the library, then ratios nearest to what is declared."""
+    slots = sorted((c.slots[0] for c in e.members), reverse=True)
+    return slots[:1], _departure(e), slots, e.bic
+
+
+def _departure(e: Explanation) -> float:
+    """By how much ratios of true to declared differ from 1: the sum of their logarithms, to a hundredth."""
+    pairs = [(p, float(e.fit.theta[k])) for c in e.members for p, k in zip(c.effect.parameters, c.slots, strict=True)]
+    ratios = [abs(v) for p, v in pairs if p.symbol == "ratio" and p.null == 1.0 and v != 0.0]
+    return round(sum(abs(math.log(r)) for r in ratios), 2)
 
 
 def select(search: Search, base: Fit, most: int) -> Explanation:
-    """Forward selection: add the best effect, drop what is not worth it, swap what has a better rival; repeat.
+    """What the linear problems promise where no single effect reaches the noise; else forward selection.
 
-    Where more than one effect is needed the best first one need not be among them (two effects together can look like
-    a third): selection also sets out from the next best single effects, and all that was tried competes.
+    The second: add the best effect, drop what is not worth it, swap what has a better rival; repeat. It also sets out
+    from the next best single effects (two effects together can look like a third), and all that was tried competes.
     """
-    found = grow(search, search.empty(base), most)
+    empty = search.empty(base)
+    if not search.reached(empty) and not _alone(search, empty):
+        found = _leapt(search, base, most)
+        if found.members:
+            return found
+    found = grow(search, empty, most)
     if len(found.members) < 2:
         return found
     for first in sorted(search.joined(search.empty(base)), key=lambda e: e.bic)[:FIRST_EFFECTS]:
@@ -52,6 +71,25 @@ def select(search: Search, base: Fit, most: int) -> Explanation:
         _merge(search, found)
         found = preferred(search, found, most)
     return found
+
+
+def _alone(search: Search, empty: Explanation) -> bool:
+    """Whether one effect reaches the noise; what contains the best one is tried in its place."""
+    singles = search.joined(empty)
+    if not singles or any(search.reached(e) for e in singles):
+        return bool(singles)
+    return any(search.reached(e) for e in search.refined(min(singles, key=lambda e: e.bic)))
+
+
+def _leapt(search: Search, base: Fit, most: int) -> Explanation:
+    """The best of what the linear problems promise; what contains one of its effects is tried in that one's place."""
+    leap(search, base, most)
+    found = preferred(search, _best(search, most) or search.empty(base), most)
+    if not search.reached(found):
+        search.refined(found)
+    elif len(found.members) > 2:
+        merge(search, found)
+    return preferred(search, found, most)
 
 
 def _merge(search: Search, found: Explanation) -> None:
@@ -73,8 +111,13 @@ def preferred(search: Search, found: Explanation, most: int) -> Explanation:
         equals = [e for e in search.tried.values() if e.physical and abs(e.bic - found.bic) < SAME_BIC]
         for e in equals[:EQUALS_PRUNED]:
             _prune(search, e)
-    best = choose(e for e in search.tried.values() if e.physical and 0 < len(e.members) <= most)
+    best = _best(search, most)
     return found if best is None or not found.members else _prune(search, best)
+
+
+def _best(search: Search, most: int) -> Explanation | None:
+    """The best of all that was tried."""
+    return choose(e for e in search.tried.values() if e.physical and 0 < len(e.members) <= most)
 
 
 def grow(search: Search, current: Explanation, most: int) -> Explanation:
@@ -90,9 +133,9 @@ def grow(search: Search, current: Explanation, most: int) -> Explanation:
 def _prune(search: Search, current: Explanation) -> Explanation:
     """Drop effects while one of them is worth less than the threshold."""
     while len(current.members) > 1:
-        options = [search.without(current, c) for c in current.members]
-        best = min(options, key=lambda e: e.bic)
-        if best.bic - current.bic >= BIC_GAIN:
+        options = [search.without(current, c) for c in current.members if not search.surely(current, c)]
+        best = min(options, key=lambda e: e.bic, default=current)
+        if best is current or best.bic - current.bic >= BIC_GAIN:
             return current
         current = best
     return current
@@ -115,8 +158,7 @@ def _swap(search: Search, current: Explanation) -> Explanation:
 
 def best_so_far(search: Search, base: Fit, most: int) -> Explanation:
     """The answer of a search that ended early: the best of what was fitted, if it is worth its parameters."""
-    empty = search.empty(base)
-    best = choose(e for e in search.tried.values() if e.physical and 0 < len(e.members) <= most)
+    empty, best = search.empty(base), _best(search, most)
     return empty if best is None or empty.bic - best.bic < BIC_GAIN else best
 
 

@@ -22,6 +22,7 @@ from simgap.diagnosis.thresholds import (
     FIT_QUALITY,
     FOLD_AGREEMENT,
     HELD_OUT_QUALITY,
+    LEAPS_ANYHOW,
     NO_MORE_THAN_NOISE,
 )
 from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error
@@ -186,8 +187,9 @@ class Evidence:
 def verdict(found: Explanation, evidence: Evidence) -> Verdict:
     """The table of verdicts; a fit that has not settled is never more than `partial`.
 
-    Where faults of the recording alone explain the data down to their noise, the model lacks nothing; nor where it is
-    at the noise as declared, and *confirm* does not ask for what was found.
+    More than `LEAPS_ANYHOW` effects bend to much: halves of the data must agree on them. Where faults of the recording
+    alone explain the data down to their noise, the model lacks nothing; nor where it is at the noise as declared, and
+    *confirm* does not ask for what was found.
     """
     if not found.members:
         return "none" if evidence.before <= FIT_QUALITY and at_noise(evidence.declared) else "unexplained"
@@ -195,7 +197,8 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
         return "none"
     at_floor = evidence.after <= FIT_QUALITY and evidence.corrected.ratio <= HELD_OUT_QUALITY
     plant = any(not c.of_recording for c in found.members)
-    if at_floor and found.fit.converged and evidence.needed:
+    sure = evidence.agree or len(found.members) <= LEAPS_ANYHOW
+    if at_floor and found.fit.converged and evidence.needed and sure:
         return "attributed" if plant else "none"
     if not plant:
         return "unexplained"

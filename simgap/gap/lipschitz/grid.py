@@ -6,11 +6,16 @@ of a constant is the largest slope plus change of slope. It is an *estimate*: sa
 The resolution ratio L(s) / L(2 s) tells whether the grid sees the steepest part: above `GATE` it does not, and the
 constant must not be used, unless the steep cells are few and are covered by the jump seen there (`rough_cells`), as
 with Coulomb friction at rest.
+
+No number of one input depends on those of another but through largest values, so inputs are taken some at a time: what
+is held beside the values themselves does not grow with their number, and the result is the same to the last bit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
+from types import EllipsisType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +27,8 @@ from simgap.gap.thresholds import GATE, SPLIT_GATE, STEEP_SHARE
 from simgap.geometry import Floats, Grid
 
 Mask = NDArray[np.bool_]
+PIECE = 2**19
+"""Samples that are looked at together, if one input has no more."""
 
 
 def estimate(d: Floats, grid: Grid, free: tuple[int, ...] = (), floor: float = 0.0) -> GridLipschitz:
@@ -36,16 +43,18 @@ def estimate(d: Floats, grid: Grid, free: tuple[int, ...] = (), floor: float = 0
     nx = len(grid.cells)
     constants, slopes, ratio, smooth = np.zeros(nx), np.zeros(nx), np.ones(nx), np.zeros(nx)
     for j in axes:
-        step, s = steps(e, j, grid), 2.0 * grid.h[j]
-        first = to_cells(step, j, grid)
-        local = (first + turns(step, j, grid, axes)) / s
-        constants[j], slopes[j] = local.max(), first.max() / s
+        s = 2.0 * grid.h[j]
+        for own in pieces(e):
+            step = steps(e[own], j, grid)
+            first = to_cells(step, j, grid)
+            local = (first + turns(step, j, grid, axes)) / s
+            constants[j], slopes[j] = max(constants[j], local.max()), max(slopes[j], first.max() / s)
+            smooth[j] = max(smooth[j], local[~rough[own]].max(initial=0.0))
         ratio[j] = _resolution(e, j, grid, floor)
-        smooth[j] = local[~rough].max(initial=0.0)
     share, box, jump = float(rough.mean()), None, 0.0
     if rough.any():
-        low, high = _spread(e, grid, axes)
-        jump = float((high - low)[rough].max())
+        spreads = [_spread(e[own], grid, axes)[rough[own]].max(initial=0.0) for own in pieces(e)]
+        jump = float(max(spreads))
         places = grid.centres()[rough.reshape(grid.size, -1).any(axis=1)]
         box = np.stack([places.min(axis=0) - grid.h, places.max(axis=0) + grid.h])
     return GridLipschitz(constants, slopes, ratio, smooth, share, box, jump)
@@ -53,7 +62,8 @@ def estimate(d: Floats, grid: Grid, free: tuple[int, ...] = (), floor: float = 0
 
 def _resolution(e: Floats, j: int, grid: Grid, floor: float) -> float:
     """L(s) / L(2 s), or L(2 s) / L(4 s) if larger: a jump on a sample is split in two and hides from the first."""
-    top = [np.abs(double_steps(e, j, grid, cells)).max() / cells for cells in (1, 2, 4) if cells < grid.cells[j]]
+    known = [cells for cells in (1, 2, 4) if cells < grid.cells[j]]
+    top = [max(np.abs(double_steps(e[own], j, grid, n)).max() for own in pieces(e)) / n for n in known]
     pairs = [(a, b) for a, b in pairwise(top) if a > floor]
     return max((float(a / b) if b > 0.0 else np.inf for a, b in pairs), default=1.0)
 
@@ -69,27 +79,43 @@ def rough_cells(e: Floats, grid: Grid, axes: tuple[int, ...], floor: float, spli
     rough = np.zeros(e.shape, dtype=bool)
     for j in axes:
         out = _steep(e, j, grid, 1, floor, GATE, None)
-        rough |= to_cells(out, j, grid) > 0
+        if out.any():
+            for own in pieces(e):
+                rough[own] |= to_cells(out[own], j, grid) > 0
         if split and grid.cells[j] > 4:
             known = _contain(out, j, grid, 1)
             rough |= _middle(_steep(e, j, grid, 2, floor, SPLIT_GATE, known) & ~known, j, grid)
     if not rough.any():
         return rough
-    wider = maximum_filter(rough.view(np.uint8), size=window(grid, axes), mode=modes(grid))
-    return np.asarray(wider > 0)
+    for own in pieces(e):
+        rough[own] = maximum_filter(rough[own].view(np.uint8), size=window(grid, axes), mode=modes(grid)) > 0
+    return rough
 
 
 def _steep(e: Floats, j: int, grid: Grid, cells: int, floor: float, gate: float, known: Mask | None) -> Mask:
     """Differences over `cells` cells without which those over twice as many are within `gate`; `known` ones are out."""
-    step = np.abs(double_steps(e, j, grid, cells))
-    wide = 0.5 * np.abs(double_steps(e, j, grid, 2 * cells))
-    out = np.zeros(step.shape, dtype=bool) if known is None else known.copy()
+    shape = list(e.shape)
+    shape[j] -= 0 if j in grid.periodic else cells
+    out = np.zeros(shape, dtype=bool) if known is None else known.copy()
     while True:
-        fine = step[~out].max(initial=0.0)
-        broad = wide[~_contain(out, j, grid, cells)].max(initial=0.0)
+        fine = broad = 0.0
+        for own in pieces(e):
+            step, wide = (np.abs(double_steps(e[own], j, grid, n)) for n in (cells, 2 * cells))
+            fine = max(fine, step[~out[own]].max(initial=0.0))
+            broad = max(broad, 0.5 * wide[~_contain(out[own], j, grid, cells)].max(initial=0.0))
         if fine <= max(gate * broad, floor):
             return out
-        out |= step > max(gate * broad, STEEP_SHARE * fine, floor)
+        for own in pieces(e):
+            step = np.abs(double_steps(e[own], j, grid, cells))
+            out[own] |= step > max(gate * broad, STEEP_SHARE * fine, floor)
+
+
+def pieces(e: NDArray[np.generic]) -> Iterator[tuple[EllipsisType, slice]]:
+    """Indices of some inputs after the others, of values (cells_1, ..., cells_nx, M)."""
+    inputs = e.shape[-1]
+    together = max(1, PIECE * inputs // max(1, e.size))
+    for first in range(0, inputs, together):
+        yield ..., slice(first, first + together)
 
 
 def as_grid(d: Floats, grid: Grid) -> Floats:
@@ -180,6 +206,7 @@ def modes(grid: Grid) -> list[str]:
     return [*("wrap" if j in grid.periodic else "nearest" for j in range(len(grid.cells))), "nearest"]
 
 
-def _spread(e: Floats, grid: Grid, axes: tuple[int, ...]) -> tuple[Floats, Floats]:
+def _spread(e: Floats, grid: Grid, axes: tuple[int, ...]) -> Floats:
+    """Largest less least value around each cell."""
     size, mode = window(grid, axes), modes(grid)
-    return minimum_filter(e, size=size, mode=mode), maximum_filter(e, size=size, mode=mode)
+    return np.asarray(maximum_filter(e, size=size, mode=mode) - minimum_filter(e, size=size, mode=mode))

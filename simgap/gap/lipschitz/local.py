@@ -12,15 +12,27 @@ and the padding is at least that.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from types import EllipsisType
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from simgap.gap.lipschitz.grid import Mask, as_grid, modes, moving_axes, rough_cells, steps, to_cells, turns, window
+from simgap.gap.lipschitz.grid import (
+    Mask,
+    as_grid,
+    modes,
+    moving_axes,
+    pieces,
+    rough_cells,
+    steps,
+    to_cells,
+    turns,
+    window,
+)
 from simgap.geometry import Floats, Grid
 
 
@@ -54,10 +66,6 @@ class LocalPadding:
     def _rough(self) -> Mask:
         return rough_cells(self._field, self.grid, self.axes, self.floor)
 
-    @cached_property
-    def _turns(self) -> dict[int, Floats]:
-        return {j: turns(steps(self._field, j, self.grid), j, self.grid, self.axes) for j in self.axes}
-
     def of_target(self) -> tuple[Floats, float]:
         """Padding of t itself (q = 0): (N, M), and the share of rough cells."""
         return self.of_residual(np.zeros_like(self.target), lambda j: np.zeros((1, 1)), np.zeros((0, 0)))
@@ -70,8 +78,11 @@ class LocalPadding:
         Along the surface they stand for half a cell on either side. What the residual does across it, between the
         centre of their cell and themselves, they show; the second number is what the slopes there allow.
         """
-        parts, bend = self._parts(slope or (lambda j: np.zeros((1, 1)))), self._bend(curvature)
-        rows = {j: part.reshape(self.target.shape)[beside.cells] for j, part in parts.items()}
+        bend, count = self._bend(curvature), (len(beside.cells), self.target.shape[1])
+        rows = {j: np.empty(count) for j in self.axes}
+        for inputs in pieces(self._field):
+            for j, part in self._parts(slope or (lambda j: np.zeros((1, 1))), inputs):
+                rows[j][inputs] = part.reshape(self.grid.size, -1)[beside.cells]
         moved, held = np.zeros((len(beside.cells), self.target.shape[1])), np.zeros((1, 1))
         for j, own in rows.items():
             moved = moved + np.where(beside.fixed[:, [j]], 0.0, own)
@@ -82,30 +93,41 @@ class LocalPadding:
         moving = np.array([h if j in self.axes else 0.0 for j, h in enumerate(self.grid.h)])
         return 0.5 * float(moving @ curvature @ moving) if curvature is not None and curvature.size else 0.0
 
-    def _parts(self, slope: Callable[[int], Floats]) -> dict[int, Floats]:
-        """What each axis adds to the padding, as `_field`."""
-        parts = {}
+    def _of(self, values: Floats, inputs: tuple[EllipsisType, slice]) -> Floats:
+        """What broadcasts to (N, M), for some inputs, as `_field`."""
+        some: Floats = np.broadcast_to(values, self.target.shape)[inputs]
+        return some.reshape(*self._field.shape[:-1], -1)
+
+    def _parts(
+        self, slope: Callable[[int], Floats], inputs: tuple[EllipsisType, slice]
+    ) -> Iterator[tuple[int, Floats]]:
+        """What each axis adds to the padding for some inputs, as `_field`."""
         for j in self.axes:
-            expected = np.broadcast_to(slope(j) * 2.0 * self.grid.h[j], self.target.shape).reshape(self._field.shape)
-            step = steps(self._field, j, self.grid)
-            parts[j] = 0.5 * self._widest(to_cells(step, j, self.grid, expected) + self._turns[j])
-        return parts
+            expected = self._of(slope(j) * 2.0 * self.grid.h[j], inputs)
+            step = steps(self._field[inputs], j, self.grid)
+            turned = turns(step, j, self.grid, self.axes)
+            yield j, 0.5 * self._widest(to_cells(step, j, self.grid, expected) + turned)
 
     def of_residual(self, values: Floats, slope: Callable[[int], Floats], curvature: Floats) -> tuple[Floats, float]:
         """Padding of t - q.p, from q.p (N, M), its slopes there and H (nx, nx): (N, M) and the share of rough cells."""
-        grid, bend = self.grid, self._bend(curvature)
-        pad, own = np.zeros_like(self._field), np.zeros_like(self._field)
-        for j, part in self._parts(slope).items():
-            pad += part
-            own += np.broadcast_to(np.abs(slope(j)) * grid.h[j], self.target.shape).reshape(self._field.shape)
+        grid, bend, pad = self.grid, self._bend(curvature), np.zeros_like(self._field)
+        for inputs in pieces(pad):
+            for _, part in self._parts(slope, inputs):
+                pad[inputs] += part
         pad += bend
         residual = self._field - values.reshape(self._field.shape)
         rough = self._rough | rough_cells(residual, grid, self.axes, self.floor, split=False)  # t has the jumps
         if rough.any():
-            usual = float(pad[~rough].max(initial=0.0))
-            straight = self._widest(residual)[rough] - residual[rough] + 5.0 * bend
-            flat = self._widest(self._field)[rough] - self._field[rough] + own[rough] + bend
-            pad[rough] = np.maximum(pad[rough], np.minimum(straight, flat) + usual)
+            usual = max(float(pad[some][~rough[some]].max(initial=0.0)) for some in pieces(pad))
+            for inputs in pieces(pad):
+                own = np.zeros_like(pad[inputs])
+                for j in self.axes:
+                    own += self._of(np.abs(slope(j)) * grid.h[j], inputs)
+                left, field, where = residual[inputs], self._field[inputs], rough[inputs]
+                straight = self._widest(left)[where] - left[where] + 5.0 * bend
+                flat = self._widest(field)[where] - field[where] + own[where] + bend
+                some = pad[inputs]
+                some[where] = np.maximum(some[where], np.minimum(straight, flat) + usual)
         return pad.reshape(self.target.shape), float(rough.mean())
 
     def _widest(self, values: Floats) -> Floats:

@@ -79,22 +79,27 @@ def dimension_samples(context: Context, points: Points, shards: Sequence[Columns
     """
     where, name = sample_grid(context, points), context.states[i]
     model = context.plant.sampled
-    d = np.empty((2, where.size))
-    done, spread = 0, False
+    lower, upper = np.empty(where.size), None
+    done = 0
     for rolled in shards:
         x, u = stacked(rolled, context.states), stacked(rolled, context.inputs)
         check_rows(points, done, x, u)
         predicted = model.step(x, u)[:, i]
         least, largest = successors(rolled, name)
-        d[0, done : done + len(x)], d[1, done : done + len(x)] = least - predicted, largest - predicted
-        spread, done = spread or least is not largest, done + len(x)
+        own = slice(done, done + len(x))
+        lower[own] = least - predicted
+        if largest is not least and upper is None:  # the second end takes memory only where there is one
+            upper = lower.copy()
+        if upper is not None:
+            upper[own] = largest - predicted
+        done += len(x)
     if done != where.size:
         raise UserError(
             f"the shards hold {done} roll-outs, the grid {points.name} needs {where.size}",
             remedy="Delete the shards of this grid and run again.",
         )
-    lower, upper = d.reshape(2, where.grid.size, len(where.inputs))
-    return DimensionSamples(where, i, lower, upper if spread else None)
+    shape = where.grid.size, len(where.inputs)
+    return DimensionSamples(where, i, lower.reshape(shape), upper.reshape(shape) if upper is not None else None)
 
 
 def check_drawn(context: Context, x: Floats, u: Floats) -> None:

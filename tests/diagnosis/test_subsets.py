@@ -1,0 +1,76 @@
+"""Sets of effects by the normal equations of one linearisation, against least squares over all of them."""
+
+from __future__ import annotations
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from simgap.diagnosis.conclude import better
+from simgap.diagnosis.search.equivalence import Rival
+from simgap.diagnosis.search.scoring import Screen
+from simgap.diagnosis.search.subsets import best_subsets
+
+
+def _screen(columns: np.ndarray, residual: np.ndarray, own: int) -> Screen:
+    """Columns (n, p), the first `own` of free parameters, the others of effects of one parameter."""
+    start = SimpleNamespace(amplitude=None, point=lambda c: {"a": c[0]})
+    asked = []
+    for j in range(own, columns.shape[1]):
+        effect = SimpleNamespace(
+            contains=None, physical=lambda v: True, parameters=(SimpleNamespace(symbol="a"),), name=f"e{j}"
+        )
+        asked.append((SimpleNamespace(effect=effect, key=(f"e{j}", "x"), slots=(j,)), start, (j,)))
+    at = SimpleNamespace(slots=tuple(range(own)), theta=np.zeros(columns.shape[1]))
+    return Screen(
+        at, own, tuple(asked), columns.T @ columns, columns.T @ residual, float(residual @ residual), frozenset()
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_pair_that_is_worth_little_singly_is_found(seed):
+    """Two columns that nearly cancel in what is missing: alone another one is best, together they leave nothing."""
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((200, 9))
+    columns[:, 3] = -columns[:, 5] + 0.05 * rng.standard_normal(200)
+    missing = 20.0 * columns[:, 3] + 20.0 * columns[:, 5]
+    columns[:, 7] = missing + 0.3 * np.linalg.norm(missing) / np.sqrt(200) * rng.standard_normal(200)
+    residual = 0.4 * columns[:, 0] + missing
+    found = best_subsets(_screen(columns, residual, 2), 2)
+    left = {}
+    for pair in itertools.combinations(range(2, 9), 2):
+        some = columns[:, [0, 1, *pair]]
+        fitted = np.linalg.lstsq(some, residual, rcond=None)[0]
+        left[pair] = float(np.sum((residual - some @ fitted) ** 2))
+    best = min(left, key=left.get)
+    assert best == (3, 5)
+    assert best_subsets(_screen(columns, residual, 2), 1)[0].members[0].key == ("e7", "x")
+    assert sorted(c.slots[0] for c in found[0].members) == [3, 5]
+    assert found[0].values[3] == pytest.approx(20.0, rel=1e-4)
+    assert found[0].values[0] == pytest.approx(0.4, rel=1e-3)
+    order = sorted(left.values())
+    assert [s.left for s in found[1:5]] == pytest.approx(order[1:5], rel=1e-6)
+
+
+def test_columns_of_one_direction_make_one_set():
+    rng = np.random.default_rng(5)
+    columns = rng.standard_normal((100, 5))
+    columns[:, 4] = 3.0 * columns[:, 2]
+    residual = columns[:, 2] + columns[:, 1] + 0.1 * rng.standard_normal(100)
+    found = best_subsets(_screen(columns, residual, 0), 2)
+    assert sorted(c.slots[0] for c in found[0].members) == [1, 2]
+    assert {1, 4} not in [{c.slots[0] for c in s.members} for s in found]
+    assert {2, 4} not in [{c.slots[0] for c in s.members} for s in found]
+
+
+def test_a_set_that_fits_clearly_better_than_the_answer_is_called_so():
+    def fitted(name, bic):
+        effect = SimpleNamespace(phrase=lambda on: f"{name} at the {on}")
+        return SimpleNamespace(members=(SimpleNamespace(effect=effect, on="hinge"),), bic=bic)
+
+    answer = fitted("drag", 100.0)
+    assert better([Rival(fitted("a spring", 95.0), False)], answer) == ()
+    (said,) = better([Rival(fitted("a spring", 95.0), False), Rival(fitted("friction", 83.0), False)], answer)
+    assert "friction at the hinge fits better (BIC lower by 17)" in said
