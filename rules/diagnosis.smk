@@ -35,7 +35,10 @@ def own_recordings(case):
     """
     measured = case_of(case).measured
     files = [
-        CASE_FOLDER / name for name in (measured.files if measured is not None else ())
+        path
+        for _, path in matching(
+            CASE_FOLDER, measured.files if measured is not None else ()
+        )
     ]
     return {str(path): file_digest(path) if path.is_file() else None for path in files}
 

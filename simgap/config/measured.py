@@ -146,7 +146,8 @@ class MeasuredSection(Section):
 
     files: tuple[str, ...] = Field(
         default=(),
-        description="CSV, Parquet or MCAP files, relative to the case file; files on the command line replace them.",
+        description="CSV, Parquet or MCAP files, relative to the case file, or patterns (runs/*.csv, in "
+        "the order of their names); files on the command line replace them.",
     )
     columns: dict[str, Annotated[ColumnMap, BeforeValidator(_column, str | ColumnMap)]] = Field(
         default_factory=dict, description="For a state or an input: its column, if it is not a column of the same name."

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from simgap.config.measured import MeasuredSection
+from simgap.config.recordings import matching
 from simgap.diagnosis.reading.channels import Channel, measured_columns
 from simgap.diagnosis.reading.conditions import conditioned
 from simgap.diagnosis.reading.stamps import same_file
@@ -37,8 +38,8 @@ def check_measured(context: Context) -> None:
         _refuse_links(context, section)
         if section.files:
             paths = named_files(context, section)
-            for place, path in enumerate(paths):
-                _refuse_columns(context, section, channels, path, place)
+            for path in paths:
+                _refuse_columns(context, section, channels, path)
             _refuse_other_files(section, [display_name(path, context.folder) for path in paths])
 
 
@@ -46,17 +47,17 @@ def named_files(context: Context, section: MeasuredSection) -> list[Path]:
     """The recordings that the case names.
 
     Raises:
-        UserError: one that is not there.
+        UserError: one that is not there, or a pattern that no file matches.
     """
-    paths = [context.folder / name for name in section.files]
-    for k, path in enumerate(paths):
+    found = matching(context.folder, section.files)
+    for k, path in found:
         if not path.is_file():
             raise UserError(
                 f"{'is a folder' if path.is_dir() else 'there is no file'}: '{section.files[k]}'",
                 file=context.path, key=f"measured.files.{k}",
                 remedy="Correct the path of a CSV, Parquet or MCAP file; it starts from the folder of the case.",
             )  # fmt: skip
-    return paths
+    return [path for _, path in found]
 
 
 def _refuse_effects(section: MeasuredSection) -> None:
@@ -93,11 +94,9 @@ def _refuse_links(context: Context, section: MeasuredSection) -> None:
             )  # fmt: skip
 
 
-def _refuse_columns(
-    context: Context, section: MeasuredSection, channels: Sequence[Channel], path: Path, place: int
-) -> None:
+def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequence[Channel], path: Path) -> None:
     """The header of one file against what the case maps."""
-    name = section.files[place]
+    name = display_name(path, context.folder)
     header, units = read_header(path, name)
     if section.time.column not in header and not is_mcap(path):  # its messages have stamps
         listed = ", ".join(f"'{column}'" for column in header)

@@ -10,6 +10,8 @@ import yaml
 
 from simgap.errors import UserError
 from simgap.stages import check, diagnosis
+from simgap.stages.context import Context
+from simgap.stages.measured_check import check_measured, named_files
 
 BALL = {
     "name": "ball",
@@ -52,6 +54,7 @@ def columns(**changes):
 
 
 WRONG = [
+    ({"files": ["run.csv", "runs/*.csv"]}, "files.1", "there is no file: 'runs/*.csv'", "starts from the folder"),
     ({"files": ["run.csv", "gone.csv"]}, "files.1", "there is no file: 'gone.csv'", "starts from the folder"),
     (columns(x={"column": "ball", "unit": "deg"}), "columns.x.unit", "'deg' cannot be converted to 'm'", "like 'm'"),
     (columns(x={"column": "ball", "unit": "milimetre"}), "columns.x.unit", "'milimetre' is not a unit", "Write units"),
@@ -104,3 +107,17 @@ def test_the_unit_that_a_parquet_file_stores_counts(ball, tmp_path):
     path = ball(files=["run.parquet"], **columns(x={"column": "ball"}))
     with pytest.raises(UserError, match=r"run\.parquet: column 'ball': 'kg' cannot be converted to 'm'"):
         check.run(path)
+
+
+def test_a_pattern_stands_for_the_files_that_match_it_in_the_order_of_their_names(ball, tmp_path):
+    """Each file once, whatever names bring it; a file whose own name looks like a pattern is that file."""
+    (tmp_path / "runs").mkdir()
+    for name in ("b", "a", "c[1]"):
+        (tmp_path / "runs" / f"{name}.csv").write_bytes((tmp_path / "run.csv").read_bytes())
+    context = Context.load(ball(files=["runs/b.csv", "runs/*.csv", "runs/c[1].csv", "run.csv"]))
+    check_measured(context)
+    assert context.case.measured is not None
+    found = named_files(context, context.case.measured)
+    assert [p.relative_to(tmp_path).as_posix() for p in found] == [
+        "runs/b.csv", "runs/a.csv", "runs/c[1].csv", "run.csv"
+    ]  # fmt: skip
