@@ -65,18 +65,20 @@ class ShiftDeviation:
         below, above = (np.abs(own[:, 1:] - own[:, :1]).max(axis=(0, 1, 2)) for own in ends)
         return ShiftDeviation(np.maximum(below, above), len(lower), symmetry.along)
 
-    def check(self, states: Sequence[str], tolerance: Mapping[str, float]) -> None:
-        """Hold it against the tolerance of the case.
+    def check(self, states: Sequence[str], tolerance: Mapping[str, float], stops: Sequence[str] = ()) -> None:
+        """Hold it against the tolerance of the case; `stops` says which joints X takes to their stops.
 
         Raises:
             BrokenPromise: naming the state, the deviation and the tolerance.
         """
         for name, value in zip(states, self.largest, strict=True):
             if value > tolerance[name]:
+                at_stops = f"; X goes to the stops of {' and '.join(stops)}" if stops else ""
+                shrink = "Keep X a step's travel away from the stops, or leave" if stops else "Leave"
                 raise BrokenPromise(
                     f"the declared symmetry does not hold: between places along {', '.join(self.along)} the gap in "
-                    f"{name} deviates by {value:.3g}, symmetry.tolerance allows {tolerance[name]:.3g}",
-                    "Leave the state out of symmetry.along, or raise the tolerance knowingly",
+                    f"{name} deviates by {value:.3g}, symmetry.tolerance allows {tolerance[name]:.3g}{at_stops}",
+                    f"{shrink} the state out of symmetry.along, or raise the tolerance knowingly",
                 )
 
     def tier(self, states: Sequence[str]) -> Tier:

@@ -7,7 +7,7 @@ Nothing here is refused: gamma covers what the simulator does. It is said, so th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,7 +85,7 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
                 "simulator.damping.joint",
                 f"replaces the damping {joint.damping:g} that the file states for joint '{name}' by {own.joint:g}; the "
                 "nominal model keeps the file's",
-                f"Set it to {joint.damping:g} if the two should agree.",
+                _agreeing(name, joint.damping, {own.damping for own in file.joints.values()}),
             )
     if traits.damps_links and (own.linear or own.angular):
         yield Finding(
@@ -96,9 +96,22 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
         )
 
 
+def _agreeing(name: str, own: float, stated: Collection[float]) -> str:
+    """What makes engine and model agree on the damping of a joint, where one key is that of all joints."""
+    least = min(stated)
+    if len(stated) == 1:
+        return f"Set it to {own:g} if the two should agree."
+    if own == least:
+        return f"Set it to {own:g}, the least of the joints, if the two should agree."
+    return (
+        f"It is one number for joints that differ: set it to {least:g}, the least, and give '{name}' viscous_friction "
+        f"of {own - least:g} in simulator.effects, if the two should agree."
+    )
+
+
 def _joint(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
     place = f"joint '{name}'"
-    if joint.friction > 0:
+    if joint.friction > 0 and not _declared(case, name):
         yield Finding(
             place, f"neither Drake nor the engine acts out its friction {joint.friction:g}",
             "Declare coulomb_friction in simulator.effects, and in plant.effects if the model should know it.",
@@ -117,6 +130,12 @@ def _joint(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Itera
     yield from _efforts(case, name, joint)
 
 
+def _declared(case: Case, joint: str) -> bool:
+    """Whether an effect of the simulator is some dry friction of a joint."""
+    effects = case.simulator.effects if case.simulator is not None else ()
+    return any(e.on == joint and "friction" in e.name and e.name != "viscous_friction" for e in effects)
+
+
 def _ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
     assert case.domain is not None
     for state, section in case.plant.states.items():
@@ -132,6 +151,13 @@ def _ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iter
                     "and the nominal model does not",
                     "Keep X inside the range, with room for one step.",
                 )  # fmt: skip
+            elif least < most and any(to_stop(case, state, end) for end in joint.range):
+                yield Finding(
+                    key, f"comes within {_travel(case, state):.3g} of the stops at {least:g} and {most:g} of joint "
+                    f"'{name}', which is what it travels in one step at its fastest: the engine stops it there and the "
+                    "nominal model does not",
+                    "Keep X farther inside, or fewer speeds in X.",
+                )  # fmt: skip
         if section.quantity != "velocity":
             continue
         if joint.velocity is not None and fastest > joint.velocity:
@@ -145,6 +171,22 @@ def _ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iter
                 key, f"reaches {fastest:g}, the engine cuts every joint's speed at {traits.fastest:g}",
                 "Keep X below it.",
             )  # fmt: skip
+
+
+def to_stop(case: Case, state: str, end: float) -> bool:
+    """Whether one step at the largest speed of X leads from X to a stop of the joint whose position `state` is."""
+    assert case.domain is not None
+    lo, hi = case.domain.X[state]
+    travel = _travel(case, state)
+    return lo - travel < end < hi + travel
+
+
+def _travel(case: Case, state: str) -> float:
+    """What the joint of a position travels in one step at the largest speed of X."""
+    assert case.domain is not None
+    joint = case.plant.states[state].joint
+    speeds = [n for n, s in case.plant.states.items() if s.joint == joint and s.quantity == "velocity"]
+    return case.domain.tau * max((abs(v) for n in speeds for v in case.domain.X[n]), default=0.0)
 
 
 def _efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:

@@ -27,6 +27,7 @@ from simgap.simulators.process import run_in_processes
 from simgap.simulators.surprises import Finding, surprises
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
+from simgap.stages.between_check import between_samples
 from simgap.stages.context import Context, log
 from simgap.stages.costs import StageCost, affordable, costs, duration, size
 from simgap.stages.fair_baseline import minding_the_path
@@ -89,13 +90,15 @@ def run(
         build = time.process_time() - began
         _specification(context)
         _basis(context)
+        of_path = between_samples(context)
         if case.simulator is not None:
             said(f"asking the engine {case.simulator.engine}")
         findings, rollout = of_engine(context, file, engine_log)
         found = costs(context, rollout, build=build) if case.domain is not None else []
         affordable(context, found)
     compared = findings is not None
-    of_case = [*mixed_units(context), *wrong_dimensions(context), *heavy_steps(context), *long_steps(context)]
+    of_equations = [*mixed_units(context), *wrong_dimensions(context)]
+    of_case = [*of_equations, *heavy_steps(context), *long_steps(context), *of_path]
     result = Checked(found, _cells(context), [*(findings or []), *of_case], compared)
     for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)

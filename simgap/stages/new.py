@@ -22,6 +22,7 @@ from simgap.io.pages import text
 from simgap.plants.model_file import ModelFile, read_model_file
 from simgap.plants.numeric_terms import MOST_DERIVED
 from simgap.stages.new_joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
+from simgap.stages.new_wheels import refuse_wheels
 from simgap.stages.propose import numbers
 
 ENGINE_STEPS = 240
@@ -67,6 +68,8 @@ def _of_urdf(
     tell: Callable[[str], None], note: Callable[[str], None],
 ) -> str:  # fmt: skip
     file = read_model_file(urdf)
+    if inputs is None:
+        refuse_wheels(urdf)
     axes = axes_of(urdf, file.joints, at)
     driven, why = drives(file, inputs, len(axes) <= MOST_DERIVED)
     axes = [replace(a, driven=a.joint in driven) for a in axes]

@@ -7,6 +7,7 @@ it by at most that much, and a path whose samples all keep that distance from an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -20,6 +21,9 @@ from simgap.model.symbolic import SymbolicModel
 Floats = NDArray[np.float64]
 Rates = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
 _ROUNDS = 50
+_LEAVES, _HALVINGS, _REFINED = 0.25, 24, 8
+"""Of the width of a box, what a path may stray at a sampling time that a refusal names (judgement: half of the box is
+left); how often tau is halved in search of it, and then how often bisected."""
 
 
 def rates(model: SymbolicModel) -> Rates:
@@ -53,20 +57,52 @@ def excursion(
         BrokenPromise: when the iteration does not settle (the dynamics may leave any bound within half a sample).
     """
     added = np.zeros(region.size) if extra_rate is None else np.asarray(extra_rate, dtype=np.float64)
-    reach = np.zeros(region.size)
+    reach, speed, needed = _settled(rates_over, region, inputs, tau, added)
+    if speed is not None:
+        return reach, speed
+    axis = int(np.argmax(np.where(np.isfinite(needed), needed / (region.hi - region.lo), np.inf)))
+    of = f" of {names[axis]}" if names else ""
+    shorter = enough(rates_over, region, inputs, tau, added)
+    raise BrokenPromise(
+        f"the motion{of} between samples has no bound: within half of tau = {tau:g} s it may leave any box",
+        f"Shorten domain.tau{f' to about {shorter:g} s' if shorter else ''}, or shrink domain.X",
+    )
+
+
+def enough(rates_over: Rates, region: Box, inputs: Floats, tau: float, extra_rate: Floats) -> float | None:
+    """A shorter sampling time, two digits, at which a path strays by a quarter of the region at most; None if none is.
+
+    The arguments are those of `excursion`. `extra_rate` is kept, as if what it stands for shrank as tau does.
+    """
+
+    def leaves(time: float) -> bool:
+        reach, speed, _ = _settled(rates_over, region, inputs, time, extra_rate)
+        return speed is not None and bool((reach <= _LEAVES * (region.hi - region.lo)).all())
+
+    low = next((own for own in tau / 2.0 ** np.arange(1, _HALVINGS) if leaves(own)), None)
+    if low is None:
+        return None
+    high = 2.0 * low
+    for _ in range(_REFINED):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if leaves(middle) else (low, middle)
+    digits = 1 - math.floor(math.log10(low))
+    return math.floor(low * 10.0**digits) / 10.0**digits
+
+
+def _settled(
+    rates_over: Rates, region: Box, inputs: Floats, tau: float, added: Floats
+) -> tuple[Floats, Floats | None, Floats]:
+    """The excursion, the rates over the region so widened (None where it does not settle), what it would take next."""
+    reach = needed = np.zeros(region.size)
     for _ in range(_ROUNDS):
         lo, hi = (np.tile(end, (len(inputs), 1)) for end in (region.lo - reach, region.hi + reach))
         low, high = rates_over(lo, hi, inputs)
         speed = np.maximum(np.abs(low), np.abs(high)).max(axis=0) + added
         needed = 0.5 * tau * speed * (1.0 + 1e-12)
         if np.all(needed <= reach):
-            return reach, speed
+            return reach, speed, needed
         if not np.all(np.isfinite(needed)):
             break
         reach = needed * (1.0 + 1e-6)
-    axis = int(np.argmax(np.where(np.isfinite(needed), needed / (region.hi - region.lo), np.inf)))
-    of = f" of {names[axis]}" if names else ""
-    raise BrokenPromise(
-        f"the motion{of} between samples has no bound: within half of tau = {tau:g} s it may leave any box",
-        "Shorten domain.tau, or shrink domain.X",
-    )
+    return reach, None, needed

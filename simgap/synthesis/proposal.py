@@ -31,6 +31,9 @@ SHARES = (0.1, 0.2, 0.4)
 taken. A pole on a cart wins .18 of its box with .09 of it. Stronger ones are farther apart, which costs cells."""
 WINS = 0.1
 """Share of the cells that has to win. Judgement: beside it a bound of the gap still leaves some."""
+TRAVEL = 1.2
+"""Times what a step travels by the linear model, kept free before the stops of a joint: an engine brakes a bit before
+them, and the model is not linear. Judgement."""
 GROWTH = 2.5
 """Times as many cells from one round to the next."""
 PAIRS = 60_000_000
@@ -84,7 +87,8 @@ def propose(
     Args:
         model: continuous. sampled: the nominal model over so many seconds.
         at: states of the posture around which to work, 0 where none is given.
-        limits: for inputs that have one the largest size. room: for states that have one the interval to stay within.
+        limits: for inputs that have one the largest size. room: for states that have one the interval to stay within;
+            of a position these are stops, and X keeps a step's travel away from them.
         tell: hears what is being done.
 
     Raises:
@@ -149,8 +153,12 @@ class _Search:
             min(MOST, max(least, 1 + 2 * math.ceil(n / max(a, 1e-300)))) for n, a in zip(needed, apart, strict=True)
         ]
 
-    def box(self) -> Floats:
-        """Half-widths of X: an angle on which the motion depends goes to REACH, and nothing beyond its room."""
+    def box(self, share: float) -> Floats:
+        """Half-widths of X: an angle on which the motion depends goes to REACH, and nothing beyond its room.
+
+        Positions with a room keep out of its last step: the engine's stops are no part of the model. `share` is that
+        of the inputs of a linear feedback.
+        """
         names, unit = self.model.state_names, {v.name: v.unit for v in self.model.states}
         groups = (
             [n for n in names if unit[n] == "rad" and n not in self.posture.free],
@@ -159,7 +167,7 @@ class _Search:
         )
         measured = next(group for group in groups if group)
         box = self.shape.box * REACH / max(self.shape.box[names.index(n)] for n in measured)
-        fits = 1.0
+        fits, needed = 1.0, self._travelled(box, share)
         for j, n in enumerate(names):
             lo, hi = self.room.get(n, (-math.inf, math.inf))
             there = min(hi - self.posture.x[j], self.posture.x[j] - lo)
@@ -168,12 +176,22 @@ class _Search:
                     f"the posture is outside the room of {n}, [{lo:g}, {hi:g}]", key="--at",
                     remedy="Name a posture inside.",
                 )  # fmt: skip
-            fits = min(fits, there / box[j])
+            fits = min(fits, there / (box[j] + needed[j]))
         return box * fits
+
+    def _travelled(self, box: Floats, share: float) -> Floats:
+        """How far positions go in one step from anywhere in the box, and a margin; 0 for velocities, (n,)."""
+        names, tau, posture = self.model.state_names, self.shape.tau, self.posture
+        gained = np.abs(posture.a) @ box + np.abs(posture.b) @ (share * np.abs(self.shape.gain) @ box)
+        travel = np.zeros(len(names))
+        for c in self.model.coordinates:
+            v = names.index(c.velocity)
+            travel[names.index(c.position)] = TRAVEL * tau * (box[v] + 0.5 * tau * gained[v])
+        return travel
 
     def play(self, cells: tuple[int, ...], share: float) -> Tried:
         """The game on these cells with this share of the inputs of a linear feedback, X smaller where they are weak."""
-        box, names = self.box(), self.model.input_names
+        box, names = self.box(share), self.model.input_names
         needed = share * np.abs(self.shape.gain) @ box
         fits = 1.0
         for n, rest, most in zip(names, self.posture.u, needed, strict=True):

@@ -10,6 +10,7 @@ import yaml
 from simgap.config.load import load_case
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.points import covering_grid, own_point
+from simgap.gap.reached_stops import reached_stops
 from simgap.gap.steps.border_rollouts import roll_out_borders
 from simgap.gap.steps.borders import SHIFTED, border_gaps, border_states, parts_of
 from simgap.gap.translation import ShiftDeviation
@@ -129,3 +130,28 @@ def test_the_bound_of_the_cart_pole_holds_wherever_the_cart_is_and_however_fast(
     assert (d <= hi).all()
     assert any("not to depend on x, v" in tier.text for tier in bound.tiers)
     assert ((hi - lo).max(axis=0) < [0.01, 0.2, 0.01, 0.2]).all()  # of gaps of .03 to .5
+
+
+STOPPED = """<?xml version="1.0"?><robot name="w"><link name="rail"/><link name="cart"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="slide" type="prismatic">
+<parent link="rail"/><child link="cart"/><axis xyz="1 0 0"/><limit lower="-1.1" upper="9" effort="9" velocity="9"/>
+</joint></robot>"""
+
+
+@pytest.mark.parametrize(("speed", "stopped"), [(0.5, False), (1.5, True)])
+def test_stops_that_a_step_reaches_are_named_where_the_symmetry_fails(tmp_path, speed, stopped):
+    """X ends 0.1 m before a stop and a step is 0.1 s long: faster than 1 m/s it is reached."""
+    (tmp_path / "w.urdf").write_text(STOPPED)
+    states = {"x": {"joint": "slide", "quantity": "position", "unit": "m"},
+              "v": {"joint": "slide", "quantity": "velocity", "unit": "m/s"}}  # fmt: skip
+    path = cart(
+        tmp_path, ["x"], plant={"urdf": "w.urdf", "states": states, "inputs": {"F": {"joint": "slide", "unit": "N"}}},
+        domain={"tau": TAU, "X": {"x": [-1, 2], "v": [-speed, speed]}, "U": {"F": {"values": [-1, 1]}}},
+        grid={"half_widths": {"v": 0.1}}, simulator={"engine": "pybullet", "inertia": "file", "substeps": 10},
+        symmetry={"group": "translation", "along": ["x"], "tolerance": {"x": 1e-9, "v": 1e-9}},
+    )  # fmt: skip
+    stops = reached_stops(Context.load(path), ["x"])
+    found = ShiftDeviation(np.array([0.2, 0.0]), 10, ("x",))
+    with pytest.raises(BrokenPromise) as refused:
+        found.check(["x", "v"], {"x": 1e-9, "v": 1e-9}, stops)
+    assert ("joint 'slide' (x in [-1, 2], stops at -1.1 and 9)" in str(refused.value)) == stopped

@@ -11,7 +11,7 @@ import sympy as sp
 import yaml
 
 from simgap.config.load import load_case
-from simgap.errors import UserError
+from simgap.errors import BrokenPromise, UserError
 from simgap.io.parquet import read_parquet
 from simgap.model.sampled import NominalModel
 from simgap.simulators.process import run_in_processes
@@ -109,6 +109,7 @@ SURPRISES = [
     ("links", {}, {"simulator.damping": {"linear": 0.04}}, "simulator.damping", "damps every link"),
     ("friction", {"friction": 0.5}, {}, "joint 'hinge'", "neither Drake nor the engine acts out its friction"),
     ("stop", {"range": 'lower="-0.1" upper="0.1"'}, {}, "domain.X.q", "the engine stops it"),
+    ("near", {"range": 'lower="-0.204" upper="0.3"'}, {}, "domain.X.q", "the stops at -0.204 and 0.3"),
     ("locked", {"range": 'lower="0" upper="0"'}, {}, "domain.X.q", "the engine stops it"),
     ("effort", {"effort": 0.5}, {}, "domain.U.u", "no more than 0.5"),
     ("velocity", {"velocity": 0.1}, {}, "domain.X.w", "no faster than 0.1"),
@@ -338,3 +339,49 @@ def test_a_term_along_a_symmetry_is_refused_before_anything_runs_and_listed_base
     with pytest.raises(UserError, match="the term 'q' depends on q, along which a symmetry is declared"):
         check.run(written(tmp_path, case=along))
     check.run(written(tmp_path, case=along | {"gap": {"basis": {"kind": "monomials", "degree": 2}}}))
+
+
+def test_friction_that_the_simulator_is_told_of_is_no_surprise(tmp_path):
+    effects = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.5}}]
+    found = findings(written(tmp_path, {"friction": 0.5}, {"simulator.effects": effects}))
+    assert found == []
+
+
+def test_advice_for_joints_of_two_dampings_does_not_contradict_itself(tmp_path):
+    """Followed, each joint has its own: what the key gives all and what an effect adds to one."""
+    other = ARM.replace("</joint>", '<dynamics damping="0.002"/></joint>')
+    found = findings(written(tmp_path, {"damping": 0.4, "more": other}, TWO))
+    assert [f.key for f in found] == ["simulator.damping.joint"] * 2
+    of_hinge, of_other = (next(f.remedy for f in found if f"'{n}' by" in f.problem) for n in ("hinge", "other"))
+    assert "set it to 0.002" in of_hinge
+    assert "viscous_friction of 0.398" in of_hinge
+    assert "to 0.002" in of_other
+
+
+def running_away(folder, tau):
+    """dv/dt = 30 v + F: within half of a long step it may be anywhere."""
+    path = folder / "run.yaml"
+    target = {"kind": "reach_avoid", "target": {"q": [0.5, 0.9]}, "obstacles": []}
+    path.write_text(yaml.safe_dump({
+        "name": "run",
+        "plant": {"states": {"q": {"unit": "m"}, "v": {"unit": "m/s"}}, "inputs": {"F": {"unit": "N"}},
+                  "symbolic": {"dynamics": {"q": "v", "v": "30*v + F"}}},
+        "domain": {"tau": tau, "X": {"q": [-1, 1], "v": [-1, 1]}, "U": {"F": {"values": [-1, 1]}}},
+        "simulator": {"engine": "equations", "integrator": "explicit_euler", "slopes": "sampled",
+                      "equations": {"dynamics": {"q": "v", "v": "30*v + F"}}},
+        "grid": {"eps": 0.1}, "gap": {"basis": ["v", 1]},
+        "synthesis": {"cells": [20, 20], "specification": target},
+    }))  # fmt: skip
+    return path
+
+
+def test_a_path_without_bound_is_refused_before_anything_runs_with_a_tau_that_has_one(tmp_path):
+    """By hand: r = tau/2 (30 (1 + r) + 1) is 15.5 tau / (1 - 15 tau), .5 (a quarter of X) at .0217 s."""
+    with pytest.raises(BrokenPromise, match="the motion of v between samples has no bound") as refused:
+        check.run(running_away(tmp_path, 0.1))
+    assert "to about 0.021 s" in str(refused.value)
+    (found,) = [f for f in check.run(running_away(tmp_path, 0.045)).findings if "between samples" in f.problem]
+    assert found.key == "domain.tau"
+    assert f"v may stray by {15.5 * 0.045 / (1 - 15 * 0.045):.3g} m/s" in found.problem
+    assert "to about 0.021 s" in found.remedy
+    assert not [f for f in check.run(running_away(tmp_path, 0.021)).findings if "between samples" in f.problem]

@@ -17,6 +17,7 @@ from simgap.plants.model_file import read_model_file
 from simgap.stages import check, fresh, new, synthesis
 from simgap.stages.context import Context
 from simgap.stages.new_joints import _centre, axes_of, drives, needed_inputs
+from simgap.stages.new_wheels import wheels_of
 from simgap.stages.propose import Numbers
 from simgap.synthesis.proposal import Proposal
 
@@ -252,3 +253,20 @@ def test_what_is_there_stays(tmp_path):
         new.run("other", tmp_path / "none.urdf", tmp_path)
     assert os.listdir(tmp_path) == ["mine.yaml"]
     assert (tmp_path / "mine.yaml").read_text() == "kept"
+
+
+def test_a_robot_on_two_wheels_is_told_how_it_becomes_a_case(root, tmp_path):
+    """The shipped one, its wheels and their track as its own case has them; a pendulum has none."""
+    file = root / "configs/models/pioneer.urdf"
+    case = yaml.safe_load((root / "configs/cases/pioneer.yaml").read_text())["simulator"]
+    with pytest.raises(UserError, match="is a robot on two driven wheels") as refused:
+        new.run("mine", file, tmp_path)
+    for key in ("left", "right", "wheel_radius", "track"):
+        assert f"{key}: {case[key]}" in refused.value.remedy
+    assert "docs/pioneer.md" in refused.value.remedy
+    assert not (tmp_path / "mine.yaml").exists()
+    assert wheels_of(root / "configs/models/double_pendulum.urdf") is None
+    turned = file.read_text().replace('name="drive_l" type="continuous"', 'name="drive_l" type="revolute"')
+    assert turned != file.read_text()
+    (tmp_path / "m.urdf").write_text(turned)
+    assert wheels_of(tmp_path / "m.urdf") is None

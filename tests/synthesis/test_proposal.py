@@ -102,3 +102,16 @@ def test_postures_that_do_not_rest_are_refused_with_what_moves():
 def test_two_digits():
     assert [rounded(v) for v in (0.0, 0.0456, 1234.0, -0.999)] == [0.0, 0.046, 1200.0, -1.0]
     assert [rounded(v, down=True) for v in (0.0459, 0.05, 1290.0)] == [0.045, 0.05, 1200.0]
+
+
+def test_no_step_from_the_proposed_X_ends_at_a_stop():
+    """A cart on a short rail: from the worst corner of X and with every input its next place is still on the rail."""
+    v, u = symbol("v"), symbol("u")
+    model = SymbolicModel(
+        (Variable("x", "m"), Variable("v", "m/s")), (Variable("u", "N"),), {}, (v, 2.0 * u),
+        (Coordinate("slide", "x", "v"),),
+    )  # fmt: skip
+    found = propose(model, sampled(model), {}, {}, {"x": (-0.2, 0.2)})
+    (_, place), (_, speed), (_, most, _) = found.X["x"], found.X["v"], found.U["u"]
+    assert place > 0.02
+    assert place + found.tau * speed + 0.5 * found.tau**2 * 2.0 * most < 0.2

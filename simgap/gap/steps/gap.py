@@ -17,6 +17,7 @@ from simgap.gap.fresh_check import FreshCheck, check_fresh
 from simgap.gap.hidden_state import tolerance_of
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.points import Columns, Points, free_axes, known_radius, remembers
+from simgap.gap.reached_stops import reached_stops
 from simgap.gap.settings import GapSettings
 from simgap.gap.steps.border_check import border_check
 from simgap.gap.steps.borders import (
@@ -133,7 +134,7 @@ def _shifts(context: Context, name: str, borders: Columns) -> ShiftDeviation | N
     _, _, lower, upper = border_gaps(context, borders, SHIFTED, border_states(context, name, SHIFTED))
     found = ShiftDeviation.of(context, lower, upper)
     symmetry = context.need(context.case.symmetry, "symmetry")
-    found.check(context.states, tolerance_of(context.states, symmetry.tolerance))
+    found.check(context.states, tolerance_of(context.states, symmetry.tolerance), reached_stops(context, found.along))
     return found
 
 

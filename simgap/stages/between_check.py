@@ -1,0 +1,45 @@
+"""A path between samples that has no bound, found in `check` and not after the roll-outs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from simgap.notation import pretty_unit
+from simgap.simulators.surprises import Finding
+from simgap.specifications.base import specification_of
+from simgap.specifications.space import Space
+from simgap.stages.context import Context
+from simgap.synthesis.intersample import enough, excursion, rates
+
+
+def between_samples(context: Context) -> list[Finding]:
+    """A finding for each state along which the nominal path alone may stray by half of X or more between samples.
+
+    The gap makes it no less, so that what is refused here is refused by synthesis.
+
+    Raises:
+        BrokenPromise: no bound at all, where the specification promises something between samples.
+    """
+    case = context.case
+    if case.synthesis is None or not context.plant.carried.derived:
+        return []
+    symbolic, specification, space = case.plant.symbolic, specification_of(case), Space.of(case)
+    asked = case.gap is not None or case.synthesis.nominal_between_samples
+    if not (specification.between_samples and asked) or (symbolic is not None and symbolic.wheels is not None):
+        return []
+    flow, region, none = rates(context.plant.carried), specification.region(space), np.zeros(len(context.states))
+    tau = context.domain.tau
+    reach, _ = excursion(flow, region, context.input_set, tau, none, context.states)
+    found = []
+    for j, name in enumerate(context.states):
+        if j not in context.periodic and 2.0 * reach[j] >= region.hi[j] - region.lo[j]:
+            shorter = enough(flow, region, context.input_set, tau, none)
+            found.append(
+                Finding(
+                    "domain.tau",
+                    f"between samples {name} may stray by {reach[j]:.3g} {pretty_unit(context.units[name])} from them, "
+                    "by the nominal model's rates over X and U, and that is left free on each side: nothing of X stays",
+                    f"Shorten tau{f' to about {shorter:g} s' if shorter else ''}, or shrink X",
+                )
+            )
+    return found
