@@ -269,6 +269,12 @@ MOST_COLOURED = 10.0
 """... and if chi^2/dof for white noise is at most this: noise of 20 ms at 200 Hz shows 7. What a driven pendulum of
 real hardware keeps shows 46, and taken for noise it hid the friction."""
 
+MEMORY_TELLS = 0.6
+"""An answer with effects is at most `partial` where less than this share of a channel's noise (its variance) remembers.
+Backlash under a pendulum left traces that were taken for noise with shares of .26 to .46 (five of eight records, each
+`attributed` to an error of mass or inertia); noise of sensors that remembered showed .78 to 1 (tests/diagnosis/rigs.py,
+benchmarks/other_plants.py)."""
+
 STATIONARY = 5.0
 """... and if nineteen of twenty windows have a sum of squares, made white, within so many standard deviations of the
 median window's."""
