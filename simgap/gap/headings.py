@@ -51,5 +51,7 @@ def check_symmetry(deviation: HeadingDeviation, states: Sequence[str], tolerance
             raise BrokenPromise(
                 f"the declared symmetry does not hold in the simulator: between headings the gap in {name} deviates "
                 f"by {value:.3g}, symmetry.tolerance allows {tolerance[name]:.3g}",
-                "Remove `symmetry`, raise the tolerance knowingly, or make contacts regular (more grip, less torque)",
+                "Make contacts regular: each wheel a sphere (a cylinder's edge jitters), a caster that slides "
+                "(<lateral_friction> 0 to 0.02), more grip, less torque; raise the tolerance knowingly, or remove "
+                "`symmetry`",
             )

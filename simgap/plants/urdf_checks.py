@@ -189,3 +189,26 @@ def root_link(path: Path) -> str:
     if len(roots) != 1:
         raise UserError(f"a model needs one root link, this has {excerpt(roots)}", file=path)
     return roots[0]
+
+
+def check_floating_root(path: Path) -> None:
+    """Refuse a root without mass and inertia in a robot that stands freely, as `base_footprint` often is.
+
+    PyBullet gives such a root 1 kg and 1, 1, 1 kg m^2, or holds it still if it has mass 0; a root that is welded to
+    the world is asked for neither.
+
+    Args:
+        path: a file that `check_urdf` has taken.
+
+    Raises:
+        UserError: such a root.
+    """
+    name = root_link(path)
+    link = next(part for part in _root(path).findall("link") if part.get("name") == name)
+    mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
+    weighs = mass is not None and float(mass.get("value", "0")) > 0.0
+    if not weighs or inertia is None or not any(float(inertia.get(k, "0")) for k in ("ixx", "iyy", "izz")):
+        _refuse(
+            path, link, "<inertial>", "the root of a robot that stands freely has no mass and inertia",
+            "Make the chassis the root, its frame midway between the wheels, or give this link its mass and inertia.",
+        )  # fmt: skip

@@ -14,7 +14,9 @@ from simgap.plants.model_file import Link, read_model_file
 def without_mass(p: Any, client: int, body: int, urdf: Path) -> None:
     """Take from links without `<inertial>` the 1 kg and 1, 1, 1 kg m^2 that PyBullet invents for them.
 
-    Frames of sensors and tools on fixed joints are written like that; Drake gives them no mass.
+    Frames of sensors and tools on fixed joints are written like that; Drake gives them no mass. The root is left as it
+    is: where it is welded to the world its inertia moves nothing, and where it floats one without is refused
+    (`check_floating_root`).
     """
     bare = set(read_model_file(urdf).bare)
     for name, j in _numbers(p, client, body).items():

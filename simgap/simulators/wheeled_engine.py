@@ -15,7 +15,7 @@ from simgap.config.plant import AddedEffect
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
-from simgap.plants.urdf_checks import check_urdf
+from simgap.plants.urdf_checks import check_floating_root, check_urdf
 from simgap.simulators.base import Engine, PathSimulator
 from simgap.simulators.traits import FileTraits
 
@@ -30,7 +30,9 @@ class WheeledSettings(EngineSection):
     """PyBullet over a differential-drive URDF: wheels in contact with a floor, torque-limited velocity motors."""
 
     engine: Literal["pybullet_wheeled"] = Field("pybullet_wheeled", description="Which engine.")
-    urdf: str = Field(description="Model file, relative to the case file; its root lies midway between the wheels.")
+    urdf: str = Field(
+        description="Model file, relative to the case file; its root, midway between the wheels, has mass and inertia."
+    )
     left: str = Field("left_wheel", description="Joint of the left wheel.")
     right: str = Field("right_wheel", description="Joint of the right wheel.")
     wheel_radius: float = Field(gt=0, description="Radius that turns speeds into wheel speeds, m.")
@@ -92,6 +94,7 @@ class WheeledEngine(Engine, PathSimulator):
         from simgap.simulators.wheeled_plant import wheel_ratios
 
         check_urdf(plant.urdf)
+        check_floating_root(plant.urdf)
         if section.substeps % section.poses:
             raise UserError(
                 f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",

@@ -3,7 +3,7 @@
 import pytest
 
 from simgap.errors import UserError
-from simgap.plants.urdf_checks import check_urdf
+from simgap.plants.urdf_checks import check_floating_root, check_urdf
 
 CHANGES = {
     "negative moment": ('iyy="0.33333"', 'iyy="-1"', r"link '.*': <inertia> iyy: '-1' is negative"),
@@ -66,6 +66,30 @@ def test_whole_ones_pass(tmp_path, root):
         check_urdf(path)
     with pytest.raises(UserError, match="does not exist"):
         check_urdf(tmp_path)
+
+
+WEIGHT = "<inertial>{}</inertial>"
+INERTIA = '<inertia ixx="{0}" ixy="0" ixz="0" iyy="{0}" iyz="0" izz="{0}"/>'
+MASS = '<mass value="{}"/>'
+
+
+@pytest.mark.parametrize(
+    "inside",
+    ["", MASS.format(1), INERTIA.format(1), MASS.format(0) + INERTIA.format(1), MASS.format(1) + INERTIA.format(0)],
+)
+def test_a_root_that_floats_has_mass_and_inertia(tmp_path, inside):
+    path = tmp_path / "model.urdf"
+    root = f'<link name="base">{WEIGHT.format(inside)}</link>' if inside else '<link name="base"/>'
+    path.write_text(GOOD.replace('<link name="base"/>', root))
+    check_urdf(path)
+    with pytest.raises(UserError, match=r"link 'base': <inertial>: .*Make the chassis the root"):
+        check_floating_root(path)
+    path.write_text(
+        GOOD.replace(
+            '<link name="base"/>', f'<link name="base">{WEIGHT.format(MASS.format(1) + INERTIA.format(1))}</link>'
+        )
+    )
+    check_floating_root(path)
 
 
 MESH = '<visual><geometry><mesh filename="NAME"/></geometry></visual>'

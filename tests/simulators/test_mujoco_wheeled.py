@@ -90,6 +90,19 @@ def test_a_case_with_it_can_be_checked(vary, root):
     assert not found.findings
 
 
+@pytest.mark.parametrize("engine", ["mujoco_wheeled", "pybullet_wheeled"])
+def test_a_root_without_mass_is_refused_by_check(vary, root, tmp_path, engine):
+    """`base_footprint` over the chassis, as ROS packages have it: PyBullet would make the robot 1 kg heavier."""
+    text = (root / "configs/models/pioneer.urdf").read_text()
+    footprint = """<link name="base_footprint"/><joint name="base_joint" type="fixed"><parent link="base_footprint"/>
+    <child link="base"/><origin xyz="0 0 0"/></joint></robot>"""
+    (tmp_path / "rover.urdf").write_text(text.replace("</robot>", footprint))
+    path = vary("pioneer", {"simulator.engine": engine, "simulator.urdf": str(tmp_path / "rover.urdf")})
+    with pytest.raises(UserError, match="no mass and inertia") as caught:
+        check.run(path)
+    assert caught.value.key == "link 'base_footprint': <inertial>"
+
+
 def test_a_payload_is_on_the_base():
     light, heavy = make(), make(payload=5.0)
     slower = [robot.chain(np.zeros(3), INPUTS[:1])[0][1, 0] for robot in (light, heavy)]
