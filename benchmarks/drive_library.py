@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 import time
 from collections.abc import Callable
@@ -120,7 +119,7 @@ def one(plant: str, kind: str, seed: int, budget: float | None) -> dict[str, Any
     return {
         "plant": plant, "kind": kind, "seed": seed, "verdict": d.verdict, "truth": truth, "answer": answer,
         "exact": set(answer) == set(truth), "listed": set(answer) == set(truth) or set(truth) in sets,
-        "wrong": sorted(set(answer) - set(truth)), "error": max(errors, default=math.nan), "covered": covered,
+        "wrong": sorted(set(answer) - set(truth)), "error": max(errors, default=None), "covered": covered,
         "ratio": d.after.held_out_ratio, "chi2_dof": [d.before.chi2_dof, d.after.chi2_dof],
         "alternatives": [sorted(s) for s in sets], "faults": [f.fault for f in d.recording], "cpu_s": round(cpu, 1),
     }  # fmt: skip
@@ -136,7 +135,7 @@ def table(rows: list[dict[str, Any]]) -> str:
         if not own:
             continue
         covered = [c for r in own if r["exact"] for c in r["covered"]]
-        errors = [r["error"] for r in own if r["exact"] and math.isfinite(r["error"])]
+        errors = [r["error"] for r in own if r["exact"] and r["error"] is not None]
         wrong = [r for r in own if not r["listed"] and r["wrong"]]
         cells = (
             ", ".join(p for p in PLANTS if any(r["plant"] == p for r in own)), len(own),

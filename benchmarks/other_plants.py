@@ -14,6 +14,7 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,7 @@ def _hidden(plant: str, kind: str, seed: int) -> tuple[Hidden, Truth]:
         return Hidden(coulomb={here: size * dry}), {("coulomb_friction", here): {"F_c": size * dry}}
     if kind == "friction elsewhere":
         return Hidden(viscous={there: size * b2}), {("viscous_friction", there): {"b": size * b2}}
-    if kind == "two effects":
+    if kind in ("two effects", "push on two effects"):
         return Hidden(viscous={here: size * b}, gain=gain[0].gain), viscous | gain[1]
     if kind in ("viscous friction", "push", "dry friction", "input late", "state late", "coloured noise"):
         return Hidden(viscous={here: size * b}), viscous
@@ -98,11 +99,11 @@ def make(plant: str, kind: str, seed: int) -> Made:
     """A record of 2 x 10 s, and what is hidden."""
     book, (hidden, truth) = PLANTS[plant](), _hidden(plant, kind, seed)
     more: tuple[str, ...] = ()
-    if kind == "push" and plant != "wheeled":
+    if "push" in kind and plant != "wheeled":
         here, force = SIZES[plant][0], SIZES[plant][5]
         at = np.random.default_rng([seed, 3]).uniform(1.0, 8.5, 2)
         pushes = tuple((k, float(a), float(a) + 0.1, here, force) for k, a in enumerate(at))
-        hidden, more = Hidden(coulomb=hidden.coulomb, viscous=hidden.viscous, pushes=pushes), ("push",)
+        hidden, more = replace(hidden, pushes=pushes), ("push",)
     if kind == "plant changed":
         (hidden, truth), more = _changed_later(plant, seed), ("plant_changed",)
     made = record(book, hidden, seed)
@@ -147,6 +148,7 @@ RECORDERS: dict[str, tuple[Callable[[Record, np.random.Generator], Record], str]
 }
 KINDS = (
     "nothing", "viscous friction", "dry friction", "friction elsewhere", "gain", "two effects", "push",
+    "push on two effects",
     "plant changed", *RECORDERS,
 )  # fmt: skip
 
@@ -154,7 +156,7 @@ KINDS = (
 def asked(plant: str, kind: str) -> bool:
     """Whether a kind makes sense for a plant."""
     if plant == "wheeled":
-        return kind != "push"
+        return "push" not in kind
     single = len(PLANTS[plant]().measured) == 1
     return not (kind == "state late" and single) and not (kind == "dry friction" and plant == "vtol")
 

@@ -121,6 +121,55 @@ def full_turn(unit: str) -> float | None:
     return 2.0 * math.pi / to_rad if float(next(iter(_parsed(unit)._units.values()))) == 1.0 else None
 
 
+@dataclass(frozen=True)
+class Dimension:
+    """Exponents of the SI base units, by their name; angles and pure numbers have none."""
+
+    exponents: tuple[tuple[str, float], ...] = ()
+
+    def times(self, other: Dimension, power: float = 1.0) -> Dimension:
+        """The dimension of a product."""
+        own = dict(self.exponents)
+        for name, value in other.exponents:
+            own[name] = own.get(name, 0.0) + power * value
+        return Dimension(tuple(sorted((k, v) for k, v in own.items() if abs(v) > 1e-9)))
+
+    def over(self, other: Dimension) -> Dimension:
+        """The dimension of a quotient."""
+        return self.times(other, -1.0)
+
+    def to_the(self, power: float) -> Dimension:
+        """The dimension of a power."""
+        return PURE.times(self, power)
+
+    def __str__(self) -> str:
+        """As a unit is written."""
+        parts = {s: [_raised(n, abs(v)) for n, v in self.exponents if s * v > 0.0] for s in (1, -1)}
+        above = "*".join(parts[1]) or "1"
+        return above + "".join(f"/{part}" for part in parts[-1])
+
+
+PURE = Dimension()
+"""Of angles and pure numbers."""
+_BASE = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K", "[substance]": "mol",
+         "[luminosity]": "cd"}  # fmt: skip
+
+
+def _raised(name: str, power: float) -> str:
+    return name if power == 1.0 else f"{name}^{power:g}"
+
+
+@lru_cache(maxsize=256)
+def dimension(unit: str) -> Dimension:
+    """The dimension of a unit.
+
+    Raises:
+        UserError: a unit that does not exist.
+    """
+    found = _parsed(unit).dimensionality
+    return Dimension(tuple(sorted((_BASE.get(str(k), str(k)), float(v)) for k, v in found.items())))
+
+
 def of_base(unit: str) -> float:
     """How many units of the SI base, of the same kind, one is: 0.001 for g, 1 for N*m.
 

@@ -25,7 +25,15 @@ def matching(folder: Path, names: Sequence[str]) -> list[tuple[int, Path]]:
             parts = Path(name)
             root = Path(parts.anchor) if parts.is_absolute() else folder
             pattern = str(parts.relative_to(parts.anchor)) if parts.is_absolute() else name
-            hits = sorted(p for p in root.glob(pattern) if p.is_file()) or [path]
+            hits = _files(root, pattern) or [path]
         for hit in hits:
             found.setdefault(hit, place)
     return [(place, path) for path, place in found.items()]
+
+
+def _files(root: Path, pattern: str) -> list[Path]:
+    """Files that match, sorted; none where it is no pattern (`**` stands alone between slashes)."""
+    try:
+        return sorted(p for p in root.glob(pattern) if p.is_file())
+    except ValueError:
+        return []

@@ -28,7 +28,7 @@ from simgap.diagnosis.thresholds import BIC_GAIN, EXACTLY_COLLINEAR, HELD_OUT_QU
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
 from simgap.diagnosis.verdict.concentration import concentrated, elsewhere
-from simgap.diagnosis.verdict.faults import fitted_faults, gain_faults, noise_faults
+from simgap.diagnosis.verdict.faults import faint_memory, fitted_faults, gain_faults, noise_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
@@ -94,10 +94,12 @@ def conclude(
     kept, kept_held = (chosen.kept, new) if named else (full.empty(base), old)
     others = _rivals(chosen) if named else []
     fitter = better(others, chosen.found)
-    word = "partial" if fitter and word == "attributed" else word
+    faint = faint_memory(known) if word == "attributed" and chosen.kept.members else ()
+    word = "partial" if (fitter or faint) and word == "attributed" else word
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, kept_held.states), True)
     empty = search.empty(chosen.sparse)
+    most = settings.max_effects if chosen.at_floor else min(settings.max_effects, settings.most_off_floor)
     tested = word in ("partial", "unexplained") and short is None
     every = answer.found_effects(full, kept, others, chi2_dof(known, kept.fit), chosen.at_floor, model)
     listed = answer.alternatives(chosen.found, others)
@@ -120,7 +122,8 @@ def conclude(
         folds=FoldStretches(*(stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
         warnings=(*said, *_of_no_size(every, small), *_warnings(search.watch, kept_held, kept, horizon), *fitter),
         unconfirmed=further,
-        at_most=settings.max_effects if len(chosen.kept.members) >= settings.max_effects else None,
+        faint_memory=faint,
+        at_most=most if len(chosen.kept.members) >= most else None,
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),

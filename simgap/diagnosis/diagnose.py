@@ -209,7 +209,7 @@ def _searched(
         return search, base, best_so_far(search, base, most)
     try:
         found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
-        if known is None and _acts_later(search, found):  # sought once more without what was commanded before
+        if begun is not None and _acts_later(search, found):  # sought once more without what was commanded before
             return search, base, found
         rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
         return search, base, preferred(search, found, most)

@@ -27,7 +27,7 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit_from_all, window_chi2
 from simgap.diagnosis.simulation.sensitivity import with_values
-from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, MOST_OF_THE_ERROR, OTHERS_ASKED, PUSH_EXPLAINED
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, OTHERS_ASKED, PUSH_EXPLAINED, SUSPECTED_BY
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import joined
@@ -54,28 +54,31 @@ def suspected(parts: Parts, begun: Search, base: Fit, not_tried: Collection[Key]
     """Times that stand out under what explains the rest best.
 
     What a model misses all the time hides where a push begins and ends, and a push hides what the model misses: one
-    effect after the other, at most `most`, is fitted, without the times that stand out under those before; without
-    those that miss most, where they carry most of the error. As far as the budget goes.
+    effect after the other, at most `most`, is fitted, the next ones without the times that stand out under those
+    before, or that miss most. Effects of several numbers are not asked: they bend to a push. As far as the budget goes.
 
     Args:
         parts: the folds; begun, base: the search on them as it begins, and the model as declared.
         not_tried: what is not to be fitted; most: effects.
     """
+    several = {c.key for c in begun.problem.model.candidates if len(c.slots) > 1}
     found = begun.empty(base)
     spans: tuple[Span, ...] = ()
     try:
         for _ in range(most + 1):
             seen = _pieces(parts.known, found.fit.theta)
-            out, (worst, share) = seen.outlying(), seen.worst()
+            out = seen.outlying()
             spans = () if out is None else out.spans
-            aside = spans or (worst if share >= MOST_OF_THE_ERROR else ())
-            search, at = begun, base  # which takes these steps anyhow, and keeps what it fits
+            aside = spans or (seen.worst() if found.members else ())
+            search, at = begun, base  # which takes the first step anyhow, and keeps what it fits
             if aside:
                 kept = coarse(parts.leaving_out(aside).known)
                 search = Search(kept, list_starts(kept, not_tried), watch=Watch(begun.watch.left))
                 at = fit(kept, kept.model.null, initial_states(kept), [], {})
             found = search.explain(found.members, found.fit.theta, at) if found.members else search.empty(at)
-            better = min(search.joined(found, found.keys), key=lambda e: e.bic, default=found)
+            better = min(
+                search.joined(found, {*found.keys, *several}, SUSPECTED_BY), key=lambda e: e.bic, default=found
+            )
             if better.bic >= found.bic - BIC_GAIN:
                 break
             found = better

@@ -253,6 +253,7 @@ class Diagnosis:
         recording: faults of the data, which the answer accounts for.
         at_most: the limit on the number of effects, if the answer has as many; None if it has fewer.
         unconfirmed: readings and inputs that go further where times were left out than in the data that confirm.
+        faint_memory: channels of which a part of the noise alone remembers, so that the answer is not attributed.
     """
 
     verdict: Verdict
@@ -276,4 +277,5 @@ class Diagnosis:
     recording: tuple[RecordingFault, ...] = ()
     steps: tuple[Step, ...] = ()
     unconfirmed: tuple[str, ...] = ()
+    faint_memory: tuple[str, ...] = ()
     at_most: int | None = None

@@ -153,6 +153,10 @@ STEP_RESOLVES = 0.1
 the noise, if they are less). Judgement: a Dahl friction that turned round within a thirtieth of what a step travels
 "explained" a push, being as large as its misses there; fits that are right move by less than a hundredth."""
 
+SUSPECTED_BY = 2
+"""So many of the most promising effects are fitted before the next time that may be left out is sought: five took three
+times as long and found the same times (benchmarks/other_plants.py, pushes of six plants and pushes on two effects)."""
+
 PUSH_EXPLAINED, OTHERS_ASKED = 0.1, 8
 """Times are not left out if one more effect of the library takes all but this share of their excess away, fitted to the
 windows that hold them and to so many others. Of pushes 0.30 to 0.89 was left by the best effect (eight records of
@@ -264,6 +268,12 @@ noise, and than a fall with the fourth power of the frequency, as a force would 
 MOST_COLOURED = 10.0
 """... and if chi^2/dof for white noise is at most this: noise of 20 ms at 200 Hz shows 7. What a driven pendulum of
 real hardware keeps shows 46, and taken for noise it hid the friction."""
+
+MEMORY_TELLS = 0.6
+"""An answer with effects is at most `partial` where less than this share of a channel's noise (its variance) remembers.
+Backlash under a pendulum left traces that were taken for noise with shares of .26 to .46 (five of eight records, each
+`attributed` to an error of mass or inertia); noise of sensors that remembered showed .78 to 1 (tests/diagnosis/rigs.py,
+benchmarks/other_plants.py)."""
 
 STATIONARY = 5.0
 """... and if nineteen of twenty windows have a sum of squares, made white, within so many standard deviations of the

@@ -66,6 +66,8 @@ class DirectionalFriction(CoordinateEffect):
             "input_dead_zone",
             "input_saturation",
             "input_lag",
+            "load_friction",
+            "torque_speed_limit",
         }
         if abs(push) > level or (found[j].name == "input_bias" and any(a.name in changed for a in found)):
             return None  # a bias passes through what else is on the path of the command

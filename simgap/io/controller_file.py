@@ -218,6 +218,7 @@ def _inputs(arrays: Arrays, nodes: int, count: int) -> tuple[NDArray[np.uint8], 
     """The table of admissible inputs, or one without columns and the input of each node."""
     chosen = arrays.get("chosen")
     if chosen is None and "mask" not in arrays:
+        require_room(nodes)  # no table says how many there are
         return np.empty((nodes, 0), np.uint8), None  # they were not asked for
     if chosen is not None:
         _require(chosen.dtype == np.int16 and chosen.shape == (nodes,), "its inputs are not one a node")

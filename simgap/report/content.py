@@ -54,30 +54,36 @@ def verdict(m: Material) -> dict[str, Any]:
     kept, runs = robust["runs_that_kept_the_specification"], robust["runs"]
     attacked = m.audit["violations"] if m.audit is not None else 0
     good = kept == runs and robust["steps_outside_gamma"] == 0 and not attacked
-    words = specification_of(m.context.case).words
+    words, steps = specification_of(m.context.case).words, m.context.need(m.context.case.validation, "validation").steps
     return {
         "good": good,
         "badge": "promise kept" if good else "promise broken",
         "robust": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
         f"{robust['steps_outside_gamma']:,} of {robust['steps']:,} steps outside gamma.",
-        "nominal": f"Nominal-only controller: {_violations(nominal)}.",
+        "nominal": f"Nominal-only controller: {_violations(nominal, steps)}.",
         "careful": _careful(m),
         "arrival": _arrival(m),
-        "winning": f"The gap-aware controller wins {m.syntheses[ROBUST]['winning_fraction']:.3f} of the "
-        f"{words.allowed} with the gap taken into account; the nominal model "
-        f"alone would promise {m.syntheses[NOMINAL]['winning_fraction']:.3f}.",
+        "winning": f"The gap-aware controller wins {_won(m, ROBUST)} of the {words.allowed} with the gap taken into "
+        f"account; the nominal model alone would promise {_won(m, NOMINAL)}.",
         "adversary": adversary.sentence(m),
         "tolerated": m.gap.get("fresh", {}).get("violations", 0),
     }
 
 
-def _violations(tally: Mapping[str, Any]) -> str:
+def _won(m: Material, kind: str) -> str:
+    """The share won, and of how many cells: what a motion sweeps between samples makes fewer of them free."""
+    found = m.syntheses[kind]
+    return f"{found['winning_fraction']:.3f} ({found['winning_cells']:,} cells)"
+
+
+def _violations(tally: Mapping[str, Any], steps: int) -> str:
     bad, runs = tally["runs_that_violated_it"], tally["runs"]
     if not bad:
         return f"none of {runs:,} runs violates the specification in the simulator; here it happens to survive"
     text = f"{bad:,} of {runs:,} runs violate the specification in the simulator"
     median = tally.get("median_steps_until_violation")
-    return text + (f", half of these within {median:,.0f} steps" if median else "")
+    # a run that never got there is counted at its end, which tells nothing
+    return text + (f", half of these within {median:,.0f} steps" if median and median < steps else "")
 
 
 def _arrival(m: Material) -> str:

@@ -96,6 +96,7 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
         "left_over": _left_over(found.left_over),
         "concentrated": _concentrated(found.concentrated),
         "unconfirmed": list(found.unconfirmed),
+        "faint_memory": list(found.faint_memory),
         "at_most": found.at_most,
         "alternatives": [_alternative(a) for a in found.alternatives],
         "indistinguishable": [

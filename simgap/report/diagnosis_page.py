@@ -47,6 +47,10 @@ STEPS = (
     f"{BIC_GAIN:g} in BIC is not taken, nor what does not carry over to other data; the other candidates, with the "
     "drop that each promised, are in diagnosis.json."
 )
+FAINT = (
+    "What is left looks like noise of which a part remembers; mechanisms outside the library leave the same, so that "
+    "nothing is attributed."
+)
 
 
 def overlays(
@@ -127,6 +131,8 @@ def _fold(fold: Mapping[str, Any]) -> str:
 
 
 def _meaning(document: Mapping[str, Any]) -> str:
+    if document.get("faint_memory"):
+        return FAINT
     return UNCONFIRMED if document.get("unconfirmed") else MEANING[document["verdict"]]
 
 

@@ -32,7 +32,7 @@ from simgap.stages.context import Context, log
 from simgap.stages.costs import StageCost, affordable, costs, duration, size
 from simgap.stages.fair_baseline import minding_the_path
 from simgap.stages.measured_check import check_measured
-from simgap.stages.mixed_units import mixed_units
+from simgap.stages.mixed_units import mixed_units, wrong_dimensions
 from simgap.stages.step_length import long_steps
 from simgap.synthesis.game import one_input_only
 
@@ -97,7 +97,8 @@ def run(
         found = costs(context, rollout, build=build) if case.domain is not None else []
         affordable(context, found)
     compared = findings is not None
-    of_case = [*mixed_units(context), *heavy_steps(context), *long_steps(context), *of_path]
+    of_equations = [*mixed_units(context), *wrong_dimensions(context)]
+    of_case = [*of_equations, *heavy_steps(context), *long_steps(context), *of_path]
     result = Checked(found, _cells(context), [*(findings or []), *of_case], compared)
     for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)

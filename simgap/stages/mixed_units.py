@@ -1,10 +1,11 @@
-"""Parameters in other units than those that the equations are computed in."""
+"""Parameters in other units than those that the equations are computed in, and equations that add apples to pears."""
 
 from __future__ import annotations
 
+from simgap.model.dimensions import rate_mismatch
 from simgap.simulators.surprises import Finding
 from simgap.stages.context import Context
-from simgap.units import of_base
+from simgap.units import dimension, of_base
 
 
 def mixed_units(context: Context) -> list[Finding]:
@@ -20,4 +21,21 @@ def mixed_units(context: Context) -> list[Finding]:
         )
         for name, p in section.parameters.items()
         if abs(of_base(p.unit) - 1.0) > 1e-9
+    ]
+
+
+def wrong_dimensions(context: Context) -> list[Finding]:
+    """Equations whose terms are of different dimensions, or that do not give what their state has a second."""
+    if context.case.plant.symbolic is None:
+        return []
+    model = context.plant.declared
+    units = {v.name: v.unit for v in (*model.states, *model.inputs)} | {k: p.unit for k, p in model.parameters.items()}
+    known = {name: dimension(unit) for name, unit in units.items()}
+    wrong = {v.name: rate_mismatch(rate, v.unit, known) for v, rate in zip(model.states, model.xdot, strict=True)}
+    return [
+        Finding(
+            f"plant.symbolic.dynamics.{name}", words, "Correct a unit or the equation (a number may carry any unit)"
+        )
+        for name, words in wrong.items()
+        if words
     ]

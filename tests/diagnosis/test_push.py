@@ -179,3 +179,27 @@ def test_a_stop_where_the_data_that_confirm_never_go_is_not_attributed():
     assert [e.name for e in d.effects] == ["coulomb_friction"]
     assert d.verdict == "partial"
     assert d.unconfirmed == ("q",)
+
+
+def _braked(seed: int, burst: bool, limit: float = 0.7) -> Trace:
+    """The mass with a brake of 8 N above a speed, which it reaches where the drive acts hard for a moment."""
+    plain = _run(seed)
+    t = plain.t
+    jolt = 4.0 * ((t > 4.0) & (t < 4.5)) - 4.0 * ((t > 4.5) & (t < 5.0)) if burst else 0.0
+    u, q, v, out = np.clip(plain.u[:, 0] + jolt, -4.2, 4.2), 0.2, 0.1, []
+    for k in range(len(t)):
+        out.append(q)
+        for _ in range(FINE):
+            v += DT / FINE * (u[k] - 8.0 * np.sign(v) * (abs(v) > limit)) / 2.0
+            grip = DT / FINE * FRICTION / 2.0
+            v = 0.0 if abs(v) <= grip else v - np.copysign(grip, v)
+            q += DT / FINE * v
+    noise = 5e-4 * np.random.default_rng(seed + 50).standard_normal((len(t), 1))
+    return Trace(f"run{seed}", t, np.array(out)[:, None] + noise, u[:, None])
+
+
+def test_a_brake_at_a_speed_that_the_data_that_confirm_never_reach_is_not_attributed():
+    d = _answer(_braked(1, True), _braked(2, False), _braked(4, False))
+    assert [f.fault for f in d.recording] == ["push"]
+    assert d.verdict == "partial"
+    assert d.unconfirmed == ("q",)

@@ -265,3 +265,20 @@ def test_refusals_name_what_is_known():
         EFFECTS["stribeck_friction"].apply(pendulum(), "hinge", {"F_c": 0.2, "F_s": 0.1, "v_s": 0.1})
     with pytest.raises(UserError, match="F_c"):
         EFFECTS["coulomb_friction"].apply(pendulum(), "hinge", {"F": 0.1})
+
+
+@pytest.mark.parametrize(
+    ("beside", "says"),
+    [
+        (None, True),
+        (AppliedEffect("torque_speed_limit", "torque", {"T_s": 1.0, "k": 0.5}), False),
+        (AppliedEffect("load_friction", "hinge", {"mu": 0.1}), False),
+    ],
+)
+def test_a_bias_before_what_bends_the_command_is_no_directional_friction(beside, says):
+    found = [
+        AppliedEffect("coulomb_friction", "hinge", {"F_c": 0.1}),
+        AppliedEffect("input_bias", "torque", {"bias": 0.05}),
+    ]
+    same = EFFECTS["directional_friction"].restates(pendulum(), "hinge", found + ([beside] if beside else []))
+    assert (same is not None) is says

@@ -14,6 +14,7 @@ import pytest
 import simgap
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
+from simgap.io import controller_file
 from simgap.io.controller_file import load_controller, load_controller_of, load_domain, save_controller
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
@@ -253,3 +254,14 @@ def test_a_controller_of_another_case_is_refused_by_name(tmp_path):
     ):
         with pytest.raises(UserError, match=words):
             load_controller_of(path, other)
+
+
+def test_nodes_that_no_table_counts_are_bounded_too(tmp_path, monkeypatch):
+    """Pages leave the inputs out: the product of cells and memory alone says how much the rest takes."""
+    controller = reaching(memory=3)
+    save_controller(controller, tmp_path / "controller.npz")
+    load_domain(tmp_path / "controller.npz")
+    asked = []
+    monkeypatch.setattr(controller_file, "require_room", asked.append)
+    load_domain(tmp_path / "controller.npz")
+    assert GRID.size * 3 in asked

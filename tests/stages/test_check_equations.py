@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import pytest
+import sympy as sp
 
+from simgap.model.dimensions import rate_mismatch
 from simgap.stages.context import Context
-from simgap.stages.mixed_units import mixed_units
+from simgap.stages.mixed_units import mixed_units, wrong_dimensions
 from simgap.stages.step_length import long_steps
+from simgap.units import dimension
 
 
 @pytest.mark.parametrize(("tau", "told"), [("20 ms", []), ("20 s", ["domain.tau", "domain.tau"])])
@@ -31,3 +34,30 @@ def test_a_parameter_in_grams_is_told_with_its_number_in_kilograms(vary):
     assert finding.key == "plant.symbolic.parameters.J"
     assert finding.remedy.endswith(": 0.1")
     assert mixed_units(Context.load(vary("dc_motor", {}))) == []
+
+
+def test_an_inductance_in_ohm_is_told_at_its_equation(vary):
+    path = vary("dc_motor", {"plant.symbolic.parameters.R.unit": "H"})
+    found = wrong_dimensions(Context.load(path))
+    assert found
+    assert all(f.key.startswith("plant.symbolic.dynamics.") for f in found)
+    assert any("adds" in f.problem for f in found)
+
+
+def test_no_equation_that_ships_is_told(root):
+    for path in sorted((root / "configs/cases").glob("*.yaml")):
+        assert wrong_dimensions(Context.load(path)) == [], path
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("v/L", ""), ("(u + i)/L", "adds"), ("sin(v)", "sin(v) is taken of"), ("9.81*i", ""), ("sin(3.5*v)*i/T", ""),
+        ("v", "gives"), ("Abs(i)/T + Max(i, 2*i)/T", ""), ("tanh(i/(2*i))*i/T", ""), ("i**2", "gives A^2"),
+    ],
+)  # fmt: skip
+def test_dimensions_of_a_rate(text, wrong):
+    units = {"i": "A", "u": "V", "v": "V", "L": "H", "T": "s"}
+    expr = sp.sympify(text, locals={name: sp.Symbol(name) for name in units})
+    told = rate_mismatch(expr, "A", {name: dimension(unit) for name, unit in units.items()})
+    assert told.startswith(wrong) if wrong else told == ""

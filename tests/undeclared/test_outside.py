@@ -20,6 +20,14 @@ def test_outside_the_library(tmp_path, kind, verdict):
         assert mark.held_out_ratio < diagnosis.before.held_out_ratio
 
 
+def test_play_that_looks_like_noise_that_hardly_remembers_is_not_attributed(tmp_path):
+    """Its trace was taken for coloured noise, and an error of mass `attributed` in its place."""
+    produce(tmp_path, "backlash", 3)
+    diagnosis, mark = examine(tmp_path, pendulum(), False)
+    assert mark.verdict == "partial"
+    assert diagnosis.faint_memory == ("angle",)
+
+
 def test_friction_with_memory_is_named(tmp_path):
     """Dahl friction, by another integrator: once `partial` under other names, now in the library."""
     produce(tmp_path, "dahl", 0)

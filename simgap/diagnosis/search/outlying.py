@@ -59,17 +59,17 @@ class Pieces:
     chi2: Floats
     free: Floats
 
-    def worst(self) -> tuple[tuple[Span, ...], float]:
-        """The times that miss most, as many as may be left out, and their share of all chi^2."""
-        bad, own = np.zeros(len(self.cells), dtype=bool), np.zeros(len(self.first), dtype=bool)
+    def worst(self) -> tuple[Span, ...]:
+        """The times that miss most, as many as may be left out."""
+        bad = np.zeros(len(self.cells), dtype=bool)
         rows = self.cells.stop - self.cells.start
         for k in np.argsort(-self.chi2 / self.free, kind="stable"):
             more = bad.copy()
             more[self.first[k] : self.first[k] + self.count[k]] = True
             if rows[more].sum() > LEFT_OUT_MOST * rows.sum():
                 break
-            bad, own[k] = more, True
-        return self._spans(bad), float(self.chi2[own].sum() / self.chi2.sum())
+            bad = more
+        return self._spans(bad)
 
     def outlying(self) -> Outlying | None:
         """The times that stand out, where they are few and carry most of the excess chi^2; else None.

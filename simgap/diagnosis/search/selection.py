@@ -89,7 +89,9 @@ def _leapt(search: Search, base: Fit, most: int) -> Explanation:
         search.refined(found)
     elif len(found.members) > 2:
         merge(search, found)
-    return preferred(search, found, most)
+    found = preferred(search, found, most)
+    empty = search.empty(base)
+    return found if empty.bic - found.bic >= BIC_GAIN else empty
 
 
 def _merge(search: Search, found: Explanation) -> None:

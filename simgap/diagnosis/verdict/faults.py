@@ -9,6 +9,7 @@ from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import RECORDING, is_fault
+from simgap.diagnosis.thresholds import MEMORY_TELLS
 from simgap.effects.quoted import Quoted
 
 UNITS: Mapping[str, float] = {
@@ -80,6 +81,14 @@ def filtered_channels(search: Search, found: Explanation) -> tuple[RecordingFaul
             sentence = f"{c.on} went through a filter that delays it by about {1e3 * lag:.3g} ms; it was left out."
             out.append(RecordingFault(c.effect.name, c.on, lag, "s", sentence, _REMEDY[c.effect.name].format(c.on)))
     return tuple(out)
+
+
+def faint_memory(problem: Problem) -> tuple[str, ...]:
+    """Channels of which a part of the noise alone remembers: what a mechanism leaves, unseen in noise, looks so too."""
+    if problem.colour is None:
+        return ()
+    shares = zip(problem.model.measured, problem.colour.shared, strict=True)
+    return tuple(name for name, share in shares if 0.0 < share < MEMORY_TELLS)
 
 
 def noise_faults(problem: Problem) -> list[RecordingFault]:

@@ -87,9 +87,19 @@ def _unconfirmed(names: Sequence[str]) -> str:
     )
 
 
+def _faint(names: Sequence[str]) -> str:
+    """Why an answer under a noise that hardly remembers is not attributed."""
+    return (
+        f"What is left looks like noise of {joined(list(names))} of which a part remembers; play in a gear and other "
+        "mechanisms outside the library leave the same: measure that noise with the plant held at rest."
+    )
+
+
 def _remainder(document: Document) -> str:
     if document.get("unconfirmed"):
         return _unconfirmed(document["unconfirmed"])
+    if document.get("faint_memory"):
+        return _faint(document["faint_memory"])
     error = document["error"]["after"]
     h = error["horizon_s"]
     sizes = joined([f"{x:.2g}{_of(document, s)}" for s, x in error["horizon_rmse"].items()])
