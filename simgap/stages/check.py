@@ -131,7 +131,13 @@ def _outlook(found: list[StageCost]) -> str:
     if not held:
         return "nothing long to compute"
     most = max(held, key=lambda cost: cost.seconds)
-    return f"about {duration(sum(c.seconds for c in held))} of CPU time in all, most of it {most.count:,} {most.of}"
+    seconds = duration(sum(c.seconds for c in held))
+    return f"about {seconds} of CPU time in all{_at_most(found)}, most of it {most.count:,} {most.of}"
+
+
+def _at_most(found: list[StageCost]) -> str:
+    """What comes on top of a total: stages that usually end earlier than their count says."""
+    return "".join(f" and at most {duration(c.seconds)} more for {c.stage}" for c in found if c.at_most)
 
 
 def conclusion(checked: Checked, case: Path) -> str:
@@ -139,9 +145,10 @@ def conclusion(checked: Checked, case: Path) -> str:
     held = [cost for cost in checked.costs if not cost.at_most]
     if not held:
         return f"The case is in order. simgap diagnose {case} takes recordings."
-    seconds, most = sum(cost.seconds for cost in held), max(cost.bytes for cost in held)
+    seconds, most = sum(cost.seconds for cost in held), max(cost.bytes for cost in checked.costs)
     return (
-        f"The case is in order. A run takes about {duration(seconds)} of CPU time and {size(most)}: simgap run {case}"
+        f"The case is in order. A run takes about {duration(seconds)} of CPU time{_at_most(checked.costs)}, and "
+        f"{size(most)}: simgap run {case}"
     )
 
 

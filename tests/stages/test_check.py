@@ -328,9 +328,20 @@ def test_a_check_ends_with_what_a_run_takes(tmp_path):
     found = check.run(path)
     seconds = sum(cost.seconds for cost in found.costs)
     assert check.conclusion(found, path) == (
-        f"The case is in order. A run takes about {costs.duration(seconds)} of CPU time and "
+        f"The case is in order. A run takes about {costs.duration(seconds)} of CPU time, and "
         f"{costs.size(max(cost.bytes for cost in found.costs))}: simgap run {path}"
     )
+
+
+def test_the_total_says_what_stages_may_take_that_usually_end_earlier(tmp_path):
+    """What reaches a target ends earlier than the steps that it may take; a stage that is shown is in the total."""
+    found = [
+        costs.StageCost("synthesis", 10, "pairs", 30.0, 1e8, "synthesis.cells"),
+        costs.StageCost("validation", 20, "closed-loop steps at most", 600.0, 3e8, "validation.starts", at_most=True),
+    ]
+    said = check.conclusion(check.Checked(found, {}, [], False), tmp_path / "a.yaml")
+    assert "about 30 s of CPU time and at most 10 min more for validation, and 286 MiB" in said
+    assert "about 30 s of CPU time in all and at most 10 min more for validation" in check._outlook(found)
 
 
 def test_a_term_along_a_symmetry_is_refused_before_anything_runs_and_listed_bases_leave_it_out(tmp_path):
