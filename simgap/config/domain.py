@@ -63,7 +63,7 @@ class DomainSection(Section):
     def _upright(self) -> DomainSection:
         for name, (lo, hi) in self.X.items():
             if not lo < hi:
-                raise ValueError(f"the box is upside down for {name}: {lo} is not below {hi}")
+                raise ValueError(f"the box is upside down for {name}: {lo} is not below {hi}. Give the lower end first")
         unknown = [name for name in self.periodic if name not in self.X]
         if unknown:
             raise ValueError(f"periodic names {unknown}, which are not states of X")

@@ -81,7 +81,10 @@ def _of_another_kind(under: dict[str, Any], value: dict[str, Any]) -> bool:
 def parse_case(content: Any, path: Path, plugins_beside: Path | None = None) -> Case:
     """Check the content of a case file; plug-in files stand beside `path`, or beside `plugins_beside`."""
     if not isinstance(content, dict):
-        raise UserError("holds no keys", file=path, remedy="A case starts with `name:` and `plant:`.")
+        raise UserError(
+            "this is no case: it holds no keys", file=path,
+            remedy="A case starts with `name:` and `plant:`; `simgap new NAME --urdf FILE` writes one.",
+        )  # fmt: skip
     try:
         return Case.model_validate(content, context={"folder": (plugins_beside or path).parent})
     except ValidationError as error:

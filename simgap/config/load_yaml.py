@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 from yaml.constructor import ConstructorError
+from yaml.parser import ParserError
 from yaml.scanner import ScannerError
 
 from simgap.errors import UserError, excerpt
@@ -65,9 +66,11 @@ def read_yaml(path: Path) -> Any:
         data = path.read_bytes()
         if len(data) > LARGEST:
             raise UserError(f"has {len(data)} bytes; the most are {LARGEST}", file=path, remedy="Give a case file.")
-        return yaml.load(data.decode("utf-8-sig"), Loader=_Loader)
+        text = data.decode("utf-8-sig")
+        return yaml.load(text, Loader=_Loader)
     except FileNotFoundError:
-        raise UserError("the file does not exist", file=path, remedy="Give the path of a case file.") from None
+        where = "" if path.is_absolute() else f" below {Path.cwd()}"
+        raise UserError(f"the file does not exist{where}", file=path, remedy="Give the path of a case file.") from None
     except IsADirectoryError:
         raise UserError("is a folder, not a file", file=path, remedy="Give the path of a case file.") from None
     except UnicodeDecodeError:
@@ -78,7 +81,11 @@ def read_yaml(path: Path) -> Any:
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}" if mark else None
         problem = excerpt(getattr(error, "problem", None) or error)
-        raise UserError(f"not valid YAML: {problem}", file=path, key=line) from None
+        remedy = "Look at that line and at the one above it: a colon, a quote or the indentation."
+        tabs = [k for k, own in enumerate(text.splitlines(), 1) if "\t" in own[: len(own) - len(own.lstrip())]]
+        if tabs and isinstance(error, ScannerError | ParserError):
+            line, problem, remedy = f"line {tabs[0]}", "a tab in the indentation", "Indent with spaces."
+        raise UserError(f"not valid YAML: {problem}", file=path, key=line, remedy=remedy) from None
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise UserError(f"not valid YAML: {excerpt(error)}", file=path) from None
 

@@ -80,7 +80,11 @@ def _check_tree(path: Path, joints: Mapping[str, ElementTree.Element]) -> None:
 
 def _root(path: Path) -> ElementTree.Element:
     if not path.is_file():
-        raise UserError("the model file does not exist", file=path, remedy="Correct `plant.urdf`.")
+        raise UserError(
+            "the model file does not exist",
+            file=path,
+            remedy="Correct its path (`plant.urdf` of a case, `--urdf` of `simgap new`).",
+        )
     try:
         robot = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, LookupError, OSError, ValueError) as error:  # the others: unknown encodings

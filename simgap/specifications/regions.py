@@ -30,7 +30,7 @@ def upright(named: Mapping[str, Interval], key: str) -> None:
     """
     for name, (lo, hi) in named.items():
         if not lo < hi:
-            raise ValueError(f"{key} is upside down for {name}: {lo} is not below {hi}")
+            raise ValueError(f"{key} is upside down for {name}: {lo} is not below {hi}. Give the lower end first")
 
 
 def known(named: Mapping[str, object], states: tuple[str, ...], key: str) -> None:

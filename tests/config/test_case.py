@@ -222,3 +222,9 @@ def test_an_input_set_has_values_or_a_range(vary):
     both = {"min": 0, "max": 1, "step": 1, "values": [0, 1]}
     with pytest.raises(UserError, match="either values, or min, max and step"):
         load_case(vary("pendulum", {"domain.U": {"u": both}}))
+
+
+def test_what_is_no_case_says_how_one_is_made(tmp_path):
+    (tmp_path / "log.csv").write_text("t,x\n0,1\n")
+    with pytest.raises(UserError, match=r"this is no case: .*simgap new"):
+        load_case(tmp_path / "log.csv")

@@ -52,6 +52,7 @@ REFUSED = {
     "control": (b"a: \x00", "not valid YAML"),
     "large": ("#" * (LARGEST + 1), "the most are"),
     "echo": ("a: {" + "x" * 20_000 + " 'b", "not valid YAML"),
+    "tab": ("a:\n\tb: 1", "line 2: not valid YAML: a tab in the indentation. Indent with spaces"),
     "two documents": ("--- a\n--- b", "another document"),
 }
 
