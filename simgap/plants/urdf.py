@@ -17,6 +17,7 @@ from typing import Any
 import sympy as sp
 
 from simgap.errors import UserError, excerpt
+from simgap.model.simplified import simplified
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
 from simgap.plants import numeric_terms
 from simgap.plants.urdf_checks import check_urdf, root_link
@@ -161,7 +162,8 @@ def _equations(
     for k, name in enumerate(GRAVITY):
         unit, _ = multibody_plant(path, tuple(float(k == i) for i in range(3)))  # type: ignore[arg-type]
         weight += symbol(name) * _drake_symbolic(unit, order, rates)[2]
-    return _simplify(mass), _simplify(bias), _simplify(weight)
+    mass, bias, weight = (simplified(m, _simplify, "urdf 1") for m in (mass, bias, weight))
+    return mass, bias, weight
 
 
 def _drake_symbolic(plant: Any, order: list[str], rates: list[str]) -> tuple[sp.Matrix, sp.Matrix, sp.Matrix]:
