@@ -50,7 +50,7 @@ KEYS = (
     "inertia", "weight", "viscous", "forward", "backward", "rough", "lobes", "bias", "push", "push_hz", "K", "R", "L"
 )  # fmt: skip
 NULL = dict.fromkeys(KEYS, 0.0) | {"inertia": 1.0}
-PHASES = ("_mended", "_begun", "screened", "_searched", "widened", "_chosen", "_conclude")
+PHASES = ("mended", "begun", "suspected", "screened", "searched", "widened", "left_out_by", "chosen", "conclude")
 
 
 @njit

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simgap.diagnosis.diagnose import _begun, diagnose
+from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.push import stands_out, suspected
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.windows import Windows, left_out
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.search.watch import Watch
+from simgap.diagnosis.seek import begun
 from simgap.diagnosis.verdict.words import verdict_sentence
 from tests.diagnosis.plants import block
 
@@ -71,9 +72,9 @@ def test_a_push_that_two_missing_effects_hide_is_suspected():
     few = ("coulomb_friction", "viscous_friction", "input_dead_zone", "spring")
     settings = DiagnosisSettings(noise={"q": 2e-5}, held_out_traces=("run4",), effects=few)
     parts, _ = parts_of(block(), Record(runs, ("q",), ("u",)), settings)
-    begun = _begun(parts.known, {}, Watch())
+    before = begun(parts.known, {}, Watch())
     assert not any(a < 4.25 < b for _, a, b in stands_out(parts.known, parts.known.model.null))
-    ((trace, begin, end),) = suspected(parts, *begun, {}, 3)
+    ((trace, begin, end),) = suspected(parts, *before, {}, 3)
     assert trace == 0
     assert 4.0 < begin < 4.23
     assert 4.33 < end < 4.6

@@ -119,13 +119,13 @@ def test_masking_is_searched_anew_only_if_it_tells_more(monkeypatch, extra, befo
 def test_what_is_masked_after_the_end_is_fitted_and_not_searched(monkeypatch):
     """A delay masks what was commanded before the record; a search that has ended does not begin anew for that."""
     begun = []
-    searched = module._searched
+    searched = module.searched
 
     def once(*given, **more):
         begun.append(1)
         return _ended(searched(*given, **more), given[3])
 
-    monkeypatch.setattr(module, "_searched", once)
+    monkeypatch.setattr(module, "searched", once)
     d = diagnose(block(), _record(late=LATE), DiagnosisSettings(effects=("input_delay",)))
     assert len(begun) == 1
     assert any("ended after" in w for w in d.warnings)

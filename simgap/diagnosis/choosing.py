@@ -1,0 +1,47 @@
+"""From what a search found to the set that is put to *confirm*."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from simgap.diagnosis.conclude import Chosen
+from simgap.diagnosis.result import DiagnosisSettings, Key
+from simgap.diagnosis.search.explanations import Search
+from simgap.diagnosis.search.fit import fit
+from simgap.diagnosis.search.selection import on_all
+from simgap.diagnosis.search.watch import Stopped
+from simgap.diagnosis.seek import Searched
+from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.parts import Parts
+from simgap.diagnosis.thresholds import FIT_QUALITY
+from simgap.diagnosis.verdict.judge import chi2_dof, real
+from simgap.diagnosis.verdict.transfer import Trial, transferable
+
+
+def chosen(parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried: Mapping[Key, str]) -> Chosen:
+    """The set that is put to *confirm*, fitted on every sample of the other folds."""
+    known, (search, sparse, found) = parts.known, ends
+    full = search if search.problem is known else Search(known, search.starts)
+    base = sparse if full is search else fit(known, known.model.null, initial_states(known), [], {})
+    kept = on_all(full, search, found, base)
+    at_floor = chi2_dof(known, kept.fit) <= FIT_QUALITY
+    agree, carried = True, None
+    if found.members and not at_floor:
+        together = math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
+        most = min(settings.max_effects, settings.most_off_floor)
+        trial = Trial(coarse(parts.fit), coarse(parts.choose, JUDGED_ROWS, together), settings.horizon_s)
+        try:
+            stopped = bool(search.watch.stopped)
+            carried = None if stopped else transferable(search, sparse, found, trial, most)
+        except Stopped:
+            carried = None
+        except KeyboardInterrupt:
+            search.watch.interrupted()
+        agree = carried is not None and carried.agrees
+        if carried is not None:
+            search, found = carried.search, carried.chosen
+            kept = on_all(full, search, found, base)
+    search.watch.over = full.watch.over = True
+    return Chosen(search, sparse, found, real(full, kept, at_floor), full, base, carried, at_floor, agree, not_tried)

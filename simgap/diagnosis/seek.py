@@ -1,0 +1,100 @@
+"""One search from its beginning to its end: on a problem, with what is known before, as far as the budget goes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.diagnosis.result import Key
+from simgap.diagnosis.search.equivalence import rivals
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.search.noise_colour import noise_colour
+from simgap.diagnosis.search.scoring import list_starts
+from simgap.diagnosis.search.selection import best_so_far, carried_over, on_all, preferred, select
+from simgap.diagnosis.search.watch import Stopped, Watch
+from simgap.diagnosis.simulation.coarse import coarse
+from simgap.diagnosis.simulation.colour import Colour
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.simulation.parts import Parts
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MOST_COLOURED
+from simgap.diagnosis.verdict.judge import chi2_dof
+
+Floats = NDArray[np.float64]
+Searched = tuple[Search, Fit, Explanation]
+"""The search, the model as declared on it, and what explains it best."""
+
+
+def begun(problem: Problem, not_tried: Collection[Key], watch: Watch) -> tuple[Search, Fit]:
+    """A search on the problem in which nothing was tried yet, and the model as declared."""
+    sought = coarse(problem)
+    base = fit(sought, sought.model.null, initial_states(sought), [], {})
+    return Search(sought, list_starts(sought, not_tried), watch=watch), base
+
+
+def searched(
+    problem: Problem, most: int, not_tried: Collection[Key], watch: Watch,
+    known: tuple[Explanation, float] | None = None, before: tuple[Search, Fit] | None = None,
+) -> Searched:  # fmt: skip
+    """A search on the problem, the model as declared, and what explains it best; begun from what is `known`.
+
+    What is known comes with its chi^2/dof where it was found. A search that is stopped ends with its best so far; one
+    that was begun `before` goes on.
+    """
+    search, base = before or begun(problem, not_tried, watch)
+    if watch.stopped:
+        return search, base, best_so_far(search, base, most)
+    try:
+        found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
+        if before is not None and _acts_later(search, found):  # sought once more without what was commanded before
+            return search, base, found
+        rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
+        return search, base, preferred(search, found, most)
+    except Stopped:
+        pass
+    except KeyboardInterrupt:
+        watch.interrupted()
+    return search, base, best_so_far(search, base, most)
+
+
+def _acts_later(search: Search, found: Explanation) -> bool:
+    """Whether commands from outside the record act on it under what was found, and not as declared."""
+    problem, null = search.problem, search.problem.model.null
+    return problem.ahead(found.fit.theta) > 0.0 or problem.reach(found.fit.theta) > problem.reach(null)
+
+
+def fitted_again(problem: Problem, search: Search, found: Explanation, not_tried: Collection[Key]) -> Searched:
+    """What a search found before it was stopped, fitted on another problem; nothing else is tried there."""
+    sought = coarse(problem)
+    base = fit(sought, sought.model.null, initial_states(sought), [], {})
+    again = Search(sought, list_starts(sought, not_tried), watch=search.watch)
+    return again, base, on_all(again, search, found, base)
+
+
+def under_its_noise(
+    parts: Parts, ends: Searched, most: int, not_tried: Collection[Key]
+) -> tuple[Parts, Searched] | None:
+    """The search again under a noise with a colour, where it then reaches that noise; None where it does not."""
+    search, _, found = ends
+    full = len(found.members) >= min(most, LEAPS_ANYHOW)  # all that it takes anyhow: what is left is no noise
+    noise = None if search.watch.stopped or full else _noise(parts.known, search, found)
+    if noise is None:
+        return None
+    louder = parts.with_noise(*noise)
+    again = searched(louder.known, most, not_tried, search.watch)
+    if chi2_dof(again[0].problem, again[2].fit) > FIT_QUALITY:  # it was not the noise that was missing
+        return None
+    return louder, again
+
+
+def _noise(known: Problem, search: Search, found: Explanation) -> tuple[Floats, Colour] | None:
+    """The law of the noise, where what was found leaves more than white noise and that is no trace of a force."""
+    if not FIT_QUALITY < chi2_dof(search.problem, found.fit) <= MOST_COLOURED:
+        return None
+    at = found.fit
+    if search.problem is not known:
+        at = fit(known, at.theta, initial_states(known), [], {})
+    return noise_colour(known, at.theta, at.x0)
