@@ -94,6 +94,8 @@ def propose(
     with progress("building the nominal model") as tell:
         found = stage.run(case, values_of(at, "--at"), tell)
     typer.echo(found.block())
+    if found.small:
+        typer.echo(found.small, err=True)
 
 
 @app.command()

@@ -138,6 +138,8 @@ def _proposed(
     own = found.proposal
     cells = " x ".join(map(str, own.cells))
     note(f"The nominal model alone wins {own.wins:.2g} of X on {cells} cells at tau = {own.tau} s.")
+    if found.small:
+        note(found.small)
     return {"proposal": found.block(), "substeps": max(1, round(ENGINE_STEPS * own.tau))}
 
 

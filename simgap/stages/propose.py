@@ -20,6 +20,8 @@ ALONG = {1: 200, 2: 40, 3: 10, 4: 10}
 the gap of a two-link arm was refused, so few do not show how it bends."""
 TOLERANCE = "1.0e-9"
 """Of a declared translation, in the unit of each state: rounding, and nothing of an engine that knows places apart."""
+SMALL = 0.5
+"""Share of the X that is sought below which it is called small. Judgement."""
 DEGREE = {1: 3}
 """Of the basis, by the number of inputs, else 2: the programs take a time that grows with the square of its terms."""
 
@@ -31,6 +33,17 @@ class Numbers:
     proposal: Proposal
     half_widths: Mapping[str, float]
     degree: int
+
+    @property
+    def small(self) -> str:
+        """What to know of an X that is much smaller than sought, in a sentence, or nothing."""
+        part = self.proposal.part
+        if part >= SMALL:
+            return ""
+        return (
+            f"X is small: {part:.2g} of what is sought along an axis, because the joints' limits or the largest inputs "
+            "leave no more. Stronger drives, or tau, X and U by hand, may do better (docs/tutorial.md)."
+        )
 
     def block(self) -> str:
         """Sections of a case file."""

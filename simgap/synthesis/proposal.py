@@ -63,6 +63,7 @@ class Proposal:
         tau: s. X: for each state its ends. U: for each input its least and largest value and their distance.
         cells: along each axis. wins: share of them that the nominal model alone wins.
         free: states on which the motion does not depend. tried: the games that were solved.
+        part: of the X that is sought (`REACH`), the share along each axis that stops and the largest inputs leave.
     """
 
     tau: float
@@ -72,6 +73,7 @@ class Proposal:
     wins: float
     free: tuple[str, ...]
     tried: tuple[Tried, ...]
+    part: float
 
 
 def propose(
@@ -153,12 +155,8 @@ class _Search:
             min(MOST, max(least, 1 + 2 * math.ceil(n / max(a, 1e-300)))) for n, a in zip(needed, apart, strict=True)
         ]
 
-    def box(self, share: float) -> Floats:
-        """Half-widths of X: an angle on which the motion depends goes to REACH, and nothing beyond its room.
-
-        Positions with a room keep out of its last step: the engine's stops are no part of the model. `share` is that
-        of the inputs of a linear feedback.
-        """
+    def sought(self) -> Floats:
+        """Half-widths of X where nothing limits it: an angle on which the motion depends goes to REACH."""
         names, unit = self.model.state_names, {v.name: v.unit for v in self.model.states}
         groups = (
             [n for n in names if unit[n] == "rad" and n not in self.posture.free],
@@ -166,7 +164,15 @@ class _Search:
             list(names),
         )
         measured = next(group for group in groups if group)
-        box = self.shape.box * REACH / max(self.shape.box[names.index(n)] for n in measured)
+        return np.asarray(self.shape.box * REACH / max(self.shape.box[names.index(n)] for n in measured))
+
+    def box(self, share: float) -> Floats:
+        """Half-widths of X: as sought, and nothing beyond its room.
+
+        Positions with a room keep out of its last step: the engine's stops are no part of the model. `share` is that
+        of the inputs of a linear feedback.
+        """
+        names, box = self.model.state_names, self.sought()
         fits, needed = 1.0, self._travelled(box, share)
         for j, n in enumerate(names):
             lo, hi = self.room.get(n, (-math.inf, math.inf))
@@ -231,7 +237,8 @@ class _Search:
         for n, rest, most, step in zip(self.model.input_names, self.posture.u, best.inputs, best.steps, strict=True):
             at = _beside(rest, step)
             U[n] = (round(at - most, 12), round(at + most, 12), step)
-        return Proposal(self.shape.tau, X, U, best.cells, best.wins, self.posture.free, tuple(tried))
+        part = float((np.array(best.box) / self.sought()).min())
+        return Proposal(self.shape.tau, X, U, best.cells, best.wins, self.posture.free, tuple(tried), part)
 
 
 def _beside(rest: float, step: float) -> float:

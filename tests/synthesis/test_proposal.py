@@ -7,6 +7,7 @@ import sympy as sp
 from simgap.errors import UserError
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import Coordinate, SymbolicModel, Variable, symbol
+from simgap.stages.propose import Numbers
 from simgap.synthesis.posture import posture_of
 from simgap.synthesis.proportions import proportions
 from simgap.synthesis.proposal import WINS, _Search, propose, rounded
@@ -59,7 +60,7 @@ def test_nothing_is_proposed_where_no_feedback_holds():
     assert proportions(np.array([[1.0, 0.0], [0.0, 1.0]]), np.array([[1.0], [0.0]]), 1.0) is None
 
 
-@pytest.mark.parametrize("limit", [None, 0.2])
+@pytest.mark.parametrize("limit", [None, 0.2, 0.05])
 def test_what_is_proposed_is_won_within_the_limits(limit):
     model = pendulum()
     limits = {} if limit is None else {"u": limit}
@@ -73,6 +74,8 @@ def test_what_is_proposed_is_won_within_the_limits(limit):
     assert all(found.X[n][1] <= most for n, most in (("q", 0.25), ("v", 0.9)))
     weight = 14.715 / 3.0 * np.sin(found.X["q"][1])
     assert (hi < weight) == (limit is not None and limit < weight)
+    assert found.X["q"][1] == pytest.approx(found.part * 0.25, rel=0.05)
+    assert ("X is small" in Numbers(found, {}, 2).small) == (found.X["q"][1] < 0.125)
     assert 0.2 / np.sqrt(14.715) * 0.9 <= found.tau <= 0.8 / np.sqrt(14.715) * 1.1
 
 
