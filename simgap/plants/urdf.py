@@ -70,8 +70,10 @@ def load_urdf(
         acceleration = inverse * (sp.Matrix(drive) - sp.Matrix(drag) - numeric_terms.bias(order, rates, parameters))
     else:
         mass, bias, weight = _equations(path, plant, joints, order, rates)
-        inverse = _simplify(mass.inv(method="ADJ"))
-        acceleration = _simplify(inverse * (weight - bias)) + inverse * (sp.Matrix(drive) - sp.Matrix(drag))
+        inverse = simplified(mass, lambda m: _simplify(m.inv(method="ADJ")), "inverse 1")
+        acceleration = simplified(inverse * (weight - bias), _simplify, "urdf 1") + inverse * (
+            sp.Matrix(drive) - sp.Matrix(drag)
+        )
     rows = {q: symbol(v) for q, v in zip(order, rates, strict=True)}
     rows |= {v: acceleration[k] for k, v in enumerate(rates)}
     place = [rates.index(name) if name in rates else None for name in states]

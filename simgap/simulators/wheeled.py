@@ -46,7 +46,11 @@ class PyBulletWheeled(WheeledEngine):
         self._p: Any = BulletClient(p.DIRECT)
         self._native: Any = p  # the client looks every function up anew, which costs more than a pose does
         self._body, self._wheels = self._load()
-        self._offset = np.array(self._p.getDynamicsInfo(self._body, -1)[3])  # of the centre of mass from the root
+        # Bullet's body frame is at the centre of mass, along the principal axes of inertia: seen from the root
+        place, self._axes = self._p.getDynamicsInfo(self._body, -1)[3:5]
+        self._offset = np.array(place)
+        self._from_axes = np.array(self._native.getMatrixFromQuaternion(self._axes)).reshape(3, 3).T
+        self._aligned = bool(np.array_equal(self._from_axes, np.eye(3)))
         self._height = self._settled_height()
         self._rest = self._kept()
 
@@ -118,6 +122,8 @@ class PyBulletWheeled(WheeledEngine):
         p = self._p
         self._return_to(self._rest)
         quaternion = p.getQuaternionFromEuler([0, 0, heading])
+        if not self._aligned:
+            quaternion = p.multiplyTransforms([0, 0, 0], quaternion, [0, 0, 0], self._axes)[1]
         cos, sin = np.cos(heading), np.sin(heading)
         a, b, _ = self._offset
         place = [float(x[i]) + cos * a - sin * b, float(x[j]) + sin * a + cos * b, self._height]
@@ -149,6 +155,8 @@ class PyBulletWheeled(WheeledEngine):
         turn = self._native.getMatrixFromQuaternion
         place = np.array([position for position, _ in seen])
         m = np.array([turn(quaternion) for _, quaternion in seen])
+        if not self._aligned:
+            m = (m.reshape(-1, 3, 3) @ self._from_axes).reshape(-1, 9)
         a, b, c = self._offset
         i, j, k = self._plant.pose
         self.path[:, i] = place[:, 0] - (m[:, 0] * a + m[:, 1] * b + m[:, 2] * c)

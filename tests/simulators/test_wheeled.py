@@ -150,3 +150,27 @@ def test_tyres_that_multiply_the_floor_s_friction_are_refused(tmp_path):
     )
     with pytest.raises(UserError, match=r"lateral friction 1\.5"):
         PyBulletWheeled(replace(plant, urdf=sticky), case.simulator)
+
+
+def turned_axes(urdf, x, u):
+    """Poses after one step, for the robot of a model file."""
+    case = load_case(CASE)
+    plant = replace(wheeled_plant(case, CASE.parent), urdf=urdf)
+    robot = PyBulletWheeled(plant, case.simulator.model_copy(update={"substeps": 100, "poses": 20}))
+    try:
+        return robot.rollouts(x, u)
+    finally:
+        robot.close()
+
+
+def test_the_axes_in_which_an_inertia_is_written_turn_no_heading(tmp_path):
+    """The body is as heavy about x as about y: written in axes turned about z it is the same body."""
+    text = (CASE.parent / "../models/turtlebot.urdf").read_text()
+    own = '<origin xyz="-0.02 0 0.08" rpy="0 0 0"/>'
+    assert text.count(own) == 1
+    plain, turned = tmp_path / "plain.urdf", tmp_path / "turned.urdf"
+    plain.write_text(text)
+    turned.write_text(text.replace(own, own.replace("0 0 0", "0 0 0.6")))
+    x, u = np.array([[1.0, 2.0, 0.3], [0.0, 0.0, -2.0]]), np.array([[0.3, 0.5], [0.2, -0.8]])
+    a, b = run(turned_axes, (plain, x, u), (turned, x, u))
+    assert np.abs(a - b).max() < 1e-3
