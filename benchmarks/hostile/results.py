@@ -80,7 +80,8 @@ def _gaps() -> tuple[str, ...]:
 
 def read_controller(rng: random.Random, folder: Path) -> None:
     """A damaged controller, or one that was altered by somebody who can write a checksum."""
-    from simgap.io.controller_file import _checksum, load_controller
+    from simgap.io.controller_file import load_controller, load_domain
+    from simgap.io.packed_arrays import checksum
 
     whole, path = folder / "whole.npz", folder / "a.npz"
     if rng.random() < 0.4:
@@ -94,9 +95,9 @@ def read_controller(rng: random.Random, folder: Path) -> None:
             arrays["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
         else:
             arrays[name] = _altered_array(arrays[name], rng)
-        arrays["sha256"] = _checksum(arrays)
+        arrays["sha256"] = checksum(arrays)
         np.savez(path, **arrays)
-    load_controller(path)
+    rng.choice((load_controller, load_domain))(path)
 
 
 def _altered_array(array: Any, rng: random.Random) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -54,7 +55,8 @@ def verdict(m: Material) -> dict[str, Any]:
     kept, runs = robust["runs_that_kept_the_specification"], robust["runs"]
     attacked = m.audit["violations"] if m.audit is not None else 0
     good = kept == runs and robust["steps_outside_gamma"] == 0 and not attacked
-    words, steps = specification_of(m.context.case).words, m.context.need(m.context.case.validation, "validation").steps
+    words, section = specification_of(m.context.case).words, m.context.case.validation
+    steps = section.steps if section is not None else math.inf
     return {
         "good": good,
         "badge": "promise kept" if good else "promise broken",
@@ -76,7 +78,7 @@ def _won(m: Material, kind: str) -> str:
     return f"{found['winning_fraction']:.3f} ({found['winning_cells']:,} cells)"
 
 
-def _violations(tally: Mapping[str, Any], steps: int) -> str:
+def _violations(tally: Mapping[str, Any], steps: float) -> str:
     bad, runs = tally["runs_that_violated_it"], tally["runs"]
     if not bad:
         return f"none of {runs:,} runs violates the specification in the simulator; here it happens to survive"
