@@ -148,3 +148,12 @@ def test_a_fit_that_begins_at_the_same_place_is_made_once(monkeypatch):
     begun = [m for m in made if m[0]]
     assert len(begun) > 10
     assert len(begun) == len(set(begun))
+
+
+def test_an_answer_at_the_limit_off_the_noise_says_so():
+    """Off the noise fewer effects are allowed: the remedy is to allow more."""
+    settings = DiagnosisSettings(effects=EFFECTS, max_effects=5, most_off_floor=2)
+    d = diagnose(block(), _record(0.3, LATE), settings)
+    assert d.after.chi2_dof > 2.0
+    assert len(d.effects) == 2
+    assert d.at_most == 2
