@@ -114,6 +114,11 @@ def _errorbars(axis: Any, b: Binned, colour: str, marker: str, label: str) -> No
     )
 
 
+def _gain(value: float) -> str:
+    """Whole numbers as far as they leave room for what stands beside them."""
+    return (f"{value:,.0f}" if abs(value) < 1e6 else f"{value:.3g}").replace("-", "\u2212")
+
+
 def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
     """From the model as declared to the answer, one effect at a time: what each option of a step leaves of chi^2/dof.
 
@@ -137,7 +142,7 @@ def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
         axis.plot(ends[1], y, "o", color=colour, ms=size, zorder=3)
         for x, said in (
             (0.38, f"{option['chi2_dof']:.4g}"),
-            (1.0, f"{option['bic_gain']:,.0f}".replace("-", "\u2212")),
+            (1.0, _gain(float(option["bic_gain"]))),
         ):
             numbers.text(x, y, said, va="center", ha="right", fontsize=11)
     for x, head in ((0.38, "left"), (1.0, "BIC gain")):
