@@ -116,7 +116,7 @@ def _errorbars(axis: Any, b: Binned, colour: str, marker: str, label: str) -> No
 
 def _gain(value: float) -> str:
     """Whole numbers as far as they leave room for what stands beside them."""
-    return (f"{value:,.0f}" if abs(value) < 1e6 else f"{value:.3g}").replace("-", "\u2212")
+    return (f"{value:,.0f}" if abs(value) < 1e7 else f"{value:.3g}").replace("-", "\u2212")
 
 
 def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
