@@ -16,6 +16,7 @@ from simgap.diagnosis.result import (
     Judged,
     Key,
     RecordingFault,
+    Verdict,
 )
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
@@ -86,16 +87,10 @@ def conclude(
     names = [trace.name for trace in record.traces]
     where = concentrated(confirm, names, old, new)
     evidence = _evidence(known, confirm, chosen, old, new, where)
-    word, share = verdict(chosen.kept, evidence), evidence.share
-    further = beyond(record, confirm) if word in ("attributed", "none") and record.left_out else ()
-    word = "partial" if further and chosen.kept.members else word
-    named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
+    share, said_of = evidence.share, _worded(record, known, confirm, chosen, evidence)
+    word, named, others = said_of.word, said_of.named, said_of.others
     short = nearest(full, chosen.kept, evidence, chosen.at_floor, model) if word == "unexplained" else None
     kept, kept_held = (chosen.kept, new) if named else (full.empty(base), old)
-    others = _rivals(chosen) if named else []
-    fitter = better(others, chosen.found)
-    faint = faint_memory(known) if word == "attributed" and chosen.kept.members else ()
-    word = "partial" if (fitter or faint) and word == "attributed" else word
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, kept_held.states), True)
     empty = search.empty(chosen.sparse)
@@ -120,9 +115,14 @@ def conclude(
         candidates=answer.candidate_scores(search, empty, chosen.barred),
         collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
         folds=FoldStretches(*(stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
-        warnings=(*said, *_of_no_size(every, small), *_warnings(search.watch, kept_held, kept, horizon), *fitter),
-        unconfirmed=further,
-        faint_memory=faint,
+        warnings=(
+            *said,
+            *_of_no_size(every, small),
+            *_warnings(search.watch, kept_held, kept, horizon),
+            *said_of.fitter,
+        ),
+        unconfirmed=said_of.further,
+        faint_memory=said_of.faint,
         at_most=most if len(chosen.kept.members) >= most else None,
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
@@ -140,6 +140,36 @@ def conclude(
         ),
         steps=steps(search, empty, chosen.kept),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Worded:
+    """The verdict, and what keeps it from `attributed`.
+
+    Attributes:
+        word: the verdict; named: whether effects are; others: what explains the data as well.
+        further, faint: as `unconfirmed` and `faint_memory` of the answer; fitter: what fits clearly better.
+    """
+
+    word: Verdict
+    named: bool
+    others: list[Rival]
+    further: tuple[str, ...]
+    faint: tuple[str, ...]
+    fitter: tuple[str, ...]
+
+
+def _worded(record: Record, known: Problem, confirm: Problem, chosen: Chosen, evidence: Evidence) -> _Worded:
+    """The verdict by the evidence, held back where something else may have acted or fits better."""
+    word, members = verdict(chosen.kept, evidence), chosen.kept.members
+    further = beyond(record, confirm) if word in ("attributed", "none") and record.left_out else ()
+    word = "partial" if further and members else word
+    named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
+    others = _rivals(chosen) if named else []
+    fitter = better(others, chosen.found)
+    faint = faint_memory(known) if word == "attributed" and members else ()
+    word = "partial" if (fitter or faint) and word == "attributed" else word
+    return _Worded(word, named, others, further, faint, fitter)
 
 
 def _evidence(

@@ -16,20 +16,16 @@ from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search, sound
-from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.scoring import list_starts
+from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.selection import grow, preferred
 from simgap.diagnosis.search.watch import Stopped
-from simgap.diagnosis.simulation.coarse import coarse
-from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.seek import Searched, begun
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, NEAR_TIE, SECOND_EFFECTS, SECOND_SHARE
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
-
-Searched = tuple[Search, Fit, Explanation]
 
 
 def screened(
@@ -116,7 +112,7 @@ def clearer(
         return None
     try:
         parts, _ = parts_of(model, record, replace(settings, effects=(*sorted(names), *likes)))
-        search, base = _fresh(parts, first, not_tried)
+        search, base = begun(parts.known, not_tried, first.watch)
         known = _again(search, base, found)
         _in_the_place(search, known)
         best = preferred(search, known, settings.max_effects)
@@ -136,13 +132,6 @@ def clearer(
         return None
 
 
-def _fresh(parts: Parts, first: Search, not_tried: Mapping[Key, str]) -> tuple[Search, Fit]:
-    """A search in which nothing was tried yet, and the model as declared."""
-    problem = coarse(parts.known)
-    base = fit(problem, problem.model.null, initial_states(problem), [], {})
-    return Search(problem, list_starts(problem, not_tried), watch=first.watch), base
-
-
 def _wide(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, first: Search, not_tried: Mapping[Key, str]
 ) -> tuple[Parts, Search, Fit] | None:
@@ -150,7 +139,7 @@ def _wide(
     parts, _ = parts_of(model, record, settings, second=True)
     if not any(c.effect.second for c in parts.known.model.candidates):
         return None
-    return parts, *_fresh(parts, first, not_tried)
+    return parts, *begun(parts.known, not_tried, first.watch)
 
 
 def _known(search: Search) -> list[Key]:

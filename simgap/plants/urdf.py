@@ -65,15 +65,13 @@ def load_urdf(
             parameters[f"{j}.damping"] = Parameter(d, unit, "viscous damping declared in the URDF")
     drag = [symbol(f"{j}.damping") * symbol(v) if d else 0 for j, v, d in zip(joints, rates, damping, strict=True)]
     drive = [sum((symbol(n) for n, (joint, _) in inputs.items() if joint == j), sp.Integer(0)) for j in joints]
+    forces = sp.Matrix(drive) - sp.Matrix(drag)
     if len(joints) > numeric_terms.MOST_DERIVED:
         inverse = numeric_terms.inverse_mass(order, parameters)
-        acceleration = inverse * (sp.Matrix(drive) - sp.Matrix(drag) - numeric_terms.bias(order, rates, parameters))
+        acceleration = inverse * (forces - numeric_terms.bias(order, rates, parameters))
     else:
-        mass, bias, weight = _equations(path, plant, joints, order, rates)
-        inverse = simplified(mass, lambda m: _simplify(m.inv(method="ADJ")), "inverse 1")
-        acceleration = simplified(inverse * (weight - bias), _simplify, "urdf 1") + inverse * (
-            sp.Matrix(drive) - sp.Matrix(drag)
-        )
+        inverse, free = _equations(path, plant, joints, order, rates)
+        acceleration = free + inverse * forces
     rows = {q: symbol(v) for q, v in zip(order, rates, strict=True)}
     rows |= {v: acceleration[k] for k, v in enumerate(rates)}
     place = [rates.index(name) if name in rates else None for name in states]
@@ -157,15 +155,19 @@ def _moving(plant: Any) -> list[Any]:
 
 def _equations(
     path: Path, plant: Any, joints: list[str], order: list[str], rates: list[str]
-) -> tuple[sp.Matrix, sp.Matrix, sp.Matrix]:
-    """M(q), C(q, v) v and the gravity forces; gravity is linear in its vector, so one unit vector at a time."""
+) -> tuple[sp.Matrix, sp.Matrix]:
+    """M(q)^-1, and the acceleration without forces, M^-1 (weight - C(q, v) v).
+
+    Gravity is linear in its vector, so one unit vector at a time.
+    """
     mass, bias, _ = _drake_symbolic(plant, order, rates)
     weight = sp.zeros(len(joints), 1)
     for k, name in enumerate(GRAVITY):
         unit, _ = multibody_plant(path, tuple(float(k == i) for i in range(3)))  # type: ignore[arg-type]
         weight += symbol(name) * _drake_symbolic(unit, order, rates)[2]
     mass, bias, weight = (simplified(m, _simplify, "urdf 1") for m in (mass, bias, weight))
-    return mass, bias, weight
+    inverse = simplified(mass, lambda m: _simplify(m.inv(method="ADJ")), "inverse 1")
+    return inverse, simplified(inverse * (weight - bias), _simplify, "urdf 1")
 
 
 def _drake_symbolic(plant: Any, order: list[str], rates: list[str]) -> tuple[sp.Matrix, sp.Matrix, sp.Matrix]:
