@@ -213,3 +213,16 @@ def test_the_limit_on_the_number_of_effects_is_no_end_of_the_library():
     nearest = {"effects": [effect], "explained_share": 0.3, "reasons": ["it explains less than half"]}
     text = verdict_sentence({"verdict": "unexplained", "effects": [], "nearest": nearest, "at_most": 3})
     assert "Allow more than measured.max_effects = 3 effects" in text
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_what_else_would_help_is_said_however_many_there_are(count):
+    """One alone ended the stage with a traceback, on a recording of a real pendulum."""
+    over = [{**FRICTION, "share": 0.3}, {**MASS, "share": 0.2}, {**FRICTION, "on": "elbow", "share": 0.1}][:count]
+    error = {"after": {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}}}
+    document = {"verdict": "partial", "effects": [MASS], "explained_share": 0.6, "error": error, "left_over": over,
+                "units": {"q": "rad"}}  # fmt: skip
+    text = verdict_sentence(document)
+    assert "would take away 30 % of it" in text
+    assert text.count("Coulomb friction at") == (1 if count < 3 else 2)
+    assert ("(or " in text) == (count > 1)
