@@ -25,7 +25,9 @@ class RollingResistance(WheelEffect):
     resembles = ("input_dead_zone", "input_bias", "input_gain")
     needs = "a planar robot on two driven wheels (plant.symbolic.wheels)"
     formula = "s' = sign(s) max(|s| - loss, 0) for both wheels, s = v + w L/2 and v - w L/2, L the track"
-    source = "Siegwart, Nourbakhsh, Scaramuzza (2011), Autonomous Mobile Robots, sec. 2.3 and 3.2; Wong (2008), sec. 1.2"
+    source = (
+        "Wong (2008), Theory of Ground Vehicles, sec. 1.2 (rolling resistance); the rest is the balance of the loop"
+    )
     rank = PLANT + 35
     excitation = "drive slowly and fast, turn on the spot and drive backwards"
     parameters = (EffectParameter("loss", "{input}", "speed that each wheel loses at its rim", null=0.0, lower=0.0),)
