@@ -66,6 +66,7 @@ class WheeledEngine(Engine, PathSimulator):
 
     file_traits = FileTraits(stops=True)
     path: Floats
+    _section: WheeledSettings
 
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:
