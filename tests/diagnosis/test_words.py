@@ -169,6 +169,11 @@ SAID = {
         "plant", {"ratio": (1.05, 0.01, "1")},
         "a right wheel whose radius is 5 ± 1 % above the declared one", "unequal wheels",
     ),
+    "rolling_resistance": (
+        "plant", {"loss": (0.02, 0.001, "m/s")},
+        "rolling resistance that takes 0.020 ± 0.001 m/s from the speed of each wheel",
+        "rolling resistance of the wheels",
+    ),
     "lateral_slip": ("plant", {"ratio": (0.05, 0.01, "1")}, "sideways slip of 5 ± 1 % of the speed", "sideways slip"),
 }  # fmt: skip
 
