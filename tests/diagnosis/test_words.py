@@ -1,5 +1,6 @@
 """The sentence that a person acts on."""
 
+import itertools
 import math
 
 import pytest
@@ -231,3 +232,46 @@ def test_what_else_would_help_is_said_however_many_there_are(count):
     assert "would take away 30 % of it" in text
     assert ("Coulomb friction at the elbow" in text) == (count > 2)
     assert ("(or " in text) == (count > 1)
+
+
+ERROR = {"before": {}, "after": {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}}}
+TOO_MUCH = {"fault": "hum", "channel": "q", "sentence": "A hum of 50 Hz was taken out of q."}
+AT = {"from": 1.0, "to": 1.2, "trace": "run"}
+CHOICES = {
+    "verdict": ("none", "attributed", "partial", "unexplained"),
+    "effects": ([], [MASS], [MASS, FRICTION]),
+    "left_over": (None, [], [{**FRICTION, "share": 0.3}], [{**FRICTION, "share": 0.3}, {**MASS, "share": 0.2}]),
+    "nearest": (None, {"effects": [FRICTION], "explained_share": 0.3, "reasons": ["it is a guess"]}),
+    "candidates": ([], [FRICTION]),
+    "recording": ([], [TOO_MUCH, TOO_MUCH]),
+    "at_most": (None, 3),
+    "unconfirmed": ([], ["q", "u"]),
+    "faint_memory": ([], ["q"]),
+    "concentrated": (None, {"stretches": [AT], "explained_share_without": 0.7, "error_share": 0.9}),
+    "remainder": (None, {"bounded": False, "reason": "the case has no `gap:` section"}),
+}
+
+
+def test_every_answer_has_its_sentences():
+    """Of all combinations of what a document may hold: no traceback, no gap, nothing that is no word."""
+    seen = set()
+    for values in itertools.product(*CHOICES.values()):
+        document = {**dict(zip(CHOICES, values, strict=True)), "explained_share": 0.6, "error": ERROR, "warnings": []}
+        if bool(document["effects"]) == (document["verdict"] in ("attributed", "partial")):
+            seen.add(verdict_sentence(document))
+    assert len(seen) > 100
+    for text in seen:
+        assert text[0].isupper()
+        assert text.endswith(".")
+        assert ".." not in text
+        assert "  " not in text
+        assert "None" not in text
+        assert "[" not in text
+
+
+def test_sets_of_several_effects_that_do_as_well_are_kept_apart():
+    others = [[{"name": "input_bias", "on": "u"}], [FRICTION, {"name": "parameter_error", "on": "g"}]]
+    text = verdict_sentence(document("attributed", [{**MASS, "alternatives": others}]))
+    assert "the mass of the rod cannot be told from this data from " in text
+    assert ", or from" not in text
+    assert " or from Coulomb friction at the hinge with the parameter g" in text

@@ -66,10 +66,14 @@ def _where(c: Mapping[str, Any] | None) -> str:
 
 
 def _doubt(effect: Mapping[str, Any]) -> str:
-    names = [phrase(effect), *(joined([phrase(e) for e in alternative]) for alternative in effect["alternatives"])]
-    if len(names) > 4:
-        names = [*names[:3], f"{len(names) - 3} more"]
-    return f"{joined(names)} cannot be told apart from this data"
+    """What else it may be; sets of several effects are kept apart by "from"."""
+    sets = [" with ".join(phrase(e) for e in alternative) for alternative in effect["alternatives"]]
+    more = [f"{len(sets) - 2} more"] if len(sets) > 3 else []
+    sets = sets[:2] if more else sets
+    if all(len(alternative) == 1 for alternative in effect["alternatives"]):
+        return f"{joined([phrase(effect), *sets, *more])} cannot be told apart from this data"
+    rest = f" (and {more[0]})" if more else ""
+    return f"{phrase(effect)} cannot be told from this data from {joined([f'from {s}' for s in sets], 'or')[5:]}{rest}"
 
 
 def _blind(document: Document) -> str:
