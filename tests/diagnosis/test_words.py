@@ -276,6 +276,6 @@ def test_every_answer_has_its_sentences():
 def test_sets_of_several_effects_that_do_as_well_are_kept_apart():
     others = [[{"name": "input_bias", "on": "u"}], [FRICTION, {"name": "parameter_error", "on": "g"}]]
     text = said(document("attributed", [{**MASS, "alternatives": others}]))
-    assert "The mass of the rod cannot be told from this data from " in text
+    assert "These data do not tell the mass of the rod from " in text
     assert ", or from" not in text
     assert " or from Coulomb friction at the hinge with the parameter g" in text

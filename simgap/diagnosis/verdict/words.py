@@ -75,7 +75,7 @@ def _doubt(effect: Mapping[str, Any]) -> str:
     if all(len(alternative) == 1 for alternative in effect["alternatives"]):
         return f"{joined([phrase(effect), *sets, *more])} cannot be told apart from this data"
     rest = f" (and {more[0]})" if more else ""
-    return f"{phrase(effect)} cannot be told from this data from {joined([f'from {s}' for s in sets], 'or')[5:]}{rest}"
+    return f"these data do not tell {phrase(effect)} {joined([f'from {s}' for s in sets], 'or')}{rest}"
 
 
 def _blind(document: Document) -> str:
