@@ -2,9 +2,9 @@
 
     python benchmarks/outside_library.py [--plants oscillator] [--kinds absorber] [--seeds 1] [--first 0] [--again]
 
-Sixteen mechanisms of `tests/undeclared/rig/strange.py` (SciPy; nothing shared with the fit), 2 x 10 s each. `attributed` with a
-name that was not hidden is wrong, and so is `none`. Each row is kept in benchmarks/results/outside_library.json as soon as it is
-there; the table is benchmarks/results/outside_library.md.
+Sixteen mechanisms of `tests/undeclared/rig/strange.py` (SciPy; nothing shared with the fit), 2 x 10 s each.
+`attributed` with a name that was not hidden is wrong, and so is `none`. Each row is kept in
+benchmarks/results/outside_library.json as soon as it is there; the table is benchmarks/results/outside_library.md.
 """
 
 from __future__ import annotations
