@@ -25,8 +25,8 @@ START = 2.0
 BYTES = 2.5e8
 """Memory of a stage with nothing in it."""
 BESIDE, JOB = 10.0, 0.9
-"""CPU seconds of `check`, `grid`, page and recording together, and of the workflow for each job: three cases of 17 to 21
-jobs spent 27 to 33 s there on a busy machine."""
+"""CPU seconds of `check`, `grid`, page and recording together, and of the workflow for each job: three cases of 17 to
+21 jobs spent 27 to 33 s there on a busy machine."""
 ROLLOUT = 3e-5
 """CPU seconds of an engine's step of a joint plant where the engine was not asked."""
 LOOP = 6e-6
