@@ -196,7 +196,7 @@ def root_link(path: Path) -> str:
 
 
 def check_wheels(path: Path, left: str, right: str) -> None:
-    """Refuse wheels that are no joints, do not turn without end, or are one joint twice; an engine drives them silently.
+    """Refuse wheels that are no joints, do not turn without end, or are one joint twice: an engine says nothing.
 
     Raises:
         UserError: with the key of the simulator, and what the file has.
