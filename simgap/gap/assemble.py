@@ -124,8 +124,20 @@ def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence
                 f"the gap of {name} is not Lipschitz at this grid: L(h/2)/L(h) = {found.ratio.max():.2f} > {GATE}, "
                 f"{100 * found.rough_share:.2g} % of the cells are rough; "
                 f"{found.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
-                f"Use {_finer(where, found)}, or padding: inflate with a larger rough_limit if a jump is known.",
+                _remedy(where, settings, found),
             )
+
+
+def _remedy(where: SampleGrid, settings: GapSettings, found: GridLipschitz) -> str:
+    """More samples; or, where something switches, a model that does the same, or a bound that takes the jump in."""
+    if not found.layers:
+        return f"Use {_finer(where, found)}, or padding: inflate with a larger rough_limit if a jump is known."
+    local = "" if settings.padding == "inflate" and settings.bound != "envelope" else "padding: inflate and "
+    limit = min(1.0, 0.05 * np.ceil(20.0 * found.rough_share + 0.2))
+    return (
+        "Declare what switches in plant.effects too; or take the jump into the bound: "
+        f"{local}gap.lipschitz.rough_limit: {limit:.2g}; or use {_finer(where, found)}."
+    )
 
 
 def _finer(where: SampleGrid, found: GridLipschitz) -> str:

@@ -228,7 +228,7 @@ def of_engine(
     x = context.box.sample(rng, 100)
     values = [case.domain.U[name].list() for name in context.inputs]
     u = np.stack([rng.choice(own, len(x)) for own in values], axis=1) if values else np.zeros((len(x), 0))
-    ((loaded, seconds, own),) = run_in_processes(ask_engine, [(case, context.folder, x, u)], log=engine_log)
+    ((loaded, seconds, own),) = run_in_processes(_asked, [(case, context.folder, x, u)], log=engine_log)
     if own is not None:
         return own, seconds
     traits = kind.file_traits if issubclass(kind, Engine) else None
@@ -237,12 +237,16 @@ def of_engine(
     return surprises(case, traits, file, loaded), seconds
 
 
-def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, Link], float, list[Finding] | None]:
-    """In the engine's process: its links, the seconds of a roll-out, and what it says of a file in its own format.
+def _asked(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, Link], float, list[Finding] | None]:
+    """As `ask_engine`, and what the engine says of a file in its own format."""
+    from simgap.simulators.build import findings
 
-    The roll-outs begin at states (n, nx), under inputs (n, nu).
-    """
-    from simgap.simulators.build import findings, make_simulator
+    return *ask_engine(case, folder, x, u), findings(case, folder)
+
+
+def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, Link], float]:
+    """In the engine's process: its links, and the seconds of a roll-out from states (n, nx) under inputs (n, nu)."""
+    from simgap.simulators.build import make_simulator
 
     simulator = make_simulator(case, folder)
     try:
@@ -255,7 +259,7 @@ def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, L
             count, passed, used, least = count + size, passed + took, used + cpu, min(least, took / size)
             size = min(2 * size, TOGETHER) if took < TRIED / 10 else size
         # CPU time on a busy machine is much less than the time that passes; an engine may also wait for something.
-        return simulator.loaded(), max(used / count, least), findings(case, folder)
+        return simulator.loaded(), max(used / count, least)
     finally:
         simulator.close()
 

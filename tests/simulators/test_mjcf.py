@@ -87,7 +87,8 @@ def test_commands_that_come_late_are_late_with_an_mjcf_file_too(rod):
 def test_a_pendulum_goes_from_its_mjcf_file_to_a_bound(rod, tmp_path):
     grid = {"half_widths": {"x1": 0.04, "x2": 0.1}, "shards": 1}
     inputs = {"u": {"min": -1, "max": 1, "step": 1}}
-    path = rod({"joint": 'damping="0.2"'}, {"grid": grid, "domain.U": inputs, "gap.fresh_samples": 200})
+    changes = {"grid": grid, "domain.U": inputs, "gap.fresh_samples": 200, "gap.basis": ["sin(x1)", "x2", "u", 1]}
+    path = rod({"joint": 'damping="0.2"'}, {**changes, "plant.integrator": "semi_implicit_euler"})
     checked = check.run(path)
     assert [f.problem for f in checked.findings] == ["the file damps it by 0.2, the nominal model has 0"]
     assert checked.compared
@@ -97,7 +98,7 @@ def test_a_pendulum_goes_from_its_mjcf_file_to_a_bound(rod, tmp_path):
     found = json.loads((tmp_path / "gap.json").read_text())
     assert found["fresh"]["violations"] == 0
     largest = found["dimensions"][1]["largest_sampled_gap"]
-    assert 0.9 < largest / (TAU * 3 * 0.2 * 0.5) < 1.1  # what damping takes at the fastest cell
+    assert 0.9 < largest / (TAU * 3 * 0.2 * 0.4) < 1.1  # what damping takes where a cell is fastest
 
 
 def test_a_cart_pole_in_mjcf_is_the_one_of_the_urdf(vary, tmp_path):
