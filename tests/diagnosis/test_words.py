@@ -169,6 +169,11 @@ SAID = {
         "plant", {"ratio": (1.05, 0.01, "1")},
         "a right wheel whose radius is 5 ± 1 % above the declared one", "unequal wheels",
     ),
+    "rolling_resistance": (
+        "plant", {"loss": (0.02, 0.001, "m/s")},
+        "rolling resistance that takes 0.020 ± 0.001 m/s from the speed of each wheel",
+        "rolling resistance of the wheels",
+    ),
     "lateral_slip": ("plant", {"ratio": (0.05, 0.01, "1")}, "sideways slip of 5 ± 1 % of the speed", "sideways slip"),
 }  # fmt: skip
 
@@ -213,3 +218,16 @@ def test_the_limit_on_the_number_of_effects_is_no_end_of_the_library():
     nearest = {"effects": [effect], "explained_share": 0.3, "reasons": ["it explains less than half"]}
     text = verdict_sentence({"verdict": "unexplained", "effects": [], "nearest": nearest, "at_most": 3})
     assert "Allow more than measured.max_effects = 3 effects" in text
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_what_else_would_help_is_said_however_many_there_are(count):
+    """One alone ended the stage with a traceback, on a recording of a real pendulum."""
+    over = [{**FRICTION, "share": 0.3}, {**MASS, "share": 0.2}, {**FRICTION, "on": "elbow", "share": 0.1}][:count]
+    error = {"after": {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}}}
+    document = {"verdict": "partial", "effects": [MASS], "explained_share": 0.6, "error": error, "left_over": over,
+                "units": {"q": "rad"}}  # fmt: skip
+    text = verdict_sentence(document)
+    assert "would take away 30 % of it" in text
+    assert ("Coulomb friction at the elbow" in text) == (count > 2)
+    assert ("(or " in text) == (count > 1)
