@@ -101,6 +101,7 @@ def check_mjcf(case: Case, folder: Path) -> Any:
     check_units(case.plant, {name: str(kind) for name, kind in found.items()}, path.name)
     for name in found:
         _check_states(case, path, name)
+    _check_roles(case)
     beyond = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS) - 1 - model.nq - model.nv
     if beyond:
         raise UserError(
@@ -130,6 +131,17 @@ def _check_states(case: Case, path: Path, joint: str) -> None:
                 remedy=f"Give it one (plant.states.NAME: {{joint: {joint}, quantity: {quantity}}}), or take the joint "
                 "out of the file, which welds its body.",
             )  # fmt: skip
+
+
+def _check_roles(case: Case) -> None:
+    """What equations leave open: which quantity of the file a state is, and which joint an input pushes."""
+    own = {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.quantity is None}
+    own |= {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.joint is None}
+    for key in (*own, *(f"inputs.{name}" for name, drive in case.plant.inputs.items() if drive.joint is None)):
+        raise UserError(
+            "the file does not know it: it has no joint, or no quantity of one", key=f"plant.{key}",
+            remedy="Write {joint: NAME, quantity: position or velocity}, for an input {joint: NAME}.",
+        )  # fmt: skip
 
 
 def samples(case: Case) -> list[dict[str, float]]:

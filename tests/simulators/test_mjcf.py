@@ -254,6 +254,11 @@ def test_a_plant_in_equations_takes_its_joints_from_the_file(rod, tmp_path):
     path.write_text(yaml.safe_dump({**content, "plant": plant}, sort_keys=False))
     x, u = samples(50)
     assert np.abs(simulate(path, x, u) - by_hand(x, u)).max() < 1e-8
+    driven = plant["inputs"]["u"].pop("joint")
+    path.write_text(yaml.safe_dump({**content, "plant": plant}, sort_keys=False))
+    with pytest.raises(UserError, match=r"plant\.inputs\.u: the file does not know it"):  # it would push nothing
+        mjcf.check_mjcf(load_case(path), tmp_path)
+    plant["inputs"]["u"]["joint"] = driven
     for state in plant["states"].values():
         del state["joint"]
     path.write_text(yaml.safe_dump({**content, "plant": plant}, sort_keys=False))
