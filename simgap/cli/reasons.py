@@ -20,7 +20,7 @@ def reasons(run_logs: Sequence[Path], folder: Path = Path()) -> list[str]:
     """
     text = "".join(_text(path) for path in run_logs)
     starts = [match.start() for match in _FAILED.finditer(text)]
-    found = [_reason(text[a:b], folder) for a, b in zip(starts, [*starts[1:], len(text)], strict=True)]
+    found = [_reason(text[a:b], folder) for a, b in zip(starts, [*starts[1:], len(text)], strict=False)]
     return list(dict.fromkeys(found))
 
 
