@@ -66,5 +66,5 @@ def with_error(value: float, half: float, unit: str = "") -> str:
 
 
 def joined(parts: Sequence[str], last: str = "and") -> str:
-    """'a', 'a and b', 'a, b and c'."""
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"
+    """'a', 'a and b', 'a, b and c'; nothing for no part."""
+    return f"{', '.join(parts[:-1])} {last} {parts[-1]}" if len(parts) > 1 else "".join(parts)

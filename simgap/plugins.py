@@ -48,6 +48,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "gravity_tilt": "simgap.effects.gravity_tilt:GravityTilt",
                 "wheel_mismatch": "simgap.effects.wheel_mismatch:WheelMismatch",
                 "lateral_slip": "simgap.effects.lateral_slip:LateralSlip",
+                "rolling_resistance": "simgap.effects.rolling_resistance:RollingResistance",
                 "viscous_friction": "simgap.effects.viscous_friction:ViscousFriction",
                 "coulomb_friction": "simgap.effects.coulomb_friction:CoulombFriction",
                 "stribeck_friction": "simgap.effects.stribeck_friction:StribeckFriction",

@@ -48,7 +48,8 @@ def diagnose(
         with suppress(OSError):
             out.rmdir()
         raise
-    for line in (f"{result['verdict']}: {result['sentence']}", f"Report: {out / 'report.html'}"):
+    first, *rest = result.get("sentences", [result["sentence"]])
+    for line in (f"{result['verdict']}: {first}", *rest, f"Report: {out / 'report.html'}"):
         Console().print(line, soft_wrap=True, highlight=False, markup=False)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import reduce
 
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import stretches
@@ -44,6 +45,7 @@ from simgap.diagnosis.verdict.judge import (
 from simgap.diagnosis.verdict.restated import told
 from simgap.diagnosis.verdict.second_look import nearest, second_look
 from simgap.diagnosis.verdict.size import slight
+from simgap.diagnosis.verdict.steadier import steadier
 from simgap.diagnosis.verdict.steps import steps
 from simgap.diagnosis.verdict.transfer import Carried, independent_share
 from simgap.effects import apply_effects
@@ -75,6 +77,11 @@ class Chosen:
     agree: bool
     barred: Mapping[Key, str]
 
+    def less(self, kept: Explanation) -> Chosen:
+        """The same with some effects of what was chosen alone."""
+        gone = [c for c in self.found.members if c.key not in kept.keys]
+        return replace(self, kept=kept, found=reduce(self.search.without, gone, self.found))
+
 
 def conclude(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts, chosen: Chosen,
@@ -82,11 +89,17 @@ def conclude(
 ) -> Diagnosis:  # fmt: skip
     """From what was chosen to the answer; here alone *confirm* is looked at."""
     known, confirm, search, full, base = parts.known, parts.confirm, chosen.search, chosen.full, chosen.base
-    at, horizon = chosen.kept.fit, settings.horizon_s
-    old, new = (judge(confirm, theta, horizon) for theta in (base.theta, at.theta))
+    horizon = settings.horizon_s
+    old, new = (judge(confirm, theta, horizon) for theta in (base.theta, chosen.kept.fit.theta))
     names = [trace.name for trace in record.traces]
     where = concentrated(confirm, names, old, new)
     evidence = _evidence(known, confirm, chosen, old, new, where)
+    less = steadier(known, full, chosen.kept) if chosen.at_floor and not evidence.agree else None
+    if less is not None:
+        chosen = chosen.less(less)
+        new = judge(confirm, less.fit.theta, horizon)
+        where = concentrated(confirm, names, old, new)
+        evidence = _evidence(known, confirm, chosen, old, new, where)
     share, said_of = evidence.share, _worded(record, known, confirm, chosen, evidence)
     word, named, others = said_of.word, said_of.named, said_of.others
     short = nearest(full, chosen.kept, evidence, chosen.at_floor, model) if word == "unexplained" else None

@@ -204,8 +204,8 @@ class WheelEffect(Effect):
     """A change of the speeds of a robot's driven wheels; an engine of such a robot acts it out on its motors."""
 
     @abstractmethod
-    def ratios(self, values: Mapping[str, float]) -> tuple[float, float]:
-        """Factors on the speeds of the left and the right wheel."""
+    def turned(self, left: float, right: float, values: Mapping[str, float]) -> tuple[float, float]:
+        """How fast the left and the right wheel turn at their rims that are told to turn so fast, m/s."""
 
 
 class CoordinateTarget(Effect):

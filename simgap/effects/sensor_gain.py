@@ -10,7 +10,7 @@ from simgap.effects.base import SENSOR, AppliedEffect, Effect, EffectParameter, 
 from simgap.effects.quoted import Quoted
 from simgap.model.symbolic import SymbolicModel, symbol
 
-_LINEAR = {"viscous_friction", "spring", "parameter_error", "reflected_inertia", "input_delay", "input_lag"}
+LINEAR = {"viscous_friction", "spring", "parameter_error", "reflected_inertia", "input_delay", "input_lag"}
 
 
 class SensorGain(Effect):
@@ -41,10 +41,10 @@ class SensorGain(Effect):
         """The gain of the only input of a linear plant of which this state alone is read."""
         gains = [k for k, a in enumerate(found) if a.name == "input_gain"]
         others = {a.name for k, a in enumerate(found) if k not in gains}
-        if tuple(measured) != (on,) or len(model.inputs) != 1 or len(gains) != 1 or not others <= _LINEAR:
+        if tuple(measured) != (on,) or len(model.inputs) != 1 or len(gains) != 1 or not others <= LINEAR:
             return None
         ratio = found[gains[0]].values["ratio"]
-        return (frozenset(gains), {"ratio": ratio}) if ratio > 0.0 and _linear(model) else None
+        return (frozenset(gains), {"ratio": ratio}) if ratio > 0.0 and is_linear(model) else None
 
     def phrase(self, on: str) -> str:
         """Named by its sensor."""
@@ -55,7 +55,7 @@ class SensorGain(Effect):
         return f"a gain of the sensor of {on} that is {quoted.deviation()} the declared one"
 
 
-def _linear(model: SymbolicModel) -> bool:
+def is_linear(model: SymbolicModel) -> bool:
     """Whether the rates are linear in states and inputs, without a constant term."""
     moving = [v.symbol for v in (*model.states, *model.inputs)]
     rates = [sp.expand(e) for e in model.numeric()]

@@ -35,9 +35,9 @@ class WheelMismatch(WheelEffect):
         turned = held.with_input(wheels.angular, (right - left) / track)
         return turned.substitute({"_linear": (right + left) / 2})
 
-    def ratios(self, values: Mapping[str, float]) -> tuple[float, float]:
+    def turned(self, left: float, right: float, values: Mapping[str, float]) -> tuple[float, float]:
         """The right wheel alone."""
-        return 1.0, values["ratio"]
+        return left, values["ratio"] * right
 
     def phrase(self, on: str) -> str:
         """It is on the whole robot."""

@@ -23,7 +23,7 @@ from simgap.diagnosis.result import (
 )
 from simgap.diagnosis.verdict.remainder import Remainder
 from simgap.diagnosis.verdict.remainder_use import RemainderUse
-from simgap.diagnosis.verdict.words import verdict_sentence
+from simgap.diagnosis.verdict.words import verdict_parts
 
 NUMBER_FROM = {
     "effects": ("fit", "choose"),
@@ -59,6 +59,7 @@ def document(
     content: dict[str, Any] = {
         "verdict": found.verdict,
         "sentence": "",
+        "sentences": [],
         "effects": [_effect(e) for e in found.effects],
         "recording": [asdict(f) for f in found.recording],
         "error": {
@@ -80,7 +81,8 @@ def document(
         "units": dict(units),
         "provenance": dict(provenance),
     }
-    content["sentence"] = verdict_sentence(content)
+    content["sentences"] = verdict_parts(content)
+    content["sentence"] = " ".join(content["sentences"])
     return content
 
 

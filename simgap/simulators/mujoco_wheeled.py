@@ -103,8 +103,7 @@ class MuJoCoWheeled(WheeledEngine):
             memory.rest(0.0)
 
     def _command(self, linear: float, angular: float) -> None:
-        half, radius, (left, right) = 0.5 * self._section.track * angular, self._section.wheel_radius, self._ratios
-        self._data.ctrl[:] = left * (linear - half) / radius, right * (linear + half) / radius
+        self._data.ctrl[:] = self._wheel_rates(linear, angular)
 
     def advance(self, u: Floats) -> Floats:
         """Hold (linear, angular) for tau: -> pose, the heading continued not wrapped; `path` holds the poses on it."""

@@ -106,12 +106,11 @@ class PyBulletWheeled(WheeledEngine):
 
     def _command(self, linear: float, angular: float) -> None:
         s = self._section
-        half, (left, right) = 0.5 * s.track * angular, self._ratios
         # PyBullet limits a motor's impulse by force times the outer time step whatever the number of sub-steps
         force = s.torque / (s.substeps // s.poses)
         self._p.setJointMotorControlArray(
             self._body, self._wheels, self._p.VELOCITY_CONTROL,
-            targetVelocities=[left * (linear - half) / s.wheel_radius, right * (linear + half) / s.wheel_radius],
+            targetVelocities=self._wheel_rates(linear, angular),
             forces=[force, force],
         )  # fmt: skip
 

@@ -66,10 +66,11 @@ class WheeledEngine(Engine, PathSimulator):
 
     file_traits = FileTraits(stops=True)
     path: Floats
+    _section: WheeledSettings
 
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:
-        """Changes of the commands, and wheels of unequal size."""
+        """Changes of the commands, and of the wheels' speeds."""
         from simgap.effects.base import WheelEffect
         from simgap.effects.commands import InputEffect
 
@@ -91,7 +92,7 @@ class WheeledEngine(Engine, PathSimulator):
 
     def __init__(self, plant: WheeledPlant, section: WheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
         from simgap.simulators.commands import CommandMemory
-        from simgap.simulators.wheeled_plant import wheel_ratios
+        from simgap.simulators.wheeled_plant import wheel_path
 
         check_urdf(plant.urdf)
         check_floating_root(plant.urdf)
@@ -101,13 +102,21 @@ class WheeledEngine(Engine, PathSimulator):
                 remedy="Let substeps be a multiple of poses.",
             )  # fmt: skip
         self.nx, self.nu, self.pose = 3, 2, plant.pose
-        self._plant, self._ratios = plant, wheel_ratios(section.effects)
+        self._plant, self._wheel_path = plant, wheel_path(section.effects)
         self._memory = [CommandMemory(path, plant.tau) for path in paths]
         self.path, self._turned = np.zeros((section.poses, 3)), 0.0
 
     @abstractmethod
     def reset(self, x: Floats) -> None:
         """Put the robot at rest at a pose."""
+
+    def _wheel_rates(self, linear: float, angular: float) -> tuple[float, float]:
+        """What the left and the right motor are told, rad/s: the commands as effects on the wheels leave them."""
+        half, radius = 0.5 * self._section.track * angular, self._section.wheel_radius
+        left, right = linear - half, linear + half
+        for kind, values in self._wheel_path:
+            left, right = kind.turned(left, right, values)
+        return left / radius, right / radius
 
     @abstractmethod
     def _kept(self) -> Any:

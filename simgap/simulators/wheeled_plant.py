@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,13 +48,20 @@ def wheeled_plant(case: Case, folder: Path) -> WheeledPlant:
     return WheeledPlant(folder / section.urdf, domain.tau, plant.gravity, (x, y, heading), (linear, angular))
 
 
-def wheel_ratios(effects: Sequence[AddedEffect]) -> tuple[float, float]:
-    """Factors on the speeds of the left and right wheel that act effects out; those on the commands change none."""
-    left, right = 1.0, 1.0
-    for added in effects:
+WheelPath = tuple[tuple[WheelEffect, Mapping[str, float]], ...]
+"""Effects on the wheels' speeds with their values, the nearest to the command first."""
+
+
+def wheel_path(effects: Sequence[AddedEffect]) -> WheelPath:
+    """Those of the effects that act on the wheels; those on the commands change none of their speeds.
+
+    Raises:
+        UserError: missing or unphysical values.
+    """
+    own = []
+    for added in sorted(effects, key=lambda a: -effect(a.name).rank):
         kind = effect(added.name)
         kind.check_values(added.parameters)
         if isinstance(kind, WheelEffect):
-            of_left, of_right = kind.ratios(added.parameters)
-            left, right = left * of_left, right * of_right
-    return left, right
+            own.append((kind, added.parameters))
+    return tuple(own)

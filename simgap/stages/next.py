@@ -18,6 +18,7 @@ from simgap.diagnosis.experiment.words import paragraph
 from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.simulation.recording import is_fault
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.geometry import Box, Floats
@@ -110,6 +111,7 @@ def _sets(document: Mapping[str, Any], found: Path) -> tuple[Explained, ...]:
     others = [
         tuple(AppliedEffect(e["name"], e["on"], e["parameters"]) for e in a["effects"])
         for a in document["alternatives"]
+        if not any(is_fault(e["name"]) for e in a["effects"])  # of the readings alone: no input tells more of it
     ]
     return (answer, *others[: MOST_RIVALS - 1])
 

@@ -13,11 +13,15 @@ from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.verdict import judge
 from simgap.diagnosis.verdict.concentration import concentrated
 from simgap.diagnosis.verdict.horizon import HorizonError
-from simgap.diagnosis.verdict.words import verdict_sentence
+from simgap.diagnosis.verdict.words import verdict_parts
 from tests.diagnosis.plants import block
 
 DT, STEPS = 0.01, 10
 PUSHED = (14.1, 14.3)
+
+
+def said(document):
+    return " ".join(verdict_parts(document))
 
 
 def _run(seed: int, push: float, seconds: float) -> Trace:
@@ -75,7 +79,7 @@ def test_the_sentence_says_where():
         "error_share": 0.62,
         "explained_share_without": 0.93,
     }
-    text = verdict_sentence({"verdict": "unexplained", "effects": [], "candidates": [], "concentrated": place})
+    text = said({"verdict": "unexplained", "effects": [], "candidates": [], "concentrated": place})
     assert text.endswith(
         "62 % of what is left lies at 4.1 to 4.3 s of run2 (a push?); without them the effects explain 93 %."
     )

@@ -1,11 +1,16 @@
 """The sentence that a person acts on."""
 
+import itertools
 import math
 
 import pytest
 
-from simgap.diagnosis.verdict.words import describe, phrase, verdict_sentence
+from simgap.diagnosis.verdict.words import describe, phrase, verdict_parts
 from simgap.notation import pretty_unit, with_error
+
+
+def said(document):
+    return " ".join(verdict_parts(document))
 
 
 @pytest.mark.parametrize(
@@ -169,6 +174,11 @@ SAID = {
         "plant", {"ratio": (1.05, 0.01, "1")},
         "a right wheel whose radius is 5 ± 1 % above the declared one", "unequal wheels",
     ),
+    "rolling_resistance": (
+        "plant", {"loss": (0.02, 0.001, "m/s")},
+        "rolling resistance that takes 0.020 ± 0.001 m/s from the speed of each wheel",
+        "rolling resistance of the wheels",
+    ),
     "lateral_slip": ("plant", {"ratio": (0.05, 0.01, "1")}, "sideways slip of 5 ± 1 % of the speed", "sideways slip"),
 }  # fmt: skip
 
@@ -188,17 +198,17 @@ def test_an_effect_is_told_with_its_numbers(name):
 
 def test_sentences():
     assert (
-        verdict_sentence(document("attributed", [FRICTION]))
+        said(document("attributed", [FRICTION]))
         == "Coulomb friction of 0.19 ± 0.01 N m at the hinge explains 84 % of the excess error."
     )
-    both = verdict_sentence(document("attributed", [FRICTION, MASS]))
+    both = said(document("attributed", [FRICTION, MASS]))
     assert "a mass of the rod that is 25.0 ± 0.1 % below its declared value together explain 84 %" in both
-    assert "the mass of the rod and the gain of torque cannot be told apart from this data" in both
-    partial = verdict_sentence(document("partial", [FRICTION], remainder=None))
+    assert "The mass of the rod and the gain of torque cannot be told apart from this data" in both
+    partial = said(document("partial", [FRICTION], remainder=None))
     assert "An error of 0.02 rad in q is left 0.2 s ahead that nothing in the library explains" in partial
     assert "gamma" not in partial
-    assert "no effect is missing" in verdict_sentence(document("none", []))
-    nothing = verdict_sentence(document("unexplained", [], candidates=[FRICTION]))
+    assert "no effect is missing" in said(document("none", []))
+    nothing = said(document("unexplained", [], candidates=[FRICTION]))
     assert "nearest is Coulomb friction at the hinge" in nothing
 
 
@@ -208,8 +218,64 @@ def test_the_limit_on_the_number_of_effects_is_no_end_of_the_library():
     error = {"after": {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}}}
     document = {"verdict": "partial", "effects": [effect], "explained_share": 0.6, "error": error, "left_over": [],
                 "units": {"q": "rad"}, "at_most": 1}  # fmt: skip
-    assert "with as many effects as measured.max_effects = 1 allows" in verdict_sentence(document)
-    assert "nothing in the library" not in verdict_sentence(document)
+    assert "with as many effects as measured.max_effects = 1 allows" in said(document)
+    assert "nothing in the library" not in said(document)
     nearest = {"effects": [effect], "explained_share": 0.3, "reasons": ["it explains less than half"]}
-    text = verdict_sentence({"verdict": "unexplained", "effects": [], "nearest": nearest, "at_most": 3})
+    text = said({"verdict": "unexplained", "effects": [], "nearest": nearest, "at_most": 3})
     assert "Allow more than measured.max_effects = 3 effects" in text
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_what_else_would_help_is_said_however_many_there_are(count):
+    """One alone ended the stage with a traceback, on a recording of a real pendulum."""
+    over = [{**FRICTION, "share": 0.3}, {**MASS, "share": 0.2}, {**FRICTION, "on": "elbow", "share": 0.1}][:count]
+    error = {"after": {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}}}
+    document = {"verdict": "partial", "effects": [MASS], "explained_share": 0.6, "error": error, "left_over": over,
+                "units": {"q": "rad"}}  # fmt: skip
+    text = said(document)
+    assert "would take away 30 % of it" in text
+    assert ("Coulomb friction at the elbow" in text) == (count > 2)
+    assert ("(or " in text) == (count > 1)
+
+
+ERROR = {"before": {}, "after": {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}}}
+TOO_MUCH = {"fault": "hum", "channel": "q", "sentence": "A hum of 50 Hz was taken out of q."}
+AT = {"from": 1.0, "to": 1.2, "trace": "run"}
+CHOICES = {
+    "verdict": ("none", "attributed", "partial", "unexplained"),
+    "effects": ([], [MASS], [MASS, FRICTION]),
+    "left_over": (None, [], [{**FRICTION, "share": 0.3}], [{**FRICTION, "share": 0.3}, {**MASS, "share": 0.2}]),
+    "nearest": (None, {"effects": [FRICTION], "explained_share": 0.3, "reasons": ["it is a guess"]}),
+    "candidates": ([], [FRICTION]),
+    "recording": ([], [TOO_MUCH, TOO_MUCH]),
+    "at_most": (None, 3),
+    "unconfirmed": ([], ["q", "u"]),
+    "faint_memory": ([], ["q"]),
+    "concentrated": (None, {"stretches": [AT], "explained_share_without": 0.7, "error_share": 0.9}),
+    "remainder": (None, {"bounded": False, "reason": "the case has no `gap:` section"}),
+}
+
+
+def test_every_answer_has_its_sentences():
+    """Of all combinations of what a document may hold: no traceback, no gap, nothing that is no word."""
+    seen = set()
+    for values in itertools.product(*CHOICES.values()):
+        document = {**dict(zip(CHOICES, values, strict=True)), "explained_share": 0.6, "error": ERROR, "warnings": []}
+        if bool(document["effects"]) == (document["verdict"] in ("attributed", "partial")):
+            seen.add(said(document))
+    assert len(seen) > 100
+    for text in seen:
+        assert text[0].isupper()
+        assert text.endswith(".")
+        assert ".." not in text
+        assert "  " not in text
+        assert "None" not in text
+        assert "[" not in text
+
+
+def test_sets_of_several_effects_that_do_as_well_are_kept_apart():
+    others = [[{"name": "input_bias", "on": "u"}], [FRICTION, {"name": "parameter_error", "on": "g"}]]
+    text = said(document("attributed", [{**MASS, "alternatives": others}]))
+    assert "These data do not tell the mass of the rod from " in text
+    assert ", or from" not in text
+    assert " or from Coulomb friction at the hinge with the parameter g" in text

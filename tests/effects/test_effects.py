@@ -24,14 +24,14 @@ SYMBOLS = {
     "dahl_friction": ["F_c", "d"], "load_friction": ["mu"],
     "input_directional_gain": ["ratio_p", "ratio_m"], "torque_speed_limit": ["T_s", "k"],
     "sensor_gain": ["ratio"], "input_curve": ["g_0", "g_1", "g_2", "U"],
-    "payload": ["m_p", "r"],
+    "payload": ["m_p", "r"], "rolling_resistance": ["loss"],
 }  # fmt: skip
 VALUES = {
     "b": 0.1, "F_c": 0.1, "F_s": 0.2, "v_s": 0.1, "c": 0.1, "k": 0.3, "k3": 0.2, "A": 0.05, "n": 6.0, "phase": 0.4,
     "ratio": 1.2, "bias": 0.1, "delay": 0.01, "T": 0.02, "width": 0.2, "limit": 1.5, "offset": 0.05, "tilt": 0.1,
     "I": 0.15, "F_0": 0.12, "F_p": 0.1, "F_m": 0.2, "d": 0.05, "mu": 0.25, "ratio_p": 1.2, "ratio_m": 0.7,
     "T_s": 1.6, "g_0": 1.1, "g_1": 0.8, "g_2": 0.5, "U": 2.5,
-    "m_p": 0.3, "r": 0.8,
+    "m_p": 0.3, "r": 0.8, "loss": 0.05,
 }  # fmt: skip
 AT = {"angle": 0.7, "rate": -0.6, "torque": 1.9}
 
@@ -247,6 +247,20 @@ def test_wheels_of_different_size_turn_the_robot():
     x, _, turn = (float(sp.sympify(e).subs(at)) for e in changed.numeric())
     assert x == pytest.approx((right + left) / 2)
     assert turn == pytest.approx((right - left) / 0.3)
+
+
+@pytest.mark.parametrize(("speed", "turn"), [(0.2, 0.5), (0.02, 1.5), (-0.03, 0.1), (0.0, -1.0)])
+def test_each_wheel_loses_its_speed_to_rolling_resistance(speed, turn):
+    """Wheel by wheel: on, at a stand, and backwards."""
+    wheels = [speed + side * turn * 0.15 for side in (-1.0, 1.0)]
+    left, right = (0.0 if abs(s) < 0.05 else s - math.copysign(0.05, s) for s in wheels)
+    e = EFFECTS["rolling_resistance"]
+    changed = e.apply(unicycle(), "plant", {"loss": 0.05})
+    at = {symbol("speed"): speed, symbol("turn"): turn, symbol("heading"): 0.0}
+    x, _, rate = (float(sp.sympify(row).subs(at)) for row in changed.numeric())
+    assert x == pytest.approx((right + left) / 2)
+    assert rate == pytest.approx((right - left) / 0.3)
+    assert e.turned(*wheels, {"loss": 0.05}) == pytest.approx((left, right))
 
 
 def test_units_follow_the_target():

@@ -1,5 +1,8 @@
 """Gaps of simulators in closed form: the bound holds between samples where an estimate from samples does not."""
 
+import signal
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -10,7 +13,7 @@ from simgap.gap.closed_form import ClosedFormGap
 from simgap.gap.fit import fit_gap
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
-from simgap.geometry import Grid
+from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import symbol
@@ -149,3 +152,56 @@ def test_a_rounded_argument_may_fall_on_the_other_side_of_a_jump():
     away, at, exactly = (enclose(parse(t, ["x1"]), box) for t in ("sign(x1 + 0.3)", "sign(x1 + 0.1)", "sign(x1)"))
     assert (away.error < 1e-14, exactly.error < 1e-14) == (True, True)  # an argument that is a state is not rounded
     assert at.error == 2.0
+
+
+@contextmanager
+def within(seconds):
+    """Fails what takes longer, in the middle of what it does."""
+
+    def stop(*_):
+        raise TimeoutError(f"longer than {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def runge_kutta(rates, x, h):
+    """The classical step of order four, written out: one expression a state."""
+    a = rates(x)
+    b = rates([s + h / 2 * r for s, r in zip(x, a, strict=True)])
+    c = rates([s + h / 2 * r for s, r in zip(x, b, strict=True)])
+    d = rates([s + h * r for s, r in zip(x, c, strict=True)])
+    return [s + h / 6 * (p + 2 * q + 2 * r + t) for s, p, q, r, t in zip(x, a, b, c, d, strict=True)]
+
+
+def magnet(k, resistance):
+    """A ball below a magnet: (i/z)^2 inside itself, a few times."""
+    return lambda x: [x[1], 9.81 - k / 0.05 * (x[2] / x[0]) ** 2, (4.0 - resistance * x[2]) / 0.2]
+
+
+def test_fractions_in_fractions_are_not_multiplied_out_for_ever():
+    x = (*XS, symbol("x3"))
+    half = runge_kutta(magnet(1.07e-4, 8.4), list(x), 0.0025)
+    simulator = runge_kutta(magnet(1.07e-4, 8.4), half, 0.0025)
+    nominal = runge_kutta(magnet(1.1036e-4, 8.0), list(x), 0.005)
+    gap = ClosedFormGap.of(simulator, NominalModel(x, (), tuple(nominal), 0.005))
+    with within(120):
+        assert len(gap.d) == 3  # minutes and more, before
+        grid = Grid(Box([0.009, -0.15, 0.5], [0.015, 0.15, 1.1]), [20, 4, 4])
+        ranges = gap.ranges(0, grid, np.zeros((1, 0)))
+    points = grid.centres() + grid.h * np.random.default_rng(4).uniform(-1, 1, (grid.size, 3))
+    rows = [sp.lambdify(x, e, "numpy")(*points.T) for e in (simulator[0], nominal[0])]
+    assert ((ranges.lo[:, 0] - 1e-15 <= rows[0] - rows[1]) & (rows[0] - rows[1] <= ranges.hi[:, 0] + 1e-15)).all()
+    assert (ranges.hi - ranges.lo).max() < 1e-3  # of a position of 0.015 m
+
+
+def test_what_both_maps_have_below_a_fraction_bar_cancels():
+    rows = ["x1*x2/(1 + x1^2 + x2) + (x1 + x2)^2", "x2"]
+    a, b = (parse(f"{rows[0]} + {more}", ["x1", "x2"]) for more in ("2*x1", "x1 + x1*x2 - x2*x1"))
+    other = parse(rows[1], ["x2"])
+    assert ClosedFormGap.of([a, other], NominalModel(XS, (), (b, other), 1.0)).d == (XS[0], 0)

@@ -14,7 +14,7 @@ import pytest
 import simgap
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
-from simgap.io import controller_file
+from simgap.io import controller_content
 from simgap.io.controller_file import load_controller, load_controller_of, load_domain, save_controller
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
@@ -262,6 +262,6 @@ def test_nodes_that_no_table_counts_are_bounded_too(tmp_path, monkeypatch):
     save_controller(controller, tmp_path / "controller.npz")
     load_domain(tmp_path / "controller.npz")
     asked = []
-    monkeypatch.setattr(controller_file, "require_room", asked.append)
+    monkeypatch.setattr(controller_content, "require_room", asked.append)
     load_domain(tmp_path / "controller.npz")
     assert GRID.size * 3 in asked

@@ -142,5 +142,8 @@ def test_the_robot_acts_out_effects_on_its_commands(vary, root):
     assert halved[1, 0] == pytest.approx(0.5 * plain[1, 0], rel=0.05)
     uneven = robot(vary, root, on("wheel_mismatch", "plant", ratio=1.05))
     assert uneven[1, 2] == pytest.approx(0.05 * 0.3 / 0.23, rel=0.15)  # the right wheel goes 5 % farther over 0.3 m
+    slowed = robot(vary, root, on("rolling_resistance", "plant", loss=0.05))
+    assert plain[0, 0] - slowed[0, 0] == pytest.approx(0.05, abs=0.005)
+    assert plain[1, 0] - slowed[1, 0] == pytest.approx(0.1, abs=0.01)
     with pytest.raises(UserError, match=r"simulator\.effects.*lateral_slip"):
         robot(vary, root, on("lateral_slip", "plant", ratio=0.05))

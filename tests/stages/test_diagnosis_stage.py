@@ -147,7 +147,9 @@ def test_the_same_content_gives_the_same_bytes(written, tmp_path):
 @pytest.mark.parametrize("verdict", ["none", "partial", "unexplained"])
 def test_every_verdict_has_a_page(tmp_path, verdict):
     content = write(tmp_path, verdict)
-    assert content["sentence"] in (tmp_path / "out" / "report.html").read_text()
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert content["sentence"] == " ".join(content["sentences"])
+    assert all(part in page for part in content["sentences"])
     assert bool(content["effects"]) == (verdict == "partial")
     case = load_case(tmp_path / "out" / "corrected_case.yaml")
     assert len(case.plant.effects) == (1 if verdict == "partial" else 0)

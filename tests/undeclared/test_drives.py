@@ -69,6 +69,34 @@ def test_a_wrong_scale_of_a_sensor_is_told_from_a_gain_where_the_motion_tells_it
     assert other.effects[-1].values["ratio"] == pytest.approx(1.05, rel=2e-3)
 
 
+def test_a_slow_sensor_is_told_from_a_slow_actuator_where_the_motion_tells_it():
+    """An arm's weight tells them apart; on what is linear both are told."""
+    slow = diagnosed("arm", {"sense": 0.02}, 1)
+    assert (slow.verdict, [f.fault for f in slow.recording]) == ("none", ["filtered_reading"])
+    assert slow.recording[0].value == pytest.approx(0.02, rel=0.02)
+    acts = diagnosed("arm", {"act": 0.02}, 1)
+    assert [(e.name, e.alternatives) for e in acts.effects] == [("input_lag", ())]
+    assert acts.effects[0].parameters["T"].value == pytest.approx(0.02, rel=0.02)
+    either = diagnosed("motor", {"sense": 0.02, "viscous": 0.06}, 1)
+    assert either.verdict == "attributed"
+    (other,) = [a for a in either.alternatives if a.exact]
+    assert {e.name for e in other.effects} == {"viscous_friction", "filtered_reading"}
+    assert {e.on: e.values for e in other.effects}["q"] == pytest.approx({"lag": 0.02}, rel=0.02)
+
+
+def test_a_late_input_and_a_late_reading_are_said_to_be_one():
+    """Of a time-invariant plant: the record is the same but for the instant at which it begins."""
+    made = record("arm", {}, 2)
+    late = tuple(Trace(r.name, r.t[4:], r.y[:-4], r.u[4:]) for r in made.traces)  # each reading 4 samples late
+    found = diagnose(joint("arm"), Record(late, ("q",), ("u",)), DiagnosisSettings())
+    (effect,) = found.effects
+    assert (effect.name, effect.alternatives) == ("input_delay", ((("late_reading", "q"),),))
+    assert effect.parameters["delay"].value == pytest.approx(0.02, rel=0.02)
+    (other,) = found.alternatives
+    assert other.exact
+    assert other.effects[0].values == {"late": effect.parameters["delay"].value}
+
+
 def test_iron_that_saturates_is_a_gain_curve():
     """A tanh is none of its curves, and is met within 1 % of the largest command."""
     found = diagnosed("motor", {"soft": 4.0}, 5)

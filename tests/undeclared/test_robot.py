@@ -57,6 +57,15 @@ def test_one_hidden_effect(tmp_path, kind):
     _judge(*_diagnose(tmp_path, kind, 1), tolerance=0.01)
 
 
+@pytest.mark.parametrize("heading", [True, False])
+def test_rolling_resistance_is_told_from_a_bias_and_a_dead_zone(tmp_path, heading):
+    """The whole library is tried: a bias of either command and a dead zone are near it, and are not the answer."""
+    paths = produce(tmp_path, "rolling", 4, heading)
+    record = load_reading(_declared(), MeasuredSection(window_s=2.0), paths, tmp_path).record
+    d = diagnose(_declared(), record, DiagnosisSettings(window_s=2.0, horizon_s=2.0))
+    _judge(d, json.loads((tmp_path / "sealed.json").read_text()), tolerance=0.02)
+
+
 @pytest.mark.parametrize("kind", ["late turning", "slow turning"])
 def test_commands_that_act_late(tmp_path, kind):
     _judge(*_diagnose(tmp_path, kind, 1), tolerance=0.02)

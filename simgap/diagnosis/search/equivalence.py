@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.search.explanations import Explanation, Key, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
+from simgap.diagnosis.simulation.recording import ReadingFault
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import (
@@ -54,11 +55,23 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
             :RIVALS_EXTENDED
         ]:
             search.extend(base, s)
+        for c in _stand_ins(search, member):
+            own = {c.slots[0]: float(chosen.fit.theta[member.slots[0]])}
+            search.explain((*base.members, c), with_values(base.fit.theta, own), chosen.fit)
     spanned, gram = _spanned(search, chosen)
     for members in _other_sets(chosen, spanned, gram):
         theta = _reset(search, chosen, members)
         search.explain(members, theta, chosen.fit, again=True)  # an earlier start may have ended elsewhere
     return _listed(search, chosen, {c.key for c in spanned})
+
+
+def _stand_ins(search: Search, member: Candidate) -> list[Candidate]:
+    """Faults of a reading that look as an effect does, which are tried in its place alone."""
+    return [
+        c for c in search.problem.model.candidates
+        if isinstance(c.effect, ReadingFault) and member.effect.name in c.effect.stands_for
+        and (member.effect.kind == "input" or member.on == c.on)
+    ]  # fmt: skip
 
 
 def as_good(search: Search, chosen: Explanation) -> list[Rival]:

@@ -43,7 +43,7 @@ def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
     model = problem.model.model
     interval = float(np.median(np.diff(problem.t)[np.diff(problem.t) > 0]))
     commands = dict(zip(model.input_names, np.abs(problem.u).max(axis=0), strict=True))
-    items = []
+    items, wheels = [], problem.model.model.wheels
     for c in problem.model.candidates:
         if c.key in barred:
             continue
@@ -52,6 +52,8 @@ def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
             moved = drives(model, c.on)
             speed = _speed(problem, moved) if moved is not None else 1.0
             scales = Scales(interval, command=float(commands[c.on]) or 1.0, speed=speed)
+        elif c.effect.kind == "plant" and wheels is not None:
+            scales = Scales(interval, command=float(commands[wheels.linear]) or 1.0)
         elif c.effect.kind == "coordinate":
             scales = Scales(interval, speed=_speed(problem, c.on))
         items += [(c, start) for start in c.effect.starts(scales)]

@@ -5,6 +5,7 @@ They are fitted like effects, but they are none: they change nothing in the plan
 
 from __future__ import annotations
 
+import itertools
 from abc import abstractmethod
 from typing import ClassVar
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from simgap.effects import EFFECTS, Effect, EffectParameter, MemoryInputEffect, effect
 from simgap.effects.base import COMMAND, SENSOR, Kind, Values
 from simgap.effects.quoted import Quoted
+from simgap.effects.sensor_gain import is_linear
 from simgap.effects.start import Scales, Start, multiple
 from simgap.model.symbolic import SymbolicModel
 
@@ -54,6 +56,8 @@ class ReadingFault(Effect):
 
     kind: ClassVar[Kind] = "state"
     rank: ClassVar[int] = SENSOR + 1
+    stands_for: ClassVar[tuple[str, ...]] = ()
+    """Names of effects and faults that it looks as: it is tried in their place alone, and from their number."""
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Nothing changes in the plant."""
@@ -119,7 +123,7 @@ class FilteredVelocity(ReadingFault):
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """The filter is exact between samples for a steady change; it begins at what was measured."""
         if value > 0.0:
-            _filter(reading, value, t, np.ascontiguousarray(measured), rows)
+            _filter(reading, value, t, np.ascontiguousarray(measured[rows[:-1]]), rows)
 
     def phrase(self, on: str) -> str:
         """Named by its channel."""
@@ -128,6 +132,51 @@ class FilteredVelocity(ReadingFault):
     def describe(self, on: str, quoted: Quoted) -> str:
         """In milliseconds."""
         return f"{on} that was filtered over {quoted.number('lag', 1e3, 'ms')}"
+
+
+class FilteredReading(ReadingFault):
+    """A position that went through a first-order low-pass filter before it was logged, or a sensor that is as slow.
+
+    The motion reacts as it would to a slow actuator, which a linear plant that one sensor reads cannot tell at all.
+    """
+
+    name = "filtered_reading"
+    formula = "lag y' = x - y"
+    source = "Oppenheim, Schafer (2010), Discrete-Time Signal Processing, sec. 7.2"
+    stands_for = ("input_lag", "late_reading")
+    parameters = (EffectParameter("lag", "s", "time constant of the filter", null=0.0, lower=0.0, upper=1.0),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """The position of every coordinate."""
+        return tuple(c.position for c in model.coordinates)
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """None of its own."""
+        return ()
+
+    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+        """Exact between samples for a steady change; it begins as it would trail the parabola of the first samples."""
+        if value > 0.0:
+            begin = reading[rows[:-1]].copy()
+            for w, (a, b) in enumerate(itertools.pairwise(rows)):
+                if b - a > 2:
+                    begin[w] = _trailing(reading[a : a + 3], t[a : a + 3] - t[a], value)
+            _filter(reading, value, t, begin, rows)
+
+    def phrase(self, on: str) -> str:
+        """Named by its channel."""
+        return f"a slow sensor or a filter of {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In milliseconds."""
+        return f"{on} that was filtered over {quoted.number('lag', 1e3, 'ms')}"
+
+
+def _trailing(first: Floats, t: Floats, lag: float) -> float:
+    """What a lag (s) makes of a parabola through three samples at the first of them: x - lag x' + lag^2 x''."""
+    one, two = ((float(first[k]) - float(first[0])) / float(t[k]) for k in (1, 2))
+    bend = (two - one) / float(t[2] - t[1])
+    return float(first[0]) - lag * (one - bend * float(t[1])) + 2.0 * lag**2 * bend
 
 
 class LateReading(ReadingFault):
@@ -193,10 +242,10 @@ def _shift(reading: Floats, late: float, t: Floats, rows: Ints) -> None:
 
 
 @njit(void(float64[::1], float64, float64[::1], float64[::1], int64[::1]), cache=True)
-def _filter(reading: Floats, lag: float, t: Floats, measured: Floats, rows: Ints) -> None:
+def _filter(reading: Floats, lag: float, t: Floats, begin: Floats, rows: Ints) -> None:
     for w in range(rows.size - 1):
         a, b = rows[w], rows[w + 1]
-        out, last = measured[a], reading[a]
+        out, last = begin[w], reading[a]
         reading[a] = out
         for i in range(a + 1, b):
             dt, now = t[i] - t[i - 1], reading[i]
@@ -206,7 +255,9 @@ def _filter(reading: Floats, lag: float, t: Floats, measured: Floats, rows: Ints
             reading[i] = out
 
 
-RECORDING: dict[str, Effect] = {e.name: e for e in (LateLog(), Drift(), FilteredVelocity(), LateReading())}
+RECORDING: dict[str, Effect] = {
+    e.name: e for e in (LateLog(), Drift(), FilteredVelocity(), LateReading(), FilteredReading())
+}
 """The faults that are fitted, by name; no name is that of an effect."""
 _RELATIVE = ("filtered_velocity", "late_reading")
 
@@ -215,10 +266,11 @@ def possible(model: SymbolicModel, measured: tuple[str, ...]) -> list[tuple[Effe
     """Faults that a record of these channels may have, and of which channel.
 
     A filter on a velocity alone is what a slow actuator would do, a late reading alone what a late one would: it takes
-    another channel to tell.
+    another channel to tell. So does a slow sensor of a linear plant.
     """
     found = [(e, on) for e in RECORDING.values() for on in e.targets(model) if e.kind == "input" or on in measured]
-    return [(e, on) for e, on in found if len(measured) > 1 or e.name not in _RELATIVE]
+    alone = set() if len(measured) > 1 else {*_RELATIVE, *(("filtered_reading",) if is_linear(model) else ())}
+    return [(e, on) for e, on in found if e.name not in alone]
 
 
 def is_fault(name: str) -> bool:

@@ -30,6 +30,7 @@ _REMEDY: Mapping[str, str] = {
     "late_log": "Log {} with the stamp of the instant at which it acts, or shift its column by that much.",
     "drift": "Zero the sensor of {} before each run, or subtract the ramp.",
     "filtered_velocity": "Log {} before its filter, or leave its column out.",
+    "filtered_reading": "Log {} before its filter; of a slow sensor allow for the lag wherever it is fed back.",
 }
 
 

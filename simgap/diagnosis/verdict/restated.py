@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from simgap.diagnosis.result import Alternative, FoundEffect
 from simgap.effects import EFFECTS, AppliedEffect
+from simgap.effects.sensor_gain import LINEAR, is_linear
 from simgap.model.symbolic import SymbolicModel
 
 
@@ -22,6 +23,29 @@ def restated(
                 kept = tuple(a for k, a in enumerate(found) if k not in same[0])
                 whole = (*kept, AppliedEffect(e.name, on, same[1]))
                 out.append((Alternative(whole, 0.0, True), same[0]))
+    return out + _by_the_sensors(model, found, measured)
+
+
+def _by_the_sensors(
+    model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]
+) -> list[tuple[Alternative, frozenset[int]]]:
+    """Readings that are all as late as the only input was found to act; or a sensor that is as slow, of a linear plant.
+
+    Whether a command or a reading is under way for so long, no record of these channels tells; in a closed loop both
+    act alike.
+    """
+    if len(model.inputs) != 1:
+        return []
+    out = []
+    for k, a in enumerate(found):
+        kept = tuple(b for b in found if b is not a)
+        late: tuple[AppliedEffect, ...] = ()
+        if a.name == "input_delay" and not any(b.name == "late_reading" for b in kept):
+            late = tuple(AppliedEffect("late_reading", on, {"late": a.values["delay"]}) for on in measured)
+        elif a.name == "input_lag" and len(measured) == 1 and {b.name for b in kept} <= LINEAR and is_linear(model):
+            late = (AppliedEffect("filtered_reading", measured[0], {"lag": a.values["T"]}),)
+        if late:
+            out.append((Alternative((*kept, *late), 0.0, True), frozenset({k})))
     return out
 
 
@@ -36,7 +60,7 @@ def told(
         if frozenset((a.name, a.on) for a in other.effects) in known:
             continue
         listed.append(other)
-        new = other.effects[-1]
+        new = tuple((a.name, a.on) for a in other.effects if a not in found)
         for k in places:
-            changed[k] = replace(changed[k], alternatives=(*changed[k].alternatives, ((new.name, new.on),)))
+            changed[k] = replace(changed[k], alternatives=(*changed[k].alternatives, new))
     return tuple(changed), tuple(listed)

@@ -22,36 +22,38 @@ def phrase(found: Mapping[str, Any]) -> str:
     return effect_or_fault(found["name"]).phrase(str(found["on"]))
 
 
-def verdict_sentence(document: Document) -> str:
-    """What was found, what it explains, what cannot be told apart, and where the error is if it is in one place."""
-    return f"{_answer(document)}{_where(document.get('concentrated'))}{_faults(document.get('recording', ()))}"
+def verdict_parts(document: Document) -> list[str]:
+    """What was found and explains how much, what cannot be told apart, what is left, where the error is if it is in one
+    place, what is wrong with the recording: a sentence or more each, the answer first."""
+    parts = [*_answer(document), _where(document.get("concentrated")), _faults(document.get("recording", ()))]
+    return [part for part in parts if part]
 
 
 def _faults(recording: Sequence[Mapping[str, Any]]) -> str:
     """What is wrong with the recording, each once."""
     if not recording:
         return ""
-    return f" The recording is at fault: {' '.join(f['sentence'] for f in recording)}"
+    return f"The recording is at fault: {' '.join(f['sentence'] for f in recording)}"
 
 
-def _answer(document: Document) -> str:
+def _answer(document: Document) -> list[str]:
     verdict, effects = document["verdict"], document["effects"]
     if verdict == "none":
         but = ", the faults of the recording allowed for" if document.get("recording") else ""
-        return f"The model explains these data down to their noise{but}: no effect is missing.{_blind(document)}"
+        return [f"The model explains these data down to their noise{but}: no effect is missing.", _blind(document)]
     if verdict == "unexplained":
-        return _unexplained(document)
+        return [_unexplained(document)]
     found = joined([describe(e) for e in effects])
     verb = "explains" if len(effects) == 1 else "together explain"
     share = 100 * min(max(float(document["explained_share"]), 0.0), 1.0)
-    text = f"{found[0].upper()}{found[1:]} {verb} {share:.0f} % of the excess error"
-    doubts = [_doubt(e) for e in effects if e.get("alternatives")]
-    if doubts:
-        text += f"; {'; '.join(doubts)}"
-    text += "."
-    if verdict == "partial":
-        text += f" {_remainder(document)}"
-    return text
+    text = f"{_begun(found)} {verb} {share:.0f} % of the excess error."
+    doubts = [f"{_begun(_doubt(e))}." for e in effects if e.get("alternatives")]
+    return [text, *doubts, _remainder(document) if verdict == "partial" else ""]
+
+
+def _begun(text: str) -> str:
+    """A phrase at the beginning of a sentence."""
+    return f"{text[0].upper()}{text[1:]}"
 
 
 def _where(c: Mapping[str, Any] | None) -> str:
@@ -62,19 +64,23 @@ def _where(c: Mapping[str, Any] | None) -> str:
     where = joined(spans if len(spans) <= 3 else [*spans[:3], f"{len(spans) - 3} more"])
     share = min(max(c["explained_share_without"], 0.0), 1.0)
     without = f"; without them the effects explain {100 * share:.0f} %" if share > 0.0 else ""
-    return f" {100 * c['error_share']:.0f} % of what is left lies at {where} (a push?){without}."
+    return f"{100 * c['error_share']:.0f} % of what is left lies at {where} (a push?){without}."
 
 
 def _doubt(effect: Mapping[str, Any]) -> str:
-    names = [phrase(effect), *(joined([phrase(e) for e in alternative]) for alternative in effect["alternatives"])]
-    if len(names) > 4:
-        names = [*names[:3], f"{len(names) - 3} more"]
-    return f"{joined(names)} cannot be told apart from this data"
+    """What else it may be; sets of several effects are kept apart by "from"."""
+    sets = [" with ".join(phrase(e) for e in alternative) for alternative in effect["alternatives"]]
+    more = [f"{len(sets) - 2} more"] if len(sets) > 3 else []
+    sets = sets[:2] if more else sets
+    if all(len(alternative) == 1 for alternative in effect["alternatives"]):
+        return f"{joined([phrase(effect), *sets, *more])} cannot be told apart from this data"
+    rest = f" (and {more[0]})" if more else ""
+    return f"these data do not tell {phrase(effect)} {joined([f'from {s}' for s in sets], 'or')}{rest}"
 
 
 def _blind(document: Document) -> str:
     advice = [w for w in document.get("warnings", ()) if "cannot be told" in w or "look alike" in w]
-    return f" But {advice[0]}." if advice else ""
+    return f"But {advice[0]}." if advice else ""
 
 
 def _unconfirmed(names: Sequence[str]) -> str:
@@ -147,7 +153,7 @@ def _unexplained(document: Document) -> str:
         most = document.get("at_most")
         more = f"Allow more than measured.max_effects = {most} effects, or look" if most else "Look"
         return (
-            f"{found[0].upper()}{found[1:]} {verb} {100 * near['explained_share']:.0f} % of the excess error, "
+            f"{_begun(found)} {verb} {100 * near['explained_share']:.0f} % of the excess error, "
             f"which is not enough to name {them}: {joined(near['reasons'])}. {more} for {seek}."
         )
     if over:

@@ -19,6 +19,7 @@ NULL = {
     "I": 0.0, "F_p": 0.0, "F_m": 0.0, "mu": 0.0, "ratio_p": 1.0, "ratio_m": 1.0,
     "F_c": 0.0, "d": 1.0, "viscous": 0.0, "limit": math.inf, "stall": math.inf, "fall": 0.0,
     "soft": math.inf, "sensor": 1.0, "dead": 0.0,
+    "act": 0.0, "sense": 0.0,
 }  # fmt: skip
 
 
@@ -35,9 +36,12 @@ def _move(
 ) -> np.ndarray:
     out = np.empty((u.size, 2))
     q, v, z = x0[0], x0[1], 0.0
+    acted, seen = 0.0, q  # an actuator and a sensor that follow with a time constant each
     out[0, 0], out[0, 1] = q, v
     for i in range((u.size - 1) * sample):
         command = u[i // sample]
+        acted = command + (acted - command) * math.exp(-step / p[15]) if p[15] > 0.0 else command
+        command = acted
         drive = p[4] * command if command > 0.0 else p[5] * command
         drive = math.copysign(max(abs(drive) - p[14], 0.0), drive)
         if p[12] < 1e9:  # iron that saturates
@@ -54,8 +58,9 @@ def _move(
         grip = step * ((p[1] if v > 0.0 else p[2]) + p[3] * abs(drive)) / (inertia + p[0])
         v = 0.0 if abs(v) <= grip else v - math.copysign(grip, v)
         q += step * v
+        seen = q + (seen - q) * math.exp(-step / p[16]) if p[16] > 0.0 else q
         if (i + 1) % sample == 0:
-            out[(i + 1) // sample, 0], out[(i + 1) // sample, 1] = q, v
+            out[(i + 1) // sample, 0], out[(i + 1) // sample, 1] = seen, v
     return out
 
 

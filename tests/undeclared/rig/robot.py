@@ -11,7 +11,16 @@ TRACK = 0.23
 NULL = {
     "speed_gain": 1.0, "turn_gain": 1.0, "speed_bias": 0.0, "turn_bias": 0.0, "right_wheel": 1.0, "slip": 0.0,
     "speed_delay": 0.0, "turn_delay": 0.0, "speed_lag": 0.0, "turn_lag": 0.0, "heading_offset": 0.0, "leak": 0.0,
+    "rolling": 0.0,
 }  # fmt: skip
+
+
+@njit(cache=True)
+def _eased(told: float, resisted: float) -> float:
+    """Where a speed loop of gain 1 settles against a dry resistance: the force that is asked for less what resists."""
+    if told > resisted:
+        return told - resisted
+    return told + resisted if told < -resisted else 0.0
 
 
 @njit(cache=True)
@@ -26,7 +35,7 @@ def _drive(p: np.ndarray, u: np.ndarray, sample: int, late: np.ndarray, x0: np.n
             drive = p[j] * u[max(i - late[j], 0) // sample, j] + p[2 + j]
             z[j] = drive + (z[j] - drive) * np.exp(-step / p[8 + j]) if p[8 + j] > 0.0 else drive
         wheel = p[4] * (1.0 - p[6] * i * step)  # a leaking tyre shrinks
-        right, left = wheel * (z[0] + 0.5 * p[7] * z[1]), z[0] - 0.5 * p[7] * z[1]
+        right, left = wheel * _eased(z[0] + 0.5 * p[7] * z[1], p[10]), _eased(z[0] - 0.5 * p[7] * z[1], p[10])
         forward, turning = 0.5 * (right + left), (right - left) / p[7]
         middle = heading + 0.5 * step * turning
         sideways = p[5] * forward
@@ -44,7 +53,7 @@ def record(
     """Traces (t, poses, commands): noise of 2 mm and 5 mrad, commands of at most .22 m/s and 1.4 rad/s at 50 Hz."""
     h = {**NULL, **hidden}
     keys = ("speed_gain", "turn_gain", "speed_bias", "turn_bias", "right_wheel", "slip", "leak")
-    p = np.array([*(h[k] for k in keys), TRACK, h["speed_lag"], h["turn_lag"]])
+    p = np.array([*(h[k] for k in keys), TRACK, h["speed_lag"], h["turn_lag"], h["rolling"]])
     late = np.array([round(h["speed_delay"] / STEP), round(h["turn_delay"] / STEP)])
     sample, n = round(1.0 / (RATE * STEP)), int(seconds * RATE) + 1
     t, out = np.arange(n) / RATE, []

@@ -20,6 +20,7 @@ DRAWS = {
     "heading offset": ("heading_offset", (0.05, 0.1), ("sensor_offset", "theta", "offset")),
     "late turning": ("turn_delay", (0.04, 0.12), ("input_delay", "w", "delay")),
     "slow turning": ("turn_lag", (0.15, 0.4), ("input_lag", "w", "T")),
+    "rolling": ("rolling", (0.01, 0.03), ("rolling_resistance", "plant", "loss")),
     "leaking wheel": ("leak", (0.004, 0.008), None),
 }
 
