@@ -27,7 +27,6 @@ from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
 
-
 Wide = tuple[Parts, Search, Fit]
 """The folds, a search and the model as declared with every effect of the library."""
 

@@ -11,7 +11,7 @@ from typing import Any
 import sympy as sp
 
 
-class Max(sp.Max):  # type: ignore[misc]
+class Max(sp.Max):
     """`sympy.Max`, its arguments not compared; of the same name, by which printers know it."""
 
     def __new__(cls, *args: Any, **assumptions: Any) -> Any:
@@ -19,7 +19,7 @@ class Max(sp.Max):  # type: ignore[misc]
         return super().__new__(cls, *args, **(assumptions | {"evaluate": False}))
 
 
-class Min(sp.Min):  # type: ignore[misc]
+class Min(sp.Min):
     """`sympy.Min`, its arguments not compared; of the same name, by which printers know it."""
 
     def __new__(cls, *args: Any, **assumptions: Any) -> Any:
