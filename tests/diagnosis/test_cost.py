@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import sympy as sp
 
 from simgap import units
 from simgap.diagnosis.diagnose import diagnose
@@ -12,10 +11,8 @@ from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import columns
 from simgap.diagnosis.simulation import refit as refits
 from simgap.diagnosis.simulation.initial import initial_states
-from simgap.diagnosis.simulation.lazily import lazily
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
-from simgap.diagnosis.simulation.supermodel import build_supermodel
 from tests.diagnosis.plants import block, one_window, point_pendulum
 
 
@@ -53,31 +50,6 @@ def test_initial_states_step_as_each_window_by_itself_would():
     step = np.array([0.01])
     wanted = [np.linalg.solve(linear.state_r[w], linear.state_g[w] - linear.state_b[w] @ step) for w in (0, 1)]
     np.testing.assert_allclose(linear.state_step(step), wanted, rtol=1e-12)
-
-
-def test_limits_are_not_compared_anew_whenever_a_symbol_is_replaced(monkeypatch):
-    u, limit, other = sp.symbols("u limit other", real=True)
-    e = lazily(sp.Max(-limit, sp.Min(u, limit)))
-    monkeypatch.setattr(sp.Max, "_is_connected", None)
-    monkeypatch.setattr(sp.Min, "_is_connected", None)
-    moved = e.subs(u, 2 * other + 1)
-    f = sp.lambdify([other, limit], moved, modules="math")
-    assert [f(x, 2.0) for x in (-5.0, 0.25, 5.0)] == [-2.0, 1.5, 2.0]
-
-
-def test_a_model_with_limits_is_built_without_comparing_them_often(monkeypatch):
-    asked = 0
-    plain = sp.Max._is_connected.__func__
-
-    def counted(cls, x, y):
-        nonlocal asked
-        asked += 1
-        return plain(cls, x, y)
-
-    for kind in (sp.Max, sp.Min):
-        monkeypatch.setattr(kind, "_is_connected", classmethod(counted))
-    build_supermodel(point_pendulum(1.0, 0.5, 0.3), ("angle",), (), second=True)
-    assert asked < 60  # 190 before; each costs milliseconds, on an arm of two links a tenth of a second
 
 
 def test_plain_units_of_angles_need_no_table_of_units(monkeypatch):

@@ -23,6 +23,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step
 from simgap.diagnosis.simulation.step_length import settled
+from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import COLUMN_TELLS, COLUMNS_IN_DOUBT, INPUT_TELLS, PLAUSIBLE_RATIO
 from simgap.notation import joined
 
@@ -138,14 +139,21 @@ def _missed_beside_effects(part: Problem, hopeless: float) -> float:
         slots = [k for key, c in kinds.items() if key[0] in names for k in c.slots]
         steps = {k: choose_step(part, at.theta, at.x0, k, 1e-4) for k in slots}
         if np.isfinite(hopeless):
-            soon = _per_number(part, fit(part, at.theta, at.x0, slots, steps, _FIRST_DESCENTS, rounds=1))
-            if not soon <= hopeless:
-                return min(soon, _per_number(part, at))
+            soon = fit(part, at.theta, at.x0, slots, steps, _FIRST_DESCENTS, rounds=1)
+            if not _near_declared(kinds, soon):
+                continue
+            if not _per_number(part, soon) <= hopeless:
+                return min(_per_number(part, soon), _per_number(part, at))
         beside = fit(part, at.theta, at.x0, slots, steps, _DESCENTS)
-        gains = [abs(float(beside.theta[c.slots[0]])) for key, c in kinds.items() if key[0] == _GAIN]
-        if all(1.0 / PLAUSIBLE_RATIO <= g <= PLAUSIBLE_RATIO for g in gains):
+        if _near_declared(kinds, beside):
             return min(_per_number(part, beside), _per_number(part, at))
     return _per_number(part, at)
+
+
+def _near_declared(kinds: Mapping[tuple[str, str], Candidate], at: Fit) -> bool:
+    """Whether no gain is beyond belief."""
+    gains = [abs(float(at.theta[c.slots[0]])) for key, c in kinds.items() if key[0] == _GAIN]
+    return all(1.0 / PLAUSIBLE_RATIO <= g <= PLAUSIBLE_RATIO for g in gains)
 
 
 def _per_number(part: Problem, at: Fit) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,6 @@ from numba import types, void
 from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.handed_over import address_of
-from simgap.diagnosis.simulation.lazily import lazily
 from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
 from simgap.diagnosis.simulation.runge_kutta import GLIDE, RHS
@@ -202,10 +201,9 @@ def _insert(
             away = sum(sp.Abs(theta[k] - p.null) for p, k in zip(c.effect.parameters, c.slots, strict=True))
             forces.append((c, c.effect.force(symbol(joint.position), symbol(joint.velocity), values), away))
         elif isinstance(c.effect, StaticInputEffect):  # inserted from the plant backwards to the command
-            path[c.on] = path[c.on].subs(symbol(c.on), lazily(c.effect.applied(symbol(c.on), values)))
+            path[c.on] = path[c.on].subs(symbol(c.on), c.effect.applied(symbol(c.on), values))
         elif not isinstance(c.effect, InputEffect):
             plant = c.effect.insert(plant, c.on, values)
-            plant = replace(plant, xdot=tuple(lazily(sp.sympify(e)) for e in plant.xdot))
     extra = [sp.Integer(0) for _ in plant.states]
     gate = sp.Integer(0)
     for c, force, away in forces:  # after the plant's own parameters, on which the columns depend
