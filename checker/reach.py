@@ -20,7 +20,7 @@ class Reach:
     Attributes:
         target: the box to reach. obstacles: boxes to avoid; both by the axes that they bound.
         clearance: what to keep from obstacles and walls; between: by how much a path may stray from its samples where
-            no swept boxes are given.
+            no swept boxes are given; walls: the same beyond the walls of a box that holds them, which may be less.
         at_rest: class in which a run starts.
         pose: axes of x, y and heading of a body in the plane, or None.
         bound: (2, classes, M, 3) lower and upper ends of the gap in the body's frame, by state; None where the header
@@ -32,6 +32,7 @@ class Reach:
     obstacles: list[Ends]
     clearance: list[Fraction]
     between: list[Fraction]
+    walls: list[Fraction]
     at_rest: int
     pose: tuple[int, int, int] | None
     bound: np.ndarray | None
@@ -39,8 +40,13 @@ class Reach:
 
     @property
     def keep(self) -> list[Fraction]:
-        """How far samples keep from obstacles and walls, by axis."""
+        """How far samples keep from obstacles, by axis."""
         return [a + b for a, b in zip(self.clearance, self.between, strict=True)]
+
+    @property
+    def keep_from_walls(self) -> list[Fraction]:
+        """How far samples keep from walls, by axis."""
+        return [a + b for a, b in zip(self.clearance, self.walls, strict=True)]
 
 
 def reach_tables(header: dict[str, Any]) -> tuple[str, ...]:
@@ -81,13 +87,15 @@ def reach_of(header: dict[str, Any], tables: dict[str, Any], states: list[str], 
     if not isinstance(header["obstacles"], list):
         raise Malformed("its obstacles are no list")
     clearance, between = ([exact(header[key][s]) for s in states] for key in ("clearance", "between"))
-    if any(v < 0 for v in clearance + between):
+    walls = [exact(header["between_walls"][s]) for s in states] if "between_walls" in header else between
+    if any(v < 0 for v in clearance + between + walls):
         raise Malformed("a clearance is not negative")
     return Reach(
         _box(header["target"], states),
         [_box(one, states) for one in header["obstacles"]],
         clearance,
         between,
+        walls,
         header["classes"]["at_rest"],
         None if pose is None else (states.index(pose[0]), states.index(pose[1]), states.index(pose[2])),
         bound,

@@ -59,8 +59,8 @@ def cells_meeting(c: Certificate, box: dict[int, Interval], keep: list[Fraction]
 
 def forbidden(c: Certificate) -> np.ndarray:
     """Cells that are nearer to an obstacle or a wall than samples may be, (cells,) bool."""
-    keep = c.reach.keep
-    inner = {j: (c.lo[j] + keep[j], c.hi[j] - keep[j]) for j in range(len(c.cells)) if not c.periodic[j]}
+    keep, walls = c.reach.keep, c.reach.keep_from_walls
+    inner = {j: (c.lo[j] + walls[j], c.hi[j] - walls[j]) for j in range(len(c.cells)) if not c.periodic[j]}
     bad = ~cells_in(c, inner)
     for box in c.reach.obstacles:
         bad |= cells_meeting(c, box, keep)

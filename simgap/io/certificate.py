@@ -47,7 +47,7 @@ class Reached:
     Attributes:
         target, obstacles: boxes over all states, infinite along those that they do not bound.
         clearance: what to keep from obstacles and walls, (nx,); between: how far a path may stray from its samples
-            where there are no swept boxes, (nx,).
+            where there are no swept boxes, (nx,), or (2, nx): from obstacles, and from walls.
         pose: axes of x, y and heading of a body in the plane.
         swept: lower and upper ends of the box in which each path lies, by class of the previous input, (C, M, 2) each.
     """
@@ -166,11 +166,13 @@ def _task(states: Sequence[str], task: Reached, what: Certified) -> dict[str, An
     """Target, obstacles, and what the controller remembers."""
     kind, first = what.solution.kind, what.solution.first
     of_input = np.zeros(len(what.input_set), np.int64) if kind is None else kind
+    obstacles, walls = np.broadcast_to(task.between, (2, len(states)))
     return {
         "target": _named(states, task.target),
         "obstacles": [_named(states, box) for box in task.obstacles],
         "clearance": dict(zip(states, _hex(task.clearance), strict=True)),
-        "between": dict(zip(states, _hex(task.between), strict=True)),
+        "between": dict(zip(states, _hex(obstacles), strict=True)),
+        "between_walls": dict(zip(states, _hex(walls), strict=True)),
         "pose": None if task.pose is None else [states[j] for j in task.pose],
         "classes": {"of_input": of_input.tolist(), "at_rest": first},
     }

@@ -109,6 +109,12 @@ class NominalModel:
         """f over boxes: (n, nx), (n, nx), (n, nu) -> two (n, nx), rounded outward."""
         return _over_boxes(self.interval_kernel)(_rows(lo), _rows(hi), _rows(u), self.nx)
 
+    def jacobian_enclosure(self, lo: Floats, hi: Floats, u: Floats) -> tuple[Floats, Floats]:
+        """df_i/dx_j over boxes: (n, nx), (n, nx), (n, nu) -> two (n, nx, nx), rounded outward."""
+        low, high = _over_boxes(self.jacobian_interval_kernel)(_rows(lo), _rows(hi), _rows(u), self.nx**2)
+        shape = (-1, self.nx, self.nx)
+        return low.reshape(shape), high.reshape(shape)
+
 
 def _rows(a: Floats | Sequence[Sequence[float]]) -> Floats:
     return np.ascontiguousarray(np.atleast_2d(np.asarray(a, dtype=np.float64)))

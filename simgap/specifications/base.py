@@ -43,7 +43,7 @@ class Game(Protocol):
 
     @property
     def stray(self) -> Floats:
-        """How far a path may stray from its samples, where clearance is to cover that, (nx,); 0 elsewhere."""
+        """How far a path may stray from its samples where clearance is to cover that, (nx,) or as `Problem.stray`."""
 
     def invariant(self, safe: Mask) -> Solution:
         """The largest set of safe cells that some input keeps for ever: the greatest fixed point; (cells,) bool."""
@@ -122,7 +122,10 @@ class Specification(Section, ABC):
         """What it asks for, as a clause without a full stop: 'stay for ever in x in [0, 1] m'."""
 
     def free(self, space: Space, grid: Grid, margin: Floats) -> Mask:
-        """Cells that it allows at all, `margin` (nx,) farther from what must not be touched than it says: (cells,)."""
+        """Cells that it allows at all, `margin` farther from what must not be touched than it says: (cells,).
+
+        The margin is (nx,), or (2, nx) where less does from the walls of a box: from obstacles, and from walls.
+        """
         return np.ones(grid.size, np.bool_)
 
     def limits(self, space: Space) -> Box:

@@ -91,9 +91,13 @@ class Reaching(Specification):
         return partial_box(self.target, space.states)
 
     def free(self, space: Space, grid: Grid, margin: Floats) -> Mask:
-        """Cells that keep the clearance and a margin (nx,) from every obstacle and, along axes that end, the walls."""
-        keep = space.vector(self.clearance) + margin
-        lo, hi = grid.box.lo + keep, grid.box.hi - keep
+        """Cells that keep the clearance and a margin from every obstacle and, along axes that end, the walls.
+
+        The margin is (nx,), or (2, nx): from obstacles, and from walls.
+        """
+        both = np.broadcast_to(space.vector(self.clearance) + margin, (2, space.size))
+        keep, walls = both
+        lo, hi = grid.box.lo + walls, grid.box.hi - walls
         lo[list(grid.periodic)], hi[list(grid.periodic)] = -np.inf, np.inf
         if np.any(lo >= hi):
             raise UserError("the clearance leaves nothing of the arena", key=f"{KEY}.clearance")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from simgap.errors import BrokenPromise
+from simgap.geometry import Floats
 from simgap.notation import pretty_unit
 from simgap.simulators.surprises import Finding
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages.context import Context
-from simgap.synthesis.intersample import enough, excursion, rates
+from simgap.synthesis.intersample import Flow, enough, excursion, flow_of
 
 
 def between_samples(context: Context) -> list[Finding]:
@@ -27,19 +29,31 @@ def between_samples(context: Context) -> list[Finding]:
     asked = case.gap is not None or case.synthesis.nominal_between_samples
     if not (specification.between_samples and asked) or (symbolic is not None and symbolic.wheels is not None):
         return []
-    flow, region, none = rates(context.plant.carried), specification.region(space), np.zeros(len(context.states))
-    tau = context.domain.tau
-    reach, _ = excursion(flow, region, context.input_set, tau, none, context.states)
+    region, none, tau = specification.region(space), np.zeros(len(context.states)), context.domain.tau
+    ends = [j for j in range(region.size) if j not in context.periodic]
+
+    def taken(flow: Flow) -> tuple[Floats, list[int]]:
+        (_, walls), _ = excursion(flow, region, context.input_set, tau, none, context.states)
+        return walls, [j for j in ends if 2.0 * walls[j] >= region.hi[j] - region.lo[j]]
+
+    flow = flow_of(context.plant.carried, smooth=False)
+    try:
+        reach, full = taken(flow)
+    except BrokenPromise:
+        full = ends
+    if full:  # its slopes take seconds to compile, and are not asked where the rates say enough
+        flow = flow_of(context.plant.carried, smooth=case.hidden_state is None)
+        reach, full = taken(flow)
     found = []
-    for j, name in enumerate(context.states):
-        if j not in context.periodic and 2.0 * reach[j] >= region.hi[j] - region.lo[j]:
-            shorter = enough(flow, region, context.input_set, tau, none)
-            found.append(
-                Finding(
-                    "domain.tau",
-                    f"between samples {name} may stray by {reach[j]:.3g} {pretty_unit(context.units[name])} from them, "
-                    "by the nominal model's rates over X and U, and that is left free on each side: nothing of X stays",
-                    f"Shorten tau{f' to about {shorter:g} s' if shorter else ''}, or shrink X",
-                )
+    for j in full:
+        unit = pretty_unit(context.units[context.states[j]])
+        shorter = enough(flow, region, context.input_set, tau, none)
+        found.append(
+            Finding(
+                "domain.tau",
+                f"between samples {context.states[j]} may stray by {reach[j]:.3g} {unit}, by the nominal model's rates "
+                "over X and U, and that is left free on each side: nothing of X stays",
+                f"Shorten tau{f' to about {shorter:g} s' if shorter else ''}, or shrink X",
             )
+        )
     return found

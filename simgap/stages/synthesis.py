@@ -30,7 +30,7 @@ from simgap.stages.costs import affordable, costs
 from simgap.stages.fair_baseline import minding_the_path
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.explain import explain
-from simgap.synthesis.intersample import Rates, excursion, rates
+from simgap.synthesis.intersample import Flow, excursion, flow_of
 from simgap.synthesis.previous import PreviousBounds
 from simgap.synthesis.refusals import EmptyDomain
 from simgap.synthesis.swept import SweptCells, planar_swept_cells
@@ -78,9 +78,8 @@ def run(
         "free_cells": int(solution.free.sum()),
         "winning_fraction": solution.fraction,
         "winning_fraction_after_inflation": after_inflation(problem, solution, between),
-        "between_samples": dict(zip(context.states, between.tolist(), strict=True))
-        if np.isfinite(between).all()
-        else {},
+        "between_samples": _by_state(context, between[0]),
+        "between_samples_beyond_walls": _by_state(context, between[1]),
         "between_samples_by": "swept boxes" if problem.swept is not None else _clearance(problem),
         "looks_between_samples": gap_path is not None or section.nominal_between_samples,
         "statistics": solution.statistics,
@@ -121,8 +120,10 @@ def _retimed(context: Context) -> Callable[[float], NominalModel] | None:
     return lambda times: replace(context.plant, tau=tau * times).sampled
 
 
-def _between(context: Context, flow: Rates, region: Box, extra: Floats, needed: bool) -> Floats:
-    """How far a path may stray from its samples, (nx,); infinite where no bound is found and none is promised.
+def _between(context: Context, flow: Flow, region: Box, extra: Floats, needed: bool) -> Floats:
+    """How far a path may stray from its samples and beyond walls that hold them, (2, nx).
+
+    Infinite where no bound is found and none is promised.
 
     Raises:
         BrokenPromise: no bound, where the specification promises something between samples.
@@ -133,7 +134,12 @@ def _between(context: Context, flow: Rates, region: Box, extra: Floats, needed: 
         if needed:
             raise
         log.warning("nothing is promised between samples, and nothing told of it: %s", error)
-        return np.full(len(context.states), np.inf)
+        return np.full((2, len(context.states)), np.inf)
+
+
+def _by_state(context: Context, between: Floats) -> dict[str, float]:
+    """What is bounded, by state; nothing where it is not."""
+    return dict(zip(context.states, between.tolist(), strict=True)) if np.isfinite(between).all() else {}
 
 
 def _clearance(problem: Problem) -> str | None:
@@ -141,7 +147,7 @@ def _clearance(problem: Problem) -> str | None:
 
 
 def after_inflation(problem: Problem, solution: Solution, between: Floats) -> float | None:
-    """Share of winning cells among those that also keep clear of everything by `between`, (nx,).
+    """Share of winning cells among those that also keep clear of everything by `between`, (2, nx).
 
     That is what may happen between samples.
     """
@@ -152,7 +158,7 @@ def after_inflation(problem: Problem, solution: Solution, between: Floats) -> fl
 
 
 def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
-    """The synthesis problem of a case, and how far a path may stray from its samples, (nx,).
+    """The synthesis problem of a case, and how far a path may stray from its samples and beyond walls, (2, nx).
 
     The controller made with the gap minds the path between samples; that of the nominal model alone only if asked to.
     """
@@ -172,7 +178,9 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     on_boxes = specification.swept_boxes and specification.on_floor(space)
     boxes_do = on_the_path and on_boxes and not specification.on_true_cells
     swept = _swept(context, model, bound) if boxes_do else None
-    flow = rates(context.plant.carried)
+    symbolic = context.case.plant.symbolic
+    memory = context.case.hidden_state is not None or (symbolic is not None and symbolic.wheels is not None)
+    flow = flow_of(context.plant.carried, smooth=not memory)
     spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and swept is None else np.zeros(model.nx)
     needed = on_the_path and swept is None
     between = _between(context, flow, specification.region(space), spread / model.tau, needed)

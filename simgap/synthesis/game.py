@@ -32,7 +32,7 @@ class MeasuredGame:
 
     Attributes:
         space: the states; abstraction: its boxes account for its `error`.
-        stray: how far a path strays from its samples where clearance is to cover that, (nx,).
+        stray: how far a path strays from its samples where clearance is to cover that, as in `Problem`.
         threads: for the kernels. one: whether to record the input of least effort of each cell instead of all.
     """
 

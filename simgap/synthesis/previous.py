@@ -42,7 +42,7 @@ class PreviousGame:
     """The game on nodes (measured cell, class of the previous input).
 
     Attributes:
-        space: the states; stray: how far a path strays from its samples where clearance is to cover that, (nx,).
+        space: the states; stray: what clearance is to cover of the path between samples, as in `Problem`.
         boxes: one abstraction a class. whole: makes that of the bound after any input, for what is to be held.
         kind: (M,) class of each input. rest: class in which a run starts.
         threads: for the kernels.

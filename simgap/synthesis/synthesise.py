@@ -43,7 +43,8 @@ class Problem:
         swept: cells that the path between samples may touch, for each input; None where clearance covers it.
         previous: the gap and the swept cells after each class of the previous input; None where there is one class.
         first: number of the input that acts in the first sample where there is a latency; None for the least effort.
-        stray: what the clearance has to cover of it, (nx,); None for a controller that looks at the samples only.
+        stray: what the clearance has to cover of it, (nx,), or (2, nx): from obstacles, and from walls; None for a
+            controller that looks at the samples only.
         one: whether the input of least effort alone is recorded of each cell, for what is to be reached.
     """
 

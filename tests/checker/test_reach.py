@@ -52,7 +52,7 @@ def made_of(classes, arena, swept=True, one=False):
         np.concatenate([way[1] + 0.03 * wide, side], axis=2),
     )
     problem = Problem(model, specification, SPACE, SHAPE, U, bound.kernel(), [2], one=one)
-    stray = None if swept else np.array([0.05, 0.05, 0.1])
+    stray = None if swept else np.array([[0.05, 0.05, 0.1], [0.02, 0.03, 0.1]])  # from obstacles, and from walls
     if swept:
         every = planar_swept_cells(problem.grid, boxes[0].min(axis=0), boxes[1].max(axis=0))
         problem = replace(problem, swept=every)
@@ -299,11 +299,11 @@ def test_regions_are_those_of_the_definition(across_the_seam, tmp_path):
     command = [sys.executable, "-c", code, str(CHECKER), str(tmp_path / "seam"), str(tmp_path / "bad.npy")]
     subprocess.run(command, check=True)
     bad, task = np.load(tmp_path / "bad.npy").reshape(SHAPE), across_the_seam.task
-    keep, width = task.clearance + task.between, (X.hi - X.lo) / SHAPE
+    (keep, beyond), width = task.clearance + np.broadcast_to(task.between, (2, 3)), (X.hi - X.lo) / SHAPE
     rng = np.random.default_rng(0)
     for k in rng.integers(0, SHAPE, (400, 3)):
         lo, hi = X.lo + width * k, X.lo + width * (k + 1)
-        wall = any(lo[j] < X.lo[j] + keep[j] - 1e-9 or hi[j] > X.hi[j] - keep[j] + 1e-9 for j in (0, 1))
+        wall = any(lo[j] < X.lo[j] + beyond[j] - 1e-9 or hi[j] > X.hi[j] - beyond[j] + 1e-9 for j in (0, 1))
         meets = False
         for box, turn in itertools.product(task.obstacles, (-2, -1, 0, 1, 2)):
             shift = np.array([0.0, 0.0, 2 * np.pi * turn])

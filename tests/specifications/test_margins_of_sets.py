@@ -8,7 +8,7 @@ import pytest
 from simgap.geometry import Box, Grid
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
-from simgap.synthesis.intersample import excursion
+from simgap.synthesis.intersample import Flow, excursion
 
 BOX = Box([0.0, 0.0], [10.0, 8.0])
 SPACE = Space(("x", "y"), BOX, (), {}, None)
@@ -50,17 +50,30 @@ def test_free_cells_keep_clearance_stray_and_error_from_obstacles_and_walls():
     assert np.array_equal(target, section().goal(game()) & free)
 
 
+def test_walls_of_a_box_may_need_less_than_obstacles():
+    from_obstacles, from_walls = STRAY, 0.25 * STRAY
+    lo, hi = faces()
+    keep, beyond = (np.array([0.25, 0.15]) + margin for margin in (from_obstacles, from_walls))
+    walls = np.all((lo - beyond >= 0.0) & (hi + beyond <= [10.0, 8.0]), axis=1)
+    meets = (hi[:, 0] > 2.0 - keep[0] + 1e-9) & (lo[:, 0] < 3.0 + keep[0] - 1e-9) & (lo[:, 1] < 4.0 + keep[1] - 1e-9)
+    own = game()
+    free = section().free(own.space, own.grid, np.stack([from_obstacles, from_walls]))
+    assert np.array_equal(free, walls & ~meets)
+    assert free.sum() > section().free(own.space, own.grid, from_obstacles).sum()
+
+
 def test_half_a_sampling_time_at_the_largest_rate_and_what_is_added():
     def rates(lo, hi, u):
         return np.full(lo.shape, -3.0), np.full(lo.shape, 2.0) + u
 
-    reach, speed = excursion(rates, BOX, np.array([[0.0], [0.5]]), 0.1, np.array([0.0, 1.0]))
+    (reach, walls), speed = excursion(Flow(rates), BOX, np.array([[0.0], [0.5]]), 0.1, np.array([0.0, 1.0]))
     assert np.all(reach >= [0.15, 0.2])
     assert reach == pytest.approx([0.15, 0.2], rel=1e-5)
+    assert np.array_equal(walls, reach)  # of rates alone nothing is known that would spare a wall
     assert speed == pytest.approx([3.0, 4.0])
 
     def growing(lo, hi, u):
         return lo, hi
 
-    reach, _ = excursion(growing, Box([-1.0, -1.0], [1.0, 1.0]), np.zeros((1, 1)), 0.2)
+    (reach, _), _ = excursion(Flow(growing), Box([-1.0, -1.0], [1.0, 1.0]), np.zeros((1, 1)), 0.2)
     assert np.all(reach >= 0.1 * (1.0 + reach))  # the rates hold where the path may be

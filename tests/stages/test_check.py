@@ -230,6 +230,8 @@ def test_the_counts_are_those_of_the_stages(tmp_path):
     grid.run(path, None, tmp_path / "grid")
     states, inputs = (read_parquet(tmp_path / "grid" / f"{name}.parquet").num_rows for name in ("states", "inputs"))
     assert found["rollouts"].count == states * inputs == found["gap"].count
+    assert found["workflow"].count >= len(found) - 1 + 4  # a small run is mostly this: jobs that begin, page, recording
+    assert found["workflow"].seconds > 20.0
     assert (tmp_path / "check.json").is_file()
 
 
@@ -369,30 +371,44 @@ def test_advice_for_joints_of_two_dampings_does_not_contradict_itself(tmp_path):
     assert "to 0.002" in of_other
 
 
-def running_away(folder, tau):
-    """dv/dt = 30 v + F: within half of a long step it may be anywhere."""
+def running_away(folder, tau, rate="30*v + F"):
+    """dv/dt = 30 v + F, say: within half of a long step it may be anywhere."""
     path = folder / "run.yaml"
     target = {"kind": "reach_avoid", "target": {"q": [0.5, 0.9]}, "obstacles": []}
     path.write_text(yaml.safe_dump({
         "name": "run",
         "plant": {"states": {"q": {"unit": "m"}, "v": {"unit": "m/s"}}, "inputs": {"F": {"unit": "N"}},
-                  "symbolic": {"dynamics": {"q": "v", "v": "30*v + F"}}},
+                  "symbolic": {"dynamics": {"q": "v", "v": rate}}},
         "domain": {"tau": tau, "X": {"q": [-1, 1], "v": [-1, 1]}, "U": {"F": {"values": [-1, 1]}}},
         "simulator": {"engine": "equations", "integrator": "explicit_euler", "slopes": "sampled",
-                      "equations": {"dynamics": {"q": "v", "v": "30*v + F"}}},
+                      "equations": {"dynamics": {"q": "v", "v": rate}}},
         "grid": {"eps": 0.1}, "gap": {"basis": ["v", 1]},
         "synthesis": {"cells": [20, 20], "specification": target},
     }))  # fmt: skip
     return path
 
 
+def strays(path):
+    return [f for f in check.run(path).findings if "between samples" in f.problem]
+
+
 def test_a_path_without_bound_is_refused_before_anything_runs_with_a_tau_that_has_one(tmp_path):
     """By hand: r = tau/2 (30 (1 + r) + 1) is 15.5 tau / (1 - 15 tau), .5 (a quarter of X) at .0217 s."""
+    kinked = "30*abs(v) + F"
     with pytest.raises(BrokenPromise, match="the motion of v between samples has no bound") as refused:
-        check.run(running_away(tmp_path, 0.1))
+        check.run(running_away(tmp_path, 0.1, kinked))
     assert "to about 0.021 s" in str(refused.value)
-    (found,) = [f for f in check.run(running_away(tmp_path, 0.045)).findings if "between samples" in f.problem]
+    (found,) = strays(running_away(tmp_path, 0.045, kinked))
     assert found.key == "domain.tau"
     assert f"v may stray by {15.5 * 0.045 / (1 - 15 * 0.045):.3g} m/s" in found.problem
     assert "to about 0.021 s" in found.remedy
-    assert not [f for f in check.run(running_away(tmp_path, 0.021)).findings if "between samples" in f.problem]
+    assert not strays(running_away(tmp_path, 0.021, kinked))
+
+
+def test_a_smooth_path_is_bounded_by_how_its_rate_changes(tmp_path):
+    """By hand: r = tau^2/8 30 (30 (1 + r) + 1) is 116.25 tau^2 / (1 - 112.5 tau^2), .5 at .0538 s."""
+    with pytest.raises(BrokenPromise) as refused:
+        check.run(running_away(tmp_path, 0.1))
+    shorter = float(str(refused.value).split("Shorten domain.tau to about ")[1].split(" s")[0])
+    assert 0.045 < shorter <= 0.0538
+    assert not strays(running_away(tmp_path, 0.045))

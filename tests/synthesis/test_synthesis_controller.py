@@ -15,13 +15,14 @@ from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.model.sampled import NominalModel
+from simgap.model.symbolic import SymbolicModel, Variable
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.regions import cells_meeting, cells_within
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.controller import Controller, least_effort
-from simgap.synthesis.intersample import excursion
+from simgap.synthesis.intersample import Flow, excursion, flow_of
 from simgap.synthesis.synthesise import Problem, synthesise
 
 STATES = ("x1", "x2")
@@ -189,17 +190,58 @@ def test_the_motion_between_samples_is_bounded():
     x, v, u = sp.symbols("x v u", real=True)
     flow = NominalModel((x, v), (u,), (v, -sp.sin(x) + u), 0.0).enclosure
     inputs = np.array([[-1.0], [1.0]])
-    reach, speed = excursion(flow, Box([-0.1, -0.5], [0.1, 0.5]), inputs, 0.1, np.array([0.0, 0.2]))
+    (reach, _), speed = excursion(Flow(flow), Box([-0.1, -0.5], [0.1, 0.5]), inputs, 0.1, np.array([0.0, 0.2]))
     assert np.all(reach >= 0.05 * speed * (1 - 1e-9))
     assert speed[1] == pytest.approx(1.2 + np.sin(0.1 + reach[0]), rel=1e-6)
     assert speed[0] == pytest.approx(0.5 + reach[1], rel=1e-6)
+
+
+def swinging(extra=""):
+    """dq/dt = v, dv/dt = -9 sin q - 2 v + u."""
+    q, v, u = (Variable(*own) for own in (("q", "rad"), ("v", "rad/s"), ("u", "N*m")))
+    pull = -9 * sp.sin(q.symbol) - 2 * v.symbol + u.symbol + (sp.Abs(v.symbol) if extra else 0)
+    return SymbolicModel((q, v), (u,), {}, (v.symbol, pull))
+
+
+def test_a_path_leaves_walls_that_hold_its_samples_by_less_than_it_strays_from_them():
+    """Paths integrated finely, under a disturbance of the stated size, whose ends are both in the box: all of them
+    stay within what is said, and one comes near it. Half a step at the largest speed would be far more."""
+    region, inputs = Box([-0.3, -0.5], [0.3, 0.5]), np.linspace(-6, 6, 25)[:, None]
+    tau, added = 0.1, np.array([0.0, 0.4])
+    (near, walls), _ = excursion(flow_of(swinging()), region, inputs, tau, added)
+    rng, steps = np.random.default_rng(0), 400
+    x = rng.uniform(region.lo, region.hi, (20_000, 2))
+    x[:, 1] = rng.choice([-0.5, 0.5], len(x)) * rng.uniform(0.97, 1.0, len(x))
+    start, u, d = x.copy(), rng.choice(inputs[:, 0], len(x)), 0.4 * rng.choice([-1.0, 1.0], (2, len(x)))
+    out, path = np.zeros_like(x), []
+    for k in range(steps):
+        v = x[:, 1] + 0.5 * tau / steps * (-9 * np.sin(x[:, 0]) - 2 * x[:, 1] + u + d[2 * k // steps])
+        x = x + tau / steps * np.stack([v, -9 * np.sin(x[:, 0]) - 2 * v + u + d[2 * k // steps]], axis=1)
+        out = np.maximum(out, np.maximum(x - region.hi, region.lo - x))
+        path.append(x)
+    held = np.all((x >= region.lo) & (x <= region.hi), axis=1)
+    assert held.sum() > 500
+    between = np.array(path)[:, held]
+    nearest = np.minimum(np.abs(between - start[held]), np.abs(between - x[held]))
+    farthest = nearest.max(axis=(0, 1))
+    assert np.all(out[held].max(axis=0) <= walls)
+    assert np.all(farthest <= near)
+    assert np.all(walls < 0.5 * near)
+    assert walls[1] < 0.1 * near[1]
+    assert out[held, 1].max() > 0.1 * walls[1]
+
+
+def test_a_model_with_a_kink_is_bounded_by_its_rates_alone():
+    region, inputs = Box([-0.3, -0.5], [0.3, 0.5]), np.array([[0.0]])
+    near, walls = excursion(flow_of(swinging("kinked")), region, inputs, 0.1)[0]
+    assert np.array_equal(near, walls)
 
 
 def test_a_motion_without_bound_is_a_broken_promise():
     x, u = sp.symbols("x u", real=True)
     flow = NominalModel((x,), (u,), (x**3 + u,), 0.0).enclosure
     with pytest.raises(BrokenPromise, match="no bound"):
-        excursion(flow, Box([-9.0], [9.0]), np.zeros((1, 1)), 1.0)
+        excursion(Flow(flow), Box([-9.0], [9.0]), np.zeros((1, 1)), 1.0)
 
 
 def test_the_section_refuses_unknown_keys_and_upside_down_boxes():
