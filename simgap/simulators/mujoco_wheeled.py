@@ -142,8 +142,11 @@ def model_of(plant: WheeledPlant, section: MuJoCoWheeledSettings) -> Any:
     option.gravity = [0.0, 0.0, -plant.gravity]
     option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, IMPRATIO
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+<<<<<<< HEAD
+=======
     names = [j.name for j in spec.joints]
     check_wheels(section, plant.urdf, names)
+>>>>>>> main
     root = root_link(plant.urdf)
     _stand(spec, mujoco, root, friction_of(plant.urdf, root), section.floor_friction)
     for joint in spec.joints:

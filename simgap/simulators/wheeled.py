@@ -70,7 +70,10 @@ class PyBulletWheeled(WheeledEngine):
         p.changeDynamics(floor, -1, lateralFriction=s.floor_friction, restitution=0)
         body = p.loadURDF(str(self._plant.urdf), [0, 0, s.wheel_radius], flags=p.URDF_USE_INERTIA_FROM_FILE)
         index = {p.getJointInfo(body, j)[1].decode(): j for j in range(p.getNumJoints(body))}
+<<<<<<< HEAD
+=======
         check_wheels(s, self._plant.urdf, index)
+>>>>>>> main
         for link in range(-1, p.getNumJoints(body)):
             p.changeDynamics(
                 body, link, linearDamping=0, angularDamping=0, jointDamping=0, rollingFriction=0, spinningFriction=0,
