@@ -75,8 +75,8 @@ def _of_urdf(
     wheels = wheels_of(urdf) if inputs is None else None
     if wheels is not None:
         note(
-            f"A robot on two driven wheels, '{wheels.left}' and '{wheels.right}': floor, obstacle, speeds and clearance "
-            "are to be edited. With --inputs the wheels are taken as joints."
+            f"A robot on two driven wheels, '{wheels.left}' and '{wheels.right}': floor, obstacle, speeds and "
+            "clearance are to be edited. With --inputs the wheels are taken as joints."
         )
         return case_of_wheels(name, urdf, written, wheels)
     axes = axes_of(urdf, file.joints, at)
