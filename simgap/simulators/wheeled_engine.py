@@ -15,7 +15,7 @@ from simgap.config.plant import AddedEffect
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
-from simgap.plants.urdf_checks import check_floating_root, check_urdf
+from simgap.plants.urdf_checks import check_floating_root, check_urdf, check_wheels
 from simgap.simulators.base import Engine, PathSimulator
 from simgap.simulators.traits import FileTraits
 
@@ -96,6 +96,7 @@ class WheeledEngine(Engine, PathSimulator):
 
         check_urdf(plant.urdf)
         check_floating_root(plant.urdf)
+        check_wheels(plant.urdf, section.left, section.right)
         if section.substeps % section.poses:
             raise UserError(
                 f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",
