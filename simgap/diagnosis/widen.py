@@ -34,6 +34,8 @@ def screened(
 ) -> tuple[Parts, Searched] | None:  # fmt: skip
     """One such effect by itself, if it reaches the noise and none of the others does by itself; cheap, and first.
 
+    What comes within the noise need not be all: whatever still pays joins it.
+
     Args:
         model, record, settings: of the diagnosis; search, base: without those effects, and the model as declared there.
         not_tried: candidates that are barred.
@@ -51,7 +53,7 @@ def screened(
         fine = [e for e in alone if chi2_dof(other.problem, e.fit) <= FIT_QUALITY]
         if not fine:
             return None
-        best = min(fine, key=lambda e: e.bic)
+        best = grow(other, min(fine, key=lambda e: e.bic), settings.max_effects)
         rivals(other, best)
         return parts, (other, start, preferred(other, best, settings.max_effects))
     except Stopped:
