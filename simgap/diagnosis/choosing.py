@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import reduce
 
-from simgap.diagnosis.conclude import Chosen
 from simgap.diagnosis.result import DiagnosisSettings, Key
-from simgap.diagnosis.search.explanations import Search
-from simgap.diagnosis.search.fit import fit
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import on_all
 from simgap.diagnosis.search.watch import Stopped
 from simgap.diagnosis.seek import Searched
@@ -17,7 +18,37 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
 from simgap.diagnosis.verdict.judge import chi2_dof, real
-from simgap.diagnosis.verdict.transfer import Trial, transferable
+from simgap.diagnosis.verdict.transfer import Carried, Trial, transferable
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """What fit and choose ended with.
+
+    Attributes:
+        search, sparse: the search, on fewer samples where there are many, and the model as declared there.
+        found: what it chose there; kept: the same on every sample.
+        full, base: a search on every sample, and the model as declared there.
+        carried: from the choice off the noise floor.
+        at_floor: whether the fit reaches the noise; agree: whether halves of the data give the same coefficients.
+        barred: candidates that were not tried, and why.
+    """
+
+    search: Search
+    sparse: Fit
+    found: Explanation
+    kept: Explanation
+    full: Search
+    base: Fit
+    carried: Carried | None
+    at_floor: bool
+    agree: bool
+    barred: Mapping[Key, str]
+
+    def less(self, kept: Explanation) -> Chosen:
+        """The same with some effects of what was chosen alone."""
+        gone = [c for c in self.found.members if c.key not in kept.keys]
+        return replace(self, kept=kept, found=reduce(self.search.without, gone, self.found))
 
 
 def chosen(parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried: Mapping[Key, str]) -> Chosen:

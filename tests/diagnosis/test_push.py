@@ -13,7 +13,7 @@ from simgap.diagnosis.reading.windows import Windows, left_out
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.seek import begun
-from simgap.diagnosis.verdict.words import verdict_sentence
+from simgap.diagnosis.verdict.words import verdict_parts
 from tests.diagnosis.plants import block
 
 DT, FINE = 0.01, 100
@@ -118,14 +118,16 @@ def test_a_budget_that_ends_it_does_not_leave_out_what_was_not_borne_out(pushes,
 def test_the_sentence_says_why_a_push_may_be_a_stop():
     size = {"value": 0.6, "ci95": [0.59, 0.61], "unit": "N"}
     effect = {"name": "coulomb_friction", "on": "slide", "parameters": {"F_c": size}}
-    text = verdict_sentence({"verdict": "partial", "effects": [effect], "explained_share": 1.0, "unconfirmed": ["q"]})
+    text = " ".join(
+        verdict_parts({"verdict": "partial", "effects": [effect], "explained_share": 1.0, "unconfirmed": ["q"]})
+    )
     assert "where times were left out q goes further than in the data that confirm" in text
     assert "is left" not in text
 
 
 def test_the_push_is_in_the_sentence():
     fault = {"sentence": "4.2 to 4.4 s of run1 (a push?): 1 % of the time that is fitted was left out."}
-    text = verdict_sentence({"verdict": "none", "effects": [], "candidates": [], "recording": [fault]})
+    text = " ".join(verdict_parts({"verdict": "none", "effects": [], "candidates": [], "recording": [fault]}))
     assert "4.2 to 4.4 s of run1 (a push?)" in text
 
 

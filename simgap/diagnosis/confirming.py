@@ -1,0 +1,63 @@
+"""The set that was chosen on the fold that nothing was fitted to; with `conclude` the only look at *confirm*."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from simgap.diagnosis.choosing import Chosen
+from simgap.diagnosis.result import Concentrated
+from simgap.diagnosis.search.explanations import Explanation
+from simgap.diagnosis.simulation.parts import Parts
+from simgap.diagnosis.thresholds import HELD_OUT_QUALITY, LEAPS_ANYHOW
+from simgap.diagnosis.verdict.concentration import concentrated, elsewhere
+from simgap.diagnosis.verdict.judge import Evidence, HeldOut, chi2_dof, excess_share, folds_agree, judge, needed
+from simgap.diagnosis.verdict.steadier import steadier
+from simgap.diagnosis.verdict.transfer import independent_share
+
+
+@dataclass(frozen=True, eq=False)
+class Confirmed:
+    """What *confirm* says.
+
+    Attributes:
+        chosen: the set, without what halves of the other folds disagree on if that is needed and enough.
+        old, new: errors of the model as declared and with the set; where: the places that carry most of the second.
+        evidence: what the verdict is made of.
+    """
+
+    chosen: Chosen
+    old: HeldOut
+    new: HeldOut
+    where: Concentrated | None
+    evidence: Evidence
+
+
+def confirmed(parts: Parts, chosen: Chosen, names: Sequence[str], horizon_s: float) -> Confirmed:
+    """Judge a set on *confirm*; a smaller one where that leaves doubt and halves disagree on a part of it."""
+    old = judge(parts.confirm, chosen.base.theta, horizon_s)
+    found = _judged(parts, chosen, names, old, horizon_s)
+    if not chosen.at_floor or found.evidence.agree:
+        return found
+    less: Explanation | None = steadier(parts.known, chosen.full, chosen.kept)
+    return found if less is None else _judged(parts, chosen.less(less), names, old, horizon_s)
+
+
+def _judged(parts: Parts, chosen: Chosen, names: Sequence[str], old: HeldOut, horizon_s: float) -> Confirmed:
+    new = judge(parts.confirm, chosen.kept.fit.theta, horizon_s)
+    where = concentrated(parts.confirm, names, old, new)
+    return Confirmed(chosen, old, new, where, _evidence(parts, chosen, old, new, where))
+
+
+def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, new: HeldOut, where: Concentrated | None) -> Evidence:
+    known, confirm = parts.known, parts.confirm
+    found, full, agree = chosen.kept, chosen.full, chosen.agree
+    share = excess_share(old, new, known.sigma)
+    wanted = bool(found.members) and needed(full, found, confirm, new)
+    sure = wanted and new.ratio <= HELD_OUT_QUALITY
+    if found.members and chosen.search.watch.stopped:  # nothing compared the halves yet
+        agree = folds_agree(known, found, full.steps, independent_share(known, found.fit))
+    elif chosen.at_floor and (len(found.members) > LEAPS_ANYHOW or (found.members and not sure)):
+        agree = folds_agree(known, found, full.steps, 1.0)
+    before, after = (chi2_dof(known, at) for at in (chosen.base, found.fit))
+    return Evidence(before, after, old, new, share, agree, wanted, elsewhere(where))
