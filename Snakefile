@@ -33,6 +33,19 @@ include: "rules/sweep.smk"
 include: "rules/paper.smk"
 
 
+# Of all that is written around an error its reason is the last that a person reads.
+onerror:
+    import atexit
+    from simgap.cli.reasons import reasons
+
+    written = [Path(path) for path in log]
+    atexit.register(
+        lambda: sys.stderr.write(
+            "".join(f"\nsimgap: {r}\n" for r in reasons(written))
+        )
+    )
+
+
 localrules:
     all,
     audit_deep,

@@ -21,7 +21,7 @@ from simgap.config.case import Case
 from simgap.config.function_file import FunctionFile
 from simgap.config.model_files import named_by, named_files
 from simgap.config.plugged import used
-from simgap.config.reads import CLOSED_FORM, EVERY_EFFECT, READS, TRANSLATED
+from simgap.config.reads import CLOSED_FORM, EVERY_EFFECT, OWN_FORMAT, READS, TRANSLATED
 
 PACKAGE = Path(__file__).parent
 # What the typing of a case file does shows in the sections that are hashed, and what the registry of plug-ins does in
@@ -54,12 +54,13 @@ def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
             value = value.get(part) if isinstance(value, dict) else None
         content[name] = value == asked if asked else value
         files = dict(named_files(value)) if isinstance(value, dict) else {}
-        if section.endswith("urdf") and isinstance(value, str):
-            files["urdf"] = value
+        key = section.rpartition(".")[2]
+        if key in ("urdf", "mjcf") and isinstance(value, str):
+            files[key] = value
         for key, path in files.items():
             if (folder / path).is_file():
                 content[f"{section}: {'bytes' if key == 'urdf' else key}"] = file_digest(folder / path)
-                named = named_by(folder / path) if key.endswith("urdf") else ()
+                named = named_by(folder / path) if key.endswith(("urdf", "mjcf")) else ()
                 content |= {f"{section}: {key}: {name}": file_digest(place) for name, place in named}
         content |= {f"{section}: function": own for own in _functions(value, folder)}
     return digest(content)
@@ -79,6 +80,8 @@ def sections_of(stage: str, case: Case) -> tuple[str, ...]:
     """
     found = _of_engine(stage, case)
     translated = case.symmetry is not None and bool(case.symmetry.along)
+    if getattr(case.simulator, "mjcf", None) is not None and stage in OWN_FORMAT:
+        found = (*found, "simulator.mjcf")
     return (*found, "symmetry") if translated and stage in TRANSLATED else found
 
 

@@ -137,8 +137,8 @@ def snakemake(
             "this folder is locked: another run is at work in it, or one of another machine was killed. Wait, or "
             "give the same command with --unlock, then again without"
             if locked
-            else "the run has failed; what failed stands above, and in results/<case>/logs. Mend it and type the same "
-            "command again: what was finished is kept"
+            else "the run has failed for what the line above says. Mend it and type the same command again: what was "
+            "finished is kept"
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,20 +23,61 @@ def named_files(section: Any) -> Iterator[tuple[str, str]]:
         yield from ((f"of.{key}", path) for key, path in named_files(section["of"]))
 
 
-def named_by(urdf: Path) -> Iterator[tuple[str, Path]]:
-    """Files that a URDF names in turn, such as meshes, as far as they are there: how it names them, and where they lie.
+def named_by(model: Path) -> Iterator[tuple[str, Path]]:
+    """Files that a model file names in turn, such as meshes, as far as they are there: how it does, and where they lie.
 
-    `package://` means the folder above that of the URDF. What is no XML names none; whoever loads it says why.
+    In a URDF `package://` means the folder above its own. An MJCF file is read with all that it includes, and its files
+    are told by their place beside it. What is no XML names none; whoever loads it says why.
     """
-    try:
-        elements = ElementTree.parse(urdf).iter()
-    except ElementTree.ParseError:
+    root = _root(model)
+    if root is None:
         return
-    for name in dict.fromkeys(e.get("filename") for e in elements):
+    if root.tag == "mujoco":
+        yield from _named_by_mjcf(model, root)
+        return
+    for name in dict.fromkeys(e.get("filename") for e in root.iter()):
         scheme, _, rest = (name or "").rpartition("://")
-        base, own = (urdf.parent.parent, rest.partition("/")[2]) if scheme == "package" else (urdf.parent, rest)
+        base, own = (model.parent.parent, rest.partition("/")[2]) if scheme == "package" else (model.parent, rest)
         if name and own and (base / own).is_file():
             yield name, base / own
+
+
+def _root(path: Path) -> ElementTree.Element | None:
+    try:
+        return ElementTree.parse(path).getroot()
+    except ElementTree.ParseError:
+        return None
+
+
+def _named_by_mjcf(model: Path, root: ElementTree.Element) -> Iterator[tuple[str, Path]]:
+    """Included files and those of assets, wherever MuJoCo may look for them.
+
+    That is beside the file that names them, beside the model, and in the folders of <compiler>; with `strippath` there
+    by the last part of the name alone.
+    """
+    folders, waiting, seen = [model.parent], [(model, root)], {model.resolve()}
+    read: list[ElementTree.Element] = []
+    while waiting:
+        path, own = waiting.pop()
+        read.append(own)
+        folders += [path.parent] if path.parent not in folders else []
+        for element in own.iter():
+            if element.tag not in ("include", "model"):
+                continue
+            for place in (base / str(element.get("file")) for base in (model.parent, path.parent)):
+                if place.is_file() and place.resolve() not in seen:
+                    seen.add(place.resolve())
+                    yield os.path.relpath(place, model.parent), place
+                    found = _root(place)
+                    waiting += [] if found is None else [(place, found)]
+    compilers = [c for own in read for c in own.iter("compiler")]
+    asked = {str(c.get(k)) for c in compilers for k in ("meshdir", "texturedir", "assetdir") if c.get(k)}
+    folders += [base / name for name in sorted(asked) for base in tuple(folders)]
+    for name in dict.fromkeys(v for own in read for e in own.iter() for k, v in e.items() if k.startswith("file")):
+        for place in dict.fromkeys(base / part for base in folders for part in (name, Path(name).name)):
+            if place.is_file() and place.resolve() not in seen:
+                seen.add(place.resolve())
+                yield os.path.relpath(place, model.parent), place
 
 
 def move_files(content: dict[str, Any], moved: Callable[[str], str]) -> None:

@@ -76,6 +76,9 @@ READS: Mapping[str, tuple[str, ...]] = {
 CLOSED_FORM = ("scp", "lipschitz")
 """Stages that read all of the simulator where its engine may know it in closed form."""
 
+OWN_FORMAT = ("scp",)
+"""Stages that read of a simulator's file in its own format where it switches, and not the rest of the simulator."""
+
 EVERY_EFFECT = ("diagnosis", "next", "report")
 """Stages that try or describe effects which the case does not name."""
 

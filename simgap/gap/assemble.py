@@ -15,7 +15,8 @@ from simgap.gap.dimension_fit import DimensionFit
 from simgap.gap.envelope import NodeFit, envelope_gap
 from simgap.gap.function import GapFunction, GapSuprema
 from simgap.gap.linear_fit import LinearFit, linear_gap
-from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz
+from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.roughness import remedy
 from simgap.gap.samples import Directed, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import PaddedSide
@@ -124,15 +125,8 @@ def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence
                 f"the gap of {name} is not Lipschitz at this grid: L(h/2)/L(h) = {found.ratio.max():.2f} > {GATE}, "
                 f"{100 * found.rough_share:.2g} % of the cells are rough; "
                 f"{found.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
-                f"Use {_finer(where, found)}, or padding: inflate with a larger rough_limit if a jump is known.",
+                remedy(where, settings, found, found.rough_share),
             )
-
-
-def _finer(where: SampleGrid, found: GridLipschitz) -> str:
-    """Where samples are missing: along which states, and how many cells there are now."""
-    coarse = [(s, n) for s, n, r in zip(where.states, where.grid.cells, found.ratio, strict=True) if r > GATE]
-    along = ", ".join(f"{name} (now {count})" for name, count in coarse)
-    return f"more cells along {along}: a smaller grid.eps or half-width" if along else "a smaller grid.eps"
 
 
 def _reports(

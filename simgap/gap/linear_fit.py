@@ -16,6 +16,7 @@ from simgap.gap.forms import Form, make_form, negated
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.linear import LinearGap
 from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.roughness import remedy
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import PaddedSide, SideFit, padded
@@ -124,7 +125,7 @@ def linear_gap(
             raise BrokenPromise(
                 f"the residual of {where.states[i]} is not Lipschitz at this grid: {100 * rough:.2g} % of the cells "
                 f"are rough; {known.grid.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
-                "Use a smaller eps, or a basis that follows the gap.",
+                remedy(where, settings, known.grid, rough, residual=True),
             )
     tiers = _tiers(where, settings, lipschitz, sides)
     if settings.signed:

@@ -16,6 +16,7 @@ from simgap.effects import effect
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
 from simgap.plants.stops import joint_stops
+from simgap.simulators.build import switches
 
 
 def switching_surfaces(context: Context) -> tuple[sp.Expr, ...]:
@@ -26,7 +27,7 @@ def switching_surfaces(context: Context) -> tuple[sp.Expr, ...]:
     """
     plant, simulator = context.case.plant, context.case.simulator
     declared = context.plant.declared
-    found = [*kinks(context.plant.carried.numeric()), *_stops(context)]
+    found = [*kinks(context.plant.carried.numeric()), *_stops(context), *switches(context.case, context.folder)]
     for added in (*plant.effects, *(simulator.effects if simulator is not None else ())):
         own = effect(added.name)
         if added.on in own.targets(declared):

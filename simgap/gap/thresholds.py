@@ -35,5 +35,8 @@ each of four axes it would be 600,000 states, more than twenty times what the bo
 EVERYWHERE = 0.5
 """Share of rough cells above which a gap is said to be followed too coarsely, not to jump; only words depend on it."""
 
+CROWDED = 1.5
+"""How many times more of the cells are rough in a layer that is named as the place than in another; words alone."""
+
 THIN = 0.34
 """Share of an axis of X below which rough cells are said to lie near one value of it; only words depend on it."""

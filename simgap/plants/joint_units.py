@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -23,13 +24,21 @@ def check_joint_units(section: PlantSection, urdf: Path) -> None:
     robot = ElementTree.parse(urdf).getroot()
     if robot.tag != "robot":
         return
-    types = {j.get("name"): j.get("type") for j in robot.findall("joint")}
+    check_units(section, {str(j.get("name")): str(j.get("type")) for j in robot.findall("joint")}, urdf.name)
+
+
+def check_units(section: PlantSection, types: Mapping[str, str], file: str) -> None:
+    """The same for the joints of any model file, by name: prismatic, fixed, or one that turns.
+
+    Raises:
+        UserError: as `check_joint_units`.
+    """
     for group, owners in (("states", section.states), ("inputs", section.inputs)):
         for name, owner in owners.items():
             if owner.joint is not None and types.get(owner.joint, "fixed") == "fixed":
-                moving = ", ".join(str(n) for n, kind in types.items() if kind != "fixed") or "none"
+                moving = ", ".join(n for n, kind in types.items() if kind != "fixed") or "none"
                 raise UserError(
-                    f"{urdf.name} has no moving joint '{owner.joint}'", key=f"plant.{group}.{name}.joint",
+                    f"{file} has no moving joint '{owner.joint}'", key=f"plant.{group}.{name}.joint",
                     remedy=f"Moving joints: {moving}.",
                 )  # fmt: skip
     units = {name: _SLIDES if kind == "prismatic" else _TURNS for name, kind in types.items()}

@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # a case names engines, and its sections are found through th
 
     from simgap.config.case import Case
     from simgap.effects.base import Effect
+    from simgap.simulators.surprises import Finding
 
 
 class Simulator(ABC):
@@ -94,6 +95,24 @@ class Engine(Simulator):
             UserError: a case that this engine cannot run.
         """
         return None
+
+    @classmethod
+    def findings(cls, case: Case, folder: Path) -> list[Finding] | None:
+        """What a person would not expect of a model file in the engine's own format; None for an engine without one.
+
+        Raises:
+            UserError: a case that this engine cannot run.
+        """
+        return None
+
+    @classmethod
+    def switches(cls, case: Case, folder: Path) -> tuple[sp.Expr, ...]:
+        """Surfaces, 0 at an expression over states and inputs, on which a file in the engine's own format switches.
+
+        Raises:
+            UserError: a case that this engine cannot run.
+        """
+        return ()
 
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:

@@ -35,6 +35,24 @@ def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:
     return _engine(case, folder).closed_form(case, folder)
 
 
+def findings(case: Case, folder: Path) -> list[Any] | None:
+    """What a person would not expect of a model file in the engine's own format (`Engine.findings`).
+
+    Raises:
+        UserError: as `make_simulator`.
+    """
+    return _engine(case, folder).findings(case, folder)
+
+
+def switches(case: Case, folder: Path) -> tuple[Any, ...]:
+    """Surfaces on which a model file in the engine's own format switches, as expressions (SymPy); none without one.
+
+    Raises:
+        UserError: as `make_simulator`.
+    """
+    return _engine(case, folder).switches(case, folder) if case.simulator is not None else ()
+
+
 def _engine(case: Case, folder: Path) -> type[Engine]:
     section = case.simulator
     if section is None:

@@ -43,7 +43,7 @@ class DrakeJoints(JointEngine):
     def __init__(self, plant: JointPlant, section: DrakeSettings) -> None:
         from simgap.simulators.joints import joint_forces
 
-        check_urdf(plant.urdf)
+        check_urdf(plant.file)
         self.nx, self.nu = plant.nx, plant.nu
         self.engine = f"drake {metadata.version('drake')}"
         self._plant, self._substeps = plant, section.substeps
@@ -54,7 +54,7 @@ class DrakeJoints(JointEngine):
         joints = []
         for name in plant.joints:
             if not self._bodies.HasJointNamed(name):
-                raise UserError(f"no joint called '{name}'", file=plant.urdf)
+                raise UserError(f"no joint called '{name}'", file=plant.file)
             joints.append(self._bodies.GetJointByName(name))
         self._q = [joint.position_start() for joint in joints]
         self._v = [joint.velocity_start() for joint in joints]
@@ -106,10 +106,10 @@ def _diagram(plant: JointPlant, section: DrakeSettings) -> tuple[Any, Any]:
     bodies.SetUseSampledOutputPorts(False)  # its state is then (q, v) alone
     bodies.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -plant.gravity])
     try:
-        (model,) = Parser(bodies).AddModels(plant.urdf)
+        (model,) = Parser(bodies).AddModels(plant.file)
     except (RuntimeError, ValueError) as error:
-        raise UserError(f"Drake cannot read it: {excerpt(str(error).splitlines()[0], 300)}", file=plant.urdf) from None
-    root = root_link(plant.urdf)
+        raise UserError(f"Drake cannot read it: {excerpt(str(error).splitlines()[0], 300)}", file=plant.file) from None
+    root = root_link(plant.file)
     if root != "world":
         bodies.WeldFrames(bodies.world_frame(), bodies.GetFrameByName(root, model))
     bodies.Finalize()

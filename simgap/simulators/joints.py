@@ -22,12 +22,12 @@ Forces = Callable[..., Sequence[float]]
 
 @dataclass(frozen=True)
 class JointPlant:
-    """Joints of a URDF and where their positions, velocities and torques stand in x and u.
+    """Joints of a model file and where their positions, velocities and torques stand in x and u.
 
     `inputs[k]` lists, for joint k, the indices of the inputs that drive it.
     """
 
-    urdf: Path
+    file: Path
     joints: tuple[str, ...]
     positions: tuple[int, ...]
     velocities: tuple[int, ...]
@@ -48,22 +48,23 @@ class JointPlant:
 
 
 def joint_plant(case: Case, folder: Path) -> JointPlant:
-    """Where the states and inputs of a URDF case stand.
+    """Where the states and inputs of a case of joints stand.
 
     Raises:
         UserError: if the case has no model file for the engine, or no domain.
     """
     plant, section, domain = case.plant, case.simulator, case.domain
-    urdf = (section.urdf if section is not None else None) or plant.urdf
-    if urdf is None or domain is None:
+    own = (section.urdf, getattr(section, "mjcf", None)) if section is not None else ()
+    file = next((name for name in own if name is not None), plant.urdf)
+    if file is None or domain is None:
         raise UserError("the simulator needs a model file and a domain", key="simulator.urdf", remedy="Give both.")
-    if (folder / urdf).is_file():  # else the engine says so
-        check_joint_units(plant, folder / urdf)
+    if (folder / file).is_file():  # else the engine says so
+        check_joint_units(plant, folder / file)
     names = list(plant.states)
     joints = tuple(s.joint for s in plant.states.values() if s.quantity == "position" and s.joint)
     place = {(s.joint, s.quantity): names.index(n) for n, s in plant.states.items()}
     return JointPlant(
-        urdf=folder / urdf,
+        file=folder / file,
         joints=joints,
         positions=tuple(place[j, "position"] for j in joints),
         velocities=tuple(place[j, "velocity"] for j in joints),

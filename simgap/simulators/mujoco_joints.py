@@ -1,31 +1,53 @@
-"""MuJoCo over a URDF of joints (optional extra `mujoco`)."""
+"""MuJoCo over a URDF of joints, or over a file of its own format, MJCF (optional extra `mujoco`)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from simgap.config.simulator import Damping, EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf
+from simgap.simulators import mjcf, mjcf_findings
+from simgap.simulators.base import Simulator
 from simgap.simulators.joint_engine import JointEngine
 from simgap.simulators.traits import FileTraits
 
 if TYPE_CHECKING:
+    import sympy as sp
+
+    from simgap.config.case import Case
     from simgap.simulators.joints import JointPlant
+    from simgap.simulators.surprises import Finding
 
 
 class MuJoCoSettings(EngineSection):
-    """MuJoCo over the plant's URDF (optional extra `simgap[mujoco]`)."""
+    """MuJoCo over the plant's URDF, or over an MJCF file (optional extra `simgap[mujoco]`)."""
 
     engine: Literal["mujoco"] = Field("mujoco", description="Which engine.")
     integrator: Literal["euler", "implicit", "rk4"] = Field("euler", description="MuJoCo's integrator.")
     damping: Damping = Field(Damping(linear=0.0, angular=0.0), description="Only `joint` applies to MuJoCo.")
+    mjcf: str | None = Field(
+        None,
+        description="An MJCF file in place of the plant's URDF, relative to the case file. All of it holds as it "
+        "stands (damping, friction, armature, stops, integrator, gravity), but for the timestep, which is "
+        "tau/substeps, and its motors, which idle: the inputs are forces on joints.",
+    )
+
+    OPTIONAL: ClassVar[tuple[str, ...]] = (*EngineSection.OPTIONAL, "mjcf")
+
+    @model_validator(mode="after")
+    def _one_file(self) -> MuJoCoSettings:
+        given = [key for key in ("urdf", "integrator", "damping") if key in self.model_fields_set]
+        if self.mjcf is not None and given and not (given == ["urdf"] and self.urdf is None):
+            raise ValueError(f"with mjcf, {' and '.join(given)} would replace what the file says: change it there")
+        return self
 
 
 class MuJoCoJoints(JointEngine):
@@ -38,30 +60,41 @@ class MuJoCoJoints(JointEngine):
     def __init__(self, plant: JointPlant, section: MuJoCoSettings) -> None:
         from simgap.simulators.joints import joint_forces
 
-        try:
-            import mujoco
-        except ImportError:
-            raise UserError(
-                "MuJoCo is not installed", key="simulator.engine", remedy="Install the extra: simgap[mujoco]."
-            ) from None
-        check_urdf(plant.urdf)
+        mujoco = mjcf.installed()
         self.nx, self.nu, self.engine = plant.nx, plant.nu, f"mujoco {mujoco.__version__}"
         self._mujoco: Any = mujoco
         self._plant, self._substeps = plant, section.substeps
         self._forces = joint_forces(plant, section.effects)
-        model = mujoco.MjModel.from_xml_path(str(plant.urdf))
+        model = _of_urdf(plant, section) if section.mjcf is None else mjcf.read_mjcf(plant.file)
         model.opt.timestep = plant.tau / section.substeps
-        model.opt.gravity[:] = (0.0, 0.0, -plant.gravity)
-        kinds = {"euler": mujoco.mjtIntegrator.mjINT_EULER, "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT}
-        model.opt.integrator = kinds.get(section.integrator, mujoco.mjtIntegrator.mjINT_RK4)
-        model.dof_damping[:] = section.damping.joint
-        model.dof_frictionloss[:] = 0.0  # the URDF's joint friction; Drake ignores it, effects declare it
         self._model, self._data = model, mujoco.MjData(model)
         joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in plant.joints]
         if min(joints) < 0:
-            raise UserError(f"not all of the joints {list(plant.joints)} are there", file=plant.urdf)
+            raise UserError(f"not all of the joints {list(plant.joints)} are there", file=plant.file)
         self._q = [int(model.jnt_qposadr[j]) for j in joints]
         self._v = [int(model.jnt_dofadr[j]) for j in joints]
+
+    @classmethod
+    def build(cls, case: Case, folder: Path) -> Simulator:
+        """See `JointEngine.build`; an MJCF file is held against the case first."""
+        if _mjcf(case):
+            mjcf.check_mjcf(case, folder)
+        return super().build(case, folder)
+
+    @classmethod
+    def of_its_own(cls, case: Case) -> bool:
+        """See `JointEngine.of_its_own`."""
+        return _mjcf(case) or super().of_its_own(case)
+
+    @classmethod
+    def findings(cls, case: Case, folder: Path) -> list[Finding] | None:
+        """See `Engine.findings`."""
+        return mjcf_findings.findings(case, folder) if _mjcf(case) else None
+
+    @classmethod
+    def switches(cls, case: Case, folder: Path) -> tuple[sp.Expr, ...]:
+        """See `Engine.switches`."""
+        return mjcf_findings.switches(case, folder) if _mjcf(case) else ()
 
     def loaded(self) -> Mapping[str, Link]:
         """See `Simulator.loaded`; links on fixed joints are part of what they are fixed to."""
@@ -91,3 +124,20 @@ class MuJoCoJoints(JointEngine):
         x[list(self._plant.positions)] = data.qpos[self._q]
         x[list(self._plant.velocities)] = data.qvel[self._v]
         return x
+
+
+def _mjcf(case: Case) -> bool:
+    return getattr(case.simulator, "mjcf", None) is not None
+
+
+def _of_urdf(plant: JointPlant, section: MuJoCoSettings) -> Any:
+    """MuJoCo's model of a URDF, with the keys of the case in place of what the file says of damping and friction."""
+    mujoco = mjcf.installed()
+    check_urdf(plant.file)
+    model = mujoco.MjModel.from_xml_path(str(plant.file))
+    model.opt.gravity[:] = (0.0, 0.0, -plant.gravity)
+    kinds = {"euler": mujoco.mjtIntegrator.mjINT_EULER, "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT}
+    model.opt.integrator = kinds.get(section.integrator, mujoco.mjtIntegrator.mjINT_RK4)
+    model.dof_damping[:] = section.damping.joint
+    model.dof_frictionloss[:] = 0.0  # the URDF's joint friction; Drake ignores it, effects declare it
+    return model

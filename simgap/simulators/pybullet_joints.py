@@ -43,7 +43,7 @@ class PyBulletJoints(JointEngine):
 
         from simgap.simulators.joints import joint_forces
 
-        check_urdf(plant.urdf)
+        check_urdf(plant.file)
         self.nx, self.nu = plant.nx, plant.nu
         self.engine = f"pybullet {p.getAPIVersion()}"
         self._p: Any = p
@@ -61,7 +61,7 @@ class PyBulletJoints(JointEngine):
         p.setGravity(0, 0, -plant.gravity, physicsClientId=client)
         p.setTimeStep(plant.tau / section.substeps, physicsClientId=client)
         flags = p.URDF_USE_INERTIA_FROM_FILE if section.inertia == "file" else 0
-        body = p.loadURDF(str(plant.urdf), useFixedBase=True, flags=flags, physicsClientId=client)
+        body = p.loadURDF(str(plant.file), useFixedBase=True, flags=flags, physicsClientId=client)
         index: dict[str, int] = {}
         for j in range(-1, p.getNumJoints(body, physicsClientId=client)):
             d = section.damping
@@ -71,10 +71,10 @@ class PyBulletJoints(JointEngine):
             if j >= 0:
                 index[p.getJointInfo(body, j, physicsClientId=client)[1].decode()] = j
                 p.setJointMotorControl2(body, j, p.VELOCITY_CONTROL, force=0, physicsClientId=client)
-        without_mass(p, client, body, plant.urdf)
+        without_mass(p, client, body, plant.file)
         missing = [name for name in plant.joints if name not in index]
         if missing:
-            raise UserError(f"no joint called {missing}", file=plant.urdf, remedy=f"It has {sorted(index)}.")
+            raise UserError(f"no joint called {missing}", file=plant.file, remedy=f"It has {sorted(index)}.")
         return body, tuple(index[name] for name in plant.joints)
 
     def loaded(self) -> Mapping[str, Link]:

@@ -54,18 +54,18 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
         said = file.links.get(name)
         if said is None:
             continue
-        if _differ(own.mass, said.mass):
+        if differ(own.mass, said.mass):
             yield Finding(
                 f"link '{name}'", f"the engine computes with {own.mass:g} kg, the file says {said.mass:g} kg",
                 "Give simulator.urdf the mass that is meant.",
             )  # fmt: skip
-        if _differ(own.com, said.com):
+        if differ(own.com, said.com):
             yield Finding(
                 f"link '{name}'",
                 f"the engine has its centre of mass at {_list(own.com)} m, the file at {_list(said.com)} m",
                 "Look at <inertial><origin>.",
             )
-        if _differ(own.moments, said.moments):
+        if differ(own.moments, said.moments):
             by_key = getattr(case.simulator, "inertia", None) == "engine"
             yield Finding(
                 "simulator.inertia" if by_key else f"link '{name}'",
@@ -80,7 +80,7 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
     if own is None:
         return
     for name, joint in file.joints.items():
-        if _differ(joint.damping, own.joint):
+        if differ(joint.damping, own.joint):
             yield Finding(
                 "simulator.damping.joint",
                 f"replaces the damping {joint.damping:g} that the file states for joint '{name}' by {own.joint:g}; the "
@@ -126,8 +126,8 @@ def _joint(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Itera
             place, "the file states a gear or a rotor's inertia, which the engine drops",
             "Add the reflected inertia to the link, or let gamma cover it.",
         )  # fmt: skip
-    yield from _ranges(case, traits, name, joint)
-    yield from _efforts(case, name, joint)
+    yield from ranges(case, traits, name, joint)
+    yield from efforts(case, name, joint)
 
 
 def _declared(case: Case, joint: str) -> bool:
@@ -136,7 +136,8 @@ def _declared(case: Case, joint: str) -> bool:
     return any(e.on == joint and "friction" in e.name and e.name != "viscous_friction" for e in effects)
 
 
-def _ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
+def ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
+    """What X asks of a joint beyond what the file lets it do."""
     assert case.domain is not None
     for state, section in case.plant.states.items():
         if section.joint != name:
@@ -189,7 +190,8 @@ def _travel(case: Case, state: str) -> float:
     return case.domain.tau * max((abs(v) for n in speeds for v in case.domain.X[n]), default=0.0)
 
 
-def _efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
+def efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
+    """What U asks of a joint beyond what the file says that it takes."""
     assert case.domain is not None
     for drive, section in case.plant.inputs.items():
         if section.joint == name and joint.effort is not None:
@@ -203,7 +205,8 @@ def _efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
                 )
 
 
-def _differ(a: Floats | float, b: Floats | float) -> bool:
+def differ(a: Floats | float, b: Floats | float) -> bool:
+    """Whether two numbers, or two lists of them, are not the same up to `SAME`."""
     size = max(float(np.abs(a).max()), float(np.abs(b).max()))
     return bool(np.abs(np.asarray(a) - b).max() > SAME * size)
 

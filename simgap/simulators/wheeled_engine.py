@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -56,6 +56,21 @@ class WheeledSettings(EngineSection):
     def between_poses(self, tau: float, gravity: float) -> float:
         """a t^2 / 8 for the largest acceleration that the tyres can give, over the time between two poses."""
         return float(self.floor_friction * gravity * (tau / self.poses) ** 2 / 8.0)
+
+
+def check_wheels(section: WheeledSettings, urdf: Path, joints: Collection[str]) -> None:
+    """Refuse wheels that are no joints of the file.
+
+    Raises:
+        UserError: naming the key of each, and the joints there are.
+    """
+    lacking = {f"simulator.{side}": getattr(section, side) for side in ("left", "right")}
+    lacking = {key: name for key, name in lacking.items() if name not in joints}
+    if lacking:
+        raise UserError(
+            f"no joint called {' or '.join(repr(name) for name in lacking.values())}", file=urdf,
+            key=" and ".join(lacking), remedy=f"Name that wheel's joint. The file has {', '.join(sorted(joints))}.",
+        )  # fmt: skip
 
 
 class WheeledEngine(Engine, PathSimulator):

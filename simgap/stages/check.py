@@ -228,11 +228,20 @@ def of_engine(
     x = context.box.sample(rng, 100)
     values = [case.domain.U[name].list() for name in context.inputs]
     u = np.stack([rng.choice(own, len(x)) for own in values], axis=1) if values else np.zeros((len(x), 0))
-    ((loaded, seconds),) = run_in_processes(ask_engine, [(case, context.folder, x, u)], log=engine_log)
+    ((loaded, seconds, own),) = run_in_processes(_asked, [(case, context.folder, x, u)], log=engine_log)
+    if own is not None:
+        return own, seconds
     traits = kind.file_traits if issubclass(kind, Engine) else None
     if file is None or traits is None:
         return None, seconds
     return surprises(case, traits, file, loaded), seconds
+
+
+def _asked(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, Link], float, list[Finding] | None]:
+    """As `ask_engine`, and what the engine says of a file in its own format."""
+    from simgap.simulators.build import findings
+
+    return *ask_engine(case, folder, x, u), findings(case, folder)
 
 
 def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, Link], float]:

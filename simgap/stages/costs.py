@@ -24,6 +24,9 @@ START = 2.0
 """CPU seconds that a stage takes to start: imports, compiled kernels read back; the nominal model comes on top."""
 BYTES = 2.5e8
 """Memory of a stage with nothing in it."""
+BESIDE, JOB = 10.0, 0.9
+"""CPU seconds of `check`, `grid`, page and recording together, and of the workflow for each job: three cases of 17 to
+21 jobs spent 27 to 33 s there on a busy machine."""
 ROLLOUT = 3e-5
 """CPU seconds of an engine's step of a joint plant where the engine was not asked."""
 LOOP = 6e-6
@@ -72,7 +75,16 @@ def costs(
         build: measured time in which the nominal model is built, s; most stages build it.
     """
     rollout, begun = rollout or ROLLOUT, START + build
-    return [*_samples(context, rollout, eps, begun), *_control(context, rollout, begun)]
+    found = [*_samples(context, rollout, eps, begun), *_control(context, rollout, begun)]
+    return [*found, _beside(context, len(found))] if found else []
+
+
+def _beside(context: Context, stages: int) -> StageCost:
+    """What no stage of the computation is."""
+    shards = context.case.grid.shards if context.case.grid is not None else 2
+    jobs = stages + 2 * (len(context.states) - 1) + shards + 4  # a state each in `scp`, `lipschitz`; two controllers
+    of = "jobs to be begun, check, page and recording"
+    return StageCost("workflow", jobs, of, BESIDE + JOB * jobs, BYTES, "budget.time")
 
 
 def affordable(context: Context, found: list[StageCost]) -> None:

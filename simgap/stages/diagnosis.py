@@ -36,6 +36,7 @@ from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
 from simgap.stages.measured_check import check_measured, named_files
 from simgap.stages.measured_data import load_reading
+from simgap.stages.measured_range import outside
 
 Corrected = tuple[SymbolicModel, dict[str, float]]  # of `PlantModel.corrected_by`
 JSON, PAGE, CASE, RECORDING = "diagnosis.json", "report.html", "corrected_case.yaml", "residual.rrd"
@@ -84,6 +85,8 @@ def run(
         record = reading.record
         tell(f"{record.rows} samples in {len(record.traces)} traces; measured: {', '.join(record.measured)}")
         look = survey(record, model, section.noise)
+        if (beyond := outside(context, record)) is not None:
+            reading = replace(reading, warnings=(*reading.warnings, beyond))
         for warning in (*reading.warnings, *look.warnings):
             log.warning("%s", warning)
         known = [Known(c.file, c.values) for c in section.conditions]

@@ -1,12 +1,19 @@
+import json
+import re
+
 import numpy as np
 import pytest
 from gap_examples import U, X, coulomb, on_grid, smooth
 from scipy.stats import weibull_max
 
-from simgap.errors import UserError
+from simgap.errors import BrokenPromise, UserError
+from simgap.gap.assemble import check_resolved
 from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import estimate, rough_cells
 from simgap.gap.lipschitz.local import Beside, LocalPadding
+from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz
+from simgap.gap.samples import SampleGrid
+from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 
 
@@ -63,6 +70,29 @@ def test_a_jump_is_told_with_its_place_and_size_and_a_bend_as_a_bend():
     assert "something switches near v = " in said
     assert "< q <" not in said  # it lies along all of q
     assert "no jump" in estimate(values(lambda x: np.sin(x[:, 0]), grid), grid).place(("q", "v"), X.lo, X.hi)
+
+
+def test_two_joints_that_rub_are_told_apart_and_the_remedy_is_of_a_jump():
+    """Friction of two joints: a box around the rough cells holds all of X, two layers cross it."""
+    names, box = ("q", "v", "w"), Box([-1, -1, -1], [1, 1, 1])
+    grid = Grid(box, [8, 20, 24])
+    samples = values(lambda x: 0.3 * np.sign(x[:, 1]) + (0.2 + 0.1 * x[:, 0]) * np.sign(x[:, 2] - 0.25), grid)
+    found = estimate(samples, grid)
+    said = found.place(names, box.lo, box.hi)
+    assert "something switches near v = 0 and near w = 0.25, such as dry friction" in said
+    assert found.at is not None
+    assert (abs(found.at[1]) < 0.2, abs(found.at[2] - 0.25) < 0.2, found.at[0] > 0.6) == (True, True, True)
+    assert f"the largest beside q = {found.at[0]:.3g}, v = {found.at[1]:.3g}" in said
+    again = GridLipschitz.from_json(json.loads(json.dumps(found.to_json())))
+    assert again.place(names, box.lo, box.hi) == said
+    where = SampleGrid(grid, np.zeros((1, 1)), names, ("u",))
+    known = [DimensionLipschitz(found, (), 1.0)]
+    with pytest.raises(BrokenPromise) as caught:
+        check_resolved(where, GapSettings(rough_limit=0.01), known * 3)
+    limit = float(re.search(r"rough_limit: ([\d.]+)", str(caught.value)).group(1))
+    assert found.rough_share < limit <= found.rough_share + 0.07
+    assert "Declare what switches in plant.effects too" in str(caught.value)
+    check_resolved(where, GapSettings(rough_limit=limit), known * 3)
 
 
 @pytest.mark.parametrize("at_rest", [0.0, 0.2, -0.3])

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import simgap
+from simgap.cli import main
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
+from simgap.io.controller_file import save_controller
 from simgap.specifications.solution import Solution
 from simgap.synthesis.bits import packed_width
 from simgap.synthesis.controller import Controller
@@ -100,6 +102,16 @@ def test_python_and_c_choose_what_the_controller_chooses(tmp_path, kind):
     assert compiled.tolist() == python.tolist()
     far = np.abs(x).max(axis=1) > 1e9  # no angle that anyone measures, though a periodic axis would wrap it into a cell
     assert (wanted[far] == -1).all()
+
+
+def test_the_command_says_what_the_law_takes(tmp_path, capsys):
+    save_controller(made_up(1), tmp_path / "controller.npz")
+    for name, held in (("law.h", "its table takes {:,}, 2 for each"), ("law.py", "")):
+        with pytest.raises(SystemExit):
+            main(["export", str(tmp_path / "controller.npz"), "--out", str(tmp_path / name)])
+        told = capsys.readouterr().out
+        assert f"{(tmp_path / name).stat().st_size:,} bytes" in told
+        assert held.format(2 * len(made_up(1).choice)) in told
 
 
 def test_a_name_of_which_nothing_can_be_called(tmp_path):

@@ -103,6 +103,14 @@ def test_a_root_without_mass_is_refused_by_check(vary, root, tmp_path, engine):
     assert caught.value.key == "link 'base_footprint': <inertial>"
 
 
+@pytest.mark.parametrize("engine", ["mujoco_wheeled", "pybullet_wheeled"])
+def test_a_wheel_that_is_no_joint_is_told_with_its_key(vary, root, engine):
+    changes = {"simulator.engine": engine, "simulator.urdf": str(root / "configs/models/pioneer.urdf")}
+    path = vary("pioneer", {**changes, "simulator.right": "rite_wheel"})
+    with pytest.raises(UserError, match=r"simulator\.right: no joint called 'rite_wheel'.*The file has .*drive_r"):
+        check.run(path)
+
+
 def test_a_payload_is_on_the_base():
     light, heavy = make(), make(payload=5.0)
     slower = [robot.chain(np.zeros(3), INPUTS[:1])[0][1, 0] for robot in (light, heavy)]

@@ -300,6 +300,17 @@ def test_a_mistake_in_a_case_is_told_by_the_workflow(project):
     assert "grid.epz" in done.stderr + done.stdout
 
 
+def test_what_a_stage_refuses_is_the_last_line_of_the_run(project):
+    original = project.case.read_text()
+    project.change(lambda c: c["gap"].__setitem__("basis", ["x1", "zz", 1]))
+    done = project.snakemake(check=False)
+    project.case.write_text(original)
+    assert done.returncode == 1
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.startswith("simgap: configs/cases/small.yaml: gap.basis: 'zz' names 'zz', which is not known.")
+    assert last.endswith("[check, results/small/logs/check.log]")
+
+
 def test_cases_that_are_no_list_are_one_line(project):
     overlay = project.folder / "one.yaml"
     overlay.write_text("cases: small\n")

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from simgap.errors import UserError
-from simgap.gap.lipschitz.result import GridLipschitz
-from simgap.gap.thresholds import GATE, SPLIT_GATE, STEEP_SHARE
+from simgap.gap.lipschitz.result import GridLipschitz, Layer
+from simgap.gap.thresholds import CROWDED, GATE, SPLIT_GATE, STEEP_SHARE
 from simgap.geometry import Floats, Grid
 
 Mask = NDArray[np.bool_]
@@ -51,13 +51,30 @@ def estimate(d: Floats, grid: Grid, free: tuple[int, ...] = (), floor: float = 0
             constants[j], slopes[j] = max(constants[j], local.max()), max(slopes[j], first.max() / s)
             smooth[j] = max(smooth[j], local[~rough[own]].max(initial=0.0))
         ratio[j] = _resolution(e, j, grid, floor)
-    share, box, jump = float(rough.mean()), None, 0.0
+    share, box, jump, at = float(rough.mean()), None, 0.0, None
     if rough.any():
-        spreads = [_spread(e[own], grid, axes)[rough[own]].max(initial=0.0) for own in pieces(e)]
-        jump = float(max(spreads))
+        largest = np.zeros(grid.size)
+        for own in pieces(e):
+            spread = np.where(rough[own], _spread(e[own], grid, axes), 0.0)
+            largest = np.maximum(largest, spread.reshape(grid.size, -1).max(axis=1))
+        jump, at = float(largest.max()), grid.centres()[int(np.argmax(largest))]
         places = grid.centres()[rough.reshape(grid.size, -1).any(axis=1)]
         box = np.stack([places.min(axis=0) - grid.h, places.max(axis=0) + grid.h])
-    return GridLipschitz(constants, slopes, ratio, smooth, share, box, jump)
+    layers = tuple(o for j in axes if (o := _layer(rough, j, grid)) is not None)
+    return GridLipschitz(constants, slopes, ratio, smooth, share, box, jump, layers=layers, at=at)
+
+
+def _layer(rough: Mask, j: int, grid: Grid) -> Layer | None:
+    """Where rough cells crowd along axis j: neighbouring layers that have clearly more of them than the others."""
+    own = rough.mean(axis=tuple(k for k in range(rough.ndim) if k != j))
+    if own.max() <= CROWDED * own.min():
+        return None
+    crowded = np.flatnonzero(own > 0.5 * (own.min() + own.max()))
+    first, last = int(crowded[0]), int(crowded[-1])
+    if last - first + 1 > min(len(crowded), 0.5 * len(own)):
+        return None
+    ends = grid.axis(j)[[first, last]] + grid.h[j] * np.array([-1.0, 1.0])
+    return Layer(j, float(ends[0]), float(ends[1]), float(own[crowded].mean()))
 
 
 def _resolution(e: Floats, j: int, grid: Grid, floor: float) -> float:

@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from simgap.gap.thresholds import EVERYWHERE, GATE, THIN
 from simgap.geometry import Floats
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Cells between lo and hi along an axis, of which the share `rough` is rough, and clearly fewer beside them."""
+
+    axis: int
+    lo: float
+    hi: float
+    rough: float
+
+    @property
+    def middle(self) -> float:
+        """Between lo and hi; 0 if it is that but for rounding."""
+        middle = 0.5 * (self.lo + self.hi)
+        return middle if abs(middle) > 1e-9 * (self.hi - self.lo) else 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +39,8 @@ class GridLipschitz:
         smooth: as `constants`, without the rough cells. rough_share: share of the cells that are rough.
         rough_box: (2, nx) box that holds the rough cells, or None. jump: largest spread of neighbours there.
         proven: whether the constants are bounds, enclosed on every cell, and no estimates.
+        layers: where rough cells crowd along an axis though others lie elsewhere. at: (nx,) the centre of the cell with
+            the largest jump.
     """
 
     constants: Floats
@@ -33,6 +51,8 @@ class GridLipschitz:
     rough_box: Floats | None
     jump: float
     proven: bool = False
+    layers: tuple[Layer, ...] = ()
+    at: Floats | None = None
 
     @property
     def euclidean(self) -> float:
@@ -52,6 +72,8 @@ class GridLipschitz:
             return f"the gap has no jump, it bends faster than the grid sees ({seen})"
         low, high = self.rough_box
         thin = [j for j in range(len(states)) if high[j] - low[j] < THIN * (hi[j] - lo[j])]
+        if not thin and self.layers:
+            return self._crowded(states)
         if not thin and self.rough_share > EVERYWHERE:
             return f"that is so almost everywhere: no jump, the cells are too few to follow the gap ({seen})"
         ends = [f"{low[j]:.3g} < {states[j]} < {high[j]:.3g}" for j in (thin or range(len(states)))]
@@ -61,6 +83,17 @@ class GridLipschitz:
             found += f": something switches near {at}, such as dry friction at rest, a contact or a stop"
         return found
 
+    def _crowded(self, states: Sequence[str]) -> str:
+        """Several things that switch, each near one value of a state: two joints with dry friction, say."""
+        where = [f"{o.lo:.3g} < {states[o.axis]} < {o.hi:.3g} ({100 * o.rough:.0f} %)" for o in self.layers]
+        near = " and near ".join(f"{states[o.axis]} = {o.middle:.3g}" for o in self.layers)
+        spot = ", ".join(f"{s} = {v:.3g}" for s, v in zip(states, self.at if self.at is not None else (), strict=False))
+        largest = f", the largest beside {spot}" if spot else ""
+        return (
+            f"the gap jumps by up to {self.jump:.3g}{largest}; most cells are rough where {' or '.join(where)}: "
+            f"something switches near {near}, such as dry friction at rest, a contact or a stop"
+        )
+
     def to_json(self) -> dict[str, Any]:
         """Everything as plain data."""
         box = None if self.rough_box is None else self.rough_box.tolist()
@@ -68,7 +101,8 @@ class GridLipschitz:
             "constants": self.constants.tolist(), "euclidean": self.euclidean, "slopes": self.slopes.tolist(),
             "ratio": self.ratio.tolist(), "resolved": self.resolved, "without_rough_cells": self.smooth.tolist(),
             "rough_share": self.rough_share, "rough_box": box, "largest_jump": self.jump,
-            "proven": self.proven,
+            "proven": self.proven, "rough_layers": [asdict(layer) for layer in self.layers],
+            "largest_jump_at": None if self.at is None else self.at.tolist(),
         }  # fmt: skip
 
     @staticmethod
@@ -87,6 +121,8 @@ class GridLipschitz:
             box,
             float(data["largest_jump"]),
             bool(data["proven"]),
+            tuple(Layer(**layer) for layer in data["rough_layers"]),
+            None if data["largest_jump_at"] is None else np.array(data["largest_jump_at"], dtype=float),
         )
 
 

@@ -1,0 +1,41 @@
+"""Why a run failed: what Snakemake writes around an error is long, and the reason stands in its middle."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+_FAILED = re.compile(r"^Error in rule ([^:]+):$", re.MULTILINE)
+_LOG = re.compile(r"^    log: ([^,\n]+?)(?: \(check log file|,|$)", re.MULTILINE)
+_ERROR = re.compile(r"^\S+ \S+ ERROR (.+)$", re.MULTILINE)
+
+
+def reasons(run_logs: Sequence[Path], folder: Path = Path()) -> list[str]:
+    """For each job that failed its own reason, as its log has it last, in a line that names the log; each once.
+
+    Args:
+        run_logs: what Snakemake wrote of the run.
+        folder: where paths of the run start from.
+    """
+    text = "".join(_text(path) for path in run_logs)
+    starts = [match.start() for match in _FAILED.finditer(text)]
+    found = [_reason(text[a:b], folder) for a, b in zip(starts, [*starts[1:], len(text)], strict=False)]
+    return list(dict.fromkeys(found))
+
+
+def _reason(block: str, folder: Path) -> str:
+    """Of one job, from where Snakemake speaks of its end."""
+    failed, log = _FAILED.search(block), _LOG.search(block)
+    rule = failed.group(1) if failed is not None else ""
+    if log is None:
+        return f"the rule {rule} failed"
+    told = _ERROR.findall(_text(folder / log.group(1)))
+    return f"{told[-1]} [{rule}, {log.group(1)}]" if told else f"the rule {rule} ended without a reason: {log.group(1)}"
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(errors="replace")
+    except OSError:
+        return ""

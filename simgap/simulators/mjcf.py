@@ -1,0 +1,181 @@
+"""MJCF, MuJoCo's own format, as what the simulator loads: as the file has it, but for the length of a step."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from simgap.config.model_files import named_by
+from simgap.errors import UserError, excerpt
+from simgap.plants.joint_units import check_units
+from simgap.plants.urdf_checks import TRUST
+
+if TYPE_CHECKING:
+    from simgap.config.case import Case
+
+KEY = "simulator.mjcf"
+TRIED = 50
+"""States of X at which actuators are asked what they do without a command, and shapes whether they touch."""
+
+
+def installed() -> Any:
+    """The module `mujoco`.
+
+    Raises:
+        UserError: it is not there.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise UserError(
+            "MuJoCo is not installed", key="simulator.engine", remedy="Install the extra: simgap[mujoco]."
+        ) from None
+    return mujoco
+
+
+def read_mjcf(path: Path) -> Any:
+    """MuJoCo's model of a file.
+
+    Raises:
+        UserError: a file that is not there or not MJCF, that names files outside its folders or some that no hash would
+            see, or that MuJoCo does not take.
+    """
+    mujoco = installed()
+    _check_root(path)
+    named = dict(named_by(path))
+    inside = Path(os.path.abspath(path)).parent.parent
+    for name, place in named.items():
+        if not place.resolve().is_relative_to(inside.resolve()) and os.environ.get(TRUST) != "1":
+            raise UserError(
+                f"'{excerpt(name, 60)}' lies outside the model's folders", file=path,
+                remedy=f"Put it beside the model, or trust it: set {TRUST}=1.",
+            )  # fmt: skip
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise UserError(f"MuJoCo does not take it: {excerpt(error, 300)}", file=path, remedy="Correct it.") from None
+    known = {place.resolve() for place in (path, *named.values())}
+    needed = [Path(p) for p in mujoco.mju_getXMLDependencies(str(path)) if Path(p).is_file()]
+    unseen = [p for p in needed if p.resolve() not in known]
+    if unseen:
+        raise UserError(
+            f"it depends on {excerpt(unseen[0], 80)} in a way that is not seen: an edit of it would rerun nothing",
+            file=path, remedy="Name it by <include>, or by the `file` of an asset.",
+        )  # fmt: skip
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a motion that diverges is to be seen
+    return model
+
+
+def _check_root(path: Path) -> None:
+    if not path.is_file():
+        raise UserError("the model file does not exist", file=path, key=KEY, remedy="Correct its path.")
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (ElementTree.ParseError, LookupError, OSError, ValueError) as error:
+        raise UserError(f"not well-formed XML: {excerpt(error)}", file=path) from None
+    if root.tag != "mujoco":
+        raise UserError(
+            f"the root element is <{excerpt(root.tag, 40)}>, not <mujoco>", file=path, key=KEY,
+            remedy="A URDF is given as simulator.urdf.",
+        )  # fmt: skip
+
+
+def check_mjcf(case: Case, folder: Path) -> Any:
+    """The model of a case, once its joints are those of the case and no actuator works against the inputs.
+
+    Raises:
+        UserError: what `read_mjcf` refuses; joints that the file or the case lacks, or of more than one degree of
+            freedom; units that are not the joints'; state beyond positions and velocities; an actuator with a force of
+            its own.
+    """
+    path = folder / str(getattr(case.simulator, "mjcf", None))
+    model, mujoco = read_mjcf(path), installed()
+    kinds = {mujoco.mjtJoint.mjJNT_SLIDE.value: "prismatic", mujoco.mjtJoint.mjJNT_HINGE.value: "revolute"}
+    found = {model.joint(k).name: kinds.get(int(model.jnt_type[k])) for k in range(model.njnt)}
+    for k in range(model.njnt):
+        _check_joint(path, model.joint(k).name, found[model.joint(k).name])
+    check_units(case.plant, {name: str(kind) for name, kind in found.items()}, path.name)
+    for name in found:
+        _check_states(case, path, name)
+    _check_roles(case)
+    beyond = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS) - 1 - model.nq - model.nv
+    if beyond:
+        raise UserError(
+            f"beside positions and velocities the file has {beyond} states, as of an actuator's filter or a delay",
+            file=path, remedy="Take them out, and declare input_lag or input_delay in simulator.effects.",
+        )  # fmt: skip
+    _check_actuators(case, path, model)
+    return model
+
+
+def _check_joint(path: Path, name: str, kind: str | None) -> None:
+    if not name:
+        raise UserError("a joint has no name", file=path, remedy="Name every joint.")
+    if kind is None:
+        raise UserError(
+            "a joint of more than one degree of freedom", file=path, key=f"joint '{excerpt(name, 40)}'",
+            remedy="Weld the body by taking it out, or write it as hinges and slides.",
+        )  # fmt: skip
+
+
+def _check_states(case: Case, path: Path, joint: str) -> None:
+    """A joint that the case does not know would be a hidden state."""
+    for quantity in ("position", "velocity"):
+        if not any(s.joint == joint and s.quantity == quantity for s in case.plant.states.values()):
+            raise UserError(
+                f"it moves, and no state of the case is its {quantity}", file=path, key=f"joint '{excerpt(joint, 40)}'",
+                remedy=f"Give it one (plant.states.NAME: {{joint: {joint}, quantity: {quantity}}}), or take the joint "
+                "out of the file, which welds its body.",
+            )  # fmt: skip
+
+
+def _check_roles(case: Case) -> None:
+    """What equations leave open: which quantity of the file a state is, and which joint an input pushes."""
+    own = {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.quantity is None}
+    own |= {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.joint is None}
+    for key in (*own, *(f"inputs.{name}" for name, drive in case.plant.inputs.items() if drive.joint is None)):
+        raise UserError(
+            "the file does not know it: it has no joint, or no quantity of one", key=f"plant.{key}",
+            remedy="Write {joint: NAME, quantity: position or velocity}, for an input {joint: NAME}.",
+        )  # fmt: skip
+
+
+def samples(case: Case) -> list[dict[str, float]]:
+    """States of X at which the model is asked: for each the value of every state, the middle first."""
+    assert case.domain is not None
+    ends = case.domain.X
+    rng = np.random.default_rng(0)
+    middle = {name: 0.5 * (lo + hi) for name, (lo, hi) in ends.items()}
+    return [middle, *({name: rng.uniform(lo, hi) for name, (lo, hi) in ends.items()} for _ in range(TRIED - 1))]
+
+
+def placed(case: Case, model: Any, x: dict[str, float]) -> Any:
+    """MuJoCo's data at a state, everything computed that follows from it."""
+    mujoco = installed()
+    data = mujoco.MjData(model)
+    for name, state in case.plant.states.items():
+        if state.joint is not None:
+            joint = model.joint(state.joint)
+            place, k = (data.qpos, joint.qposadr) if state.quantity == "position" else (data.qvel, joint.dofadr)
+            place[k] = x[name]
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def _check_actuators(case: Case, path: Path, model: Any) -> None:
+    """The inputs are forces on joints; a servo in the file would hold the joint against them."""
+    if case.domain is None:
+        return
+    for x in samples(case) if model.nu else ():
+        force = placed(case, model, x).actuator_force
+        if force.any():
+            name = model.actuator(int(np.flatnonzero(force)[0])).name
+            raise UserError(
+                "it works without a command, against the inputs of the case, which are forces on joints",
+                file=path, key=f"actuator '{excerpt(name, 40)}'",
+                remedy="Take it out, or make it a <motor>: a servo loop belongs into the controller.",
+            )  # fmt: skip

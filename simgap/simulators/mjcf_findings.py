@@ -1,0 +1,207 @@
+"""What an MJCF file has that the nominal model of the case lacks, and where it switches.
+
+Bodies of the two files need not have the same names or frames. What is compared is what a joint feels: the mass and the
+inertia that it moves, the pull of gravity, and its own damping, friction, armature, spring and stops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simgap.geometry import Floats
+from simgap.plants.model_file import FileJoint, read_model_file
+from simgap.simulators import mjcf
+from simgap.simulators.joint_loads import Felt, of_file, of_nominal
+from simgap.simulators.surprises import Finding, differ, efforts, ranges
+from simgap.simulators.traits import FileTraits
+
+if TYPE_CHECKING:
+    import sympy as sp
+
+    from simgap.config.case import Case
+
+LEARN = "Declare {} in plant.effects if the model should know it; gamma covers it otherwise."
+COVERED = "Correct one of the files, unless it is the gap that you want to measure."
+
+
+def findings(case: Case, folder: Path) -> list[Finding]:
+    """All of them, for a case whose file `mjcf.check_mjcf` takes.
+
+    Raises:
+        UserError: what it refuses.
+    """
+    model = mjcf.check_mjcf(case, folder)
+    joints = [model.joint(k).name for k in range(model.njnt)]
+    found = [*_options(case, model), *_touching(case, model), *_idle(model)]
+    for name in joints:
+        joint = _as_stated(model, name)
+        found += [*ranges(case, FileTraits(), name, joint), *efforts(case, name, joint)]
+    if case.plant.urdf is not None:
+        stated = read_model_file(folder / case.plant.urdf).joints
+        nominal = of_nominal(case, folder / case.plant.urdf)
+        for name, own in of_file(case, model).items():
+            found += [*_body(name, own, nominal[name]), *_own_forces(case, model, name, stated[name].damping)]
+    return found
+
+
+def switches(case: Case, folder: Path) -> tuple[sp.Expr, ...]:
+    """Where the file's stops and dry friction switch, as expressions that are 0 there.
+
+    Raises:
+        UserError: what `mjcf.check_mjcf` refuses.
+    """
+    import sympy as sp
+
+    from simgap.model.symbolic import symbol
+
+    model, found = mjcf.check_mjcf(case, folder), []
+    for name, state in case.plant.states.items():
+        if state.joint is None:
+            continue
+        joint = model.joint(state.joint)
+        if state.quantity == "velocity" and model.dof_frictionloss[joint.dofadr[0]] > 0:
+            found.append(symbol(name))
+        if state.quantity == "position" and model.jnt_limited[joint.id]:
+            found += [symbol(name) - sp.Float(float(end)) for end in model.jnt_range[joint.id]]
+    return tuple(found)
+
+
+def _as_stated(model: Any, name: str) -> FileJoint:
+    joint = model.joint(name)
+    return FileJoint(
+        kind="revolute",
+        range=(float(joint.range[0]), float(joint.range[1])) if model.jnt_limited[joint.id] else None,
+        effort=_most(model, joint.id),
+        velocity=None, damping=0.0, friction=0.0, mimics=None, reflected=False,
+    )  # fmt: skip
+
+
+def _motors(model: Any, joint: int) -> Iterator[int]:
+    kind = mjcf.installed().mjtTrn.mjTRN_JOINT
+    yield from (k for k in range(model.nu) if model.actuator_trntype[k] == kind and model.actuator_trnid[k, 0] == joint)
+
+
+def _most(model: Any, joint: int) -> float | None:
+    """The largest force on a joint that its motors say they give, None where one says nothing."""
+    total, some = 0.0, False
+    for k in _motors(model, joint):
+        ends = []
+        if model.actuator_ctrllimited[k]:
+            ends.append(float(np.abs(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0]).max()))
+        if model.actuator_forcelimited[k]:
+            ends.append(float(np.abs(model.actuator_forcerange[k]).max()))
+        if not ends:
+            return None
+        total, some = total + min(ends) * abs(float(model.actuator_gear[k, 0])), True
+    return total if some else None
+
+
+def _idle(model: Any) -> Iterator[Finding]:
+    for k in range(model.nu):
+        gear = float(model.actuator_gear[k, 0]) * float(model.actuator_gainprm[k, 0])
+        if gear != 1.0:
+            yield Finding(
+                f"actuator '{model.actuator(k).name}'",
+                f"it makes {gear:g} of a command of 1, and idles: the inputs of the case are forces on joints",
+                "Give U in the joint's unit.",
+            )
+
+
+def _options(case: Case, model: Any) -> Iterator[Finding]:
+    assert case.domain is not None
+    assert case.simulator is not None
+    option, mujoco, step = model.opt, mjcf.installed(), case.domain.tau / case.simulator.substeps
+    if differ(option.timestep, step):
+        yield Finding(
+            "simulator.substeps", f"the file steps by {option.timestep:g} s, the engine by tau/substeps = {step:g} s",
+            f"substeps: {max(1, round(case.domain.tau / option.timestep))} is nearest to the file.",
+        )  # fmt: skip
+    own, model_s = np.array(option.gravity), np.array([0.0, 0.0, -case.plant.gravity])
+    if case.plant.urdf is not None and differ(own, model_s):
+        yield Finding(
+            "simulator.mjcf", f"its gravity is ({_list(own)}) m/s^2, the nominal model's ({_list(model_s)})",
+            "Correct <option gravity>, or plant.gravity.",
+        )  # fmt: skip
+    if option.integrator != mujoco.mjtIntegrator.mjINT_EULER:
+        name = mujoco.mjtIntegrator(option.integrator).name.removeprefix("mjINT_").lower()
+        yield Finding("simulator.mjcf", f"it integrates by {name}, as its <option> says", "That holds; nothing to do.")
+    if option.density or option.viscosity or np.any(option.wind):
+        yield Finding("simulator.mjcf", "its bodies move through a medium, which resists", LEARN.format("drag"))
+    bits = [b for b in mujoco.mjtDisableBit.__members__.values() if b.name not in ("mjDSBL_AUTORESET", "mjNDISABLE")]
+    off = [b.name.removeprefix("mjDSBL_").lower() for b in bits if option.disableflags & b.value]
+    if off:
+        yield Finding("simulator.mjcf", f"its <flag> switches off: {', '.join(off)}", COVERED)
+    if model.neq:
+        yield Finding("simulator.mjcf", f"it has {model.neq} equality constraints, the nominal model none", COVERED)
+
+
+def _touching(case: Case, model: Any) -> Iterator[Finding]:
+    """Shapes that touch in X: a world's shape and the body that is hinged to it touch too, unlike two bodies."""
+    for x in mjcf.samples(case):
+        data = mjcf.placed(case, model, x)
+        if data.ncon:
+            pair = [_shape(model, int(g[0])) for g in (data.contact.geom1, data.contact.geom2)]
+            place = ", ".join(f"{name} = {value:.3g}" for name, value in x.items())
+            yield Finding(
+                "simulator.mjcf", f"{pair[0]} and {pair[1]} touch at {place}, which pushes them apart",
+                'Give one of them contype="0" conaffinity="0", unless the contact is meant.',
+            )  # fmt: skip
+            return
+
+
+def _shape(model: Any, geom: int) -> str:
+    name = model.geom(geom).name
+    body = model.body(int(model.geom_bodyid[geom])).name
+    return f"geom '{name}'" if name else f"a geom of body '{body}'"
+
+
+def _body(name: str, own: Felt, nominal: Felt) -> Iterator[Finding]:
+    place = f"joint '{name}'"
+    if differ(own.mass, nominal.mass):
+        yield Finding(place, f"it moves {own.mass:g} kg in the file, {nominal.mass:g} kg in the plant's URDF", COVERED)
+    if differ(own.inertia, nominal.inertia):
+        yield Finding(
+            place, f"it moves an inertia of {own.inertia:.4g} in the file, {nominal.inertia:.4g} in the plant's URDF, "
+            "both where all positions are 0, in SI units", COVERED,
+        )  # fmt: skip
+    if differ(own.gravity, nominal.gravity):
+        k = int(np.argmax(np.abs(own.gravity - nominal.gravity)))
+        yield Finding(
+            place, f"gravity pulls it by {own.gravity[k]:.4g} in the file and by {nominal.gravity[k]:.4g} in the "
+            "plant's URDF at the same position: another mass, place of it, axis or zero", COVERED,
+        )  # fmt: skip
+
+
+def _own_forces(case: Case, model: Any, name: str, damping: float) -> Iterator[Finding]:
+    """What acts in a joint itself, with what the case adds to either side."""
+    assert case.simulator is not None
+    joint = model.joint(name)
+    k = int(joint.dofadr[0])
+    stated = (
+        ("damps it by", "viscous_friction", "b", float(model.dof_damping[k]), damping),
+        ("holds it with dry friction of", "coulomb_friction", "F_c", float(model.dof_frictionloss[k]), 0.0),
+        ("gives it an armature of", "reflected_inertia", "I", float(model.dof_armature[k]), 0.0),
+        ("ties it to a spring of", "spring", "k", float(model.jnt_stiffness[joint.id]), 0.0),
+    )
+    for words, effect, key, own, nominal in stated:
+        sides = [
+            value + sum(e.parameters.get(key, 0.0) for e in effects if e.name == effect and e.on == name)
+            for value, effects in ((own, case.simulator.effects), (nominal, case.plant.effects))
+        ]
+        if own and differ(*sides):
+            yield Finding(f"joint '{name}'", f"the file {words} {own:g}, the nominal model has {sides[1]:g}",
+                          LEARN.format(effect))  # fmt: skip
+        elif nominal and differ(*sides):
+            yield Finding(f"joint '{name}'", f"the plant's URDF {words} {nominal:g}, the simulator has {sides[0]:g}",
+                          COVERED)  # fmt: skip
+    if np.any(model.dof_dampingpoly[k]) or np.any(model.jnt_stiffnesspoly[joint.id]):
+        yield Finding(f"joint '{name}'", "the file gives it damping or a spring of higher order",
+                      LEARN.format("quadratic_drag or cubic_spring"))  # fmt: skip
+
+
+def _list(values: Floats) -> str:
+    return ", ".join(f"{v:g}" for v in values)

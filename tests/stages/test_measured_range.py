@@ -1,0 +1,37 @@
+"""What of the recordings lies outside X and U is said, as a bound holds on these alone."""
+
+import numpy as np
+import pytest
+
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.stages.context import Context
+from simgap.stages.measured_range import outside
+
+
+def record(q, w, u):
+    t = np.arange(len(q)) * 0.01
+    own = Trace("a", t, np.stack([q, w], axis=1).astype(float), np.array(u, dtype=float)[:, None])
+    return Record((own, own), ("x1", "x2"), ("u",))
+
+
+@pytest.fixture
+def context(vary):
+    """The pendulum: X is [-0.2, 0.2] rad x [-0.5, 0.5] rad/s, U ends at 1.2 N m."""
+    return Context.load(vary("pendulum", {}))
+
+
+def test_samples_outside_are_counted_once_and_the_farthest_is_told(context):
+    said = outside(context, record([0, 0.3, -0.9, 0.1], [0, 0.7, 0, 0], [0, 0, 0, -1.2]))
+    assert said.startswith("50 % of the samples lie outside")  # two of four, one of them in two states
+    assert "x1 reaches -0.9 rad, X [-0.2, 0.2]" in said
+    assert "x2 reaches 0.7 rad/s, X [-0.5, 0.5]" in said
+    assert "u reaches" not in said
+
+
+def test_commands_outside_are_told_and_ends_are_inside(context, vary):
+    said = outside(context, record([0.2, 0], [-0.5, 0], [1.2, 3]))
+    assert said.startswith("50 %")
+    assert "u reaches 3 N*m, U [-1.2, 1.2]" in said
+    assert outside(context, record([0.2, 0], [-0.5, 0], [1.2, -1.2])) is None
+    free = Context.load(vary("pendulum", {"gap": None, "synthesis": None, "validation": None}))
+    assert outside(free, record([9], [9], [9])) is None
