@@ -114,6 +114,8 @@ def full_turn(unit: str) -> float | None:
 
     Radians have no dimension, so an angle is known by its name: a pure number is not one.
     """
+    if unit in _PLAIN:
+        return 2.0 * math.pi if unit == "rad" else None
     names = {str(name) for name in _parsed(unit)._units}
     if len(names) != 1 or not names <= {"radian", "degree", "turn", "arcminute", "arcsecond", "milliradian", "grade"}:
         return None

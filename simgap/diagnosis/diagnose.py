@@ -127,10 +127,10 @@ def _found(
 ) -> _Found:  # fmt: skip
     """Search a record with what it leaves out as it stands."""
     most = settings.max_effects
-    wider = screened(model, record, settings, *before, not_tried)
+    wider, wide = screened(model, record, settings, *before, not_tried)
     if wider is None:
         ends = searched(parts.known, most, not_tried, watch, before=before)
-        wider = widened(model, record, settings, ends[0], ends[2], not_tried)
+        wider = widened(model, record, settings, ends[0], ends[2], not_tried, wide)
         wider = wider or clearer(model, record, settings, ends[0], ends[2], not_tried)
     if wider is not None:
         parts, ends = wider

@@ -27,57 +27,63 @@ from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
 
+Wide = tuple[Parts, Search, Fit]
+"""The folds, a search and the model as declared with every effect of the library."""
+
 
 def screened(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, search: Search, base: Fit,
     not_tried: Mapping[Key, str],
-) -> tuple[Parts, Searched] | None:  # fmt: skip
+) -> tuple[tuple[Parts, Searched] | None, Wide | None]:  # fmt: skip
     """One such effect by itself, if it reaches the noise and none of the others does by itself; cheap, and first.
 
-    What comes within the noise need not be all: whatever still pays joins it.
+    What comes within the noise need not be all: whatever still pays joins it. Beside it the search in which they were
+    tried, so that `widened` goes on with it.
 
     Args:
         model, record, settings: of the diagnosis; search, base: without those effects, and the model as declared there.
         not_tried: candidates that are barred.
     """
     if settings.effects or chi2_dof(search.problem, base) <= FIT_QUALITY:
-        return None
+        return None, None
+    wide: Wide | None = None
     try:
         if any(chi2_dof(search.problem, e.fit) <= FIT_QUALITY for e in search.joined(search.empty(base))):
-            return None
+            return None, None
         wide = _wide(model, record, settings, search, not_tried)
         if wide is None:
-            return None
+            return None, None
         parts, other, start = wide
         alone = other.joined(other.empty(start), exclude=_known(other))
         fine = [e for e in alone if chi2_dof(other.problem, e.fit) <= FIT_QUALITY]
         if not fine:
-            return None
+            return None, wide
         best = grow(other, min(fine, key=lambda e: e.bic), settings.max_effects)
         rivals(other, best)
-        return parts, (other, start, preferred(other, best, settings.max_effects))
+        return (parts, (other, start, preferred(other, best, settings.max_effects))), wide
     except Stopped:
-        return None
+        return None, wide
     except KeyboardInterrupt:
         search.watch.interrupted()
-        return None
+        return None, wide
 
 
 def widened(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, first: Search, found: Explanation,
-    not_tried: Mapping[Key, str],
+    not_tried: Mapping[Key, str], begun_before: Wide | None = None,
 ) -> tuple[Parts, Searched] | None:  # fmt: skip
     """The folds and the search with every effect of the library; None if the first search has all that is needed.
 
     Args:
         model, record, settings: of the diagnosis; where the case names the effects to try, there is no second look.
         first: the search without those effects, and what it found; not_tried: candidates that are barred.
+        begun_before: that search, where `screened` began it on the same windows.
     """
     left = chi2_dof(first.problem, found.fit) - 1.0
     if settings.effects or first.watch.stopped or left <= FIT_QUALITY - 1.0:
         return None
     try:
-        wide = _wide(model, record, settings, first, not_tried)
+        wide = begun_before or _wide(model, record, settings, first, not_tried)
         if wide is None:
             return None
         parts, search, base = wide
@@ -136,7 +142,7 @@ def clearer(
 
 def _wide(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, first: Search, not_tried: Mapping[Key, str]
-) -> tuple[Parts, Search, Fit] | None:
+) -> Wide | None:
     """The folds, a search and the model as declared with every effect of the library; None if that adds none."""
     parts, _ = parts_of(model, record, settings, second=True)
     if not any(c.effect.second for c in parts.known.model.candidates):

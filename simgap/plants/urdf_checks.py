@@ -195,6 +195,24 @@ def root_link(path: Path) -> str:
     return roots[0]
 
 
+def check_wheels(path: Path, left: str, right: str) -> None:
+    """Refuse wheels that are no joints, do not turn without end, or are one joint twice: an engine says nothing.
+
+    Raises:
+        UserError: with the key of the simulator, and what the file has.
+    """
+    types = {j.get("name", ""): j.get("type", "") for j in _root(path).findall("joint")}
+    turning = [name for name, kind in types.items() if kind == "continuous"]
+    remedy = f"Joints of {path.name} that turn without end: {', '.join(turning) or 'none'}."
+    for key, name in (("simulator.left", left), ("simulator.right", right)):
+        if name not in types:
+            raise UserError(f"no joint called '{name}' in {path.name}", key=key, remedy=remedy)
+        if name not in turning:
+            raise UserError(f"the joint '{name}' is {types[name]}, not a wheel's (continuous)", key=key, remedy=remedy)
+    if left == right:
+        raise UserError(f"'{left}' is both wheels", key="simulator.right", remedy=remedy)
+
+
 def check_floating_root(path: Path) -> None:
     """Refuse a root without mass and inertia in a robot that stands freely, as `base_footprint` often is.
 

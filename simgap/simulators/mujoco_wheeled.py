@@ -19,7 +19,7 @@ from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import root_link
-from simgap.simulators.wheeled_engine import WheeledEngine, WheeledSettings, check_wheels
+from simgap.simulators.wheeled_engine import WheeledEngine, WheeledSettings
 
 if TYPE_CHECKING:
     from simgap.simulators.commands import CommandPath
@@ -142,8 +142,6 @@ def model_of(plant: WheeledPlant, section: MuJoCoWheeledSettings) -> Any:
     option.gravity = [0.0, 0.0, -plant.gravity]
     option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, IMPRATIO
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    names = [j.name for j in spec.joints]
-    check_wheels(section, plant.urdf, names)
     root = root_link(plant.urdf)
     _stand(spec, mujoco, root, friction_of(plant.urdf, root), section.floor_friction)
     for joint in spec.joints:

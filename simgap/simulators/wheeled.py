@@ -16,7 +16,7 @@ from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.simulators.pybullet_links import links_of, without_mass
-from simgap.simulators.wheeled_engine import WheeledEngine, WheeledSettings, check_wheels
+from simgap.simulators.wheeled_engine import WheeledEngine, WheeledSettings
 
 if TYPE_CHECKING:
     from simgap.simulators.commands import CommandPath
@@ -70,7 +70,6 @@ class PyBulletWheeled(WheeledEngine):
         p.changeDynamics(floor, -1, lateralFriction=s.floor_friction, restitution=0)
         body = p.loadURDF(str(self._plant.urdf), [0, 0, s.wheel_radius], flags=p.URDF_USE_INERTIA_FROM_FILE)
         index = {p.getJointInfo(body, j)[1].decode(): j for j in range(p.getNumJoints(body))}
-        check_wheels(s, self._plant.urdf, index)
         for link in range(-1, p.getNumJoints(body)):
             p.changeDynamics(
                 body, link, linearDamping=0, angularDamping=0, jointDamping=0, rollingFriction=0, spinningFriction=0,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from abc import abstractmethod
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,7 +15,7 @@ from simgap.config.plant import AddedEffect
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
-from simgap.plants.urdf_checks import check_floating_root, check_urdf
+from simgap.plants.urdf_checks import check_floating_root, check_urdf, check_wheels
 from simgap.simulators.base import Engine, PathSimulator
 from simgap.simulators.traits import FileTraits
 
@@ -58,21 +58,6 @@ class WheeledSettings(EngineSection):
         return float(self.floor_friction * gravity * (tau / self.poses) ** 2 / 8.0)
 
 
-def check_wheels(section: WheeledSettings, urdf: Path, joints: Collection[str]) -> None:
-    """Refuse wheels that are no joints of the file.
-
-    Raises:
-        UserError: naming the key of each, and the joints there are.
-    """
-    lacking = {f"simulator.{side}": getattr(section, side) for side in ("left", "right")}
-    lacking = {key: name for key, name in lacking.items() if name not in joints}
-    if lacking:
-        raise UserError(
-            f"no joint called {' or '.join(repr(name) for name in lacking.values())}", file=urdf,
-            key=" and ".join(lacking), remedy=f"Name that wheel's joint. The file has {', '.join(sorted(joints))}.",
-        )  # fmt: skip
-
-
 class WheeledEngine(Engine, PathSimulator):
     """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity.
 
@@ -111,6 +96,7 @@ class WheeledEngine(Engine, PathSimulator):
 
         check_urdf(plant.urdf)
         check_floating_root(plant.urdf)
+        check_wheels(plant.urdf, section.left, section.right)
         if section.substeps % section.poses:
             raise UserError(
                 f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",

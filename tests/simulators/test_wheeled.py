@@ -133,8 +133,15 @@ def test_mistakes_name_what_is_wrong():
     case = load_case(CASE)
     with pytest.raises(UserError, match="divide"):
         make(poses=7)
-    with pytest.raises(UserError, match="no joint"):
-        make(left="wheel_of_fortune")
+    for key, name, said in (
+        ("left", "wheel_of_fortune", "no joint called 'wheel_of_fortune'"),
+        ("right", "rear_caster", "is fixed, not a wheel's"),  # the engine drove it, and the robot ran on one wheel
+        ("right", make()._section.left, "is both wheels"),
+    ):
+        with pytest.raises(UserError, match=said) as caught:
+            make(**{key: name})
+        assert caught.value.key == f"simulator.{key}"
+        assert "turn without end: " in caught.value.remedy
     with pytest.raises(UserError, match="wheels"):
         wheeled_plant(case.model_copy(update={"plant": case.plant.model_copy(update={"symbolic": None})}), CASE.parent)
     assert replace(wheeled_plant(case, CASE.parent), tau=2.0).tau == 2.0

@@ -23,6 +23,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step
 from simgap.diagnosis.simulation.step_length import settled
+from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import COLUMN_TELLS, COLUMNS_IN_DOUBT, INPUT_TELLS, PLAUSIBLE_RATIO
 from simgap.notation import joined
 
@@ -31,6 +32,7 @@ _WINDOWS = 8
 _LIKE = 0.7  # a later possibility must miss by less than this share of the best before it
 _FORCES, _GAIN = ("viscous_friction", "coulomb_friction", "input_bias"), "input_gain"
 _DESCENTS = 10  # linearisations of a fit that need not settle
+_FIRST_DESCENTS, _HOPELESS = 3, 20.0  # after so many, what misses by so many times what may be missed is given up
 _THOUSANDS = (("a thousandth of the declared unit", 1e-3), ("a thousand times the declared unit", 1e3))
 
 
@@ -92,39 +94,43 @@ def better_columns(problem: Problem) -> Columns | None:
     """
     few = np.unique(np.linspace(0, len(problem.windows) - 1, _WINDOWS).astype(int))
     part = problem.on(problem.windows.pick(few))
-    if _missed(part) < COLUMNS_IN_DOUBT:
+    if _missed(part, np.inf) < COLUMNS_IN_DOUBT:
         return None
     return _best(problem, part, _missed) or _best(problem, part, _missed_beside_effects)
 
 
-def _best(problem: Problem, part: Problem, missed: Callable[[Problem], float]) -> Columns | None:
+def _best(problem: Problem, part: Problem, missed: Callable[[Problem, float], float]) -> Columns | None:
     """The best of the possibilities by a measure of what is missed, with those that do as well in its words."""
-    bar = missed(part)
+    bar = missed(part, np.inf)
     if bar < COLUMNS_IN_DOUBT:
         return None
-    tried = [(option, missed(option.applied(part))) for option in _options(problem)]
+    hopeless = _HOPELESS * COLUMN_TELLS * bar
+    tried = [(option, missed(option.applied(part), hopeless)) for option in _options(problem)]
     best, least = tried[0]
     for option, left in tried:
         if left < _LIKE * least:  # a linear plant: input or reading, one and the same
             best, least = option, left
     if not least <= COLUMN_TELLS * bar or np.any(best.u < 0.0):
         return None
-    if np.any(best.u < 1.0) and least >= INPUT_TELLS * missed(replace(part, u=np.zeros_like(part.u), memo=Memo())):
+    if np.any(best.u < 1.0) and least >= INPUT_TELLS * missed(
+        replace(part, u=np.zeros_like(part.u), memo=Memo()), np.inf
+    ):
         return None
     return best.beside([option for option, left in tried if option is not best and left < least / _LIKE])
 
 
-def _missed(part: Problem) -> float:
+def _missed(part: Problem, hopeless: float) -> float:
     """chi^2/dof of the declared model, initial states fitted."""
     part = settled(part)
     at = fit(part, part.model.null, initial_states(part), [], {})
     return _per_number(part, at)
 
 
-def _missed_beside_effects(part: Problem) -> float:
+def _missed_beside_effects(part: Problem, hopeless: float) -> float:
     """The same with friction and biases that are free, and gains where they stay near what is declared.
 
-    A gain far from it would be the wrong unit by another name.
+    A gain far from it would be the wrong unit by another name. What still misses by more than `hopeless` after the
+    first few steps of a fit is not fitted on: the right columns are near their end by then.
     """
     part = settled(part)
     at = fit(part, part.model.null, initial_states(part), [], {})
@@ -132,11 +138,22 @@ def _missed_beside_effects(part: Problem) -> float:
     for names in ((*_FORCES, _GAIN), _FORCES):
         slots = [k for key, c in kinds.items() if key[0] in names for k in c.slots]
         steps = {k: choose_step(part, at.theta, at.x0, k, 1e-4) for k in slots}
+        if np.isfinite(hopeless):
+            soon = fit(part, at.theta, at.x0, slots, steps, _FIRST_DESCENTS, rounds=1)
+            if not _near_declared(kinds, soon):
+                continue
+            if not _per_number(part, soon) <= hopeless:
+                return min(_per_number(part, soon), _per_number(part, at))
         beside = fit(part, at.theta, at.x0, slots, steps, _DESCENTS)
-        gains = [abs(float(beside.theta[c.slots[0]])) for key, c in kinds.items() if key[0] == _GAIN]
-        if all(1.0 / PLAUSIBLE_RATIO <= g <= PLAUSIBLE_RATIO for g in gains):
+        if _near_declared(kinds, beside):
             return min(_per_number(part, beside), _per_number(part, at))
     return _per_number(part, at)
+
+
+def _near_declared(kinds: Mapping[tuple[str, str], Candidate], at: Fit) -> bool:
+    """Whether no gain is beyond belief."""
+    gains = [abs(float(at.theta[c.slots[0]])) for key, c in kinds.items() if key[0] == _GAIN]
+    return all(1.0 / PLAUSIBLE_RATIO <= g <= PLAUSIBLE_RATIO for g in gains)
 
 
 def _per_number(part: Problem, at: Fit) -> float:

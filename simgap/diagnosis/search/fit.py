@@ -62,6 +62,7 @@ def fit(
     slots: Sequence[int],
     steps: Mapping[int, float],
     max_iterations: int = _MAX_ITERATIONS,
+    rounds: int = _ROUNDS,
 ) -> Fit:
     """Levenberg-Marquardt in the projected parameters; each initial state follows by its own step.
 
@@ -74,7 +75,7 @@ def fit(
         theta, x0: where to start, all parameters and (w, nx).
         slots: the parameters that are free; they stay within their physical limits.
         steps: difference step of each slot.
-        max_iterations: most linearisations.
+        max_iterations: most linearisations of a descent; rounds: most descents.
 
     Source: Levenberg (1944); Marquardt (1963); Nocedal, Wright (2006), Numerical Optimization, sec. 10.3.
     """
@@ -86,7 +87,7 @@ def fit(
         )
     at = _Point(theta.copy(), x0.copy(), window_chi2(problem, theta, x0))
     at, converged = _begun_afresh(problem, at, np.zeros(len(x0))), False
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         at, linear, settled = _descend(problem, at, free, steps, max_iterations)
         still = at.chi2 - linear.window_rest  # what the initial states still promise, by the linear problem
         mended = _begun_afresh(problem, at, still)

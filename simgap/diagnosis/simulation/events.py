@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 EPS = 1e-12  # s: two instants closer than this are one
-_CREEP = 1e-14  # a speed below this is rest
+CREEP = 1e-14  # a speed below this is rest
 
 
 @njit(cache=True)
@@ -38,7 +38,7 @@ def _direction(
         if not active[j]:
             s[j] = 0.0
             stuck[j] = False
-        elif abs(x[speed[j]]) > _CREEP and not stuck[j]:
+        elif abs(x[speed[j]]) > CREEP and not stuck[j]:
             s[j] = 1.0 if x[speed[j]] > 0.0 else -1.0
         else:
             stuck[j] = True
@@ -129,7 +129,7 @@ def coast(
     input_at(time, t, u, held, level, excess, delay, lag)
     while end - time > EPS:
         for j in range(speed.size):
-            if active[j] and (stuck[j] or abs(x[speed[j]]) <= _CREEP):
+            if active[j] and (stuck[j] or abs(x[speed[j]]) <= CREEP):
                 return time
             s[j] = 0.0 if not active[j] else 1.0 if x[speed[j]] > 0.0 else -1.0
         h = (end - time) / max(math.ceil((end - time) / span - 1e-9), 1)
@@ -172,7 +172,7 @@ def advance(
         else:
             rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
         j = _reversal(x, new, s, stuck, active, speed)
-        if j >= 0 and (events > 8 or abs(x[speed[j]]) <= _CREEP):  # it cannot leave rest: it stays for this step
+        if j >= 0 and (events > 8 or abs(x[speed[j]]) <= CREEP):  # it cannot leave rest: it stays for this step
             stuck[j] = True
             x[speed[j]] = 0.0
             rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)

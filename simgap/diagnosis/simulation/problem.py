@@ -135,8 +135,7 @@ class Problem:
     @cached_property
     def samples(self) -> Ints:
         """(rows,) sample behind each flat row."""
-        spans = [np.arange(a, b) for a, b in zip(self.windows.start, self.windows.stop, strict=True)]
-        return np.concatenate(spans)
+        return np.arange(int(self.rows[-1])) + np.repeat(self.windows.start - self.rows[:-1], np.diff(self.rows))
 
     @cached_property
     def readings(self) -> Floats:

@@ -73,11 +73,11 @@ def _refit(problem: Problem, theta: Floats, x0: Floats, steps: Floats, most: int
     chi2, left = np.full(w, np.inf), np.full(w, np.inf)
     gram, gradient = np.zeros((w, nx, nx)), np.zeros((w, nx))
     damping, stale = np.full(w, _SOFT), np.ones(w, dtype=bool)
-    active = np.arange(w)
+    active, known = np.arange(w), None
     for _ in range(2 * most):
         fresh = active[stale[active]]
         if fresh.size:
-            chi2[fresh], gram[fresh], gradient[fresh] = _normal(_pick(problem, fresh), theta, x0[fresh], steps)
+            chi2[fresh], gram[fresh], gradient[fresh] = _normal(_pick(problem, fresh), theta, x0[fresh], steps, known)
             stale[fresh] = False
         step, promise = _damped(gram[active], gradient[active], damping[active])
         left[active] = promise
@@ -87,8 +87,10 @@ def _refit(problem: Problem, theta: Floats, x0: Floats, steps: Floats, most: int
             break
         tried = x0[active] + step
         part = _pick(problem, active)
-        after = _sums(part, part.residuals(theta, tried))
+        missed = part.residuals(theta, tried)
+        after = _sums(part, missed)
         won = after < chi2[active]
+        known = missed[np.repeat(won, np.diff(part.rows))]  # of the windows that are linearised next
         x0[active[won]], stale[active[won]] = tried[won], True
         damping[active] = np.where(won, np.maximum(damping[active] / 10.0, _SOFTEST), damping[active] * 10.0)
         chi2[active[won]] = after[won]
@@ -100,9 +102,14 @@ def _pick(problem: Problem, which: NDArray[np.int64]) -> Problem:
     return problem if len(which) == len(problem.windows) else problem.on(problem.windows.pick(which))
 
 
-def _normal(problem: Problem, theta: Floats, x0: Floats, steps: Floats) -> tuple[Floats, Floats, Floats]:
-    """chi^2 (w,), J^T J (w, nx, nx) and J^T r (w, nx) of the initial states of each window."""
-    centre = problem.residuals(theta, x0)
+def _normal(
+    problem: Problem, theta: Floats, x0: Floats, steps: Floats, known: Floats | None = None
+) -> tuple[Floats, Floats, Floats]:
+    """chi^2 (w,), J^T J (w, nx, nx) and J^T r (w, nx) of the initial states of each window.
+
+    `known`: the residual (rows, k) at x0, where it is.
+    """
+    centre = problem.residuals(theta, x0) if known is None else known
     columns = []
     for i, h in enumerate(steps):
         moved = x0.copy()

@@ -19,6 +19,7 @@ from simgap.diagnosis.thresholds import VISIBLE_SHARE
 
 Floats = NDArray[np.float64]
 _ROWS_AT_ONCE = 60_000  # memory of a pass does not grow with the record
+_RANK = 1e-10
 _TARGET_RESPONSE = 0.001  # of the noise, root mean square
 
 
@@ -69,15 +70,13 @@ class Linearised:
     def state_step(self, step: Floats) -> Floats:
         """The initial states' Gauss-Newton step that goes with a parameter step: (p,) -> (w, nx)."""
         right = self.state_g - self.state_b @ step
-        return np.stack([_solve_triangular(r, b) for r, b in zip(self.state_r, right, strict=True)])
-
-
-def _solve_triangular(r: Floats, b: Floats) -> Floats:
-    size = np.abs(np.diag(r))
-    keep = size > 1e-10 * max(float(size.max(initial=0.0)), 1e-300)
-    if keep.all():
-        return np.asarray(np.linalg.solve(r, b), dtype=np.float64)
-    return np.asarray(np.linalg.lstsq(r, b, rcond=1e-10)[0])
+        size = np.abs(np.einsum("wii->wi", self.state_r))
+        whole = np.all(size > _RANK * np.maximum(size.max(axis=1, keepdims=True), 1e-300), axis=1)
+        out = np.empty_like(right)
+        out[whole] = np.linalg.solve(self.state_r[whole], right[whole][:, :, None])[:, :, 0]
+        for w in np.flatnonzero(~whole):
+            out[w] = np.linalg.lstsq(self.state_r[w], right[w], rcond=_RANK)[0]
+        return out
 
 
 def slot_direction(problem: Problem, theta: Floats, slot: int, step: float) -> Direction:

@@ -12,7 +12,7 @@ import numpy as np
 from numba import float64, int64, njit, void
 from numpy.typing import NDArray
 
-from simgap.diagnosis.simulation.events import EPS, advance, any_of, coast, rubbing
+from simgap.diagnosis.simulation.events import CREEP, EPS, advance, any_of, coast, rubbing
 from simgap.diagnosis.simulation.handed_over import function_at
 from simgap.diagnosis.simulation.runge_kutta import GLIDE, INDICES, RHS, VECTOR, input_at
 
@@ -117,10 +117,34 @@ def simulate(
                     count = max(math.ceil((end - time) / h_max - 1e-9), 1)
                     glide(x, u, u, u, theta, s, (end - time) / count, count, pads[0], pads[1])
                 else:
-                    time = coast(
-                        glide, x, new, time, end, theta, s, stuck, active, speed, t, held, level, excess, delay, lag,
-                        u, middle, last, pads, h_max,
-                    )  # fmt: skip
+                    if not fading:  # as `coast`, which costs more to call than to run
+                        for c in range(m):
+                            u[c] = level[held[c], c]
+                        free = True
+                        while free and end - time > EPS:
+                            for j in range(speed.size):
+                                v = x[speed[j]]
+                                if active[j] and (stuck[j] or abs(v) <= CREEP):
+                                    free = False
+                                    break
+                                s[j] = 0.0 if not active[j] else 1.0 if v > 0.0 else -1.0
+                            if not free:
+                                break
+                            h = (end - time) / max(math.ceil((end - time) / h_max - 1e-9), 1)
+                            for i in range(nx):
+                                new[i] = x[i]
+                            glide(new, u, u, u, theta, s, h, 1, pads[0], pads[1])
+                            for j in range(speed.size):
+                                free = free and not (active[j] and new[speed[j]] * s[j] < 0.0)
+                            if free:
+                                for i in range(nx):
+                                    x[i] = new[i]
+                                time += max(h, EPS)
+                    else:
+                        time = coast(
+                            glide, x, new, time, end, theta, s, stuck, active, speed, t, held, level, excess, delay,
+                            lag, u, middle, last, pads, h_max,
+                        )  # fmt: skip
                     if end - time > EPS:
                         advance(
                             rhs, glide, x, new, time, end, theta, s, stuck, active, speed, drive, work, pads, u, h_max

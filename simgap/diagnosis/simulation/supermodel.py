@@ -130,7 +130,7 @@ class SuperModel:
             if isinstance(c.effect, ReadingFault)
         )
 
-    @property
+    @cached_property
     def input_slots(self) -> tuple[int, ...]:
         """Places in theta of everything that acts between command and plant."""
         return tuple(k for c in self.candidates if isinstance(c.effect, InputEffect) for k in c.slots)
