@@ -107,7 +107,8 @@ def test_a_root_without_mass_is_refused_by_check(vary, root, tmp_path, engine):
 def test_a_wheel_that_is_no_joint_is_told_with_its_key(vary, root, engine):
     changes = {"simulator.engine": engine, "simulator.urdf": str(root / "configs/models/pioneer.urdf")}
     path = vary("pioneer", {**changes, "simulator.right": "rite_wheel"})
-    with pytest.raises(UserError, match=r"simulator\.right: no joint called 'rite_wheel' in pioneer.urdf.*: drive_l, drive_r"):
+    said = r"simulator\.right: no joint called 'rite_wheel' in pioneer.urdf.*: drive_l, drive_r"
+    with pytest.raises(UserError, match=said):
         check.run(path)
 
 
