@@ -64,6 +64,7 @@ def new(
         str, typer.Option(help="Posture around which to work, such as pole=3.1416; 0 for other joints.")
     ] = "",
     out: Annotated[Path, typer.Option(help="Folder for the case.", callback=new_folder)] = Path(),
+    seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for finding tau, X, U and cells.")] = 120.0,
 ) -> None:
     """Write a commented case for a robot of yours: NAME.yaml, which runs as it stands."""
     from simgap.cli.progress import progress
@@ -77,7 +78,7 @@ def new(
         )
     named, notes = [n.strip() for n in inputs.split(",") if n.strip()] or None, list[str]()
     with progress("reading the model") as tell:
-        path = stage.run(name, urdf, out, named, values_of(at, "--at"), tell, notes.append)
+        path = stage.run(name, urdf, out, named, values_of(at, "--at"), tell, notes.append, seconds)
     for line in [*notes, f"Wrote {path}. Next: simgap check {path}, then simgap run {path}"]:
         typer.echo(line)
 
@@ -86,13 +87,14 @@ def new(
 def propose(
     case: CasePath,
     at: Annotated[str, typer.Option(help="Posture around which to work, such as q2=3.1416; 0 for other states.")] = "",
+    seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for the search.")] = 120.0,
 ) -> None:
     """Find tau, X, U and cells with which the nominal model of a case wins something, and print them as sections."""
     from simgap.cli.progress import progress
     from simgap.stages import propose as stage
 
     with progress("building the nominal model") as tell:
-        found = stage.run(case, values_of(at, "--at"), tell)
+        found = stage.run(case, values_of(at, "--at"), tell, seconds)
     typer.echo(found.block())
     if found.small:
         typer.echo(found.small, err=True)

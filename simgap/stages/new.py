@@ -22,8 +22,9 @@ from simgap.io.pages import text
 from simgap.plants.model_file import ModelFile, read_model_file
 from simgap.plants.numeric_terms import MOST_DERIVED
 from simgap.stages.new_joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
-from simgap.stages.new_wheels import refuse_wheels
+from simgap.stages.new_wheels import case_of_wheels, wheels_of
 from simgap.stages.propose import numbers
+from simgap.synthesis.proposal import SECONDS
 
 ENGINE_STEPS = 240
 """PyBullet's usual steps a second."""
@@ -39,6 +40,7 @@ def run(
     at: Mapping[str, float] | None = None,
     tell: Callable[[str], None] = lambda words: None,
     note: Callable[[str], None] = lambda words: None,
+    seconds: float = SECONDS,
 ) -> Path:
     """Write `NAME.yaml` to the folder `out`: for a URDF, or equations to be replaced by one's own.
 
@@ -46,6 +48,7 @@ def run(
         inputs: joints that have a drive; those that the file says if not given.
         at: positions of joints around which to work, 0 where none is given.
         tell: hears what is being done. note: hears what a person should know of what was written.
+        seconds: of CPU time for the search of a plant of several joints.
 
     Raises:
         UserError: a name that is none, a file that is there already, or a model file that simgap cannot take.
@@ -56,7 +59,7 @@ def run(
     if urdf is None:
         content = text("new_equations.yaml.j2", name=name)
     else:
-        content = _of_urdf(name, urdf, out, inputs, at or {}, tell, note)
+        content = _of_urdf(name, urdf, out, inputs, at or {}, tell, note, seconds)
     parse_case(yaml.safe_load(content), path)
     write_text(path, content)
     load_case(path)
@@ -65,11 +68,17 @@ def run(
 
 def _of_urdf(
     name: str, urdf: Path, out: Path, inputs: Sequence[str] | None, at: Mapping[str, float],
-    tell: Callable[[str], None], note: Callable[[str], None],
+    tell: Callable[[str], None], note: Callable[[str], None], seconds: float,
 ) -> str:  # fmt: skip
     file = read_model_file(urdf)
-    if inputs is None:
-        refuse_wheels(urdf)
+    written = Path(os.path.relpath(urdf.resolve(), out.resolve())).as_posix()
+    wheels = wheels_of(urdf) if inputs is None else None
+    if wheels is not None:
+        note(
+            f"A robot on two driven wheels, '{wheels.left}' and '{wheels.right}': floor, obstacle, speeds and "
+            "clearance are to be edited. With --inputs the wheels are taken as joints."
+        )
+        return case_of_wheels(name, urdf, written, wheels)
     axes = axes_of(urdf, file.joints, at)
     driven, why = drives(file, inputs, len(axes) <= MOST_DERIVED)
     axes = [replace(a, driven=a.joint in driven) for a in axes]
@@ -77,17 +86,24 @@ def _of_urdf(
         note(f"Inputs on {', '.join(driven)}: {why}. --inputs JOINT,JOINT names others.")
     about: dict[str, Any] = {
         "name": name,
-        "urdf": Path(os.path.relpath(urdf.resolve(), out.resolve())).as_posix(),
+        "urdf": written,
         "axes": axes,
         "why": why,
         "derived": len(axes) <= MOST_DERIVED,
         "most": MOST_DERIVED,
         "single": len(axes) == 1,
+        "damping": _damping(file, axes),
     }
     content = about | _plain(urdf, file, axes) | {"proposal": None, "refused": None, "substeps": 1}
     if 1 < len(axes) <= MOST_DERIVED:
-        content |= _proposed(about, urdf, file, out, tell, note)
+        content |= _proposed(about, urdf, file, out, tell, note, seconds)
     return text("new_urdf.yaml.j2", **content)
+
+
+def _damping(file: ModelFile, axes: list[Axis]) -> float:
+    """Of the joints, where it is the same for all of them: the engine has one number."""
+    stated = {file.joints[a.joint].damping for a in axes}
+    return stated.pop() if len(stated) == 1 else 0.0
 
 
 def _plain(urdf: Path, file: ModelFile, axes: list[Axis]) -> dict[str, Any]:
@@ -115,7 +131,7 @@ def _plain(urdf: Path, file: ModelFile, axes: list[Axis]) -> dict[str, Any]:
 
 def _proposed(
     about: Mapping[str, Any], urdf: Path, file: ModelFile, out: Path, tell: Callable[[str], None],
-    note: Callable[[str], None],
+    note: Callable[[str], None], seconds: float,
 ) -> dict[str, Any]:  # fmt: skip
     """Sections with which the nominal model wins something, or why there are none."""
     axes: list[Axis] = about["axes"]
@@ -131,13 +147,13 @@ def _proposed(
         if joint.velocity:
             room[a.velocity] = (-joint.velocity, joint.velocity)
     try:
-        found = numbers(case, out, {a.position: a.centre for a in axes}, limits, room, tell)
+        found = numbers(case, out, {a.position: a.centre for a in axes}, limits, room, tell, seconds)
     except UserError as error:
         note(f"No controller is asked for yet: {error.problem}. {error.remedy}")
         return {"refused": f"{error.problem}. {error.remedy}"}
     own = found.proposal
     cells = " x ".join(map(str, own.cells))
-    note(f"The nominal model alone wins {own.wins:.2g} of X on {cells} cells at tau = {own.tau} s.")
+    note(f"At tau = {own.tau} s, {found.wins}; the case takes {cells} cells.")
     if found.small:
         note(found.small)
     return {"proposal": found.block(), "substeps": max(1, round(ENGINE_STEPS * own.tau))}

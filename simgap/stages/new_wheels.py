@@ -10,11 +10,15 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simgap.errors import UserError
 from simgap.geometry import Floats
+from simgap.io.pages import text
 
 SAME = 1e-6
 """Up to which places and directions are the same, m and 1: rounding of rpy in files is far less for right angles."""
+
+SPEEDS_UP, LIGHTEST, BEYOND = 1.4, 0.1, 0.05
+"""Acceleration that two wheels give the robot, m/s^2 (that of the Pioneer of configs/cases), the mass of one whose file
+states none, kg, and what is beyond its wheels, m. Judgement."""
 
 
 @dataclass(frozen=True)
@@ -42,24 +46,23 @@ def wheels_of(urdf: Path) -> Wheels | None:
     return pairs[0] if len(pairs) == 1 else None
 
 
-def refuse_wheels(urdf: Path) -> None:
-    """Say how a robot on two wheels becomes a case.
+def case_of_wheels(name: str, urdf: Path, written: str, wheels: Wheels) -> str:
+    """A case for that robot: its wheels as the file says, a floor with one obstacle, commands of a slow robot.
 
-    Raises:
-        UserError: the file is one.
+    Args:
+        written: the path of the file as the case has it.
     """
-    wheels = wheels_of(urdf)
-    if wheels is None:
-        return
-    raise UserError(
-        f"is a robot on two driven wheels ('{wheels.left}' and '{wheels.right}'); its joints' angles do not say where "
-        "it stands",
-        file=urdf,
-        remedy="Begin with configs/cases/pioneer.yaml (docs/pioneer.md): states x, y, theta and inputs v, w; in "
-        f"`simulator` engine: pybullet_wheeled, urdf, left: {wheels.left}, right: {wheels.right}, wheel_radius: "
-        f"{wheels.radius:.6g}, track: {wheels.track:.6g} (also in plant.symbolic.wheels), torque, floor_friction. With "
-        "--inputs the wheels are taken as joints.",
-    )
+    robot = ElementTree.parse(urdf).getroot()
+    mass = sum(float(m.get("value", "0")) for m in robot.iterfind("link/inertial/mass"))
+    limits = [j.find("limit") for j in robot.findall("joint") if j.get("name") in (wheels.left, wheels.right)]
+    efforts = [float(own.get("effort", "0")) for own in limits if own is not None]
+    wanted = 0.5 * SPEEDS_UP * max(mass, LIGHTEST) * wheels.radius
+    torque = min([wanted, *(e for e in efforts if e > 0)])
+    return text(
+        "new_wheels.yaml.j2", name=name, urdf=written, left=wheels.left, right=wheels.right,
+        radius=f"{wheels.radius:.6g}", track=f"{wheels.track:.6g}", mass=f"{mass:.3g}", torque=f"{torque:.2g}",
+        limited=torque < wanted, clearance=f"{0.5 * wheels.track + wheels.radius + BEYOND:.2g}",
+    )  # fmt: skip
 
 
 def _pair(a: ElementTree.Element, b: ElementTree.Element, radii: dict[str, float | None]) -> Wheels | None:
@@ -87,8 +90,8 @@ def _axle(joint: ElementTree.Element) -> tuple[Floats, Floats]:
 
 
 def _numbers(element: ElementTree.Element | None, key: str, default: str) -> Floats:
-    text = default if element is None else element.get(key, default)
-    return np.array([float(v) for v in text.split()])
+    said = default if element is None else element.get(key, default)
+    return np.array([float(v) for v in said.split()])
 
 
 def _link(joint: ElementTree.Element, end: str) -> str:

@@ -13,7 +13,8 @@ from simgap.io.pages import text
 from simgap.plants.plant_model import PlantModel
 from simgap.stages.context import Context
 from simgap.synthesis.abstraction import MAX_AXES
-from simgap.synthesis.proposal import Proposal, propose, rounded
+from simgap.synthesis.driven import GUESS, rounded
+from simgap.synthesis.proposal import SECONDS, Proposal, propose
 
 ALONG = {1: 200, 2: 40, 3: 10, 4: 10}
 """Cells of the grid of samples along each axis on which the gap may depend, for so many of them. Judgement: on 6 x 6
@@ -41,9 +42,17 @@ class Numbers:
         if part >= SMALL:
             return ""
         return (
-            f"X is small: {part:.2g} of what is sought along an axis, because the joints' limits or the largest inputs "
-            "leave no more. Stronger drives, or tau, X and U by hand, may do better (docs/tutorial.md)."
+            f"X is small: {part:.2g} of what is sought along an axis; the joints' limits, the largest inputs or "
+            "the pull of one joint on another leave no more. Stronger drives, or tau, X and U by hand, may do better "
+            "(docs/tutorial.md)."
         )
+
+    @property
+    def wins(self) -> str:
+        """What was won in the search, as a clause."""
+        won = f"wins {self.proposal.wins:.2g} of X"
+        small = f"the nominal model with a gap of {GUESS:g} of what the largest inputs do {won} on coarser ones"
+        return f"the nominal model alone {won}" if self.proposal.target is None else small
 
     def block(self) -> str:
         """Sections of a case file."""
@@ -51,11 +60,11 @@ class Numbers:
         return text(
             "proposal.yaml.j2", tau=found.tau, X=shown(found.X), U=found.U, free=found.free,
             states=list(found.X), half_widths=self.half_widths, degree=self.degree, cells=found.cells,
-            tolerance=TOLERANCE, wins=f"{found.wins:.2g}",
+            tolerance=TOLERANCE, wins=self.wins, target=None if found.target is None else shown(found.target),
         )  # fmt: skip
 
 
-def run(path: Path, at: Mapping[str, float], tell: Callable[[str], None]) -> Numbers:
+def run(path: Path, at: Mapping[str, float], tell: Callable[[str], None], seconds: float = SECONDS) -> Numbers:
     """Numbers for the plant of a case file; its U, where it has one, is taken for what the drives can do.
 
     Raises:
@@ -67,12 +76,12 @@ def run(path: Path, at: Mapping[str, float], tell: Callable[[str], None]) -> Num
     if case.domain is not None:
         limits = {n: max(abs(u.list()[0]), abs(u.list()[-1])) for n, u in case.domain.U.items()}
     with context.blame():
-        return numbers(case, context.folder, at, limits, {}, tell)
+        return numbers(case, context.folder, at, limits, {}, tell, seconds)
 
 
 def numbers(
     case: Case, folder: Path, at: Mapping[str, float], limits: Mapping[str, float],
-    room: Mapping[str, tuple[float, float]], tell: Callable[[str], None],
+    room: Mapping[str, tuple[float, float]], tell: Callable[[str], None], seconds: float = SECONDS,
 ) -> Numbers:  # fmt: skip
     """Numbers for the plant of a case; the arguments are those of `propose`.
 
@@ -87,7 +96,7 @@ def numbers(
         )  # fmt: skip
     if not case.plant.inputs:
         raise UserError("the plant has no input", key="plant.inputs", remedy="Name the joints that have a drive.")
-    found = propose(plant.carried, lambda tau: replace(plant, tau=tau).sampled, at, limits, room, tell)
+    found = propose(plant.carried, lambda tau: replace(plant, tau=tau).sampled, at, limits, room, tell, seconds)
     kept = [n for n in found.X if n not in found.free]
     along = ALONG.get(len(kept), 10)
     widths = {n: rounded((found.X[n][1] - found.X[n][0]) / (2 * along)) for n in kept}

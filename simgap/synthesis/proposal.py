@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -15,10 +16,11 @@ import numpy as np
 
 from simgap.errors import UserError
 from simgap.geometry import Box, Floats
+from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
-from simgap.synthesis.nominal import Model
+from simgap.synthesis.driven import Driven, driven, is_driven, rounded
 from simgap.synthesis.posture import Posture, posture_of
 from simgap.synthesis.proportions import Proportions, proportions
 from simgap.synthesis.synthesise import Problem
@@ -38,6 +40,8 @@ GROWTH = 2.5
 """Times as many cells from one round to the next."""
 PAIRS = 60_000_000
 """Most pairs of cell and input of one try: half a minute of CPU."""
+SECONDS = 120.0
+"""Of CPU time, for the whole search. Judgement."""
 VALUES = {1: 15, 2: 5}
 """Values of each of one or two inputs at least, and `FEWER` of more; the posture's own is among them."""
 FEWER, MOST, FEWEST = 3, 15, 10
@@ -64,6 +68,8 @@ class Proposal:
         cells: along each axis. wins: share of them that the nominal model alone wins.
         free: states on which the motion does not depend. tried: the games that were solved.
         part: of the X that is sought (`REACH`), the share along each axis that stops and the largest inputs leave.
+        target: the box to reach, by state, where each joint has a motor; `wins` is then against a small gap. None for
+            an X to stay in.
     """
 
     tau: float
@@ -74,15 +80,17 @@ class Proposal:
     free: tuple[str, ...]
     tried: tuple[Tried, ...]
     part: float
+    target: Mapping[str, tuple[float, float]] | None = None
 
 
 def propose(
     model: SymbolicModel,
-    sampled: Callable[[float], Model],
+    sampled: Callable[[float], NominalModel],
     at: Mapping[str, float],
     limits: Mapping[str, float],
     room: Mapping[str, tuple[float, float]],
     tell: Callable[[str], None] = lambda words: None,
+    seconds: float = SECONDS,
 ) -> Proposal:
     """Numbers for a plant.
 
@@ -91,29 +99,49 @@ def propose(
         at: states of the posture around which to work, 0 where none is given.
         limits: for inputs that have one the largest size. room: for states that have one the interval to stay within;
             of a position these are stops, and X keeps a step's travel away from them.
-        tell: hears what is being done.
+        tell: hears what is being done. seconds: of CPU time, after which no other game is begun.
 
     Raises:
-        UserError: a posture that no input holds, a plant that no feedback holds, or too little won within `PAIRS`.
+        UserError: a posture that no input holds, a plant that no feedback holds, or too little won within `PAIRS` and
+            the time.
     """
+    ends = time.process_time() + seconds
     posture = posture_of(model, at)
+    if is_driven(model):
+        found = driven(model, sampled, posture, limits, room, tell, lambda: time.process_time() > ends)
+        return _of_driven(model, posture, found)
     tell("looking for the sampling time and the shape of X")
     shape = _shape(posture)
     search = _Search(model, sampled(shape.tau), posture, shape, limits, room)
     tried: list[Tried] = []
     for cells in search.rounds():
         for share in SHARES:
-            tell(f"a game of {' x '.join(map(str, cells))} cells")
+            if tried and time.process_time() > ends:
+                break
+            best = max((t.wins for t in tried), default=0.0)
+            tell(f"a game of {' x '.join(map(str, cells))} cells" + (f"; best so far {best:.2g}" if best else ""))
             tried.append(search.play(cells, share))
             if tried[-1].wins >= WINS:
                 return search.proposal(tried[-1], tried)
     most = max(tried, key=lambda t: (t.wins, math.prod(t.cells)))
     words = " x ".join(map(str, most.cells))
     raise UserError(
-        f"on {words} cells the nominal model alone wins {most.wins:.2g}, and more are beyond a quick search; by its "
+        f"on {words} cells the nominal model alone wins {most.wins:.2g}, and "
+        f"{'the time is up' if time.process_time() > ends else 'more are beyond a quick search'}; by its "
         f"linear model it takes about {shape.size:,.0f} at tau = {shape.tau:g} s", key="synthesis.cells",
         remedy="Give it another input or stronger ones, or begin with fewer states.",
     )  # fmt: skip
+
+
+def _of_driven(model: SymbolicModel, posture: Posture, found: Driven) -> Proposal:
+    x, names = posture.x, model.state_names
+    X = {n: (float(x[j]) - found.half[j], float(x[j]) + found.half[j]) for j, n in enumerate(names)}
+    U = {}
+    for n, rest, most in zip(model.input_names, posture.u, found.inputs, strict=True):
+        at = _beside(rest, most / 2)
+        U[n] = (round(at - most, 12), round(at + most, 12), round(most / 2, 12))
+    part = min(1.0, *(found.half[names.index(c.position)] / REACH for c in model.coordinates))
+    return Proposal(found.tau, X, U, found.cells, found.wins, posture.free, (), part, found.target)
 
 
 def _shape(posture: Posture) -> Proportions:
@@ -132,7 +160,7 @@ def _shape(posture: Posture) -> Proportions:
 @dataclass(frozen=True, eq=False)
 class _Search:
     model: SymbolicModel
-    sampled: Model
+    sampled: NominalModel
     posture: Posture
     shape: Proportions
     limits: Mapping[str, float]
@@ -244,13 +272,3 @@ class _Search:
 def _beside(rest: float, step: float) -> float:
     """An input at rest, with two digits more than the distance of its neighbours."""
     return 0.0 if rest == 0.0 else round(float(rest), max(0, 3 - math.floor(math.log10(step))))
-
-
-def rounded(value: float, down: bool = False) -> float:
-    """Two significant digits, as a person would write them; toward 0 where it is to be no larger."""
-    if value == 0.0:
-        return 0.0
-    digits = 1 - math.floor(math.log10(abs(value)))
-    scaled = abs(value) * 10.0**digits
-    whole = math.floor(scaled + 1e-9) if down else round(scaled)
-    return math.copysign(round(whole / 10.0**digits, max(digits, 0)), value)

@@ -54,7 +54,7 @@ def test_a_case_of_four_states_has_the_numbers_that_were_found(root, tmp_path, m
     """The search itself is tested in tests/synthesis/test_proposal.py; here is what the case makes of it."""
     asked, notes = [], []
 
-    def numbers(case, folder, at, limits, room, tell):
+    def numbers(case, folder, at, limits, room, tell, seconds):
         asked.append((at, limits, room))
         return NUMBERS
 
@@ -75,7 +75,7 @@ def test_a_case_of_four_states_has_the_numbers_that_were_found(root, tmp_path, m
     assert room["q1"] == (-12.6, 12.6)
     assert room["v2"] == (-100.0, 100.0)
     assert "every joint is taken to have a drive" in notes[0]
-    assert "alone wins 0.25 of X on 12 x 12 x 14 x 14 cells" in notes[1]
+    assert "alone wins 0.25 of X; the case takes 12 x 12 x 14 x 14 cells" in notes[1]
 
 
 def geared(root, folder, changes=(), transmissions=()):
@@ -255,16 +255,19 @@ def test_what_is_there_stays(tmp_path):
     assert (tmp_path / "mine.yaml").read_text() == "kept"
 
 
-def test_a_robot_on_two_wheels_is_told_how_it_becomes_a_case(root, tmp_path):
-    """The shipped one, its wheels and their track as its own case has them; a pendulum has none."""
-    file = root / "configs/models/pioneer.urdf"
-    case = yaml.safe_load((root / "configs/cases/pioneer.yaml").read_text())["simulator"]
-    with pytest.raises(UserError, match="is a robot on two driven wheels") as refused:
-        new.run("mine", file, tmp_path)
+def test_a_robot_on_two_wheels_becomes_a_case_that_passes_its_check(root, tmp_path):
+    """The shipped one, its wheels, their track and torque as its own case has them; a pendulum has none."""
+    file, notes = root / "configs/models/pioneer.urdf", []
+    shipped = yaml.safe_load((root / "configs/cases/pioneer.yaml").read_text())
+    path = new.run("mine", file, tmp_path, note=notes.append)
+    made = yaml.safe_load(path.read_text())
     for key in ("left", "right", "wheel_radius", "track"):
-        assert f"{key}: {case[key]}" in refused.value.remedy
-    assert "docs/pioneer.md" in refused.value.remedy
-    assert not (tmp_path / "mine.yaml").exists()
+        assert made["simulator"][key] == shipped["simulator"][key]
+    assert made["simulator"]["torque"] == pytest.approx(shipped["simulator"]["torque"], rel=0.1)
+    assert made["plant"]["symbolic"]["wheels"]["track"] == shipped["simulator"]["track"]
+    assert "'drive_l' and 'drive_r'" in notes[0]
+    found = check.run(path)
+    assert {cost.stage for cost in found.costs} >= {"synthesis", "audit"}
     assert wheels_of(root / "configs/models/double_pendulum.urdf") is None
     turned = file.read_text().replace('name="drive_l" type="continuous"', 'name="drive_l" type="revolute"')
     assert turned != file.read_text()

@@ -8,9 +8,10 @@ from simgap.errors import UserError
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import Coordinate, SymbolicModel, Variable, symbol
 from simgap.stages.propose import Numbers
+from simgap.synthesis.driven import rounded
 from simgap.synthesis.posture import posture_of
 from simgap.synthesis.proportions import proportions
-from simgap.synthesis.proposal import WINS, _Search, propose, rounded
+from simgap.synthesis.proposal import WINS, _Search, propose
 
 
 def pendulum(top=True, push=3.0):
@@ -118,3 +119,33 @@ def test_no_step_from_the_proposed_X_ends_at_a_stop():
     (_, place), (_, speed), (_, most, _) = found.X["x"], found.X["v"], found.U["u"]
     assert place > 0.02
     assert place + found.tau * speed + 0.5 * found.tau**2 * 2.0 * most < 0.2
+
+
+def arm(pull=9.0):
+    """Two joints with a motor each, one pulling at the other."""
+    q2, v1, v2, u1, u2 = (symbol(n) for n in ("q2", "v1", "v2", "u1", "u2"))
+    return SymbolicModel(
+        (Variable("q1", "rad"), Variable("q2", "rad"), Variable("v1", "rad/s"), Variable("v2", "rad/s")),
+        (Variable("u1", "N*m"), Variable("u2", "N*m")), {},
+        (v1, v2, 4 * u1 - 3 * u2 - v1, pull * u2 - 3 * u1 - v2 - sp.sin(q2)),
+        (Coordinate("shoulder", "q1", "v1"), Coordinate("elbow", "q2", "v2")),
+    )  # fmt: skip
+
+
+def test_an_arm_with_two_motors_gets_a_box_to_reach_within_its_limits():
+    model, heard = arm(), []
+    found = propose(model, sampled(model), {}, {"u1": 0.5, "u2": 3.0}, {"q1": (-0.5, 0.5)}, heard.append)
+    assert found.wins >= WINS
+    assert found.free == ("q1",)
+    assert found.U["u1"][1] <= 0.5
+    (_, place), (_, speed) = found.X["q1"], found.X["v1"]
+    assert place + found.tau * speed < 0.5
+    for name, (lo, hi) in found.target.items():
+        assert found.X[name][0] < lo < hi < found.X[name][1]
+    assert any("a game of 28 cells an axis" in words for words in heard)
+
+
+def test_an_arm_without_time_gets_its_reason():
+    model = arm()
+    with pytest.raises(UserError, match=r"at tau = 0.1 s: no torques were tried within the time"):
+        propose(model, sampled(model), {}, {}, {}, seconds=1e-9)
