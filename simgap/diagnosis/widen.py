@@ -37,7 +37,8 @@ def screened(
 ) -> tuple[tuple[Parts, Searched] | None, Wide | None]:  # fmt: skip
     """One such effect by itself, if it reaches the noise and none of the others does by itself; cheap, and first.
 
-    Beside it the search in which they were tried, so that `widened` goes on with it.
+    What comes within the noise need not be all: whatever still pays joins it. Beside it the search in which they were
+    tried, so that `widened` goes on with it.
 
     Args:
         model, record, settings: of the diagnosis; search, base: without those effects, and the model as declared there.
@@ -57,7 +58,7 @@ def screened(
         fine = [e for e in alone if chi2_dof(other.problem, e.fit) <= FIT_QUALITY]
         if not fine:
             return None, wide
-        best = min(fine, key=lambda e: e.bic)
+        best = grow(other, min(fine, key=lambda e: e.bic), settings.max_effects)
         rivals(other, best)
         return (parts, (other, start, preferred(other, best, settings.max_effects))), wide
     except Stopped:

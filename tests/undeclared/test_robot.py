@@ -16,11 +16,13 @@ import pytest
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.plant_model import PlantModel
 from simgap.stages import diagnosis as stage
 from simgap.stages.measured_data import load_reading
+from tests.undeclared.rig import robot
 from tests.undeclared.rig.robot_seal import produce
 
 CASE = Path(__file__).parents[2] / "configs" / "cases" / "turtlebot.yaml"
@@ -64,6 +66,16 @@ def test_rolling_resistance_is_told_from_a_bias_and_a_dead_zone(tmp_path, headin
     record = load_reading(_declared(), MeasuredSection(window_s=2.0), paths, tmp_path).record
     d = diagnose(_declared(), record, DiagnosisSettings(window_s=2.0, horizon_s=2.0))
     _judge(d, json.loads((tmp_path / "sealed.json").read_text()), tolerance=0.02)
+
+
+def test_rolling_resistance_within_the_noise_does_not_hide_a_gain():
+    """By itself, half too large, it comes within the noise of both (chi^2/dof 1.08)."""
+    runs = robot.record({"rolling": 0.022, "speed_gain": 0.917}, np.random.default_rng([0, 83]), heading=False)
+    made = Record(tuple(Trace(f"run{k}", *run) for k, run in enumerate(runs)), ("x", "y"), ("v", "w"))
+    d = diagnose(_declared(), made, DiagnosisSettings(window_s=2.0, horizon_s=2.0))
+    assert d.verdict == "attributed"
+    found = {e.name: next(iter(e.parameters.values())).value for e in d.effects}
+    assert found == pytest.approx({"rolling_resistance": 0.022, "input_gain": 0.917}, rel=0.05)
 
 
 @pytest.mark.parametrize("kind", ["late turning", "slow turning"])
