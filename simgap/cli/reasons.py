@@ -14,14 +14,22 @@ _ERROR = re.compile(r"^\S+ \S+ ERROR (.+)$", re.MULTILINE)
 def reasons(run_logs: Sequence[Path], folder: Path = Path()) -> list[str]:
     """For each job that failed its own reason, as its log has it last, in a line that names the log; each once.
 
+    What `check` refuses stands last, where it is read: other jobs of the case may have met the same mistake, later.
+
     Args:
         run_logs: what Snakemake wrote of the run.
         folder: where paths of the run start from.
     """
     text = "".join(_text(path) for path in run_logs)
     starts = [match.start() for match in _FAILED.finditer(text)]
-    found = [_reason(text[a:b], folder) for a, b in zip(starts, [*starts[1:], len(text)], strict=False)]
-    return list(dict.fromkeys(found))
+    ends = [*starts[1:], len(text)]
+    blocks = sorted((text[a:b] for a, b in zip(starts, ends, strict=True)), key=_of_check) if starts else []
+    return list(dict.fromkeys(_reason(block, folder) for block in blocks))
+
+
+def _of_check(block: str) -> bool:
+    failed = _FAILED.search(block)
+    return failed is not None and failed.group(1) == "check"
 
 
 def _reason(block: str, folder: Path) -> str:

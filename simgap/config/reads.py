@@ -50,7 +50,7 @@ READS: Mapping[str, tuple[str, ...]] = {
     "scp": (*_MODEL, *_FIT, *_COUNTED, "hidden_state.classes", "simulator.effects", "simulator.urdf"),  # switching
     "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, *_COUNTED),
     "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
-    "synthesis": ("name", "plant", "domain", "synthesis", "sensing"),
+    "synthesis": ("name", "plant", "domain", "simulator.effects", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
     "audit": ("name", "plant", "domain", "simulator", *_JUDGED, *_CHAINS, "sensing", "validation.steps", "audit"),
     "certify": (*_MODEL, "simulator", "synthesis", "sensing"),

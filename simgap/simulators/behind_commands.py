@@ -40,6 +40,12 @@ def behind_commands(case: Case, plant: JointPlant, engine: Callable[[JointPlant,
     return RememberingInputs(bare, paths, lags, plant.tau, section.substeps)
 
 
+def acts_at_once(case: Case) -> bool:
+    """Whether what acts on the plant is constant between samples: no hidden state, nothing that comes late."""
+    effects = case.simulator.effects if case.simulator is not None else ()
+    return case.hidden_state is None and not any(effect(e.name).remembers for e in effects)
+
+
 def case_command_paths(case: Case) -> list[CommandPath]:
     """The paths of the commands; the delay that the controller has as its latency is not acted out a second time."""
     if case.domain is None:

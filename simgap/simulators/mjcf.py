@@ -108,8 +108,19 @@ def check_mjcf(case: Case, folder: Path) -> Any:
             f"beside positions and velocities the file has {beyond} states, as of an actuator's filter or a delay",
             file=path, remedy="Take them out, and declare input_lag or input_delay in simulator.effects.",
         )  # fmt: skip
+    _check_unseen(path, model)
     _check_actuators(case, path, model)
     return model
+
+
+def _check_unseen(path: Path, model: Any) -> None:
+    """What moves the joints and is neither compared with the plant nor known to the samples."""
+    motors = [getattr(model, name) for name in ("actuator_armature", "actuator_damping") if hasattr(model, name)]
+    if model.ntendon or any(np.any(values) for values in motors):
+        raise UserError(
+            "it has tendons, or motors with an armature or damping, which are compared with nothing", file=path,
+            remedy="Give these to the joints, or take them out.",
+        )  # fmt: skip
 
 
 def _check_joint(path: Path, name: str, kind: str | None) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from simgap.errors import BrokenPromise
 from simgap.geometry import Floats
 from simgap.notation import pretty_unit
+from simgap.simulators.behind_commands import acts_at_once
 from simgap.simulators.surprises import Finding
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
@@ -42,7 +43,7 @@ def between_samples(context: Context) -> list[Finding]:
     except BrokenPromise:
         full = ends
     if full:  # its slopes take seconds to compile, and are not asked where the rates say enough
-        flow = flow_of(context.plant.carried, smooth=case.hidden_state is None)
+        flow = flow_of(context.plant.carried, smooth=acts_at_once(case))
         reach, full = taken(flow)
     found = []
     for j in full:

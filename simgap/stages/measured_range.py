@@ -8,6 +8,9 @@ from simgap.diagnosis.reading.record import Record
 from simgap.notation import number
 from simgap.stages.context import Context
 
+ROUNDED = 1e-6
+"""A number that was logged in single precision is as far off, over its size."""
+
 
 def outside(context: Context, record: Record) -> str | None:
     """A sentence about readings and commands outside X and between no ends of U; None if there are none, or no bound.
@@ -26,7 +29,8 @@ def outside(context: Context, record: Record) -> str | None:
         if name not in values:
             continue
         own = np.concatenate(values[name])
-        out = (own < lo) | (own > hi)
+        slack = ROUNDED * max(hi - lo, abs(lo), abs(hi))
+        out = (own < lo - slack) | (own > hi + slack)
         any_of |= out
         if out.any():
             where, unit = ("X" if name in context.states else "U"), context.units[name]

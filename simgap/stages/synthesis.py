@@ -21,6 +21,7 @@ from simgap.io.pages import render
 from simgap.model.paths import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.provenance import provenance
+from simgap.simulators.behind_commands import acts_at_once
 from simgap.simulators.body_samples import BodySamples
 from simgap.specifications.base import specification_of
 from simgap.specifications.solution import Solution
@@ -179,8 +180,8 @@ def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     boxes_do = on_the_path and on_boxes and not specification.on_true_cells
     swept = _swept(context, model, bound) if boxes_do else None
     symbolic = context.case.plant.symbolic
-    memory = context.case.hidden_state is not None or (symbolic is not None and symbolic.wheels is not None)
-    flow = flow_of(context.plant.carried, smooth=not memory)
+    wheeled = symbolic is not None and symbolic.wheels is not None
+    flow = flow_of(context.plant.carried, smooth=acts_at_once(context.case) and not wheeled)
     spread = np.array([s.size for s in gap.sup().values()]) if gap is not None and swept is None else np.zeros(model.nx)
     needed = on_the_path and swept is None
     between = _between(context, flow, specification.region(space), spread / model.tau, needed)

@@ -82,6 +82,11 @@ def driven(
     own, flow, reason = sampled(tau), flow_of(model), "no torques were tried within the time"
     names, axes = model.state_names, [(c.position, c.velocity) for c in model.coordinates]
     gains = np.abs(posture.b[[names.index(v) for _, v in axes]]).max(axis=0)
+    if (gains <= 0.0).any():
+        raise UserError(
+            "an input does not move the plant at this posture", key="--at",
+            remedy="Name another one, or choose tau, X and U by hand.",
+        )  # fmt: skip
     most = np.array([limits.get(n, math.inf) - abs(u) for n, u in zip(model.input_names, posture.u, strict=True)])
     size = _size(own, posture, gains, axes, names, tau)
     scale = min(size, float((most * np.sqrt(gains)).min()))

@@ -161,6 +161,14 @@ REFUSED = [
         {"tail": '<actuator><general joint="hinge" dyntype="filter" dynprm="1"/></actuator>'},
         {}, "has 1 states, as of an actuator's filter",
     ),
+    (
+        {"tail": '<actuator><motor joint="hinge" ctrlrange="-1 1" armature="0.5"/></actuator>'},
+        {}, "compared with nothing",
+    ),
+    (
+        {"tail": '<tendon><fixed limited="true" range="-0.1 0.1"><joint joint="hinge" coef="1"/></fixed></tendon>'},
+        {}, "compared with nothing",
+    ),
     ({"type": "slide"}, {}, r"plant.states.x1.unit"),
     ({"head": '<asset><mesh name="x" file="no.stl"/></asset>', "geom": '<geom type="mesh" mesh="x"/>'}, {}, "no.stl"),
     ({"head": '<include file="no.xml"/>'}, {}, "no.xml"),
@@ -168,7 +176,7 @@ REFUSED = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("file", "case", "words"), REFUSED, ids=[r[2] for r in REFUSED])
+@pytest.mark.parametrize(("file", "case", "words"), REFUSED, ids=[f"{k}-{r[2]}" for k, r in enumerate(REFUSED)])
 def test_what_would_mislead_is_refused_in_one_line(rod, tmp_path, file, case, words):
     with pytest.raises(UserError) as caught:
         mjcf.check_mjcf(load_case(rod(file, case)), tmp_path)

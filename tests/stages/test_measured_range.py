@@ -35,3 +35,9 @@ def test_commands_outside_are_told_and_ends_are_inside(context, vary):
     assert outside(context, record([0.2, 0], [-0.5, 0], [1.2, -1.2])) is None
     free = Context.load(vary("pendulum", {"gap": None, "synthesis": None, "validation": None}))
     assert outside(free, record([9], [9], [9])) is None
+
+
+def test_single_precision_is_not_outside(context):
+    """A command of 1.2 N m that was logged in single precision is 1.2000000477."""
+    rounded = np.array([1.2, -1.2], dtype=np.float32)
+    assert outside(context, record([0, 0], [0, 0], rounded)) is None

@@ -1,14 +1,18 @@
 """Corrected cases with delay and lag, from the file that the diagnosis writes to the closed loop in the twin."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 import road
 
 from simgap.config.load import load_case
+from simgap.config.reads import READS
 from simgap.effects import AppliedEffect
 from simgap.plants.plant_model import PlantModel
+from simgap.provenance import sections_digest
+from simgap.simulators.behind_commands import acts_at_once
 from simgap.stages import fresh, synthesis, validation
 from simgap.stages.corrected_case import corrected_case
 
@@ -112,3 +116,13 @@ def test_an_offset_of_a_sensor_does_not_move_the_twin(corrected):
     path = corrected([AppliedEffect("sensor_offset", "x1", {"offset": 0.05})])
     assert load_case(path).simulator.effects == ()
     assert "Subtract the sensor's offset" in path.read_text()
+
+
+def test_a_late_command_is_not_constant_between_samples(vary):
+    """The margin of walls that a smooth path earns takes a constant input: with a delay a path left X by .0025."""
+    late = {"name": "input_delay", "on": "u", "parameters": {"delay": 0.01}}
+    plain, delayed = (load_case(vary("pendulum", {"simulator.effects": e})) for e in ([], [late]))
+    assert acts_at_once(plain)
+    assert not acts_at_once(delayed)
+    digests = [sections_digest(case, READS["synthesis"], Path()) for case in (plain, delayed)]
+    assert digests[0] != digests[1]
