@@ -29,13 +29,10 @@ def test_the_last_error_of_each_log_is_told_with_its_place(tmp_path):
         f"{stamp} INFO fine\n{stamp} ERROR p.yaml: grid.eps: too small. Take more.\n{stamp} INFO spent 1 s\n"
     )
     (logs / "scp.log").write_text(f"{stamp} INFO fine\nKilled\n")
-    assert (
-        reasons([tmp_path / "run.log"], tmp_path)
-        == [
-            "the rule scp ended without a reason: results/p/logs/scp.log",
-            "the rule scp ended without a reason: results/p/logs/gone.log",
-            "the rule index failed",
-            "p.yaml: grid.eps: too small. Take more. [check, results/p/logs/check.log]",  # what others met later is its fault
-        ]
-    )
+    assert reasons([tmp_path / "run.log"], tmp_path) == [
+        "the rule scp ended without a reason: results/p/logs/scp.log",
+        "the rule scp ended without a reason: results/p/logs/gone.log",
+        "the rule index failed",
+        "p.yaml: grid.eps: too small. Take more. [check, results/p/logs/check.log]",
+    ]
     assert reasons([tmp_path / "none.log"], tmp_path) == []
