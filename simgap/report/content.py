@@ -13,6 +13,11 @@ from simgap.report.material import Material
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 
+SAID = ("little", "robust", "nominal", "careful", "arrival", "winning")
+"""Sentences of the headline, in order."""
+LITTLE = 2
+"""Steps to the target, at the most, of a controller that is said to win next to nothing (judgement)."""
+
 
 def content(m: Material) -> dict[str, Any]:
     """Everything that the template prints."""
@@ -57,9 +62,12 @@ def verdict(m: Material) -> dict[str, Any]:
     good = kept == runs and robust["steps_outside_gamma"] == 0 and not attacked
     words, section = specification_of(m.context.case).words, m.context.case.validation
     steps = section.steps if section is not None else math.inf
+    little = little_won(tables.promised_steps(m))
+    kept_words = "promise kept, of little" if little else "promise kept"
     return {
         "good": good,
-        "badge": "promise kept" if good else "promise broken",
+        "badge": kept_words if good else "promise broken",
+        "little": little,
         "robust": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
         f"{robust['steps_outside_gamma']:,} of {robust['steps']:,} steps outside gamma.",
         "nominal": f"Nominal-only controller: {_violations(nominal, steps)}.",
@@ -70,6 +78,17 @@ def verdict(m: Material) -> dict[str, Any]:
         "adversary": adversary.sentence(m),
         "tolerated": m.gap.get("fresh", {}).get("violations", 0),
     }
+
+
+def little_won(promised: int | None) -> str:
+    """What is to be said of a promise that ends a step or two from the target; `promised` steps are the longest way."""
+    if promised is None or promised > LITTLE:
+        return ""
+    samples = "one sample" if promised == 1 else f"{promised} samples"
+    return (
+        f"It wins next to nothing: every winning state lies within {samples} of the target. Stronger inputs "
+        "(domain.U), another domain.tau, finer synthesis.cells or a smaller gap carry it further."
+    )
 
 
 def _won(m: Material, kind: str) -> str:
@@ -181,9 +200,7 @@ def summary(m: Material, page: Mapping[str, Any]) -> dict[str, Any]:
         "case": m.context.case.name,
         "title": page["title"],
         "promise_kept": page["verdict"]["good"],
-        "verdict": [
-            page["verdict"][k] for k in ("robust", "nominal", "careful", "arrival", "winning") if page["verdict"][k]
-        ],
+        "verdict": [page["verdict"][k] for k in SAID if page["verdict"][k]],
         "eps": m.gap.get("eps"),
         "units": {state: m.context.units[state] for state in m.context.states},
         "sup_gamma": [{"eps": r["eps"], "states": r["states"]} for r in page["sweep"]],

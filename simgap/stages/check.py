@@ -27,7 +27,7 @@ from simgap.simulators.process import run_in_processes
 from simgap.simulators.surprises import Finding, surprises
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
-from simgap.stages.between_check import between_samples
+from simgap.stages.between_check import check_path
 from simgap.stages.context import Context, log
 from simgap.stages.costs import StageCost, affordable, costs, duration, size
 from simgap.stages.fair_baseline import minding_the_path
@@ -90,7 +90,7 @@ def run(
         build = time.process_time() - began
         _specification(context)
         _basis(context)
-        of_path = between_samples(context)
+        check_path(context)
         if case.simulator is not None:
             said(f"asking the engine {case.simulator.engine}")
         findings, rollout = of_engine(context, file, engine_log)
@@ -98,7 +98,7 @@ def run(
         affordable(context, found)
     compared = findings is not None
     of_equations = [*mixed_units(context), *wrong_dimensions(context)]
-    of_case = [*of_equations, *heavy_steps(context), *long_steps(context), *of_path]
+    of_case = [*of_equations, *heavy_steps(context), *long_steps(context)]
     result = Checked(found, _cells(context), [*(findings or []), *of_case], compared)
     for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)
