@@ -34,6 +34,7 @@ from simgap.stages.fair_baseline import minding_the_path
 from simgap.stages.measured_check import check_measured
 from simgap.stages.mixed_units import mixed_units, wrong_dimensions
 from simgap.stages.step_length import long_steps
+from simgap.stages.wheel_sizes import wheel_sizes
 from simgap.synthesis.game import one_input_only
 
 TRIED, FEWEST, TOGETHER = 0.2, 15, 10_000
@@ -94,11 +95,12 @@ def run(
         if case.simulator is not None:
             said(f"asking the engine {case.simulator.engine}")
         findings, rollout = of_engine(context, file, engine_log)
+        of_wheels = wheel_sizes(context)  # of a file that the engine could load
         found = costs(context, rollout, build=build) if case.domain is not None else []
         affordable(context, found)
     compared = findings is not None
     of_equations = [*mixed_units(context), *wrong_dimensions(context)]
-    of_case = [*of_equations, *heavy_steps(context), *long_steps(context)]
+    of_case = [*of_equations, *heavy_steps(context), *long_steps(context), *of_wheels]
     result = Checked(found, _cells(context), [*(findings or []), *of_case], compared)
     for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)

@@ -11,6 +11,8 @@ from simgap.errors import UserError
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.wheeled import PyBulletWheeled
 from simgap.simulators.wheeled_plant import wheeled_plant
+from simgap.stages.context import Context
+from simgap.stages.wheel_sizes import wheel_sizes
 
 CASE = Path(__file__).parents[2] / "configs/cases/turtlebot.yaml"
 
@@ -181,3 +183,15 @@ def test_the_axes_in_which_an_inertia_is_written_turn_no_heading(tmp_path):
     x, u = np.array([[1.0, 2.0, 0.3], [0.0, 0.0, -2.0]]), np.array([[0.3, 0.5], [0.2, -0.8]])
     a, b = run(turned_axes, (plain, x, u), (turned, x, u))
     assert np.abs(a - b).max() < 1e-3
+
+
+def test_sizes_that_are_not_the_files_are_told(vary, root):
+    """Commands are turned into wheel speeds by them: ten times the radius is a robot that hardly moves."""
+    urdf = {"simulator.urdf": str(root / "configs/models/pioneer.urdf")}
+    assert wheel_sizes(Context.load(vary("pioneer", urdf))) == []
+    (worn,) = wheel_sizes(Context.load(vary("pioneer", {**urdf, "simulator.wheel_radius": 0.092})))
+    assert worn.key == "simulator.wheel_radius"
+    for key, value, stated in (("wheel_radius", 0.975, "0.0975"), ("track", 0.1, "0.33")):
+        with pytest.raises(UserError, match=f"have {stated} m") as caught:
+            wheel_sizes(Context.load(vary("pioneer", {**urdf, f"simulator.{key}": value})))
+        assert caught.value.key == f"simulator.{key}"
