@@ -225,4 +225,4 @@ def test_an_obstacle_that_bounds_the_heading_is_kept_clear_of_by_samples(small):
         assert (problem.stray is None) == by_boxes
         if not by_boxes:
             assert np.array_equal(problem.stray, between)
-            assert between[2] >= 0.5 * 0.4  # half a sample of the fastest turn
+            assert between[0][2] >= 0.5 * 0.4  # half a sample of the fastest turn
