@@ -8,8 +8,6 @@ row is kept in benchmarks/results/drive_library.json as soon as it is there; the
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -21,6 +19,8 @@ import numpy as np
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
+
+from kept_rows import Rows, asked  # noqa: E402
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
 from simgap.diagnosis.reading.record import Record, Trace  # noqa: E402
@@ -210,28 +210,14 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Make what is asked for and is not there yet; write after each record."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--plants", nargs="*", default=["arm", "motor"], choices=list(PLANTS))
-    parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=list(KINDS))
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--budget", type=float, default=None, help="CPU s that a search may take")
-    parser.add_argument("--again", action="store_true", help="make again what is there")
-    given = parser.parse_args()
-    known = json.loads(OUT.read_text()) if OUT.exists() else []
-    OUT.parent.mkdir(exist_ok=True)
+    """Make what is asked for and is not there yet."""
+    given = asked(__doc__, PLANTS, KINDS, usual=("arm", "motor"))
+    rows = Rows(OUT, table, given.again)
     for seed in range(given.first, given.first + given.seeds):
         for kind in given.kinds:
             for plant in ROBOTS if kind in ROBOT_KINDS else [p for p in given.plants if p not in ROBOTS]:
-                there = [r for r in known if (r["plant"], r["kind"], r["seed"]) == (plant, kind, seed)]
-                if there and not given.again:
-                    continue
-                row = one(plant, kind, seed, given.budget)
-                known = [r for r in known if r not in there] + [row]
-                print({k: row[k] for k in row if k not in ("covered",)}, flush=True)
-                OUT.write_text(json.dumps(known, indent=1) + "\n")
-                OUT.with_suffix(".md").write_text(table(known))
+                place = {"plant": plant, "kind": kind, "seed": seed}
+                rows.make(place, lambda place=place: one(**place, budget=given.budget), unsaid=("covered",))
 
 
 if __name__ == "__main__":

@@ -9,8 +9,7 @@ table is benchmarks/results/other_plants.md.
 
 from __future__ import annotations
 
-import argparse
-import json
+import itertools
 import sys
 import time
 from collections.abc import Callable
@@ -22,6 +21,8 @@ import numpy as np
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
+
+from kept_rows import Rows, asked  # noqa: E402
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
 from simgap.diagnosis.reading.record import Record, Trace  # noqa: E402
@@ -153,7 +154,7 @@ KINDS = (
 )  # fmt: skip
 
 
-def asked(plant: str, kind: str) -> bool:
+def makes_sense(plant: str, kind: str) -> bool:
     """Whether a kind makes sense for a plant."""
     if plant == "wheeled":
         return "push" not in kind
@@ -208,30 +209,20 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+UNSAID = ("said", "hidden_faults")
+
+
 def main() -> None:
-    """Make what is asked for and is not there yet; write after each record."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--plants", nargs="*", default=list(PLANTS), choices=list(PLANTS))
-    parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=list(KINDS))
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--budget", type=float, default=None, help="CPU s that a search may take")
-    parser.add_argument("--again", action="store_true", help="make again what is there")
-    given = parser.parse_args()
-    known = json.loads(OUT.read_text()) if OUT.exists() else []
-    OUT.parent.mkdir(exist_ok=True)
-    key = ("plant", "kind", "seed")
+    """Make what is asked for and is not there yet."""
+    given = asked(__doc__, PLANTS, KINDS)
+    rows = Rows(OUT, table, given.again)
     for seed in range(given.first, given.first + given.seeds):
-        for kind in given.kinds:
-            for plant in given.plants:
-                there = [r for r in known if [r[k] for k in key] == [plant, kind, seed]]
-                if not asked(plant, kind) or (there and not given.again):
-                    continue
-                row = one(plant, kind, seed, given.budget)
-                known = [r for r in known if r not in there] + [row]
-                print({k: row[k] for k in row if k not in ("said", "hidden_faults")}, flush=True)
-                OUT.write_text(json.dumps(known, indent=1) + "\n")
-                OUT.with_suffix(".md").write_text(table(known))
+        for kind, plant in itertools.product(given.kinds, given.plants):
+            place = {"plant": plant, "kind": kind, "seed": seed}
+            if makes_sense(plant, kind):
+                rows.make(
+                    place, lambda place=place: one(**place, budget=given.budget), unsaid=("said", "hidden_faults")
+                )
 
 
 if __name__ == "__main__":

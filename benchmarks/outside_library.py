@@ -9,8 +9,7 @@ benchmarks/results/outside_library.json as soon as it is there; the table is ben
 
 from __future__ import annotations
 
-import argparse
-import json
+import itertools
 import sys
 import time
 from pathlib import Path
@@ -20,6 +19,8 @@ import numpy as np
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
+
+from kept_rows import Rows, asked  # noqa: E402
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
 from simgap.diagnosis.reading.record import Record, Trace  # noqa: E402
@@ -66,29 +67,13 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Make what is asked for and is not there yet; write after each record."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--plants", nargs="*", default=list(HERE), choices=list(HERE))
-    parser.add_argument("--kinds", nargs="*", default=list(MECHANISMS), choices=list(MECHANISMS))
-    parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--budget", type=float, default=None, help="CPU s that a search may take")
-    parser.add_argument("--again", action="store_true", help="make again what is there")
-    given = parser.parse_args()
-    known = json.loads(OUT.read_text()) if OUT.exists() else []
-    key = ("plant", "kind", "beside", "seed")
+    """Make what is asked for and is not there yet."""
+    given = asked(__doc__, HERE, MECHANISMS)
+    rows = Rows(OUT, table, given.again)
     for seed in range(given.first, given.first + given.seeds):
-        for kind in given.kinds:
-            for plant in given.plants:
-                for beside in (False, True):
-                    there = [r for r in known if [r[k] for k in key] == [plant, kind, beside, seed]]
-                    if there and not given.again:
-                        continue
-                    row = one(plant, kind, beside, seed, given.budget)
-                    known = [r for r in known if r not in there] + [row]
-                    print(row, flush=True)
-                    OUT.write_text(json.dumps(known, indent=1) + "\n")
-                    OUT.with_suffix(".md").write_text(table(known))
+        for kind, plant, beside in itertools.product(given.kinds, given.plants, (False, True)):
+            place = {"plant": plant, "kind": kind, "beside": beside, "seed": seed}
+            rows.make(place, lambda place=place: one(**place, budget=given.budget))
 
 
 if __name__ == "__main__":
