@@ -11,6 +11,7 @@
 #   snakemake --cores 2 textbook                         small cases in equations: converter and motor
 #   snakemake --cores 2 cart_pole                        a pole on a cart from its URDF, four states
 #   snakemake --cores 2 two_link                         an arm of two links, reach and avoid in joint space
+#   snakemake --cores 2 two_link_friction                the same with dry friction that its model lacks
 #   snakemake --cores 2 pioneer                          a wheeled robot of another make, through a door into a dock
 #   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
 #   snakemake --report results/report.zip                what is there, every page and figure with its caption, in one file
@@ -57,6 +58,7 @@ localrules:
     textbook,
     cart_pole,
     two_link,
+    two_link_friction,
     pioneer,
 
 
@@ -120,6 +122,11 @@ rule cart_pole:
 rule two_link:
     input:
         pages("two_link"),
+
+
+rule two_link_friction:
+    input:
+        pages("two_link_friction"),
 
 
 rule pioneer:

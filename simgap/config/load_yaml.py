@@ -67,7 +67,7 @@ def read_yaml(path: Path) -> Any:
         if len(data) > LARGEST:
             raise UserError(f"has {len(data)} bytes; the most are {LARGEST}", file=path, remedy="Give a case file.")
         text = data.decode("utf-8-sig")
-        return yaml.load(text, Loader=_Loader)
+        return plain_content(text)
     except FileNotFoundError:
         where = "" if path.is_absolute() else f" below {Path.cwd()}"
         raise UserError(f"the file does not exist{where}", file=path, remedy="Give the path of a case file.") from None
@@ -88,6 +88,15 @@ def read_yaml(path: Path) -> Any:
         raise UserError(f"not valid YAML: {problem}", file=path, key=line, remedy=remedy) from None
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise UserError(f"not valid YAML: {excerpt(error)}", file=path) from None
+
+
+def plain_content(text: str) -> Any:
+    """What a YAML text says, by the rules above.
+
+    Raises:
+        yaml.YAMLError: a text that is none, or has a key twice.
+    """
+    return yaml.load(text, Loader=_Loader)
 
 
 def _check_graph(top: yaml.Node) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.lipschitz.result import GridLipschitz
 from simgap.gap.samples import SampleGrid
 from simgap.gap.settings import GapSettings
@@ -23,9 +24,10 @@ def remedy(where: SampleGrid, settings: GapSettings, found: GridLipschitz, share
         return f"Use {_finer(where, found)}, or padding: inflate with a larger rough_limit if a jump is known."
     local = "" if settings.padding == "inflate" and settings.bound != "envelope" else "padding: inflate and "
     limit = min(1.0, 0.05 * np.ceil(20.0 * share + 0.2))
+    table = "" if isinstance(settings.basis, Blocks) else " with gap.basis: {kind: blocks}, which is wide there alone,"
     return (
-        "Declare what switches in plant.effects too; or take the jump into the bound: "
-        f"{local}gap.lipschitz.rough_limit: {limit:.2g}; or use {_finer(where, found)}."
+        "Declare what switches in plant.effects too, if the model lacks it; or take the jump into the bound:"
+        f"{table} {local}gap.lipschitz.rough_limit: {limit:.2g}; or use {_finer(where, found)}."
     )
 
 

@@ -30,6 +30,7 @@ from simgap.cache import cache_folder, kernel_sources
 
 Kernel = Callable[..., Any]
 _PACKAGE = "simgap_kernels"
+_LARGE = 10**6  # bytes of an array above which numba takes its address for its content, and keeps no machine code
 
 
 class _NotWritable(Exception):
@@ -91,6 +92,8 @@ def _binding(name: str, value: Any, module: str | None) -> str:
     if isinstance(value, float):
         return f"{name} = float({float(value)!r})" if math.isfinite(value) else f"{name} = float({str(value)!r})"
     if isinstance(value, np.ndarray):
+        if value.nbytes > _LARGE:
+            raise _NotWritable(name)
         return f"import numpy\n{name} = numpy.load({str(_array(value))!r})"
     home, called = getattr(value, "__module__", None), getattr(value, "__name__", "")
     if home in sys.modules and getattr(sys.modules[home], called, None) is value:

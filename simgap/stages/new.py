@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from simgap.config.load import load_case, parse_case
+from simgap.config.load_yaml import plain_content
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.pages import text
@@ -23,7 +23,7 @@ from simgap.plants.model_file import ModelFile, read_model_file
 from simgap.plants.numeric_terms import MOST_DERIVED
 from simgap.stages.new_joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
 from simgap.stages.new_wheels import case_of_wheels, wheels_of
-from simgap.stages.propose import numbers
+from simgap.stages.propose import blocks_along, numbers
 from simgap.synthesis.proposal import SECONDS
 
 ENGINE_STEPS = 240
@@ -60,7 +60,7 @@ def run(
         content = text("new_equations.yaml.j2", name=name)
     else:
         content = _of_urdf(name, urdf, out, inputs, at or {}, tell, note, seconds)
-    parse_case(yaml.safe_load(content), path)
+    parse_case(plain_content(content), path)
     write_text(path, content)
     load_case(path)
     return path
@@ -93,8 +93,14 @@ def _of_urdf(
         "most": MOST_DERIVED,
         "single": len(axes) == 1,
         "damping": _damping(file, axes),
+        "rubs": {a.joint: file.joints[a.joint].friction for a in axes if file.joints[a.joint].friction > 0.0},
     }
-    content = about | _plain(urdf, file, axes) | {"proposal": None, "refused": None, "substeps": 1}
+    if about["rubs"]:
+        note(
+            f"The URDF states dry friction for {', '.join(about['rubs'])}: the simulator acts it out, the model lacks "
+            "it, and the bound is a table of blocks, which is wide where the friction turns round and nowhere else."
+        )
+    content = about | _plain(urdf, file, axes, about) | {"proposal": None, "refused": None, "substeps": 1}
     if 1 < len(axes) <= MOST_DERIVED:
         content |= _proposed(about, urdf, file, out, tell, note, seconds)
     return text("new_urdf.yaml.j2", **content)
@@ -106,7 +112,7 @@ def _damping(file: ModelFile, axes: list[Axis]) -> float:
     return stated.pop() if len(stated) == 1 else 0.0
 
 
-def _plain(urdf: Path, file: ModelFile, axes: list[Axis]) -> dict[str, Any]:
+def _plain(urdf: Path, file: ModelFile, axes: list[Axis], about: Mapping[str, Any]) -> dict[str, Any]:
     """Numbers near the posture that need no search."""
     driven = [a for a in axes if a.driven]
     efforts = {a.drive: file.joints[a.joint].effort or None for a in axes}
@@ -126,6 +132,19 @@ def _plain(urdf: Path, file: ModelFile, axes: list[Axis]) -> dict[str, Any]:
         "tau": TAU,
         "eps": _round(0.5 * math.sqrt(nx) * (volume / STATES) ** (1.0 / nx)),
         "cells": [max(2, round(CELLS ** (1.0 / nx)))] * nx,
+        "blocks": _blocks(axes, about["rubs"]),
+    }
+
+
+def _blocks(axes: Sequence[Axis], rubs: Mapping[str, float]) -> dict[str, Any] | None:
+    """Grid of samples and blocks of the bound where joints rub and no numbers were proposed; None where none does."""
+    if not rubs:
+        return None
+    reach = {a.position: a.reach for a in axes} | {a.velocity: SPEED for a in axes}
+    along = blocks_along(list(reach), {a.velocity for a in axes if a.joint in rubs})
+    return {
+        "half_widths": {n: _round(reach[n] / count) for n, count in along.items()},
+        "along": list(along.values()),
     }
 
 
@@ -136,7 +155,7 @@ def _proposed(
     """Sections with which the nominal model wins something, or why there are none."""
     axes: list[Axis] = about["axes"]
     plant = text("new_plant.yaml.j2", **about)
-    case = parse_case(yaml.safe_load(plant), out / f"{about['name']}.yaml")
+    case = parse_case(plain_content(plant), out / f"{about['name']}.yaml")
     limits, room = {}, {}
     for a in axes:
         joint = file.joints[a.joint]
@@ -147,7 +166,8 @@ def _proposed(
         if joint.velocity:
             room[a.velocity] = (-joint.velocity, joint.velocity)
     try:
-        found = numbers(case, out, {a.position: a.centre for a in axes}, limits, room, tell, seconds)
+        turning = {a.velocity for a in axes if a.joint in about["rubs"]}
+        found = numbers(case, out, {a.position: a.centre for a in axes}, limits, room, tell, seconds, turning)
     except UserError as error:
         note(f"No controller is asked for yet: {error.problem}. {error.remedy}")
         return {"refused": f"{error.problem}. {error.remedy}"}

@@ -17,7 +17,7 @@ REDUCED = {
 }
 
 
-@pytest.mark.parametrize("name", ["cart_pole", "two_link", "vtol"])
+@pytest.mark.parametrize("name", ["cart_pole", "two_link", "two_link_friction", "vtol"])
 def test_a_case_with_a_translation_can_be_checked(root, name):
     found = check.run(root / f"configs/cases/{name}.yaml")
     along = load_case(root / f"configs/cases/{name}.yaml").symmetry.along

@@ -18,7 +18,7 @@ from simgap.stages import check, fresh, new, synthesis
 from simgap.stages.context import Context
 from simgap.stages.new_joints import _centre, axes_of, drives, needed_inputs
 from simgap.stages.new_wheels import wheels_of
-from simgap.stages.propose import Numbers
+from simgap.stages.propose import Numbers, blocks_along
 from simgap.synthesis.proposal import Proposal
 
 
@@ -41,6 +41,29 @@ def test_it_runs_as_it_stands(root, tmp_path, urdf):
     assert controller.contains([0.0, 0.0]).all()
 
 
+def rubbing(root, tmp_path, name, friction):
+    """A URDF of the project with dry friction in its joints, in their order."""
+    text = (root / "configs/models" / f"{name}.urdf").read_text()
+    for value in friction:
+        text = re.sub(r'friction="0(\.0)?"', f'friction="{value}"', text, count=1)
+    path = tmp_path / "rubs.urdf"
+    path.write_text(text)
+    return path
+
+
+def test_a_joint_that_rubs_gets_a_bound_that_follows_it(root, tmp_path):
+    """On a grid of 2,500 cells and a polynomial the gap of this pendulum is refused as rough."""
+    notes = []
+    case = new.run("mine", rubbing(root, tmp_path, "pendulum", [0.1]), tmp_path, note=notes.append)
+    context = Context.load(case)
+    assert context.case.simulator.effects[0].parameters == {"F_c": 0.1}
+    assert not context.case.plant.effects
+    assert "states dry friction for hinge" in notes[0]
+    controller = controlled(case, tmp_path)
+    assert controller.solution.winning.mean() > 0.9
+    assert not [found for found in check.run(case).findings if "friction" in str(found)]
+
+
 NUMBERS = Numbers(
     Proposal(
         0.05, {"q1": (-0.25, 0.25), "q2": (-0.2, 0.2), "v1": (-1.0, 1.0), "v2": (-1.5, 1.5)},
@@ -50,11 +73,27 @@ NUMBERS = Numbers(
 )  # fmt: skip
 
 
+def test_an_arm_that_rubs_has_fine_cells_along_its_speeds(root, tmp_path, monkeypatch):
+    def numbers(*given):
+        own = replace(NUMBERS, half_widths={"q2": 0.02, "v1": 0.1, "v2": 0.0625}, blocks=(1, 10, 10, 24))
+        return own if set(given[-1]) == {"v2"} else None
+
+    monkeypatch.setattr(new, "numbers", numbers)
+    text = (root / "configs/models/two_link.urdf").read_text()
+    first, second = text.split('friction="0.0"', 1)
+    (tmp_path / "arm.urdf").write_text(first + 'friction="0.0"' + second.replace('friction="0.0"', 'friction="0.02"'))
+    case = Context.load(new.run("arm", tmp_path / "arm.urdf", tmp_path)).case
+    assert case.gap.basis.blocks == (1, 10, 10, 24)
+    assert [effect.on for effect in case.simulator.effects] == ["elbow"]
+    assert case.gap.lipschitz.rough_limit == 0.5
+    assert blocks_along(["q2", "v1", "v2"], {"v2"}) == {"q2": 10, "v1": 10, "v2": 80}
+
+
 def test_a_case_of_four_states_has_the_numbers_that_were_found(root, tmp_path, monkeypatch):
     """The search itself is tested in tests/synthesis/test_proposal.py; here is what the case makes of it."""
     asked, notes = [], []
 
-    def numbers(case, folder, at, limits, room, tell, seconds):
+    def numbers(case, folder, at, limits, room, tell, seconds, rubbing):
         asked.append((at, limits, room))
         return NUMBERS
 
