@@ -19,9 +19,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from simgap.gap.points import own_point
-from simgap.stages.check import of_engine
 from simgap.stages.context import Context
 from simgap.stages.costs import costs
+from simgap.stages.engine_check import of_engine
 from simgap.stages.times import JobTime, job_times
 
 ROOT = Path(__file__).parents[1]

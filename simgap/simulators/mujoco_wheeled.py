@@ -58,6 +58,7 @@ class MuJoCoWheeled(WheeledEngine):
         self._data = mujoco.MjData(self._model)
         joints = [self._model.joint(name) for name in (section.left, section.right)]
         self._turning = [int(j.qposadr[0]) for j in joints]
+        self._rates = [int(j.dofadr[0]) for j in joints]
         self._settle()
         self._rest = self._kept()
 
@@ -102,8 +103,18 @@ class MuJoCoWheeled(WheeledEngine):
         for memory in self._memory:
             memory.rest(0.0)
 
+    def turning(self) -> tuple[float, float]:
+        """See `WheeledEngine.turning`."""
+        left, right = self._data.qvel[self._rates].tolist()
+        return left, right
+
+    def standing(self) -> tuple[float, float]:
+        """See `WheeledEngine.standing`."""
+        qx, qy = self._data.qpos[4:6].tolist()
+        return float(self._data.qpos[2]), float(np.arccos(np.clip(1.0 - 2.0 * (qx * qx + qy * qy), -1.0, 1.0)))
+
     def _command(self, linear: float, angular: float) -> None:
-        self._data.ctrl[:] = self._wheel_rates(linear, angular)
+        self._data.ctrl[:] = self.wheel_rates(linear, angular)
 
     def advance(self, u: Floats) -> Floats:
         """Hold (linear, angular) for tau: -> pose, the heading continued not wrapped; `path` holds the poses on it."""

@@ -107,7 +107,7 @@ class PyBulletWheeled(WheeledEngine):
         force = s.torque / (s.substeps // s.poses)
         self._p.setJointMotorControlArray(
             self._body, self._wheels, self._p.VELOCITY_CONTROL,
-            targetVelocities=self._wheel_rates(linear, angular),
+            targetVelocities=self.wheel_rates(linear, angular),
             forces=[force, force],
         )  # fmt: skip
 
@@ -160,6 +160,17 @@ class PyBulletWheeled(WheeledEngine):
         for n, heading in enumerate(np.arctan2(m[:, 3], m[:, 0]).tolist()):
             self._turned += (heading - self._turned + np.pi) % (2.0 * np.pi) - np.pi
             self.path[n, k] = self._turned
+
+    def turning(self) -> tuple[float, float]:
+        """See `WheeledEngine.turning`."""
+        left, right = (float(self._p.getJointState(self._body, wheel)[1]) for wheel in self._wheels)
+        return left, right
+
+    def standing(self) -> tuple[float, float]:
+        """See `WheeledEngine.standing`."""
+        place, quaternion = self._p.getBasePositionAndOrientation(self._body)
+        turned = np.array(self._native.getMatrixFromQuaternion(quaternion)).reshape(3, 3) @ self._from_axes
+        return float(place[2] - turned[2] @ self._offset), float(np.arccos(np.clip(turned[2, 2], -1.0, 1.0)))
 
     def _kept(self) -> int:
         """The number of a saved state, contacts included."""

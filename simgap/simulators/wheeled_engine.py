@@ -102,7 +102,7 @@ class WheeledEngine(Engine, PathSimulator):
                 f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",
                 remedy="Let substeps be a multiple of poses.",
             )  # fmt: skip
-        self.nx, self.nu, self.pose = 3, 2, plant.pose
+        self.nx, self.nu, self.pose, self.commands = 3, 2, plant.pose, plant.commands
         self._plant, self._wheel_path = plant, wheel_path(section.effects)
         self._memory = [CommandMemory(path, plant.tau) for path in paths]
         self.path, self._turned = np.zeros((section.poses, 3)), 0.0
@@ -111,13 +111,21 @@ class WheeledEngine(Engine, PathSimulator):
     def reset(self, x: Floats) -> None:
         """Put the robot at rest at a pose."""
 
-    def _wheel_rates(self, linear: float, angular: float) -> tuple[float, float]:
+    def wheel_rates(self, linear: float, angular: float) -> tuple[float, float]:
         """What the left and the right motor are told, rad/s: the commands as effects on the wheels leave them."""
         half, radius = 0.5 * self._section.track * angular, self._section.wheel_radius
         left, right = linear - half, linear + half
         for kind, values in self._wheel_path:
             left, right = kind.turned(left, right, values)
         return left / radius, right / radius
+
+    @abstractmethod
+    def turning(self) -> tuple[float, float]:
+        """Rates of the left and the right wheel's joint, rad/s."""
+
+    @abstractmethod
+    def standing(self) -> tuple[float, float]:
+        """Height of the root above the floor, m, and how far it leans from upright, rad."""
 
     @abstractmethod
     def _kept(self) -> Any:

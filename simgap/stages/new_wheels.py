@@ -71,7 +71,7 @@ def _pair(a: ElementTree.Element, b: ElementTree.Element, radii: dict[str, float
     own, other = radii.get(_link(a, "child")), radii.get(_link(b, "child"))
     if own is None or other is None or abs(own - other) > SAME:
         return None
-    (place, axis), (there, along) = _axle(a), _axle(b)
+    (place, axis), (there, along) = axle(a), axle(b)
     apart = place - there
     track = abs(float(axis @ apart))
     mirrored = np.abs(apart - (axis @ apart) * axis).max() <= SAME and abs(float(axis @ (place + there))) <= SAME
@@ -81,15 +81,16 @@ def _pair(a: ElementTree.Element, b: ElementTree.Element, radii: dict[str, float
     return Wheels(str(left.get("name")), str(right.get("name")), own, track)
 
 
-def _axle(joint: ElementTree.Element) -> tuple[Floats, Floats]:
+def axle(joint: ElementTree.Element) -> tuple[Floats, Floats]:
     """Place (3,) and direction (3,) of a joint's axis, in the frame of its parent."""
     origin, axis = joint.find("origin"), joint.find("axis")
-    place = _numbers(origin, "xyz", "0 0 0")
-    turned = Rotation.from_euler("xyz", _numbers(origin, "rpy", "0 0 0"))
-    return place, np.asarray(turned.apply(_numbers(axis, "xyz", "1 0 0")))
+    place = numbers(origin, "xyz", "0 0 0")
+    turned = Rotation.from_euler("xyz", numbers(origin, "rpy", "0 0 0"))
+    return place, np.asarray(turned.apply(numbers(axis, "xyz", "1 0 0")))
 
 
-def _numbers(element: ElementTree.Element | None, key: str, default: str) -> Floats:
+def numbers(element: ElementTree.Element | None, key: str, default: str) -> Floats:
+    """An attribute of several numbers, or what stands for it."""
     said = default if element is None else element.get(key, default)
     return np.array([float(v) for v in said.split()])
 

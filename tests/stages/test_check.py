@@ -16,7 +16,7 @@ from simgap.io.parquet import read_parquet
 from simgap.model.sampled import NominalModel
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
-from simgap.stages import check, costs, grid, synthesis
+from simgap.stages import check, costs, engine_check, grid, synthesis
 from simgap.stages.context import Context
 
 LINK = """<link name="rod"><inertial><origin xyz="0 0 -0.5" rpy="0 0 0"/><mass value="1.0"/>
@@ -278,7 +278,7 @@ def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch
             pass
 
     monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Slow())
-    _, seconds = check.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
+    _, seconds = engine_check.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert least <= seconds < most
 
 
@@ -298,7 +298,7 @@ def test_what_an_engine_costs_is_that_of_many_rollouts_at_once(monkeypatch):
             pass
 
     monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Vectorised())
-    _, seconds = check.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
+    _, seconds = engine_check.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert seconds < 2e-5
 
 

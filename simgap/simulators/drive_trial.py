@@ -1,0 +1,84 @@
+"""A short drive and a short turn of a wheeled robot in its engine: does it go where its wheels should take it?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from simgap.config.case import Case
+from simgap.simulators.wheeled_engine import WheeledEngine
+
+LONG = 2.0
+"""Seconds that a command is held, s: motors of the shipped robots need up to half a second, and a tenth of their torque
+takes them to a third of their speed in this time. What is told apart by it: docs/turtlebot.md."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a command, held from rest, came to in the last sampling time of it.
+
+    Attributes:
+        straight: whether to go straight on was the aim, or to turn.
+        told: linear and angular velocity, m/s, rad/s.
+        moved: forwards, sideways and about the vertical, m/s, m/s, rad/s.
+        asked, turning: rates that the wheels' motors were asked for, and have, left and right, rad/s.
+        height: of the root above the floor, m; leans: from upright, rad.
+    """
+
+    straight: bool
+    told: tuple[float, float]
+    moved: tuple[float, float, float]
+    asked: tuple[float, float]
+    turning: tuple[float, float]
+    height: float
+    leans: float
+
+
+def drives(case: Case, folder: Path) -> list[Drive]:
+    """Straight on at the largest speed of U, then turning at the largest rate; without the effects of the simulator.
+
+    To be called in the engine's process. Empty for an engine of anything but wheeled robots.
+
+    Raises:
+        UserError: as the engine's own.
+    """
+    from simgap.simulators.build import make_simulator
+
+    plain = case.simulator.model_copy(update={"effects": ()}) if case.simulator is not None else None
+    robot = make_simulator(case.model_copy(update={"simulator": plain}), folder)
+    try:
+        return [_drive(robot, case, *told) for told in _commands(case)] if isinstance(robot, WheeledEngine) else []
+    finally:
+        robot.close()
+
+
+def _commands(case: Case) -> list[tuple[bool, float, float]]:
+    """The largest speed with the least turning, and the other way round; none that would not move."""
+    wheels = case.plant.symbolic.wheels if case.plant.symbolic else None
+    if wheels is None or case.domain is None:
+        return []
+    linear, angular = (case.domain.U[name].list() for name in (wheels.linear, wheels.angular))
+    straight = max(linear, key=lambda v: (abs(v), v)), min(angular, key=abs)
+    turn = min(linear, key=abs), max(angular, key=lambda w: (abs(w), w))
+    return [told for told, own in (((True, *straight), straight[0]), ((False, *turn), turn[1])) if own != 0.0]
+
+
+def _drive(robot: WheeledEngine, case: Case, straight: bool, linear: float, angular: float) -> Drive:
+    tau = case.domain.tau if case.domain is not None else 1.0
+    a, b = robot.commands
+    u = np.zeros(2)
+    u[a], u[b] = linear, angular
+    _, paths = robot.chain(np.zeros(3), np.tile(u, (max(2, int(np.ceil(LONG / tau))), 1)))
+    forwards, sideways, turned = (float(paths[-1, -1, k]) / tau for k in robot.pose)
+    height, leans = robot.standing()
+    return Drive(
+        straight,
+        (linear, angular),
+        (forwards, sideways, turned),
+        robot.wheel_rates(linear, angular),
+        robot.turning(),
+        height,
+        leans,
+    )
