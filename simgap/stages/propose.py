@@ -13,7 +13,7 @@ from simgap.io.pages import text
 from simgap.plants.plant_model import PlantModel
 from simgap.stages.context import Context
 from simgap.synthesis.abstraction import MAX_AXES
-from simgap.synthesis.driven import GUESS, rounded
+from simgap.synthesis.driven import rounded
 from simgap.synthesis.proposal import SECONDS, Proposal, propose
 
 ALONG = {1: 200, 2: 40, 3: 10, 4: 10}
@@ -59,8 +59,10 @@ class Numbers:
     def wins(self) -> str:
         """What was won in the search, as a clause."""
         won = f"wins {self.proposal.wins:.2g} of X"
-        small = f"the nominal model with a gap of {GUESS:g} of what the largest inputs do {won} on coarser ones"
-        return f"the nominal model alone {won}" if self.proposal.target is None else small
+        against, coarser = self.proposal.against, " on coarser ones" if self.proposal.target is not None else ""
+        if not against:
+            return f"the nominal model alone {won}"
+        return f"the nominal model with a gap of {against:g} of what the largest inputs do {won}{coarser}"
 
     def block(self) -> str:
         """Sections of a case file."""

@@ -118,7 +118,7 @@ def driven(
     return best
 
 
-def _changed(own: NominalModel, posture: Posture, inputs: Floats) -> Floats:
+def changed(own: NominalModel, posture: Posture, inputs: Floats) -> Floats:
     """How far the largest inputs, together, move each state in a step from rest, (nx,)."""
     corners = posture.u + np.array(list(itertools.product(*((-v, v) for v in inputs))))
     there = own.step(np.tile(posture.x, (len(corners), 1)), corners)
@@ -130,10 +130,10 @@ def _half(
     room: Mapping[str, tuple[float, float]], tau: float,
 ) -> Floats:  # fmt: skip
     """Half-widths of X for these inputs, (nx,)."""
-    changed, half = _changed(own, posture, inputs), np.zeros(len(names))
+    moved, half = changed(own, posture, inputs), np.zeros(len(names))
     for q, v in axes:
         j, k = names.index(q), names.index(v)
-        speed = changed[k] / GAIN
+        speed = moved[k] / GAIN
         lo, hi = room.get(v, (-math.inf, math.inf))
         half[k] = min(speed, 0.9 * hi, -0.9 * lo)
         stops = room.get(q, (-math.inf, math.inf))
@@ -159,7 +159,7 @@ def _play(
     names, x = model.state_names, posture.x
     space = Space(names, Box(x - half, x + half))
     every = posture.u + np.array(list(itertools.product(*(np.linspace(-v, v, VALUES) for v in inputs))))
-    spread = GUESS * _changed(own, posture, inputs)
+    spread = GUESS * changed(own, posture, inputs)
     try:
         stray, _ = excursion(flow, space.box, every, tau, spread / tau, names)
     except BrokenPromise:
@@ -169,7 +169,7 @@ def _play(
         return 0.0, f"between samples {worst} strays by more than {STRAYS:g} of X"
     specification = ReachAvoid(kind="reach_avoid", target=_target(model, posture, half))
     problem = Problem(
-        own, specification, space, (TRIED,) * len(names), every, gap=_constant(spread), gap_axes=[], stray=stray
+        own, specification, space, (TRIED,) * len(names), every, gap=constant(spread), gap_axes=[], stray=stray
     )
     solution = specification.solve(problem.game())
     wins = float(solution.winning.mean()) if solution.useful else 0.0
@@ -184,7 +184,7 @@ def _target(model: SymbolicModel, posture: Posture, half: Floats) -> dict[str, t
     return {n: (float(at - own), float(at + own)) for n, at, own in ends}
 
 
-def _constant(spread: Floats) -> Kernel:
+def constant(spread: Floats) -> Kernel:
     """A gap of +-spread everywhere."""
 
     @nb.njit(error_model="numpy")

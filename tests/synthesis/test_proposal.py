@@ -11,7 +11,7 @@ from simgap.stages.propose import Numbers
 from simgap.synthesis.driven import rounded
 from simgap.synthesis.posture import posture_of
 from simgap.synthesis.proportions import proportions
-from simgap.synthesis.proposal import WINS, _Search, propose
+from simgap.synthesis.proposal import HELD, WINS, Tried, _held, _Search, propose
 
 
 def pendulum(top=True, push=3.0):
@@ -67,6 +67,7 @@ def test_what_is_proposed_is_won_within_the_limits(limit):
     limits = {} if limit is None else {"u": limit}
     found = propose(model, sampled(model), {}, limits, {"v": (-0.9, 0.9)})
     assert found.wins >= WINS
+    assert found.against == HELD
     assert found.free == ()
     lo, hi, step = found.U["u"]
     assert lo == -hi
@@ -78,6 +79,20 @@ def test_what_is_proposed_is_won_within_the_limits(limit):
     assert found.X["q"][1] == pytest.approx(found.part * 0.25, rel=0.05)
     assert ("X is small" in Numbers(found, {}, 2).small) == (found.X["q"][1] < 0.125)
     assert 0.2 / np.sqrt(14.715) * 0.9 <= found.tau <= 0.8 / np.sqrt(14.715) * 1.1
+
+
+def test_cells_that_win_alone_are_refined_until_they_win_against_a_gap_while_there_is_time():
+    def tried(cells, wins):
+        return Tried((cells,), (1.0,), (0.1,), (1.0,), wins)
+
+    class Games:
+        def play(self, cells, share, against):
+            return tried(cells[0], 0.2 if cells[0] >= 30 else 0.0)
+
+    alone, rounds = [tried(10, 0.2)], [(10,), (20,), (30,), (40,)]
+    assert _held(Games(), list(alone), 0.1, rounds, lambda words: None, np.inf).cells == (30,)
+    assert _held(Games(), list(alone), 0.1, rounds[:2], lambda words: None, np.inf).cells == (10,)
+    assert _held(Games(), list(alone), 0.1, rounds, lambda words: None, 0.0).cells == (10,)
 
 
 @pytest.mark.parametrize("limit", np.linspace(0.5, 3.0, 40))
