@@ -14,6 +14,7 @@ from simgap.gap.assemble import assemble
 from simgap.gap.conformal import Calibration
 from simgap.gap.dimension_fit import fit_from_json
 from simgap.gap.fresh_check import FreshCheck, check_fresh
+from simgap.gap.grain import engine_grain, grain_tier
 from simgap.gap.hidden_state import tolerance_of
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.points import Columns, Points, free_axes, known_radius, remembers
@@ -101,7 +102,9 @@ def gap(context: Context, made: Made) -> Bound:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
     directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
     shifts = _shifts(context, made.points.name, made.borders)
-    deviation = shifts.largest if shifts is not None else None
+    grain = engine_grain(context) if where.known is None else None
+    added = [own for own in (grain, shifts.largest if shifts is not None else None) if own is not None]
+    deviation = np.sum(added, axis=0) if added else None
     result = assemble(where, GapSettings.of(section), fits, known, drawn, directed, deviation)
     x, u, d = _gaps(context, step, made.fresh)
     check_drawn(context, x, u)
@@ -112,7 +115,8 @@ def gap(context: Context, made: Made) -> Bound:
         none_outside(beside)
     memory = (REMEMBERED,) if made.shards and f"least_{names[0]}" in made.shards[0] else ()
     symmetric = (shifts.tier(names),) if shifts is not None else ()
-    tiers = [*confirmed(result.function.tiers, check), *memory, *symmetric, check.tier, beside.tier]
+    blurred = (grain_tier(context, grain),) if grain is not None else ()
+    tiers = [*confirmed(result.function.tiers, check), *memory, *blurred, *symmetric, check.tier, beside.tier]
     function = covering_remainder(result.function.with_tiers(tiers), section.remainder)
     content = result.to_json() | function.to_json()
     eps = known_radius(made.points.name)
