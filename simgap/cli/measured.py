@@ -49,7 +49,7 @@ def diagnose(
             out.rmdir()
         raise
     first, *rest = result.get("sentences", [result["sentence"]])
-    for line in (f"{result['verdict']}: {first}", *rest, f"Report: {out / 'report.html'}"):
+    for line in (f"{result['verdict']}: {first}", *rest, *result["columns"], f"Report: {out / 'report.html'}"):
         Console().print(line, soft_wrap=True, highlight=False, markup=False)
 
 

@@ -41,9 +41,15 @@ class FunctionFile:
         if not path.is_relative_to(folder.resolve()):
             raise UserError(f"'{excerpt(file)}' lies outside the case's folder", key=KEY, remedy="Put it beside it.")
         if not path.is_file():
-            raise UserError("the file of the function does not exist", file=path, remedy="Put it beside the case.")
+            raise UserError(
+                "the file of the function does not exist", file=path, key=KEY, remedy="Put it beside the case."
+            )
         if name not in _defined(path):
-            raise UserError(f"the file has no function '{excerpt(name)}'", file=path, remedy="Check its spelling.")
+            defined = ", ".join(sorted(n for n in _defined(path) if not n.startswith("_"))) or "nothing"
+            raise UserError(
+                f"the file has no function '{excerpt(name)}'", file=path, key=KEY,
+                remedy=f"Check its spelling; it has {excerpt(defined)}.",
+            )  # fmt: skip
         return FunctionFile(path, name)
 
     def digests(self) -> dict[str, str]:

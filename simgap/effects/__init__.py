@@ -6,8 +6,9 @@ the plant backwards, so that a command is delayed, amplified, shifted, loses its
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from typing import Protocol
 
 from simgap import plugins
 from simgap.effects.base import AppliedEffect, CoordinateEffect, Effect, EffectParameter
@@ -25,6 +26,7 @@ __all__ = [
     "MemoryInputEffect",
     "StaticInputEffect",
     "apply_effects",
+    "check_listed",
     "effect",
 ]
 
@@ -64,6 +66,34 @@ def effect(name: str) -> Effect:
     if name not in EFFECTS:
         raise UserError(f"no effect is called '{name}'", remedy=f"Known: {', '.join(EFFECTS)}.")
     return EFFECTS[name]
+
+
+class Declared(Protocol):
+    """An effect as a case declares it."""
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Its numbers by symbol."""
+
+
+def check_listed(declared: Sequence[Declared], key: str) -> None:
+    """Refuse effects of a case that do not exist, or whose numbers are not theirs or not physical.
+
+    Raises:
+        UserError: with the full key, such as simulator.effects.0.parameters.F_c; `key` is that of the list.
+    """
+    for k, added in enumerate(declared):
+        own, inner = f"{key}.{k}", "name"
+        try:
+            kind = effect(added.name)
+            inner = "parameters"
+            kind.check_values(added.parameters)
+        except UserError as error:
+            raise UserError(error.problem, key=f"{own}.{error.key or inner}", remedy=error.remedy) from None
 
 
 def apply_effects(model: SymbolicModel, applied: Iterable[AppliedEffect]) -> SymbolicModel:

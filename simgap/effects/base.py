@@ -169,15 +169,21 @@ class Effect(ABC):
         """
         symbols = [p.symbol for p in self.parameters]
         if set(values) != set(symbols):
-            raise UserError(f"effect '{self.name}' has parameters {symbols}, not {sorted(values)}")
+            raise UserError(
+                f"effect '{self.name}' has parameters {symbols}, not {sorted(values)}", key="parameters",
+                remedy="Give each a number; `simgap effects` lists them with their units.",
+            )  # fmt: skip
         for p in self.parameters:
             if not p.lower <= float(values[p.symbol]) <= p.upper:
                 raise UserError(
                     f"parameter {p.symbol} = {values[p.symbol]} of effect '{self.name}' is not physical",
+                    key=f"parameters.{p.symbol}",
                     remedy=f"It lies in [{p.lower:g}, {p.upper:g}].",
                 )
         if not self.physical(values):
-            raise UserError(f"the parameters {dict(values)} of effect '{self.name}' are not physical together")
+            raise UserError(
+                f"the parameters {dict(values)} of effect '{self.name}' are not physical together", key="parameters"
+            )
 
     def apply(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> SymbolicModel:
         """The model corrected by this effect; its numbers become named parameters of the new model.

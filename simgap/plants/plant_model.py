@@ -11,7 +11,7 @@ from typing import Any
 from simgap.config.case import Case
 from simgap.config.load import load_case
 from simgap.config.plant import PlantSection
-from simgap.effects import EFFECTS, AppliedEffect, apply_effects, effect
+from simgap.effects import AppliedEffect, apply_effects, check_listed, effect
 from simgap.errors import UserError
 from simgap.geometry import Box, Floats
 from simgap.model.drake_system import symbolic_plant
@@ -72,15 +72,20 @@ class PlantModel:
         """The effects that the case adds, in the order in which it lists them.
 
         Raises:
-            UserError: a name that no effect has.
+            UserError: a name that no effect has, or numbers that are not its own.
         """
-        for k, e in enumerate(self.section.effects):
-            if e.name not in EFFECTS:
-                raise UserError(
-                    f"no effect is called '{e.name}'", key=f"plant.effects.{k}.name",
-                    remedy=f"Known: {', '.join(EFFECTS)}.",
-                )  # fmt: skip
+        check_listed(self.section.effects, "plant.effects")
         return tuple(AppliedEffect(e.name, e.on, e.parameters) for e in self.section.effects)
+
+    def _with(self, effects: Sequence[AppliedEffect]) -> SymbolicModel:
+        """The declared plant with these; a mistake is told with the key of the effect."""
+        try:
+            return apply_effects(self.declared, effects)
+        except UserError as error:
+            wrong = (k for k, e in enumerate(self.effects) if e.on not in effect(e.name).targets(self.declared))
+            k = next(wrong, None)
+            key = "plant.effects" if k is None else f"plant.effects.{k}.on"
+            raise UserError(error.problem, key=error.key or key, remedy=error.remedy) from None
 
     @cached_property
     def corrected(self) -> SymbolicModel:
@@ -89,7 +94,7 @@ class PlantModel:
         Raises:
             UserError: an effect that does not fit the plant.
         """
-        return apply_effects(self.declared, self.effects)
+        return self._with(self.effects)
 
     @cached_property
     def carried(self) -> SymbolicModel:
@@ -100,7 +105,7 @@ class PlantModel:
         """
         states = tuple(self.section.states)
         kept = [e for e in self.effects if not effect(e.name).remembers or effect(e.name).memory_state(e.on) in states]
-        model = apply_effects(self.declared, kept)
+        model = self._with(kept)
         if model.state_names != states:
             raise UserError(
                 f"the states are {list(states)}, the plant with its lagged inputs has {list(model.state_names)}",

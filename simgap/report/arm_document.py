@@ -42,6 +42,7 @@ def document(
         "folds": {name: _fold(traces) for name, traces in found.folds.items()},
         "data": [asdict(note) for note in reading.files],
         "candidates": [asdict(s) for s in found.sought],
+        "columns": list(reading.columns),
         "warnings": [*reading.warnings, *look.warnings, *found.warnings],
         "low_pass_hz": found.cut_hz,
         "independent_rows": dict(found.independent),

@@ -73,6 +73,7 @@ def document(
         "data": [asdict(note) for note in reading.files],
         "candidates": [_candidate(c) for c in found.candidates],
         "steps": [asdict(s) for s in found.steps],
+        "columns": list(reading.columns),
         "warnings": [*reading.warnings, *look.warnings, *(w for w in found.warnings if w not in look.warnings)],
         **_judgement(found),
         "noise": dict(found.sigma),

@@ -7,7 +7,7 @@ from typing import Any
 
 from simgap import plugins
 from simgap.config.case import Case
-from simgap.effects import EFFECTS, effect
+from simgap.effects import EFFECTS, check_listed, effect
 from simgap.errors import UserError
 from simgap.simulators.base import Engine, Simulator
 from simgap.simulators.watched import Watch, watched
@@ -62,12 +62,13 @@ def _engine(case: Case, folder: Path) -> type[Engine]:
         raise UserError(
             f"'{section.engine}' is no engine", key="simulator.engine", remedy="Derive it from simgap's Engine."
         )
-    for added in section.effects:
+    check_listed(section.effects, "simulator.effects")
+    for k, added in enumerate(section.effects):
         if not engine.acts_out(effect(added.name)):
             known = ", ".join(name for name, kind in EFFECTS.items() if engine.acts_out(kind)) or "none"
             raise UserError(
                 f"the simulator cannot act out '{added.name}'",
-                key="simulator.effects",
+                key=f"simulator.effects.{k}.name",
                 remedy=f"It takes: {known}. Without it gamma does not cover hardware that has the effect.",
             )
     return engine

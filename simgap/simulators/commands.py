@@ -29,9 +29,11 @@ def command_paths(
     Raises:
         UserError: an effect on an input that the plant does not have.
     """
-    unknown = [e.on for e in effects if isinstance(effect(e.name), InputEffect) and e.on not in values]
-    if unknown:
-        raise UserError(f"{unknown} are not inputs", key="simulator.effects", remedy=f"The inputs are {list(values)}.")
+    for k, e in enumerate(effects):
+        if isinstance(effect(e.name), InputEffect) and e.on not in values:
+            raise UserError(
+                f"'{e.on}' is no input", key=f"simulator.effects.{k}.on", remedy=f"Inputs: {', '.join(values)}."
+            )
     return [CommandPath.of(effects, name, own, known_delay) for name, own in values.items()]
 
 

@@ -89,7 +89,7 @@ def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | 
     u = [sp.Symbol(f"u{k}", real=True) for k in range(plant.nu)]
     applied = [static_path(effects, name, command) for name, command in zip(plant.input_names, u, strict=True)]
     extra: list[sp.Expr] = [sp.Integer(0)] * len(plant.joints)
-    for added in effects:
+    for number, added in enumerate(effects):
         kind = effect(added.name)
         kind.check_values(added.parameters)
         values = {name: sp.Float(value) for name, value in added.parameters.items()}
@@ -99,7 +99,7 @@ def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | 
         elif not (isinstance(kind, StaticInputEffect | DriveEffect) and added.on in plant.input_names):
             raise UserError(
                 f"the simulator cannot apply '{added.name}' on '{added.on}' at each step",
-                key="simulator.effects",
+                key=f"simulator.effects.{number}.on",
                 remedy=f"It takes forces on {list(plant.joints)} and changes of {list(plant.input_names)}.",
             )
     forces = []

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, model_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from simgap.config.function_file import KEY, FunctionFile
 from simgap.config.simulator import EngineSection
@@ -41,21 +41,22 @@ class PythonSettings(EngineSection):
 
     OPTIONAL: ClassVar[tuple[str, ...]] = ()
 
-    @model_validator(mode="after")
-    def _there(self, info: ValidationInfo) -> PythonSettings:
+    @field_validator("function")
+    @classmethod
+    def _there(cls, function: str, info: ValidationInfo) -> str:
         """The file is there and holds the function; said before anything of it runs."""
         folder = (info.context or {}).get("folder")
         if folder is None:
-            return self
+            return function
         try:
-            found = FunctionFile.find(self.function, folder)
+            found = FunctionFile.find(function, folder)
         except UserError as error:
             place = f"{error.file}: " if error.file else ""
             raise ValueError(f"{place}{error.problem}. {error.remedy or ''}".strip()) from None
         if found.path not in _told:
             _told.add(found.path)
             log.warning("the simulator %s is code and runs with your rights", found.path)
-        return self
+        return function
 
 
 class PythonEngine(MapEngine):

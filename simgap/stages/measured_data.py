@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from simgap.config.measured import ColumnMap, MeasuredSection
 from simgap.diagnosis.reading.channels import Channel
+from simgap.diagnosis.reading.column_words import column_words
 from simgap.diagnosis.reading.stamps import TimeRange
 from simgap.diagnosis.reading.traces import Reading, ReadingOptions, read_traces
 from simgap.errors import UserError
@@ -45,7 +47,8 @@ def load_reading(
             read_recording(path, wanted, section.time.column, section.trace_column, display_name(path, relative_to))
             for path in paths
         ]
-        return read_traces(tables, channels, reading_options(section, strict))
+        reading = read_traces(tables, channels, reading_options(section, strict))
+        return replace(reading, columns=column_words(tables, channels, (section.time.column, section.trace_column)))
     except UserError as error:  # results name a file relative to the case, a message as the person typed it
         file = typed.get(str(error.file), error.file if error.file is not None else case)
         raise UserError(error.problem, file=file, key=error.key, remedy=error.remedy) from None

@@ -68,6 +68,7 @@ class Reading:
     held_out: tuple[str, ...]
     warnings: tuple[str, ...] = ()
     origins: Mapping[str, tuple[str, str | None]] = field(default_factory=dict)
+    columns: tuple[str, ...] = ()
 
 
 def read_traces(tables: Sequence[RawTable], channels: Sequence[Channel], options: ReadingOptions) -> Reading:
