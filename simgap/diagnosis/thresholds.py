@@ -298,6 +298,12 @@ the columns as they are, and only where these miss by this much; an input is tak
 misses by less than this share of what it misses without it. Judgement: a wrong unit or column misses by orders of
 magnitude, and so does a mild effect in a record of little noise, which no exchange of columns mends."""
 
+COLUMNS_OUT_OF_SIGHT = 100.0
+"""Possible columns under which the declared model misses by more than so many times the chi^2/dof of the columns as
+they are are not tried with effects beside it. Of records with a wrong unit or column of tests/diagnosis/rigs.py and
+friction up to a hundred times the usual one the right columns missed by at most 6 times as much, wrong units by up to
+10^6 times, at steps 64 times shorter."""
+
 CLEARLY_NEARER, MOST_FOLLOWED = 0.9, 24
 """A set of effects on the simulator is taken in place of what its engine suggests if the simulator then misses the
 recordings by less than this share; so many windows are followed. Judgement: what was found is far above it."""

@@ -301,13 +301,15 @@ def _driven(model: SymbolicModel) -> dict[str, str]:
     )
     free = sorted(every - set(numbers), key=str)  # states, inputs, and parameters of effects that are still open
     draws = np.random.default_rng(0).uniform(0.2, 1.0, (_POINTS, len(free)))
-    points = [numbers | {s: float(v) for s, v in zip(free, at, strict=True)} for at in draws]
+    points = [
+        {s: sp.Float(v) for s, v in {**numbers, **dict(zip(free, map(float, at), strict=True))}.items()} for at in draws
+    ]
     still = {sp.sign(symbol(c.velocity)): sp.Integer(0) for c in model.coordinates}
     for u in model.input_names:  # friction that grows with an input's force leaves it the force that it is
-        pulls = [sp.diff(sp.sympify(e).subs(still), symbol(u)) for e in model.xdot]
+        pulls = [sp.diff(sp.sympify(e).xreplace(still), symbol(u)) for e in model.xdot]
         for c in model.coordinates:
             off = [p - f for p, f in zip(pulls, model.force_map[c.name], strict=True)]
-            if all(abs(sp.N(e.subs(at))) < 1e-9 for at in points for e in off):
+            if all(abs(sp.N(e.xreplace(at))) < 1e-9 for at in points for e in off):
                 found[u] = c.name
     if len(_DRIVEN) >= 16:
         _DRIVEN.clear()

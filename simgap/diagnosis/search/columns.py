@@ -24,7 +24,13 @@ from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import COLUMN_TELLS, COLUMNS_IN_DOUBT, INPUT_TELLS, PLAUSIBLE_RATIO
+from simgap.diagnosis.thresholds import (
+    COLUMN_TELLS,
+    COLUMNS_IN_DOUBT,
+    COLUMNS_OUT_OF_SIGHT,
+    INPUT_TELLS,
+    PLAUSIBLE_RATIO,
+)
 from simgap.notation import joined
 
 Floats = NDArray[np.float64]
@@ -89,23 +95,33 @@ def better_columns(problem: Problem) -> Columns | None:
     """The possibility under which the declared model misses least, if it is better by far than the columns as they are.
 
     A large missing effect hides a wrong unit from the declared model: where no possibility is better by far, each is
-    tried once more with friction, biases and gains that are free. A small factor on an input must also be better by far
-    than no input at all, which it comes near to.
+    tried once more with friction, biases and gains that are free, those out of sight aside. A small factor on an input
+    must also be better by far than no input at all, which it comes near to.
     """
     few = np.unique(np.linspace(0, len(problem.windows) - 1, _WINDOWS).astype(int))
     part = problem.on(problem.windows.pick(few))
-    if _missed(part, np.inf) < COLUMNS_IN_DOUBT:
-        return None
-    return _best(problem, part, _missed) or _best(problem, part, _missed_beside_effects)
-
-
-def _best(problem: Problem, part: Problem, missed: Callable[[Problem, float], float]) -> Columns | None:
-    """The best of the possibilities by a measure of what is missed, with those that do as well in its words."""
-    bar = missed(part, np.inf)
+    bar = _missed(part, np.inf)
     if bar < COLUMNS_IN_DOUBT:
         return None
+    far = COLUMNS_OUT_OF_SIGHT * bar
+    tried = [(option, _missed(option.applied(part), far)) for option in _options(problem)]
+    return _best(part, tried, bar, _missed) or _best_beside_effects(part, [o for o, left in tried if left <= far])
+
+
+def _best_beside_effects(part: Problem, options: Sequence[Columns]) -> Columns | None:
+    """The best of the possibilities with effects that are free."""
+    bar = _missed_beside_effects(part, np.inf)
+    if bar < COLUMNS_IN_DOUBT or not options:
+        return None
     hopeless = _HOPELESS * COLUMN_TELLS * bar
-    tried = [(option, missed(option.applied(part), hopeless)) for option in _options(problem)]
+    tried = [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in options]
+    return _best(part, tried, bar, _missed_beside_effects)
+
+
+def _best(
+    part: Problem, tried: Sequence[tuple[Columns, float]], bar: float, missed: Callable[[Problem, float], float]
+) -> Columns | None:
+    """The best of what was tried, with what does as well in its words; None unless it is better by far than the bar."""
     best, least = tried[0]
     for option, left in tried:
         if left < _LIKE * least:  # a linear plant: input or reading, one and the same
@@ -119,10 +135,15 @@ def _best(problem: Problem, part: Problem, missed: Callable[[Problem, float], fl
     return best.beside([option for option, left in tried if option is not best and left < least / _LIKE])
 
 
-def _missed(part: Problem, hopeless: float) -> float:
-    """chi^2/dof of the declared model, initial states fitted."""
-    part = settled(part)
+def _missed(part: Problem, far: float) -> float:
+    """chi^2/dof of the declared model, initial states fitted; by shorter steps only if it misses by less than `far`.
+
+    Readings a thousand times too large, as speeds, would take the shortest of steps, and miss all the same.
+    """
     at = fit(part, part.model.null, initial_states(part), [], {})
+    fine = part if _per_number(part, at) > far else settled(part)
+    if fine.h_max < part.h_max:
+        at = fit(fine, fine.model.null, initial_states(fine), [], {})
     return _per_number(part, at)
 
 

@@ -16,6 +16,8 @@ def hoist(
         the rewritten expressions, the constants' symbols, and what each constant is.
     """
     known: dict[sp.Expr, sp.Symbol] = {}
+    frees: dict[sp.Basic, set[sp.Basic]] = {}
+    walked: dict[sp.Basic, sp.Basic] = {}
     inner = set(parameters)
 
     def constant(e: sp.Expr) -> sp.Symbol:
@@ -23,16 +25,26 @@ def hoist(
             known[e] = sp.Symbol(f"{prefix}_{len(known)}", real=True)
         return known[e]
 
+    def symbols(e: sp.Basic) -> set[sp.Basic]:
+        if e not in frees:
+            frees[e] = set().union(*map(symbols, e.args)) if e.args else set(e.free_symbols)
+        return frees[e]
+
     def walk(e: sp.Basic) -> sp.Basic:
-        free = e.free_symbols
+        if e not in walked:
+            walked[e] = anew(e)
+        return walked[e]
+
+    def anew(e: sp.Basic) -> sp.Basic:
+        free = symbols(e)
         if not free & inner or not e.args:
             return constant(e) if free and isinstance(e, sp.Symbol) and e in inner else e
         if isinstance(e, sp.Expr) and free <= inner:
             return constant(e)
         if isinstance(e, sp.Add | sp.Mul):
-            alone = [a for a in e.args if a.free_symbols <= inner]
-            rest = [a for a in e.args if not a.free_symbols <= inner]
-            if any(a.free_symbols for a in alone):
+            alone = [a for a in e.args if symbols(a) <= inner]
+            rest = [a for a in e.args if not symbols(a) <= inner]
+            if any(symbols(a) for a in alone):
                 return e.func(constant(e.func(*alone)), *(walk(a) for a in rest))
         return e.func(*(walk(a) for a in e.args))
 

@@ -48,9 +48,10 @@ def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbo
     """Compile xdot over (x, u, constants, signs): the sign of each coordinate's velocity is an argument of its own."""
     speeds = [symbol(c.velocity) for c in plant.coordinates]
     signs = [symbol(f"sign_{k}") for k in range(len(speeds))]
-    swap = {sp.sign(v): s for v, s in zip(speeds, signs, strict=True)} | plant.values()
+    swap = {sp.sign(v): s for v, s in zip(speeds, signs, strict=True)}
+    swap |= {s: sp.Float(v) for s, v in plant.values().items()}
     nx = len(plant.states)
-    split = [sp.sympify(e).subs(swap) for e in (*plant.xdot, *costly.xdot, costly.gate)]
+    split = [sp.sympify(e).xreplace(swap) for e in (*plant.xdot, *costly.xdot, costly.gate)]
     exprs, names, inner = hoist(split[:-1], theta)
     groups = ([v.symbol for v in plant.states], [v.symbol for v in plant.inputs], [symbol("gate"), *names], signs)
     main, rest = compile_kernel(exprs[:nx], groups), compile_kernel(exprs[nx:], groups)
