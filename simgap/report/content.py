@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from simgap.gap.tiers import PROVEN
 from simgap.io.traces import CAREFUL, NOMINAL, ROBUST, SIMULATOR
 from simgap.notation import pretty_unit
 from simgap.report import adversary, tables
@@ -40,6 +41,7 @@ def content(m: Material) -> dict[str, Any]:
         "syntheses": m.syntheses,
         "loops": tables.loops(m),
         "between": between_samples(m),
+        "unproven": unproven(m.gap),
         "hidden": tables.hidden_state(m),
         "unsettled": tables.unsettled(m.gap),
         "validation": m.validation,
@@ -132,6 +134,13 @@ def _careful(m: Material) -> str:
         "Nominal-only controller that minds the path of its model between samples, the fair baseline: "
         f"{kept:,} of {runs:,} runs {words.kept}{outside}."
     )
+
+
+def unproven(gap: Mapping[str, Any]) -> str:
+    """Why the rate within a step is an assumption, as a clause: a bound of whole steps says nothing of it."""
+    if any(tier["text"] == PROVEN.text for tier in gap["guarantee"]):
+        return "is not part of the proof: what is proven is the bound of whole steps"
+    return "samples alone cannot prove"
 
 
 def between_samples(m: Material) -> dict[str, float]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pytest
 import sympy as sp
+import yaml
 
+from simgap.errors import UserError
 from simgap.model.dimensions import rate_mismatch
 from simgap.stages.context import Context
-from simgap.stages.mixed_units import mixed_units, wrong_dimensions
+from simgap.stages.mixed_units import mixed_units, refuse_prefixes, wrong_dimensions
 from simgap.stages.step_length import long_steps
 from simgap.units import dimension
 
@@ -28,12 +30,47 @@ def test_no_case_that_ships_is_told(root):
             assert long_steps(context) == [], path
 
 
-def test_a_parameter_in_grams_is_told_with_its_number_in_kilograms(vary):
-    path = vary("dc_motor", {"plant.symbolic.parameters.J.unit": "g*m^2", "plant.symbolic.parameters.J.value": 100})
+def test_a_parameter_in_another_unit_is_told_with_its_number_in_si(vary):
+    path = vary("dc_motor", {"plant.symbolic.parameters.J.unit": "lb*m^2", "plant.symbolic.parameters.J.value": 100})
     (finding,) = mixed_units(Context.load(path))
     assert finding.key == "plant.symbolic.parameters.J"
-    assert finding.remedy.endswith(": 0.1")
+    assert finding.remedy.endswith(": 45.3592")
     assert mixed_units(Context.load(vary("dc_motor", {}))) == []
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [("plant.inputs.V", "mV"), ("plant.states.i", "mA"), ("plant.symbolic.parameters.J", "g*m^2"),
+     ("plant.symbolic.parameters.R", "kohm")],
+)  # fmt: skip
+def test_a_prefix_beside_si_is_refused(vary, key, unit):
+    with pytest.raises(UserError, match="a factor of 1000 is lost") as refused:
+        refuse_prefixes(Context.load(vary("dc_motor", {f"{key}.unit": unit})))
+    assert refused.value.key == f"{key}.unit"
+
+
+def test_units_with_prefixes_that_make_one_system_are_no_mistake(vary):
+    """A cart in millimetres, kilograms and millinewtons: F = m a holds in their numbers."""
+    plant = {
+        "states": {"x": {"unit": "mm"}, "v": {"unit": "mm/s"}},
+        "inputs": {"F": {"unit": "mN"}},
+        "symbolic": {"parameters": {"m": {"value": 2, "unit": "kg"}}, "dynamics": {"x": "v", "v": "F/m"}},
+    }
+    refuse_prefixes(Context.load(_alone(vary, plant)))
+    plant["inputs"]["F"]["unit"] = "N"
+    with pytest.raises(UserError, match="beside units of another size"):
+        refuse_prefixes(Context.load(_alone(vary, plant)))
+
+
+def _alone(vary, plant):
+    path = vary("dc_motor", {})
+    path.write_text(yaml.safe_dump({"name": path.stem, "plant": plant}, sort_keys=False))
+    return path
+
+
+def test_no_case_that_ships_mixes_prefixes(root):
+    for path in sorted((root / "configs/cases").glob("*.yaml")):
+        refuse_prefixes(Context.load(path))
 
 
 def test_an_inductance_in_ohm_is_told_at_its_equation(vary):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+from simgap.gap.tiers import PROVEN, deterministic_tier
 from simgap.report import tables
-from simgap.report.content import little_won
+from simgap.report.content import little_won, unproven
 
 
 def test_an_influence_that_rises_with_age_is_told_from_a_memory_of_the_robot():
@@ -46,3 +47,10 @@ def test_a_promise_that_ends_beside_its_target_is_no_praise():
     assert "domain.U" in little_won(2)
     assert little_won(3) == ""
     assert little_won(None) == ""  # nowhere to go
+
+
+def test_a_proven_bound_is_not_said_to_rest_on_samples():
+    assert unproven({"guarantee": [deterministic_tier("inflate").to_json()]}) == "samples alone cannot prove"
+    said = unproven({"guarantee": [PROVEN.to_json()]})
+    assert "samples" not in said
+    assert "the bound of whole steps" in said
