@@ -101,6 +101,24 @@ def propose(
 
 
 @app.command()
+def refine(
+    case: CasePath,
+    samples: Annotated[
+        int | None, typer.Option(min=1, help="At most so many, all inputs counted; by default as many as now.")
+    ] = None,
+) -> None:
+    """Find along which states the grid of samples has to be fine, from lines through X, and print its section."""
+    from simgap.cli.progress import progress
+    from simgap.stages import refine as stage
+
+    with progress("building the nominal model") as tell:
+        found = stage.run(case, samples, tell)
+    typer.echo(found.block())
+    for name, then in found.then.items():
+        typer.echo(f"# {name}: within a cell the bound loses {then:.2g} on average, now {found.now[name]:.2g}")
+
+
+@app.command()
 def tutorial(
     out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path(),
 ) -> None:

@@ -35,4 +35,8 @@ def _finer(where: SampleGrid, found: GridLipschitz) -> str:
     """Where samples are missing: along which states, and how many cells there are now."""
     coarse = [(s, n) for s, n, r in zip(where.states, where.grid.cells, found.ratio, strict=True) if r > GATE]
     along = ", ".join(f"{name} (now {count})" for name, count in coarse)
-    return f"more cells along {along}: a smaller grid.eps or half-width" if along else "a smaller grid.eps"
+    return (
+        f"more cells along {along}: a smaller grid.eps or half-width (`simgap refine` says where)"
+        if along
+        else "a smaller grid.eps"
+    )
