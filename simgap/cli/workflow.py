@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import subprocess
 import sys
@@ -19,6 +20,21 @@ from simgap.io.atomic import host, write_text
 from simgap.io.follow import RUN
 
 PACKAGE = Path(__file__).resolve().parents[1]
+
+
+PARTLY = (
+    "--dry-run",
+    "-n",
+    "--until",
+    "--unlock",
+    "--touch",
+    "--summary",
+    "--list",
+    "--rulegraph",
+    "--dag",
+    "--report",
+)
+"""Options of Snakemake with which a run does not end with the page of a case."""
 
 
 class WorkflowFailed(SimgapError):
@@ -52,6 +68,17 @@ def run(
     if others:
         raise UserError("stands in another folder than the first case", file=others[0], remedy="Run it by itself.")
     snakemake(folder, [path.stem for path in files], cores, options)
+    if not any(word.startswith(PARTLY) for word in options):
+        for path in files:
+            _tell_verdict(path.stem)
+
+
+def _tell_verdict(name: str) -> None:
+    """What the page of a case says first, and where it is."""
+    summary, page = Path("results") / name / "summary.json", Path("results") / name / "report.html"
+    if summary.is_file() and page.is_file():
+        verdict = json.loads(summary.read_text())["verdict"]
+        typer.echo("\n".join([f"{name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
 
 
 @app.command()

@@ -80,10 +80,11 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
     if own is None:
         return
     for name, joint in file.joints.items():
-        if differ(joint.damping, own.joint):
+        engine = own.joint + _viscous(case, name)
+        if differ(joint.damping, engine):
             yield Finding(
                 "simulator.damping.joint",
-                f"replaces the damping {joint.damping:g} that the file states for joint '{name}' by {own.joint:g}; the "
+                f"replaces the damping {joint.damping:g} that the file states for joint '{name}' by {engine:g}; the "
                 "nominal model keeps the file's",
                 _agreeing(name, joint.damping, {own.damping for own in file.joints.values()}),
             )
@@ -94,6 +95,12 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
             "file says",
             "Set both to 0, unless the engine as it comes is what you want to measure.",
         )
+
+
+def _viscous(case: Case, joint: str) -> float:
+    """What declared effects damp a joint by, beside the one number of the engine."""
+    effects = case.simulator.effects if case.simulator is not None else ()
+    return sum(e.parameters.get("b", 0.0) for e in effects if e.on == joint and e.name == "viscous_friction")
 
 
 def _agreeing(name: str, own: float, stated: Collection[float]) -> str:

@@ -28,7 +28,7 @@ from simgap.stages.fair_baseline import minding_the_path
 from simgap.stages.measured_check import check_measured
 from simgap.stages.mixed_units import mixed_units, refuse_prefixes, wrong_dimensions
 from simgap.stages.step_length import long_steps
-from simgap.stages.switching_check import sudden
+from simgap.stages.switching_check import stuck, sudden
 from simgap.stages.wheel_sizes import wheel_sizes
 from simgap.synthesis.game import one_input_only
 
@@ -91,7 +91,8 @@ def run(
         affordable(context, found)
     compared = findings is not None
     of_equations = [*mixed_units(context), *wrong_dimensions(context)]
-    of_case = [*of_equations, *heavy_steps(context), *long_steps(context), *of_wheels, *sudden(context)]
+    of_case = [*of_equations, *heavy_steps(context), *long_steps(context), *of_wheels]
+    of_case += [*sudden(context), *stuck(context)]
     result = Checked(found, _cells(context), [*(findings or []), *of_case], compared)
     for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)

@@ -28,6 +28,8 @@ from simgap.synthesis.proposal import SECONDS
 
 ENGINE_STEPS = 240
 """PyBullet's usual steps a second."""
+RUBBING_STEPS = 16
+"""Of the engine within tau where joints rub, at least: a step of it blurs the gap by what the friction does in it."""
 STATES, CELLS = 2500, 40_000
 """Of the first grid of samples, and cells of the first controller. Judgement: a run of a minute or two."""
 
@@ -93,6 +95,7 @@ def _of_urdf(
         "most": MOST_DERIVED,
         "single": len(axes) == 1,
         "damping": _damping(file, axes),
+        "damped": _damped(file, axes),
         "rubs": {a.joint: file.joints[a.joint].friction for a in axes if file.joints[a.joint].friction > 0.0},
     }
     if about["rubs"]:
@@ -107,9 +110,14 @@ def _of_urdf(
 
 
 def _damping(file: ModelFile, axes: list[Axis]) -> float:
-    """Of the joints, where it is the same for all of them: the engine has one number."""
-    stated = {file.joints[a.joint].damping for a in axes}
-    return stated.pop() if len(stated) == 1 else 0.0
+    """Of the joints, the least: the engine has one number, and what others have more is an effect each."""
+    return min(file.joints[a.joint].damping for a in axes)
+
+
+def _damped(file: ModelFile, axes: list[Axis]) -> dict[str, float]:
+    """What joints have beyond the least, without the digits of rounding."""
+    more = {a.joint: float(f"{file.joints[a.joint].damping - _damping(file, axes):.12g}") for a in axes}
+    return {joint: own for joint, own in more.items() if own > 0.0}
 
 
 def _plain(urdf: Path, file: ModelFile, axes: list[Axis], about: Mapping[str, Any]) -> dict[str, Any]:
@@ -117,7 +125,10 @@ def _plain(urdf: Path, file: ModelFile, axes: list[Axis], about: Mapping[str, An
     driven = [a for a in axes if a.driven]
     efforts = {a.drive: file.joints[a.joint].effort or None for a in axes}
     reach, speed = np.array([a.reach for a in axes]), np.full(len(axes), SPEED)
-    needed = {a.drive: _round(float(u)) for a, u in zip(driven, needed_inputs(urdf, axes, reach, speed), strict=True)}
+    needed = {
+        a.drive: _round(float(u) + about["rubs"].get(a.joint, 0.0))
+        for a, u in zip(driven, needed_inputs(urdf, axes, reach, speed), strict=True)
+    }
     nx = 2 * len(axes)
     volume = math.prod(2 * a.reach * 2 * SPEED for a in axes)
     values = 11 if len(axes) == 1 else 3
@@ -166,8 +177,7 @@ def _proposed(
         if joint.velocity:
             room[a.velocity] = (-joint.velocity, joint.velocity)
     try:
-        turning = {a.velocity for a in axes if a.joint in about["rubs"]}
-        found = numbers(case, out, {a.position: a.centre for a in axes}, limits, room, tell, seconds, turning)
+        found = numbers(case, out, {a.position: a.centre for a in axes}, limits, room, tell, seconds, about["rubs"])
     except UserError as error:
         note(f"No controller is asked for yet: {error.problem}. {error.remedy}")
         return {"refused": f"{error.problem}. {error.remedy}"}
@@ -176,7 +186,8 @@ def _proposed(
     note(f"At tau = {own.tau} s, {found.wins}; the case takes {cells} cells.")
     if found.small:
         note(found.small)
-    return {"proposal": found.block(), "substeps": max(1, round(ENGINE_STEPS * own.tau))}
+    least = RUBBING_STEPS if about["rubs"] else 1
+    return {"proposal": found.block(), "substeps": max(least, round(ENGINE_STEPS * own.tau))}
 
 
 def _step(needed: float, effort: float | None, values: int) -> float:

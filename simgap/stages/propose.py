@@ -15,6 +15,7 @@ from simgap.stages.context import Context
 from simgap.synthesis.abstraction import MAX_AXES
 from simgap.synthesis.driven import rounded
 from simgap.synthesis.proposal import SECONDS, Proposal, propose
+from simgap.synthesis.quickened import quickened
 
 ALONG = {1: 200, 2: 40, 3: 10, 4: 10}
 """Cells of the grid of samples along each axis on which the gap may depend, for so many of them. Judgement: on 6 x 6
@@ -93,9 +94,9 @@ def run(path: Path, at: Mapping[str, float], tell: Callable[[str], None], second
 def numbers(
     case: Case, folder: Path, at: Mapping[str, float], limits: Mapping[str, float],
     room: Mapping[str, tuple[float, float]], tell: Callable[[str], None], seconds: float = SECONDS,
-    rubbing: Collection[str] = (),
+    rubs: Mapping[str, float] | None = None,
 ) -> Numbers:  # fmt: skip
-    """Numbers for the plant of a case; the arguments are those of `propose`, and the speeds of joints that rub.
+    """Numbers for the plant of a case; the arguments are those of `propose`, and the dry friction of joints that rub.
 
     Raises:
         UserError: a plant of more states than a controller covers, or one that `propose` refuses.
@@ -109,6 +110,11 @@ def numbers(
     if not case.plant.inputs:
         raise UserError("the plant has no input", key="plant.inputs", remedy="Name the joints that have a drive.")
     found = propose(plant.carried, lambda tau: replace(plant, tau=tau).sampled, at, limits, room, tell, seconds)
+    coordinates = {c.name: c.velocity for c in plant.carried.coordinates}
+    rubbing = {coordinates[joint] for joint in rubs or {}}
+    if rubs:
+        driven = {n: rubs[i.joint] for n, i in case.plant.inputs.items() if i.joint is not None and i.joint in rubs}
+        found = quickened(found, set(coordinates.values()), driven, limits, room)
     kept = [n for n in found.X if n not in found.free]
     along = blocks_along(kept, rubbing) if rubbing else dict.fromkeys(kept, ALONG.get(len(kept), 10))
     widths = {n: rounded((found.X[n][1] - found.X[n][0]) / (2 * along[n])) for n in kept}

@@ -6,10 +6,12 @@ from collections.abc import Callable
 
 import sympy as sp
 
+from simgap.config.gap import LipschitzSection
 from simgap.config.plant import AddedEffect
 from simgap.effects import effect
 from simgap.effects.base import CoordinateEffect
 from simgap.effects.drives import DriveEffect
+from simgap.gap.kinds.blocks import Blocks
 from simgap.simulators.surprises import Finding
 from simgap.stages.context import Context
 
@@ -22,6 +24,8 @@ def sudden(context: Context) -> list[Finding]:
     case = context.case
     if case.simulator is None or case.gap is None or case.domain is None or case.hidden_state is not None:
         return []
+    if isinstance(case.gap.basis, Blocks) and case.gap.lipschitz.rough_limit > LipschitzSection().rough_limit:
+        return []  # made for it
     known = {(own.name, own.on) for own in case.plant.effects}
     return [
         Finding(
@@ -29,12 +33,32 @@ def sudden(context: Context) -> list[Finding]:
             f"{added.name} on {added.on} switches at rest, and the nominal model lacks it: the gap jumps where "
             f"{velocity} changes its sign, and `gap` refuses it if more than {case.gap.lipschitz.rough_limit:g} of the "
             "cells see that",
-            "Declare it in plant.effects too; or let the bound take the jump in, at the controller's cost, with "
-            "gap.lipschitz.rough_limit: 1",
+            "Declare it in plant.effects too; or let the bound take the jump in, with gap.basis: {kind: blocks}, as "
+            "many along that speed as the grid has cells, and gap.lipschitz.rough_limit: 0.5",
         )
         for k, added in enumerate(case.simulator.effects)
         if (added.name, added.on) not in known and (velocity := _jumps_along(context, added)) is not None
     ]
+
+
+def stuck(context: Context) -> list[Finding]:
+    """A finding for each joint whose dry friction in the simulator is more than its input can overcome."""
+    case = context.case
+    if case.simulator is None or case.domain is None:
+        return []
+    found = []
+    for k, added in enumerate(case.simulator.effects):
+        for j, (name, own) in enumerate(case.plant.inputs.items()):
+            most = float(abs(context.input_set[:, j]).max())
+            force = added.parameters.get("F_c", 0.0) if added.name == "coulomb_friction" else 0.0
+            if own.joint != added.on or force < most:
+                continue
+            problem = (
+                f"dry friction of {force:g} at {added.on}, and {name} goes to {most:g}: the input does not move it"
+            )
+            remedy = f"Is it in {own.unit}? Or enlarge domain.U.{name}"
+            found.append(Finding(f"simulator.effects.{k}", problem, remedy))
+    return found
 
 
 def _jumps_along(context: Context, added: AddedEffect) -> str | None:

@@ -73,10 +73,22 @@ NUMBERS = Numbers(
 )  # fmt: skip
 
 
+def test_joints_with_dampings_of_their_own_keep_them(root, tmp_path):
+    """The engine has one number for all joints; what another has more is an effect, and `check` finds nothing left."""
+    text = (root / "configs/models/cart_pole.urdf").read_text()
+    first, second = re.subn(r'damping="[0-9.]*"', 'damping="0.3"', text, count=1)[0].split("</joint>", 1)
+    (tmp_path / "cart.urdf").write_text(first + "</joint>" + re.sub(r'damping="[0-9.]*"', 'damping="0.02"', second))
+    case = new.run("cart", tmp_path / "cart.urdf", tmp_path, inputs=["rail"], seconds=1.0)
+    simulator = Context.load(case).case.simulator
+    assert simulator.damping.joint == 0.02
+    assert [(e.name, e.on, e.parameters) for e in simulator.effects] == [("viscous_friction", "rail", {"b": 0.28})]
+    assert not [found for found in check.run(case).findings if "replaces the damping" in found.problem]
+
+
 def test_an_arm_that_rubs_has_fine_cells_along_its_speeds(root, tmp_path, monkeypatch):
     def numbers(*given):
         own = replace(NUMBERS, half_widths={"q2": 0.02, "v1": 0.1, "v2": 0.0625}, blocks=(1, 10, 10, 24))
-        return own if set(given[-1]) == {"v2"} else None
+        return own if given[-1] == {"elbow": 0.02} else None
 
     monkeypatch.setattr(new, "numbers", numbers)
     text = (root / "configs/models/two_link.urdf").read_text()
@@ -93,7 +105,7 @@ def test_a_case_of_four_states_has_the_numbers_that_were_found(root, tmp_path, m
     """The search itself is tested in tests/synthesis/test_proposal.py; here is what the case makes of it."""
     asked, notes = [], []
 
-    def numbers(case, folder, at, limits, room, tell, seconds, rubbing):
+    def numbers(case, folder, at, limits, room, tell, seconds, rubs):
         asked.append((at, limits, room))
         return NUMBERS
 
