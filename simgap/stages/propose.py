@@ -14,7 +14,8 @@ from simgap.plants.plant_model import PlantModel
 from simgap.stages.context import Context
 from simgap.synthesis.abstraction import MAX_AXES
 from simgap.synthesis.driven import GUESS, rounded
-from simgap.synthesis.proposal import SECONDS, Proposal, propose
+from simgap.synthesis.proposal import SECONDS, propose
+from simgap.synthesis.proposal_games import Proposal
 
 ALONG = {1: 200, 2: 40, 3: 10, 4: 10}
 """Cells of the grid of samples along each axis on which the gap may depend, for so many of them. Judgement: on 6 x 6
