@@ -14,7 +14,8 @@ from simgap.plants.plant_model import PlantModel
 from simgap.stages.context import Context
 from simgap.synthesis.abstraction import MAX_AXES
 from simgap.synthesis.driven import rounded
-from simgap.synthesis.proposal import SECONDS, Proposal, propose
+from simgap.synthesis.proposal import SECONDS, propose
+from simgap.synthesis.proposal_games import Proposal
 from simgap.synthesis.quickened import quickened
 
 ALONG = {1: 200, 2: 40, 3: 10, 4: 10}

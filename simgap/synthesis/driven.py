@@ -28,6 +28,7 @@ from simgap.synthesis.intersample import Flow, excursion, flow_of
 from simgap.synthesis.posture import Posture
 from simgap.synthesis.product import Kernel
 from simgap.synthesis.synthesise import Problem
+from simgap.synthesis.unmoved import check_room, check_strength
 
 TURN, LONGEST = 0.7, 0.1
 """Sampling time: of 1 / the fastest rate of the linear model, and s at most. Judgement."""
@@ -79,6 +80,7 @@ def driven(
         UserError: nothing is won, with what stands in the way.
     """
     tau = rounded(min(LONGEST, TURN / posture.rate))
+    check_room([c.position for c in model.coordinates], np.full(2, FARTHEST), room)
     own, flow, reason = sampled(tau), flow_of(model), "no torques were tried within the time"
     names, axes = model.state_names, [(c.position, c.velocity) for c in model.coordinates]
     gains = np.abs(posture.b[[names.index(v) for _, v in axes]]).max(axis=0)
@@ -89,6 +91,7 @@ def driven(
         )  # fmt: skip
     most = np.array([limits.get(n, math.inf) - abs(u) for n, u in zip(model.input_names, posture.u, strict=True)])
     size = _size(own, posture, gains, axes, names, tau)
+    check_strength(model.input_names, most, size / np.sqrt(gains))
     scale = min(size, float((most * np.sqrt(gains)).min()))
     best: Driven | None = None
     for _ in range(TIMES):

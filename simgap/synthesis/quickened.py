@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from simgap.errors import UserError
 from simgap.synthesis.driven import rounded
-from simgap.synthesis.proposal import Proposal
+from simgap.synthesis.proposal_games import Proposal
 
 TIMES = 7.0
 """Largest input over the dry friction that it has to overcome, at least. A two-link arm with 7 and 21 wins .84 of its

@@ -19,7 +19,7 @@ from simgap.stages.context import Context
 from simgap.stages.new_joints import _centre, axes_of, drives, needed_inputs
 from simgap.stages.new_wheels import wheels_of
 from simgap.stages.propose import Numbers, blocks_along
-from simgap.synthesis.proposal import Proposal
+from simgap.synthesis.proposal_games import Proposal
 
 
 def controlled(case, folder):

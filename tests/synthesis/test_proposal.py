@@ -11,7 +11,8 @@ from simgap.stages.propose import Numbers
 from simgap.synthesis.driven import rounded
 from simgap.synthesis.posture import posture_of
 from simgap.synthesis.proportions import proportions
-from simgap.synthesis.proposal import HELD, WINS, Tried, _held, _Search, propose
+from simgap.synthesis.proposal import HELD, WINS, _held, propose
+from simgap.synthesis.proposal_games import Search, Tried
 
 
 def pendulum(top=True, push=3.0):
@@ -99,7 +100,7 @@ def test_cells_that_win_alone_are_refined_until_they_win_against_a_gap_while_the
 def test_values_that_are_rounded_up_stay_within_what_the_drive_gives(limit):
     """A step of two digits, times half of the values: rounded up it may pass a limit just above what is needed."""
     model = pendulum()
-    search = _Search(model, sampled(model)(0.05), posture_of(model, {}), None, {"u": limit}, {})
+    search = Search(model, sampled(model)(0.05), posture_of(model, {}), None, {"u": limit}, {})
     for half in (limit, limit * 0.998, limit * 0.97):
         assert search._step(0, half, 15, False) * 7 <= limit
 
@@ -116,6 +117,48 @@ def test_postures_that_do_not_rest_are_refused_with_what_moves():
     held = posture_of(pendulum(top=False), {"q": 0.5})
     assert held.u[0] == pytest.approx(14.715 * np.sin(0.5) / 3.0)
     assert held.rate == pytest.approx(np.sqrt(14.715 * np.cos(0.5)))
+
+
+def test_an_input_that_moves_nothing_is_named():
+    model = pendulum(push=0.0)
+    with pytest.raises(UserError, match="u moves nothing at this posture") as refused:
+        propose(model, sampled(model), {}, {}, {})
+    assert refused.value.key == "plant.inputs.u"
+
+
+@pytest.mark.parametrize("top", [True, False])
+@pytest.mark.parametrize(("push", "limit"), [(3.0, 1e-6), (3e-6, 1.0)])
+def test_inputs_that_move_next_to_nothing_are_the_reason_for_an_X_without_size(top, push, limit):
+    model = pendulum(top, push)
+    with pytest.raises(UserError, match="the inputs move next to nothing: u ") as refused:
+        propose(model, sampled(model), {}, {"u": limit}, {})
+    assert refused.value.key == "domain.U"
+
+
+def test_a_state_without_room_is_the_reason_for_an_X_without_size():
+    model = pendulum()
+    with pytest.raises(UserError, match="q has no room: its limits are -1e-05 and 1e-05") as refused:
+        propose(model, sampled(model), {}, {}, {"q": (-1e-5, 1e-5)})
+    assert refused.value.key == "domain.X.q"
+
+
+def test_an_arm_of_two_motors_has_the_same_reasons():
+    model = arm()
+    with pytest.raises(UserError, match="the inputs move next to nothing"):
+        propose(model, sampled(model), {}, {"u1": 1e-6, "u2": 1e-6}, {})
+    with pytest.raises(UserError, match="q1 has no room"):
+        propose(model, sampled(model), {}, {"u1": 0.5, "u2": 3.0}, {"q1": (-1e-5, 1e-5)})
+
+
+def test_equations_that_are_in_other_units_are_told_from_ones_that_no_input_moves():
+    v, u = symbol("v"), symbol("u")
+    states = (Variable("q", "rad"), Variable("v", "rad/s"))
+    still = SymbolicModel(states, (Variable("u", "N*m"),), {}, (1e-9 * v, 1e-9 * u), (Coordinate("hinge", "q", "v"),))
+    with pytest.raises(UserError, match="left to itself the plant all but stands still"):
+        propose(still, sampled(still), {}, {}, {})
+    apart = SymbolicModel(states, (Variable("u", "N*m"),), {}, (u, v), ())
+    with pytest.raises(UserError, match="what v does is moved by no input"):
+        propose(apart, sampled(apart), {}, {}, {})
 
 
 def test_two_digits():

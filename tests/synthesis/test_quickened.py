@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.synthesis.proposal import Proposal
+from simgap.synthesis.proposal_games import Proposal
 from simgap.synthesis.quickened import TIMES, quickened
 
 SLOW = Proposal(
