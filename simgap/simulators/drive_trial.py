@@ -11,8 +11,8 @@ from simgap.config.case import Case
 from simgap.simulators.wheeled_engine import WheeledEngine
 
 LONG = 2.0
-"""Seconds that a command is held, s: motors of the shipped robots need up to half a second, and a tenth of their torque
-takes them to a third of their speed in this time. What is told apart by it: docs/turtlebot.md."""
+"""How long a command is held, s: motors of the shipped robots need up to half a second, and with a twentieth of their
+torque they come to a third of their speed in this time."""
 
 
 @dataclass(frozen=True)
