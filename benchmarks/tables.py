@@ -13,6 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from strange_table import strange
+
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 HIDDEN = ("ks_p", "refused", "log-likelihood lost by scipy")
@@ -288,6 +290,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "recording_faults": ("recording_faults.json", recording_faults),
     "diagnosis_cost": ("diagnosis_cost.json", diagnosis_cost),
     "long_record": ("long_record.json", long_record),
+    "strange": ("strange.json", strange),
     "faults": ("fuzz.json", faults),
     "suprema": ("../../results/pendulum/summary.json", suprema),
 }
