@@ -75,7 +75,7 @@ def main() -> None:
     head = f"{'program':10}{'samples':>10}{'seconds':>9}{'cpu s':>7}{'rounds':>8}{'rows':>6}"
     print(f"{head}{'optimum':>14}{'violation':>11}")
     for name, target in (("unsigned", np.abs(gap(x, U))), ("upper", gap(x, U)), ("lower", -gap(x, U))):
-        result, seconds, worked = timed(Design(basis, x, U), target)
+        result, seconds, worked = timed(Design.of(basis, x, U), target)
         numbers = f"{result.samples:>10,}{seconds:>9.2f}{worked:>7.2f}{result.rounds:>8}{result.working_set:>6}"
         print(f"{name:10}{numbers}{result.optimum:>14.8g}{result.worst_violation:>11.2g}")
         record[name] = {"seconds": seconds, "cpu_s": worked, **result.to_json()}
@@ -93,7 +93,7 @@ def compare(basis: Basis, x: Floats, rows: int) -> dict[str, float]:
     """Both ways on evenly spread states, about `rows` rows."""
     part = x[:: max(1, len(x) * len(U) // rows)]
     target = np.abs(gap(part, U))
-    design = Design(basis, part, U)
+    design = Design.of(basis, part, U)
     result, fast, _ = timed(design, target)
     optimum, slow = full(design, target)
     apart = abs(result.optimum - optimum) / float(np.abs(target).max())

@@ -61,11 +61,11 @@ def program(context: Context, objective: str) -> Callable[[Floats], Floats]:
     """The least q.p(u) above targets (M,), as the pendulum's sides are fitted."""
     v, w = context.inputs
     basis = Basis((f"{v}^2", f"{w}^2", f"{v}*{w}", v, w, "1"), tuple(context.states), tuple(context.inputs))
-    design = Design(basis, np.zeros((1, len(context.states))), context.input_set)
+    design = Design.of(basis, np.zeros((1, len(context.states))), context.input_set)
 
     def above(target: Floats) -> Floats:
         found = solve_scenario(design, target[None], objective)
-        return design.product(found.coefficients)[0] + found.worst_violation
+        return design.product(found.coefficients).whole()[0] + found.worst_violation
 
     return above
 

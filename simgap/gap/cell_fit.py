@@ -16,6 +16,7 @@ from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.tiers import directed_words, guarantee
+from simgap.gap.values import Combined, Joined, Values
 from simgap.geometry import Floats, Grid
 
 
@@ -70,12 +71,12 @@ def fit_blocks(samples: DimensionSamples, settings: GapSettings) -> BlockFit:
         of_row = member
         if directed is not None:
             beside, risen = _beside(samples, directed, settings, up)
-            padded, factor = np.concatenate([padded, beside]), max(factor, risen)
+            padded, factor = Joined(padded, beside), max(factor, risen)
             of_row = np.concatenate([member, member[samples.where.grid.index(directed.x)]])
-        if not per_input:
-            padded = padded.max(axis=1, keepdims=True)
-        tables[up] = np.full((int(np.prod(counts)), padded.shape[1]), -np.inf)
-        np.maximum.at(tables[up], of_row, padded)
+        tables[up] = np.full((int(np.prod(counts)), padded.shape[1] if per_input else 1), -np.inf)
+        for first, last in padded.blocks():
+            own = padded.rows(first, last)
+            np.maximum.at(tables[up], of_row[first:last], own if per_input else own.max(axis=1, keepdims=True))
         rough = max(rough, share)
     return BlockFit(tables[True], tables[False], rough, 0 if directed is None else len(directed.x), factor)
 
@@ -87,7 +88,7 @@ def _beside(samples: DimensionSamples, directed: Directed, settings: GapSettings
     where, target, at = samples.where, samples.side(up), directed.side(up)
     cells = where.grid.index(directed.x)
     along, across = LocalPadding(target, where.grid, where.free, samples.floor).along(Beside(cells, directed.fixed))
-    factor = float(((at - target[cells]) / np.maximum(across, samples.floor)).max())
+    factor = float(((at - target.take(cells)) / np.maximum(across, samples.floor)).max())
     return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
 
 
@@ -127,7 +128,7 @@ def _reach(where: SampleGrid, settings: GapSettings, known: DimensionLipschitz) 
     return float(known.grid.euclidean * np.linalg.norm(h))
 
 
-def _locally_padded(samples: DimensionSamples, settings: GapSettings, up: bool) -> tuple[Floats, float]:
+def _locally_padded(samples: DimensionSamples, settings: GapSettings, up: bool) -> tuple[Values, float]:
     """(N, M) target of one side, with its local padding if that is the case's, and the share of rough cells."""
     from simgap.gap.padding import local_padding
 
@@ -135,7 +136,7 @@ def _locally_padded(samples: DimensionSamples, settings: GapSettings, up: bool) 
     if settings.padding != "inflate":
         return target, 0.0
     pad, share = local_padding(samples, up).of_target()
-    return target + pad, share
+    return Combined(np.add, (target, pad)), share
 
 
 def _counts(where: SampleGrid, settings: GapSettings) -> tuple[tuple[int, ...], bool]:

@@ -21,6 +21,7 @@ from simgap.gap.linear_fit import basis_of, blank_form
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.tiers import Tier
+from simgap.gap.values import Centres, Combined
 from simgap.geometry import Floats
 from simgap.split_conformal import fewest, reach
 
@@ -71,10 +72,11 @@ def fit_centre(samples: DimensionSamples, settings: GapSettings) -> CentreFit:
             remedy="Use scenario or envelope.",
         )
     basis = basis_of(samples.where, settings)
-    design = Design(basis, samples.where.grid.centres(), samples.where.inputs)
+    design = Design(basis, Centres(samples.where.grid), samples.where.inputs)
     d = samples.side(upper=True)
     q = design.least_squares(d) if settings.signed else np.zeros(basis.size)
-    scale = float(np.sqrt(np.mean((d - design.product(q)) ** 2)))
+    squares = Combined(lambda own, fitted: (own - fitted) ** 2, (d, design.product(q)))
+    scale = float(np.sqrt(squares.mean()))
     return CentreFit(basis.terms, q, scale if scale > 0.0 else 1.0)
 
 

@@ -47,8 +47,8 @@ def fit_envelope(samples: DimensionSamples, settings: GapSettings) -> NodeFit:
     kept = _kept(samples.where, settings)
     flat = np.ravel_multi_index(tuple(k.ravel() for k in np.meshgrid(*kept, indexing="ij")), samples.where.grid.cells)
     numerical = samples.floor / 16.0
-    lower = samples.d[flat] - numerical
-    upper = (samples.d if samples.d_upper is None else samples.d_upper)[flat] + numerical
+    lower = samples.d.take(flat) - numerical
+    upper = samples.ends[-1].take(flat) + numerical
     if not settings.signed:
         upper = np.maximum(upper, -lower)
         lower = -upper

@@ -21,6 +21,7 @@ from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import PaddedSide, SideFit, padded
 from simgap.gap.tiers import Tier, directed_words, guarantee
+from simgap.gap.values import Centres
 from simgap.geometry import Box
 
 Sides = dict[str, PaddedSide]
@@ -87,7 +88,7 @@ def fit_linear(samples: DimensionSamples, settings: GapSettings) -> LinearFit:
 
     where = samples.where
     basis = basis_of(where, settings)
-    design, blank = Design(basis, where.grid.centres(), where.inputs), blank_form(basis, where)
+    design, blank = Design(basis, Centres(where.grid), where.inputs), blank_form(basis, where)
     upper, lower = samples.side(upper=True), samples.side(upper=False)
     asked = {"upper": [upper], "lower": [lower]} if settings.signed else {"both": [upper, lower]}
     own = samples.beside
@@ -97,6 +98,7 @@ def fit_linear(samples: DimensionSamples, settings: GapSettings) -> LinearFit:
             SideProblem(
                 design, targets, where.grid, where.free, samples.floor, blank, own,
                 [own.side(up) for up in beside[name]] if own is not None else (), enclosed(samples, beside[name]),
+                samples.room,
             ),
             settings,
         )

@@ -18,7 +18,7 @@ residual, from the samples themselves. The other two never enter the program and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -27,11 +27,12 @@ import numpy as np
 from simgap.gap.design import Design
 from simgap.gap.forms import Form
 from simgap.gap.lipschitz.enclosed import EnclosedPadding
-from simgap.gap.lipschitz.local import Beside, LocalPadding
+from simgap.gap.lipschitz.local import Beside, Fit, LocalPadding
 from simgap.gap.samples import DimensionSamples, Directed
 from simgap.gap.scenario import solve_scenario
 from simgap.gap.settings import GapSettings
 from simgap.gap.side import SideFit, numerical, with_coefficients
+from simgap.gap.values import Centres, Combined, Held, Joined, Room, Values, largest_of
 from simgap.geometry import Floats, Grid
 
 _PASSES = 5
@@ -41,11 +42,12 @@ _PASSES = 5
 class SideProblem:
     """What one side needs: targets [(N, M), ...] that q.p must cover, and where they were sampled.
 
-    `directed` are samples beside the grid, with their own targets [(E, M), ...] in the same order.
+    `directed` are samples beside the grid, with their own targets [(E, M), ...] in the same order; `room` is where
+    paddings are kept.
     """
 
     design: Design
-    targets: Sequence[Floats]
+    targets: Sequence[Values]
     grid: Grid
     free: tuple[int, ...]
     floor: float
@@ -53,10 +55,11 @@ class SideProblem:
     directed: Directed | None = None
     beside_targets: Sequence[Floats] = ()
     enclosed: Sequence[EnclosedPadding] = ()  # of the targets, for a gap that is known in closed form
+    room: Room = Held.room
 
     def local(self) -> list[LocalPadding]:
         """Local paddings of the targets."""
-        return [LocalPadding(t, self.grid, self.free, self.floor) for t in self.targets]
+        return [LocalPadding(t, self.grid, self.free, self.floor, self.room) for t in self.targets]
 
     def beside(self, directed: Directed) -> Beside:
         """Where the samples beside the grid lie."""
@@ -66,15 +69,19 @@ class SideProblem:
         """The problem whose design has the samples beside the grid as further rows."""
         if self.directed is None:
             return self
-        x = np.concatenate([self.design.x, self.directed.x])
-        return replace(self, design=Design(self.design.basis, x, self.design.u))
+        return replace(self, design=replace(self.design, x=Joined(self.design.x, self.directed.x)))
 
     @property
-    def every_target(self) -> list[Floats]:
+    def every_target(self) -> list[Values]:
         """Targets of all rows of the design."""
-        if len(self.design.x) == self.grid.size:
+        if self.design.shape[0] == self.grid.size:
             return list(self.targets)
-        return [np.concatenate(pair) for pair in zip(self.targets, self.beside_targets, strict=True)]
+        return [Joined(*pair) for pair in zip(self.targets, self.beside_targets, strict=True)]
+
+    def fit(self, q: Floats) -> Fit:
+        """q.p at the samples of the grid, as a padding needs it."""
+        design, form = replace(self.design, x=Centres(self.grid)), with_coefficients(self.blank, q)
+        return Fit(design.product(q), lambda j: design.slope(q, j), form.hessian_bound)
 
 
 class TargetPadding(Protocol):
@@ -84,10 +91,10 @@ class TargetPadding(Protocol):
     def axes(self) -> tuple[int, ...]:
         """Axes along which the gap may change."""
 
-    def of_target(self) -> tuple[Floats, float]:
+    def of_target(self) -> tuple[Values, float]:
         """Padding of t itself: (N, M), and the share of rough cells."""
 
-    def of_residual(self, values: Floats, slope: Callable[[int], Floats], curvature: Floats) -> tuple[Floats, float]:
+    def of_residual(self, fit: Fit) -> tuple[Values, float]:
         """Padding of t - q.p: (N, M), and the share of rough cells."""
 
 
@@ -112,7 +119,7 @@ def local_padding(samples: DimensionSamples, upper: bool) -> TargetPadding:
     known = enclosed(samples, [upper])
     if known:
         return known[0]
-    return LocalPadding(samples.side(upper), samples.where.grid, samples.where.free, samples.floor)
+    return LocalPadding(samples.side(upper), samples.where.grid, samples.where.free, samples.floor, samples.room)
 
 
 def fit_side(problem: SideProblem, settings: GapSettings) -> SideFit:
@@ -128,7 +135,7 @@ def fit_side(problem: SideProblem, settings: GapSettings) -> SideFit:
 def _solved(problem: SideProblem, settings: GapSettings) -> SideFit:
     if settings.padding == "inflate":
         return _inflate(problem, settings)
-    target = np.maximum.reduce(problem.every_target)
+    target = largest_of(tuple(problem.every_target))
     result = solve_scenario(problem.design, target, settings.objective, settings.slack)
     return SideFit(result, 0.0, 0.0, result.worst_violation, 1, 0.0)
 
@@ -140,22 +147,21 @@ def _shortfall(problem: SideProblem, directed: Directed, settings: GapSettings, 
     allow across the surface (1 or less: they said the truth).
     """
     q, beside = fit.scenario.coefficients, problem.beside(directed)
-    form, values = with_coefficients(problem.blank, q), problem.design.product(q)
-    there = Design(problem.design.basis, directed.x, problem.design.u).product(q)
-    slopes = {j: problem.design.slope(q, j) for j in range(len(problem.grid.cells)) if j not in problem.free}
+    form, known = with_coefficients(problem.blank, q), problem.fit(q)
+    there = Design.of(problem.design.basis, directed.x, problem.design.u).product(q).whole()
     short, factor = -np.inf, 0.0
     for own, at, target in zip(problem.local(), problem.beside_targets, problem.targets, strict=True):
-        along, across = own.along(beside, slopes.__getitem__, form.hessian_bound)
+        along, across = own.along(beside, known)
         needed = at + (along if settings.padding == "inflate" else 0.0)
         short = max(short, float((needed - there).max()) - fit.missing - numerical(form, problem.floor))
-        risen = (at - there) - (target - values)[beside.cells]
+        risen = (at - there) - (target.take(beside.cells) - known.values.take(beside.cells))
         factor = max(factor, float((risen / np.maximum(across, problem.floor)).max()))
     return short, factor
 
 
 def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
     n, targets = problem.grid.size, problem.every_target
-    plain = np.maximum.reduce(targets)
+    plain = largest_of(tuple(targets))
     estimated = problem.local()
     local: Sequence[TargetPadding] = problem.enclosed or estimated
     result = solve_scenario(problem.design, plain, settings.objective, settings.slack)
@@ -163,19 +169,18 @@ def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
     fits: list[tuple[float, SideFit]] = []
     for count in range(1, _PASSES + 1):
         q = result.coefficients
-        values, form = problem.design.product(q), with_coefficients(problem.blank, q)
-        slopes = {j: problem.design.slope(q, j)[:n] for j in local[0].axes}
-        pads = [padding.of_residual(values[:n], slopes.__getitem__, form.hessian_bound) for padding in local]
-        top = max(float(pad.max()) for pad, _ in pads)
+        values, known, form = problem.design.product(q), problem.fit(q), with_coefficients(problem.blank, q)
+        pads = [padding.of_residual(known) for padding in local]
+        top = max(pad.ends()[1] for pad, _ in pads)
         mean = float(np.mean([pad.mean() for pad, _ in pads]))
         rough = max(share for _, share in pads)
         every = [pad for pad, _ in pads]
-        if problem.directed is not None and len(values) > n:
+        if problem.directed is not None and problem.design.shape[0] > n:
             beside = problem.beside(problem.directed)
-            moved = [own.along(beside, slopes.__getitem__, form.hessian_bound)[0] for own in estimated]
-            every = [np.concatenate(pair) for pair in zip(every, moved, strict=True)]
-        padded = np.maximum.reduce([t + pad for t, pad in zip(targets, every, strict=True)])
-        missing = float((padded - values).max())
+            moved = [own.along(beside, known)[0] for own in estimated]
+            every = [Joined(*pair) for pair in zip(every, moved, strict=True)]
+        padded = largest_of(tuple(Combined(np.add, pair) for pair in zip(targets, every, strict=True)))
+        missing = Combined(np.subtract, (padded, values)).ends()[1]
         reached = float(getattr(result, goal)) + (missing + numerical(form, problem.floor))
         fits.append((reached, SideFit(result, top, mean, missing, count, rough)))
         if abs(missing) <= 1e-2 * top or count == _PASSES:

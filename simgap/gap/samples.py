@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from simgap.errors import UserError
 from simgap.gap.closed_form import CellRanges, ClosedFormGap
 from simgap.gap.function import GapDomain
+from simgap.gap.values import Combined, Held, Room, Values, values
 from simgap.geometry import Floats, Grid
 
 
@@ -91,7 +92,7 @@ class Directed:
 class DimensionSamples:
     """The signed gap of one dimension: d (N, M), and d_upper where hidden states of the simulator spread it.
 
-    `directed` are samples beside those of the grid.
+    `directed` are samples beside those of the grid; `room` is where more numbers of their kind are kept.
 
     Raises:
         UserError: for shapes that do not fit or values that are not finite.
@@ -99,15 +100,22 @@ class DimensionSamples:
 
     where: SampleGrid
     i: int
-    d: Floats
-    d_upper: Floats | None = None
+    d: Values
+    d_upper: Values | None = None
     directed: Directed | None = None
+    room: Room = Held.room
 
     def __post_init__(self) -> None:
-        _check((self.where.grid.size, len(self.where.inputs)), {"d": self.d, "d_upper": self.d_upper})
+        shape = self.where.grid.size, len(self.where.inputs)
+        for own in self.ends:
+            if own.shape != shape:
+                raise UserError(f"the gap samples have shape {own.shape}, not {shape}")
+            for block in own.blocks():
+                part = own.rows(*block)
+                _check(part.shape, {"d": part})
 
     @property
-    def ends(self) -> tuple[Floats, ...]:
+    def ends(self) -> tuple[Values, ...]:
         """The gap, (N, M); both ends of its range where it has one."""
         return (self.d,) if self.d_upper is None else (self.d, self.d_upper)
 
@@ -137,18 +145,18 @@ class DimensionSamples:
                 remedy="Leave out `symmetry`, or say simulator.slopes: sampled.",
             )  # fmt: skip
         found = self.where.known.ranges(self.i, self.where.grid, self.where.inputs)
-        found.check_samples(self.d, self.where.states[self.i])
+        found.check_samples(self.d.whole(), self.where.states[self.i])
         return found
 
-    def side(self, upper: bool) -> Floats:
+    def side(self, upper: bool) -> Values:
         """(N, M) what one side has to cover: d for `hi`, -d for `-lo`."""
-        values = self.d if self.d_upper is None or not upper else self.d_upper
-        return np.ascontiguousarray(values if upper else -values)
+        own = self.d if self.d_upper is None or not upper else self.d_upper
+        return own if upper else Combined(np.negative, (own,))
 
     @cached_property
     def largest(self) -> float:
         """Largest sampled |d|."""
-        return max(abs(float(end)) for values in self.ends for end in (values.min(), values.max()))
+        return max(abs(end) for own in self.ends for end in own.ends())
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,16 +196,17 @@ class GapSamples:
 
     def dimension(self, i: int) -> DimensionSamples:
         """The samples of one dimension."""
-        upper = None if self.d_upper is None else self.d_upper[:, :, i]
-        return DimensionSamples(self.where, i, self.d[:, :, i], upper, self.directed[i] if self.directed else None)
+        upper = None if self.d_upper is None else values(self.d_upper[:, :, i])
+        beside = self.directed[i] if self.directed else None
+        return DimensionSamples(self.where, i, values(self.d[:, :, i]), upper, beside)
 
 
 def _check(shape: tuple[int, ...], given: dict[str, Floats | None]) -> None:
-    for name, values in given.items():
-        if values is not None and values.shape != shape:
-            raise UserError(f"the gap samples {name} have shape {values.shape}, not {shape}")
-        if values is not None and not np.isfinite(values).all():
+    for name, own in given.items():
+        if own is not None and own.shape != shape:
+            raise UserError(f"the gap samples {name} have shape {own.shape}, not {shape}")
+        if own is not None and not np.isfinite(own).all():
             raise UserError(
-                f"{int((~np.isfinite(values)).sum())} gap samples are not finite",
+                f"{int((~np.isfinite(own)).sum())} gap samples are not finite",
                 remedy="A roll-out diverged: lower tau or add sub-steps.",
             )

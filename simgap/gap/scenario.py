@@ -19,13 +19,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgap.errors import UserError
 from simgap.gap.design import Design
+from simgap.gap.scan import outermost, scan
+from simgap.gap.values import Combined, Rows, Values, values
 from simgap.geometry import Floats
 
-Rows = NDArray[np.int64]
 _ADD = 96  # rows that join in a round, from each kind
 _ROUNDS = 60
 _REPORTED = ("optimum", "mean", "sup", "worst_violation", "rounds", "working_set", "samples", "objective", "status")
@@ -71,19 +71,21 @@ class _Scaled:
 
     design: Design
     start: Floats  # least-squares coefficients
-    target: Floats  # (N, M)
+    target: Values  # (N, M)
     unit: float
     reach: float  # no feasible solution lies outside |y| <= reach
     level: float  # largest |target|
 
     @staticmethod
-    def of(design: Design, target: Floats) -> _Scaled:
+    def of(design: Design, target: Values) -> _Scaled:
         start = design.least_squares(target)
-        fitted = design.product(start)
-        level = float(np.abs(target).max())
-        residual = float(np.abs(target - fitted).max())
+        product, level, largest, residual = design.product(start), 0.0, 0.0, 0.0
+        for block in target.blocks():
+            wanted, fitted = target.rows(*block), product.rows(*block)
+            level, largest = max(level, float(np.abs(wanted).max())), max(largest, float(np.abs(fitted).max()))
+            residual = max(residual, float(np.abs(wanted - fitted).max()))
         unit = max(residual, 1e-7 * level) or 1.0
-        reach = 4.0 * (3.0 * level + float(np.abs(fitted).max()) + unit) / unit
+        reach = 4.0 * (3.0 * level + largest + unit) / unit
         return _Scaled(design, start, target, unit, reach, level)
 
     @property
@@ -96,13 +98,20 @@ class _Scaled:
 
 
 def solve_scenario(
-    design: Design, target: Floats, objective: str = "lexicographic", slack: float = 0.01, warm: Rows | None = None
+    design: Design,
+    given: Values | Floats,
+    objective: str = "lexicographic",
+    slack: float = 0.01,
+    warm: Rows | None = None,
 ) -> ScenarioResult:
-    """Solve the scenario program for target (N, M); `warm` are row indices of a related program's working set.
+    """Solve the scenario program for given targets (N, M); `warm` are row indices of a related program's working set.
+
+    No matrix of all rows is made and no array of all samples: each scan goes through them block by block.
 
     Raises:
         UserError: when no combination of the terms covers the samples.
     """
+    target = values(given)
     scaled = _Scaled.of(design, target)
     rows = np.unique(np.concatenate([_first_rows(scaled), warm if warm is not None else np.empty(0, np.int64)]))
     eta, y, rows, rounds, closed = _generate(scaled, rows, None)
@@ -111,8 +120,8 @@ def solve_scenario(
         _, y, rows, more, closed_again = _generate(scaled, rows, eta + slack * scaled.level)
         rounds, closed = rounds + more, closed and closed_again
     q = scaled.coefficients(y)
-    values = design.product(q)
-    violation = max(float((target - values).max()), 0.0)
+    fitted = design.product(q)
+    violation = max(Combined(np.subtract, (target, fitted)).ends()[1], 0.0)
     if closed:
         status = "solved: no sample is violated by more than the tolerance"
     else:
@@ -121,7 +130,7 @@ def solve_scenario(
             "but is not the tightest: use fewer terms"
         )
     return ScenarioResult(
-        q, optimum, float(values.mean()), float(values.max()), violation, rounds, len(rows), design.size, objective,
+        q, optimum, fitted.mean(), fitted.ends()[1], violation, rounds, len(rows), design.size, objective,
         status, rows,
     )  # fmt: skip
 
@@ -129,34 +138,12 @@ def solve_scenario(
 def _first_rows(scaled: _Scaled) -> Rows:
     """Corners of the samples and, for each input, the row that the least-squares fit misses most."""
     n, m = scaled.design.shape
-    x, u = scaled.design.x, scaled.design.u
-    states = np.unique([*x.argmin(axis=0), *x.argmax(axis=0), *(x @ _signs(x)).argmax(axis=0), n // 2])
+    u = scaled.design.u
+    states = np.unique([*outermost(scaled.design.x), n // 2])
     inputs = np.unique([*u.argmin(axis=0), *u.argmax(axis=0), m // 2])
     corners = (states[:, None] * m + inputs).ravel()
-    return np.unique(np.concatenate([corners, _worst(scaled.target - scaled.design.product(scaled.start), -np.inf)]))
-
-
-def _signs(x: Floats) -> Floats:
-    """All 2^nx sign vectors over the width of each axis, (nx, 2^nx)."""
-    nx = x.shape[1]
-    signs = np.array(np.meshgrid(*([[-1.0, 1.0]] * nx), indexing="ij")).reshape(nx, -1)
-    width = np.ptp(x, axis=0)
-    return signs / np.where(width > 0.0, width, 1.0)[:, None]
-
-
-def _worst(violation: Floats, tolerance: float) -> Rows:
-    """Most violated rows, at most one for each input and slice of states, so that they are spread out."""
-    n, m = violation.shape
-    slices = int(min(n, max(1, _ADD // m)))
-    found = []
-    for part in np.array_split(np.arange(n), slices):
-        first, last = int(part[0]), int(part[-1]) + 1
-        r = violation[first:last].argmax(axis=0) + first
-        found.append(r * m + np.arange(m))
-    rows = np.concatenate(found).astype(np.int64)
-    size = violation.ravel()[rows]
-    order = np.argsort(-size)[:_ADD]
-    return rows[order][size[order] > tolerance]
+    missed = scan(scaled.target, scaled.design.product(scaled.start), None, _ADD).short
+    return np.unique(np.concatenate([corners, missed.rows(-np.inf)]))
 
 
 def _generate(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[float, Floats, Rows, int, bool]:
@@ -164,14 +151,13 @@ def _generate(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[float, Fl
     y, eta = np.zeros(scaled.design.whitening.shape[1]), 0.0
     for count in range(1, _ROUNDS + 1):
         y, eta = _solve_working_set(scaled, rows, cap)
-        values = scaled.design.product(scaled.coefficients(y))
-        short, over = scaled.target - values, values - eta
-        if max(float(short.max()), float(over.max())) <= scaled.tolerance:
+        found = scan(scaled.target, scaled.design.product(scaled.coefficients(y)), eta, _ADD)
+        if found.largest <= scaled.tolerance:
             return eta, y, rows, count, True
-        more = np.union1d(_worst(short, scaled.tolerance), _worst(over, scaled.tolerance))
+        more = np.union1d(found.short.rows(scaled.tolerance), found.over.rows(scaled.tolerance))
         grown = np.union1d(rows, more)
         if len(grown) == len(rows):  # the solver's own accuracy is the limit
-            return eta, y, rows, count, max(float(short.max()), float(over.max())) <= 1e-6 * scaled.level
+            return eta, y, rows, count, found.largest <= 1e-6 * scaled.level
         rows = grown
     return eta, y, rows, _ROUNDS, False
 
@@ -182,7 +168,12 @@ def _solve_working_set(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[
 
     design, unit = scaled.design, scaled.unit
     p = design.rows(rows)
-    a, base, target = p @ design.whitening, p @ scaled.start, scaled.target.ravel()[rows]
+    m = design.shape[1]
+    a, base, target = (
+        p @ design.whitening,
+        p @ scaled.start,
+        scaled.target.take(rows // m)[np.arange(len(rows)), rows % m],
+    )
     y = cp.Variable(a.shape[1])
     cover = a @ y >= (target - base) / unit
     box = cp.norm_inf(y) <= scaled.reach

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from simgap.gap.steps.lipschitz import lipschitz
 from simgap.io.documents import write_json
+from simgap.io.stored import room_in
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
 from simgap.stages.made import Shards, blame_shards, dimension, points_of_case
@@ -25,7 +26,7 @@ def run(case_path: Path, state: str, grid: Path, shards: Sequence[Path], out: Pa
         points = points_of_case(context, grid)
         log.info("%s of %d samples x %d inputs", state, len(points.states), len(points.inputs))
         began = time.perf_counter()
-        found = lipschitz(context, points, Shards(shards), i)
+        found = lipschitz(context, points, Shards(shards), i, room_in(out.parent))
     log.info("estimated in %.2f s, roll-outs read and compared with the nominal model", time.perf_counter() - began)
     record = provenance("lipschitz", context.case, context.folder, point=points.name)
     write_json(out, {"state": state, **found.to_json(), "provenance": record})

@@ -14,13 +14,15 @@ from simgap.gap.headings import heading_deviation
 from simgap.gap.hidden_bound import Robot, assemble_hulls
 from simgap.gap.hidden_fit import HistoryInfluence, HullFit, Widened, fit_hull
 from simgap.gap.hidden_state import extrapolated_maximum, fading, hull
-from simgap.gap.lipschitz.grid import bends, estimate, steps, to_cells
+from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.lipschitz.result import GridLipschitz, worse
+from simgap.gap.lipschitz.stencils import bends, steps, to_cells
 from simgap.gap.previous import PreviousClasses
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.symmetry import BodyFrameGap
 from simgap.gap.tiers import Tier
+from simgap.gap.values import Held
 from simgap.geometry import Box, Grid
 from simgap.simulators.body_samples import BodySamples
 from simgap.split_conformal import reach
@@ -173,10 +175,13 @@ def test_an_envelope_starts_from_both_ends_and_the_rounding_of_samples():
     grid = Grid(Box([1.0, 0.0], [2.0, 1.0]), [4, 4])
     where = SampleGrid(grid, U, ("a", "b"), ("u",))
     low = np.random.default_rng(0).uniform(-1, 0, (16, 2))
-    fit = fit_envelope(DimensionSamples(where, 0, low, low + 0.5), GapSettings(bound="envelope"))
+    samples = DimensionSamples(where, 0, Held(low), Held(low + 0.5))
+    fit = fit_envelope(samples, GapSettings(bound="envelope"))
     assert np.all(fit.upper > low + 0.5)
     assert np.all(fit.lower < low)
-    both = fit_envelope(DimensionSamples(where, 0, low, low + 0.5), GapSettings(bound="envelope", sides="unsigned"))
+    both = fit_envelope(
+        DimensionSamples(where, 0, Held(low), Held(low + 0.5)), GapSettings(bound="envelope", sides="unsigned")
+    )
     assert np.all(both.upper >= np.maximum(np.abs(low), np.abs(low + 0.5)))
 
 

@@ -1,5 +1,6 @@
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,13 +9,18 @@ from scipy.stats import weibull_max
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.assemble import check_resolved
+from simgap.gap.dimension_fit import fit_dimension
+from simgap.gap.lipschitz.compare import dimension_lipschitz
 from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
-from simgap.gap.lipschitz.grid import estimate, rough_cells
-from simgap.gap.lipschitz.local import Beside, LocalPadding
+from simgap.gap.lipschitz.grid import estimate
+from simgap.gap.lipschitz.local import Beside, Fit, LocalPadding
 from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz
+from simgap.gap.lipschitz.rough import roughness
 from simgap.gap.samples import SampleGrid
 from simgap.gap.settings import GapSettings
+from simgap.gap.values import Held
 from simgap.geometry import Box, Grid
+from simgap.io.stored import room_in
 
 
 def values(function, grid):
@@ -115,7 +121,7 @@ def test_smooth_functions_are_not_rough():
         grid = Grid(X, cells)
         a, b, c = rng.uniform(-3, 3, 3)
         d = values(lambda x, a=a, b=b, c=c: np.sin(a * x[:, 0] + b) * np.exp(c * x[:, 1]) + np.abs(x[:, 0]), grid)
-        assert not rough_cells(d.reshape(*cells, 1), grid, (0, 1), 1e-14).any()
+        assert not roughness(Held(d), grid, (0, 1), 1e-14).any
 
 
 def test_a_jump_over_the_seam_of_a_periodic_axis_is_rough():
@@ -128,7 +134,7 @@ def test_a_jump_over_the_seam_of_a_periodic_axis_is_rough():
 def test_rounding_is_not_rough():
     grid = Grid(X, [20, 20])
     d = values(lambda x: 1e-16 * np.random.default_rng(0).standard_normal(len(x)), grid)
-    assert not rough_cells(d.reshape(20, 20, 1), grid, (0, 1), 1e-14).any()
+    assert not roughness(Held(d), grid, (0, 1), 1e-14).any
     assert estimate(d, grid, floor=1e-14).resolved
 
 
@@ -162,18 +168,16 @@ def test_local_padding_covers_the_cell(function, eps):
         inside = samples.grid.centres() + samples.grid.h * rng.uniform(-1, 1, (samples.grid.size, 2))
         x = np.broadcast_to(inside[:, None], (samples.grid.size, len(U), 2))
         there = function(x, np.broadcast_to(U, (samples.grid.size, len(U), 1)))[:, :, 1]
-        assert (there - target - pad).max() <= 1e-15
+        assert (there - target.whole() - pad.whole()).max() <= 1e-15
 
 
 def test_local_padding_does_not_trust_the_samples_of_the_fit():
     """A fit that agrees with the samples but turns inside the cells must be paid for."""
     grid = Grid(X, [10, 10])
-    target = np.zeros((grid.size, 1))
+    target = Held(np.zeros((grid.size, 1)))
     curvature = np.array([[0.0, 0.0], [0.0, 400.0]])
-    pad, _ = LocalPadding(target, grid, (), 0.0).of_residual(
-        np.zeros_like(target), lambda j: np.zeros((1, 1)), curvature
-    )
-    assert pad.min() >= 0.5 * 400.0 * grid.h[1] ** 2 * (1 - 1e-12)
+    pad, _ = LocalPadding(target, grid, (), 0.0).of_residual(Fit(target, lambda j: target, curvature))
+    assert pad.ends()[0] >= 0.5 * 400.0 * grid.h[1] ** 2 * (1 - 1e-12)
 
 
 def test_reverse_weibull_recovers_its_parameters():
@@ -204,37 +208,60 @@ def test_the_spacing_limit_lies_beyond_the_largest_slope():
     assert top_spacing_upper(slopes, 4) >= np.hypot(2.0, 1.0) >= slopes.max()
 
 
+def in_pieces(monkeypatch, tmp_path):
+    """From here on a layer of cells and an input at a time, from files."""
+    monkeypatch.setattr("simgap.gap.lipschitz.slabs.PIECE", 1)
+    return room_in(tmp_path, held=0)
+
+
 @pytest.mark.parametrize("periodic", [(), (0,)])
 @pytest.mark.parametrize("jump", [0.0, 3.0])
-def test_inputs_one_at_a_time_give_the_same_bits(monkeypatch, periodic, jump):
+def test_layers_and_inputs_one_at_a_time_give_the_same_bits(monkeypatch, tmp_path, periodic, jump):
     grid = Grid(Box([-1.0, 0.0], [1.0, 2.0]), (24, 9), periodic)
     x, rng = grid.centres(), np.random.default_rng(7)
     d = np.sin(np.pi * x[:, [0]]) * rng.uniform(0.5, 1.5, 5) + 0.1 * x[:, [1]] ** 2
     d[:, 3] += jump * (x[:, 0] > 0.3)
-    whole, marked = estimate(d, grid), rough_cells(d.reshape(24, 9, 5), grid, (0, 1), 0.0)
-    monkeypatch.setattr("simgap.gap.lipschitz.grid.PIECE", 1)
-    apart = estimate(d, grid)
-    assert np.array_equal(rough_cells(d.reshape(24, 9, 5), grid, (0, 1), 0.0), marked)
-    assert marked.any() == (jump > 0.0)
+    whole, rough = estimate(d, grid), roughness(Held(d), grid, (0, 1), 0.0)
+    assert rough.any == (jump > 0.0)
+    stored = in_pieces(monkeypatch, tmp_path)(d.shape)
+    stored.put(0, d)
+    apart = estimate(stored, grid)
+    assert roughness(stored, grid, (0, 1), 0.0) == rough
     for name, value in vars(whole).items():
         assert np.array_equal(getattr(apart, name), value), name
+    assert not list(tmp_path.iterdir())  # the file has no name
 
 
 @pytest.mark.parametrize("jump", [0.0, 3.0])
-def test_local_paddings_of_inputs_one_at_a_time_are_the_same_bits(monkeypatch, jump):
+def test_local_paddings_in_pieces_are_the_same_bits(monkeypatch, tmp_path, jump):
     grid = Grid(Box([-1.0, 0.0], [1.0, 2.0]), (24, 9))
     x, rng = grid.centres(), np.random.default_rng(8)
     t = np.sin(3.0 * x[:, [0]]) * rng.uniform(0.5, 1.5, 5) + jump * (x[:, [0]] > 0.3) * np.arange(5)
-    slope = 3.0 * np.cos(3.0 * x[:, [0]]), np.full((1, 5), 0.2)
-    given = np.sin(3.0 * x[:, [0]]) * np.ones(5), slope.__getitem__, np.eye(2)
+    slope = [Held(np.broadcast_to(s, t.shape)) for s in (3.0 * np.cos(3.0 * x[:, [0]]), np.full((1, 5), 0.2))]
+    fit = Fit(Held(np.sin(3.0 * x[:, [0]]) * np.ones(5)), slope.__getitem__, np.eye(2))
     beside = Beside(np.array([3, 40, 100]), np.array([[True, False], [False, True], [False, False]]))
 
-    def results():
-        own = LocalPadding(t, grid, (), 0.0)
-        pad, share = own.of_residual(*given)
-        return pad, np.array(share), *own.along(beside, slope.__getitem__, np.eye(2))
+    def results(room):
+        own = LocalPadding(Held(t), grid, (), 0.0, room)
+        pad, share = own.of_residual(fit)
+        return pad.whole(), np.array(share), *own.along(beside, fit), own.of_target()[0].whole()
 
-    whole = results()
+    whole = results(Held.room)
     assert (whole[1] > 0.0) == (jump > 0.0)
-    monkeypatch.setattr("simgap.gap.lipschitz.grid.PIECE", 1)
-    assert all(np.array_equal(a, b) for a, b in zip(whole, results(), strict=True))
+    pieces = results(in_pieces(monkeypatch, tmp_path))
+    assert all(np.array_equal(a, b) for a, b in zip(whole, pieces, strict=True))
+
+
+@pytest.mark.parametrize("function", [smooth, coulomb])
+def test_a_bound_from_files_is_that_from_memory(monkeypatch, tmp_path, function):
+    """More samples than one block holds, so that sums, too, are of parts."""
+    part = on_grid(function, 0.01).dimension(1)
+    monkeypatch.setattr("simgap.gap.values.BLOCK", 2**12)
+    assert part.d.size > 2**13
+    settings = GapSettings(rough_limit=1.0)
+    whole = fit_dimension(part, settings).to_json(), dimension_lipschitz(part, settings).to_json()
+    room = in_pieces(monkeypatch, tmp_path)
+    stored = room(part.d.shape)
+    stored.put(0, part.d.whole())
+    kept = replace(part, d=stored, room=room)
+    assert (fit_dimension(kept, settings).to_json(), dimension_lipschitz(kept, settings).to_json()) == whole

@@ -12,6 +12,7 @@ from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz, LipschitzRow, worse
 from simgap.gap.samples import DimensionSamples
 from simgap.gap.settings import GapSettings
+from simgap.gap.values import Rows, Values
 from simgap.geometry import Floats
 
 _REACH = 3  # cells: pairs lie within this many cells of each other along every axis
@@ -80,6 +81,11 @@ def _grid_pair_slopes(samples: DimensionSamples, moving: list[int], settings: Ga
     second = np.where((second < 0) | (second >= cells), first - step, second)
     second = np.clip(second, 0, cells - 1)
     flat = [np.ravel_multi_index(tuple(np.moveaxis(k, -1, 0)), tuple(cells)) for k in (first, second)]
-    change = np.maximum.reduce([np.abs(d[flat[0], m] - d[flat[1], m]) for d in samples.ends])
+    change = np.maximum.reduce([np.abs(_picked(d, flat[0], m) - _picked(d, flat[1], m)) for d in samples.ends])
     distance = np.linalg.norm((second - first) * 2.0 * where.grid.h, axis=-1)
     return change / np.where(distance > 0.0, distance, np.inf)
+
+
+def _picked(d: Values, rows: Rows, m: Rows) -> Floats:
+    """Single numbers of (N, M) values, in the shape of `rows` and `m`."""
+    return d.take(rows.ravel())[np.arange(rows.size), m.ravel()].reshape(rows.shape)

@@ -14,14 +14,15 @@ The smaller one is a bound, as `local.LocalPadding` is an estimate.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from simgap.gap.closed_form import CellRanges
+from simgap.gap.lipschitz.local import Fit
 from simgap.gap.lipschitz.result import GridLipschitz
 from simgap.gap.thresholds import GATE
+from simgap.gap.values import Held, Values
 from simgap.geometry import Floats
 
 _OUTWARD = 1.0 + 2.0**-40  # the few operations of a padding
@@ -29,9 +30,9 @@ _OUTWARD = 1.0 + 2.0**-40  # the few operations of a padding
 
 @dataclass(frozen=True, eq=False)
 class EnclosedPadding:
-    """Paddings of one target t (N, M): the gap in `ranges` (`upper`), or its negative."""
+    """Paddings of one target t (N, M): the gap in `ranges` (`upper`), or its negative. They are held in memory."""
 
-    target: Floats
+    target: Values
     ranges: CellRanges
     upper: bool
 
@@ -40,24 +41,25 @@ class EnclosedPadding:
         """All of them."""
         return tuple(range(len(self.ranges.reach)))
 
-    def of_target(self) -> tuple[Floats, float]:
+    def of_target(self) -> tuple[Values, float]:
         """Padding of t itself (q = 0): (N, M), and 0, the share of cells whose padding is no bound."""
-        return self.of_residual(np.zeros_like(self.target), lambda j: np.zeros((1, 1)), np.zeros((0, 0)))
+        none = Held(np.zeros(self.target.shape))
+        return self.of_residual(Fit(none, lambda j: none, np.zeros((0, 0))))
 
-    def of_residual(self, values: Floats, slope: Callable[[int], Floats], curvature: Floats) -> tuple[Floats, float]:
-        """Padding of t - q.p, from the slopes of q.p at the centres and H (nx, nx): (N, M), and 0."""
-        known, r = self.ranges, self.ranges.reach
+    def of_residual(self, fit: Fit) -> tuple[Values, float]:
+        """Padding of t - q.p: (N, M), and 0."""
+        known, r, curvature, target = self.ranges, self.ranges.reach, fit.curvature, self.target.whole()
         sign, top, centre = (1.0, known.hi, known.centre_hi) if self.upper else (-1.0, -known.lo, -known.centre_lo)
         bend = 0.5 * float(r @ curvature @ r) if curvature.size else 0.0
-        steep, flat = centre - self.target, top - self.target
+        steep, flat = centre - target, top - target
         for j in self.axes:
-            own = slope(j)
+            own = fit.slope(j).whole()
             a, b = sign * known.slope_lo[..., j], sign * known.slope_hi[..., j]
             steep = steep + np.maximum(np.abs(a - own), np.abs(b - own)) * r[j]
             flat = flat + np.abs(own) * r[j]
         pad = np.maximum(np.fmin(steep, flat) + bend, 0.0) * _OUTWARD
-        spread = 2.0**-50 * (np.abs(self.target) + np.abs(values))
-        return np.asarray(pad + 2.0 * known.rounding + spread), 0.0
+        spread = 2.0**-50 * (np.abs(target) + np.abs(fit.values.whole()))
+        return Held(pad + 2.0 * known.rounding + spread), 0.0
 
 
 def enclosed_constants(known: CellRanges, h: Floats) -> GridLipschitz:

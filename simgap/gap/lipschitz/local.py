@@ -13,26 +13,17 @@ and the padding is at least that.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from types import EllipsisType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 
-from simgap.gap.lipschitz.grid import (
-    Mask,
-    as_grid,
-    modes,
-    moving_axes,
-    pieces,
-    rough_cells,
-    steps,
-    to_cells,
-    turns,
-    window,
-)
+from simgap.gap.lipschitz.grid import moving_axes
+from simgap.gap.lipschitz.rough import REACH, Roughness, roughness
+from simgap.gap.lipschitz.slabs import Slab, slabs
+from simgap.gap.lipschitz.stencils import steps, to_cells, turns, widest
+from simgap.gap.values import Combined, Held, Kept, Room, Values
 from simgap.geometry import Floats, Grid
 
 
@@ -45,13 +36,26 @@ class Beside:
 
 
 @dataclass(frozen=True, eq=False)
-class LocalPadding:
-    """Local paddings of one target t (N, M) on a grid; `floor` is the size of differences that are rounding alone."""
+class Fit:
+    """q.p at the samples (N, M), its slopes there by axis, and H (nx, nx) >= its second derivatives anywhere."""
 
-    target: Floats
+    values: Values
+    slope: Callable[[int], Values]
+    curvature: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class LocalPadding:
+    """Local paddings of one target t (N, M) on a grid; `floor` is the size of differences that are rounding alone.
+
+    `room` is where paddings are kept.
+    """
+
+    target: Values
     grid: Grid
     free: tuple[int, ...]
     floor: float
+    room: Room = field(default=Held.room)
 
     @cached_property
     def axes(self) -> tuple[int, ...]:
@@ -59,76 +63,133 @@ class LocalPadding:
         return moving_axes(self.grid, self.free)
 
     @cached_property
-    def _field(self) -> Floats:
-        return as_grid(self.target, self.grid)
+    def _rough(self) -> Roughness:
+        return roughness(self.target, self.grid, self.axes, self.floor)
 
-    @cached_property
-    def _rough(self) -> Mask:
-        return rough_cells(self._field, self.grid, self.axes, self.floor)
+    def _slabs(self) -> Iterator[Slab]:
+        return slabs(self.grid, self.target.shape[1], REACH)
 
-    def of_target(self) -> tuple[Floats, float]:
+    def of_target(self) -> tuple[Values, float]:
         """Padding of t itself (q = 0): (N, M), and the share of rough cells."""
-        return self.of_residual(np.zeros_like(self.target), lambda j: np.zeros((1, 1)), np.zeros((0, 0)))
+        return self._padding(None)
 
-    def along(
-        self, beside: Beside, slope: Callable[[int], Floats] | None = None, curvature: Floats | None = None
-    ) -> tuple[Floats, Floats]:
+    def of_residual(self, fit: Fit) -> tuple[Values, float]:
+        """Padding of t - q.p: (N, M), and the share of rough cells."""
+        return self._padding(fit)
+
+    def along(self, beside: Beside, fit: Fit | None = None) -> tuple[Floats, Floats]:
         """How far t - q.p may move from samples beside the grid: -> along their surface, across it; (E, M) each.
 
         Along the surface they stand for half a cell on either side. What the residual does across it, between the
         centre of their cell and themselves, they show; the second number is what the slopes there allow.
         """
-        bend, count = self._bend(curvature), (len(beside.cells), self.target.shape[1])
+        bend, count = self._bend(fit), (len(beside.cells), self.target.shape[1])
         rows = {j: np.empty(count) for j in self.axes}
-        for inputs in pieces(self._field):
-            for j, part in self._parts(slope or (lambda j: np.zeros((1, 1))), inputs):
-                rows[j][inputs] = part.reshape(self.grid.size, -1)[beside.cells]
-        moved, held = np.zeros((len(beside.cells), self.target.shape[1])), np.zeros((1, 1))
+        for slab in self._slabs():
+            of_slab = _Read(slab, self, fit)
+            last = slab.first + of_slab.size
+            here = np.flatnonzero((beside.cells >= slab.first) & (beside.cells < last))
+            for some in slab.inputs if len(here) else ():
+                for j, part in of_slab.parts(some):
+                    rows[j][here, some] = part.reshape(of_slab.size, -1)[beside.cells[here] - slab.first]
+        moved, held = np.zeros(count), np.zeros((1, 1))
         for j, own in rows.items():
             moved = moved + np.where(beside.fixed[:, [j]], 0.0, own)
             held = held + np.where(beside.fixed[:, [j]], own, 0.0)
         return moved + bend, held + bend
 
-    def _bend(self, curvature: Floats | None) -> float:
+    def _bend(self, fit: Fit | None) -> float:
         moving = np.array([h if j in self.axes else 0.0 for j, h in enumerate(self.grid.h)])
-        return 0.5 * float(moving @ curvature @ moving) if curvature is not None and curvature.size else 0.0
+        return 0.5 * float(moving @ fit.curvature @ moving) if fit is not None and fit.curvature.size else 0.0
 
-    def _of(self, values: Floats, inputs: tuple[EllipsisType, slice]) -> Floats:
-        """What broadcasts to (N, M), for some inputs, as `_field`."""
-        some: Floats = np.broadcast_to(values, self.target.shape)[inputs]
-        return some.reshape(*self._field.shape[:-1], -1)
+    def _padding(self, fit: Fit | None) -> tuple[Values, float]:
+        bend, pad, marked, usual = self._bend(fit), self.room(self.target.shape), 0, 0.0
+        rough = [self._rough]
+        if fit is not None:  # t has the jumps on samples
+            residual = Combined(np.subtract, (self.target, fit.values))
+            rough.append(roughness(residual, self.grid, self.axes, self.floor, split=False))
+        any_rough = any(own.any for own in rough)
+        for slab in self._slabs():
+            of_slab, own = _Read(slab, self, fit), _rows(slab, self.target)
+            for some in slab.inputs:
+                own[..., some] = of_slab.total(some) + bend
+                if any_rough:
+                    marks = of_slab.marks(rough, some)
+                    marked += int(marks.sum())
+                    usual = max(usual, float(own[..., some][~marks].max(initial=0.0)))
+            pad.put(slab.first, own.reshape(-1, own.shape[-1]))
+        if any_rough:
+            self._raise(pad, fit, rough, usual)
+        return pad, marked / self.target.size
 
-    def _parts(
-        self, slope: Callable[[int], Floats], inputs: tuple[EllipsisType, slice]
-    ) -> Iterator[tuple[int, Floats]]:
-        """What each axis adds to the padding for some inputs, as `_field`."""
-        for j in self.axes:
-            expected = self._of(slope(j) * 2.0 * self.grid.h[j], inputs)
-            step = steps(self._field[inputs], j, self.grid)
-            turned = turns(step, j, self.grid, self.axes)
-            yield j, 0.5 * self._widest(to_cells(step, j, self.grid, expected) + turned)
+    def _raise(self, pad: Kept, fit: Fit | None, rough: list[Roughness], usual: float) -> None:
+        """Where the grid does not resolve t or e, at least to what the neighbours have."""
+        bend = self._bend(fit)
+        for slab in self._slabs():
+            of_slab, own = _Read(slab, self, fit), _rows(slab, self.target)
+            rows = own.reshape(-1, self.target.shape[1])
+            rows[:] = pad.rows(slab.first, slab.first + len(rows))
+            for some in slab.inputs:
+                where = of_slab.marks(rough, some)
+                if where.any():
+                    straight, flat = of_slab.risen(some)
+                    least = np.minimum(straight[where] + 5.0 * bend, flat[where] + bend) + usual
+                    own[..., some][where] = np.maximum(own[..., some][where], least)
+            pad.put(slab.first, rows)
 
-    def of_residual(self, values: Floats, slope: Callable[[int], Floats], curvature: Floats) -> tuple[Floats, float]:
-        """Padding of t - q.p, from q.p (N, M), its slopes there and H (nx, nx): (N, M) and the share of rough cells."""
-        grid, bend, pad = self.grid, self._bend(curvature), np.zeros_like(self._field)
-        for inputs in pieces(pad):
-            for _, part in self._parts(slope, inputs):
-                pad[inputs] += part
-        pad += bend
-        residual = self._field - values.reshape(self._field.shape)
-        rough = self._rough | rough_cells(residual, grid, self.axes, self.floor, split=False)  # t has the jumps
-        if rough.any():
-            usual = max(float(pad[some][~rough[some]].max(initial=0.0)) for some in pieces(pad))
-            for inputs in pieces(pad):
-                own = np.zeros_like(pad[inputs])
-                for j in self.axes:
-                    own += self._of(np.abs(slope(j)) * grid.h[j], inputs)
-                left, field, where = residual[inputs], self._field[inputs], rough[inputs]
-                straight = self._widest(left)[where] - left[where] + 5.0 * bend
-                flat = self._widest(field)[where] - field[where] + own[where] + bend
-                some = pad[inputs]
-                some[where] = np.maximum(some[where], np.minimum(straight, flat) + usual)
-        return pad.reshape(self.target.shape), float(rough.mean())
 
-    def _widest(self, values: Floats) -> Floats:
-        return np.asarray(maximum_filter(values, size=window(self.grid, self.axes), mode=modes(self.grid)))
+def _rows(slab: Slab, target: Values) -> Floats:
+    """An array for what belongs to a slab's own cells, for all inputs."""
+    shape = [*slab.grid.cells, target.shape[1]]
+    shape[slab.axis] = slab.inner.stop - slab.inner.start
+    return np.empty(shape)
+
+
+class _Read:
+    """A target and its fit on one slab."""
+
+    def __init__(self, slab: Slab, padding: LocalPadding, fit: Fit | None) -> None:
+        self.slab, self.padding, self.fit = slab, padding, fit
+        self.field = slab.read(padding.target)
+        self.size = _rows(slab, padding.target).size // padding.target.shape[1]
+
+    @cached_property
+    def residual(self) -> Floats:
+        return self.field if self.fit is None else self.field - self.slab.read(self.fit.values)
+
+    @cached_property
+    def slopes(self) -> dict[int, Floats]:
+        axes = self.padding.axes if self.fit is not None else ()
+        return {j: self.slab.read(self.fit.slope(j)) for j in axes if self.fit is not None}
+
+    def parts(self, some: slice) -> Iterator[tuple[int, Floats]]:
+        """What each axis adds to the padding of the slab's own cells, for some inputs."""
+        grid, axes = self.slab.grid, self.padding.axes
+        for j in axes:
+            expected = self.slopes[j][..., some] * 2.0 * self.padding.grid.h[j] if j in self.slopes else None
+            step = steps(self.field[..., some], j, grid)
+            beside = to_cells(step, j, grid, expected) + turns(step, j, grid, axes)
+            yield j, 0.5 * self.slab.own(widest(beside, grid, axes))
+
+    def total(self, some: slice) -> Floats:
+        """What all axes add."""
+        found: Floats = np.zeros(1)
+        for _, part in self.parts(some):
+            found = found + part
+        return found
+
+    def marks(self, rough: list[Roughness], some: slice) -> NDArray[np.bool_]:
+        """Rough cells of the target and of the residual."""
+        fields = (self.field, self.residual)
+        found = [own.marks(e[..., some], self.slab.grid) for own, e in zip(rough, fields, strict=False) if own.any]
+        return self.slab.own(np.logical_or.reduce(found))
+
+    def risen(self, some: slice) -> tuple[Floats, Floats]:
+        """By how much the largest neighbour exceeds a cell: of the residual; of t, with what q.p rises in the cell."""
+        grid, axes = self.slab.grid, self.padding.axes
+        fields = (e[..., some] for e in (self.residual, self.field))
+        left, field = (self.slab.own(widest(e, grid, axes) - e) for e in fields)
+        own = np.zeros_like(field)
+        for j, slope in self.slopes.items():
+            own += self.slab.own(np.abs(slope[..., some]) * self.padding.grid.h[j])
+        return left, field + own

@@ -14,11 +14,12 @@ from simgap.gap.points import Columns, Points, remembers
 from simgap.gap.settings import GapSettings
 from simgap.gap.steps.samples import check_histories, dimension_samples
 from simgap.gap.steps.tables import HISTORY
+from simgap.gap.values import Held, Room
 from simgap.plants.context import Context
 
 
 def lipschitz(
-    context: Context, points: Points, shards: Sequence[Columns], i: int
+    context: Context, points: Points, shards: Sequence[Columns], i: int, room: Room = Held.room
 ) -> DimensionLipschitz | HistoryInfluence:
     """Slopes of dimension i on the grid with extreme-value estimates beside them; no basis and no padding enters.
 
@@ -33,7 +34,7 @@ def lipschitz(
     from simgap.gap.lipschitz.compare import dimension_lipschitz
 
     section = context.need(context.case.gap, "gap")
-    return dimension_lipschitz(dimension_samples(context, points, shards, i), GapSettings.of(section))
+    return dimension_lipschitz(dimension_samples(context, points, shards, i, room), GapSettings.of(section))
 
 
 def _influence(context: Context, shards: Sequence[Columns], i: int) -> HistoryInfluence:

@@ -16,6 +16,7 @@ from simgap.gap.previous import PreviousClasses
 from simgap.gap.samples import DimensionSamples, SampleGrid
 from simgap.gap.steps.tables import AFTER_PREVIOUS, HISTORY, SEQUENCE, body_samples, stacked, successors
 from simgap.gap.symmetry import nominal_motion
+from simgap.gap.values import Centres, Held, Room
 from simgap.geometry import Floats
 from simgap.plants.context import Context
 from simgap.simulators.body_samples import BodySamples, joined
@@ -47,7 +48,8 @@ def sample_grid(context: Context, points: Points) -> SampleGrid:
     """
     grid = covering_grid(context.case, context.box, points.name)
     same = points.states.shape == (grid.size, grid.box.size) and np.array_equal(points.inputs, context.input_set)
-    if not same or not np.array_equal(points.states, grid.centres()):
+    centres = Centres(grid)
+    if not same or not all(np.array_equal(points.states[a:b], centres.rows(a, b)) for a, b in centres.blocks()):
         raise UserError("the grid was made for another case", remedy="Run the grid stage again, and those after it.")
     names = tuple(context.states), tuple(context.inputs)
     free = free_axes(context.case)
@@ -71,35 +73,51 @@ def known_gap(context: Context) -> ClosedFormGap | None:
     return ClosedFormGap.of(found, context.plant.sampled) if found is not None else None
 
 
-def dimension_samples(context: Context, points: Points, shards: Sequence[Columns], i: int) -> DimensionSamples:
-    """The signed gap of dimension i on the grid, from shards in order.
+def dimension_samples(
+    context: Context, points: Points, shards: Sequence[Columns], i: int, room: Room = Held.room
+) -> DimensionSamples:
+    """The signed gap of dimension i on the grid, from shards in order; `room` is where it is kept.
 
     Raises:
         UserError: shards that are not those of this grid.
     """
     where, name = sample_grid(context, points), context.states[i]
     model = context.plant.sampled
-    lower, upper = np.empty(where.size), None
-    done = 0
+    lower, upper = _Filled(room, where), None
     for rolled in shards:
+        done = lower.done
         x, u = stacked(rolled, context.states), stacked(rolled, context.inputs)
         check_rows(points, done, x, u)
         predicted = model.step(x, u)[:, i]
         least, largest = successors(rolled, name)
-        own = slice(done, done + len(x))
-        lower[own] = least - predicted
-        if largest is not least and upper is None:  # the second end takes memory only where there is one
-            upper = lower.copy()
+        if largest is not least and upper is None:  # the second end takes room only where there is one
+            if done:
+                remedy = "Delete the shards of this grid and run again."
+                raise UserError("some shards hold ranges of successors and others do not", remedy=remedy)
+            upper = _Filled(room, where)
+        lower.add(least - predicted)
         if upper is not None:
-            upper[own] = largest - predicted
-        done += len(x)
-    if done != where.size:
+            upper.add(largest - predicted)
+    if lower.done != where.size:
         raise UserError(
-            f"the shards hold {done} roll-outs, the grid {points.name} needs {where.size}",
+            f"the shards hold {lower.done} roll-outs, the grid {points.name} needs {where.size}",
             remedy="Delete the shards of this grid and run again.",
         )
-    shape = where.grid.size, len(where.inputs)
-    return DimensionSamples(where, i, lower.reshape(shape), upper.reshape(shape) if upper is not None else None)
+    return DimensionSamples(where, i, lower.kept, upper.kept if upper is not None else None, room=room)
+
+
+class _Filled:
+    """Numbers of a grid (N, M), from shards in order; they may end within a state."""
+
+    def __init__(self, room: Room, where: SampleGrid) -> None:
+        self.kept, self.done, self._left = room((where.grid.size, len(where.inputs))), 0, np.empty(0)
+
+    def add(self, some: Floats) -> None:
+        """The next ones, (n,)."""
+        width, left = self.kept.shape[1], np.concatenate([self._left, some])
+        whole = len(left) // width * width
+        self.kept.put((self.done - len(self._left)) // width, left[:whole].reshape(-1, width))
+        self.done, self._left = self.done + len(some), left[whole:]
 
 
 def check_drawn(context: Context, x: Floats, u: Floats) -> None:

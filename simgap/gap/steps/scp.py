@@ -14,13 +14,15 @@ from simgap.gap.settings import GapSettings
 from simgap.gap.steps.borders import MAKE_BORDERS, NO_BORDERS, directed_samples
 from simgap.gap.steps.samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of
 from simgap.gap.steps.tables import AFTER_PREVIOUS, SEQUENCE
+from simgap.gap.values import Held, Room
 from simgap.plants.context import Context
 
 
 def scp(
-    context: Context, points: Points, shards: Sequence[Columns], i: int, borders: Columns | None = None
-) -> DimensionFit | HullFit:
-    """Fit dimension i to the roll-outs, and to those on borders and beside switching surfaces.
+    context: Context, points: Points, shards: Sequence[Columns], i: int, borders: Columns | None = None,
+    room: Room = Held.room,
+) -> DimensionFit | HullFit:  # fmt: skip
+    """Fit dimension i to the roll-outs, and to those on borders and beside switching surfaces; `room` is for samples.
 
     Raises:
         UserError: settings that do not fit the samples, shards of another grid, or a symmetry that the model lacks.
@@ -32,6 +34,6 @@ def scp(
     section = context.need(context.case.gap, "gap")
     if borders is None:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
-    samples = dimension_samples(context, points, shards, i)
+    samples = dimension_samples(context, points, shards, i, room)
     beside = directed_samples(context, points.name, borders, i)
     return fit_dimension(replace(samples, directed=beside), GapSettings.of(section))

@@ -1,0 +1,23 @@
+import numpy as np
+
+from simgap.gap.values import Held
+from simgap.io.stored import Stored, room_in
+
+
+def test_numbers_come_back_from_a_file_without_a_name(tmp_path):
+    rng = np.random.default_rng(0)
+    d = rng.normal(size=(50, 3))
+    kept = room_in(tmp_path / "new", held=149)(d.shape)
+    assert isinstance(kept, Stored)
+    for first, last in ((20, 50), (0, 7), (7, 20)):
+        kept.put(first, d[first:last])
+    assert np.array_equal(kept.whole(), d)
+    assert np.array_equal(kept.rows(5, 9), d[5:9])
+    assert np.array_equal(kept.take(np.array([49, 0, 3, 3])), d[[49, 0, 3, 3]])
+    assert kept.take(np.array([], dtype=np.int64)).shape == (0, 3)
+    assert kept.ends() == (d.min(), d.max())
+    assert not list((tmp_path / "new").iterdir())
+
+
+def test_few_numbers_are_held(tmp_path):
+    assert isinstance(room_in(tmp_path, held=150)((50, 3)), Held)
