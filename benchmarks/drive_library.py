@@ -8,6 +8,7 @@ row is kept in benchmarks/results/drive_library.json as soon as it is there; the
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -25,9 +26,10 @@ from kept_rows import Rows, asked  # noqa: E402
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
 from simgap.diagnosis.reading.record import Record, Trace  # noqa: E402
 from simgap.diagnosis.result import DiagnosisSettings  # noqa: E402
+from simgap.effects import EFFECTS  # noqa: E402
 from simgap.model.symbolic import SymbolicModel  # noqa: E402
 from tests.effects.plants import unicycle  # noqa: E402
-from tests.undeclared.joints import joint, record  # noqa: E402
+from tests.undeclared.joints import JOINTS, joint, record  # noqa: E402
 from tests.undeclared.rig import robot  # noqa: E402
 
 OUT = ROOT / "benchmarks" / "results" / "drive_library.json"
@@ -84,6 +86,41 @@ def _dead(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Trut
     return {"dead": width}, {"input_dead_zone": {"width": width}}
 
 
+def _soft(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    """A motor of about a tenth of the link's inertia on a spring: a resonance at about 8 Hz, damped by about 8 %."""
+    link = JOINTS[plant][0]
+    motor = 0.1 * draw() ** 2 * link
+    stiff = (2.0 * math.pi * 8.0 * draw() ** 2) ** 2 * motor / (1.0 + motor / link)
+    damper = 2.0 * 0.08 * draw() * math.sqrt(stiff * motor)
+    told = {"motor": motor, "stiff": stiff, "soft_c": damper}
+    return told, {"joint_elasticity": {"I": motor, "k": stiff, "c": damper}}
+
+
+def _play(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    """A gap that a third of the largest command crosses in about 25 ms; stiff stops, half critically damped."""
+    top = SCALES[plant][0]
+    motor = 0.08 * draw() ** 2 * JOINTS[plant][0]
+    gap = top / 3.0 * (0.025 * draw()) ** 2 / (2.0 * motor)
+    quick = 600.0 * draw()
+    told = {"motor": motor, "gap": gap, "stiff": motor * quick**2, "soft_c": 2.0 * 0.5 * draw() * motor * quick}
+    return told, {"backlash": {"b": gap, "I": motor}}
+
+
+def _behind(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    """The encoder on the motor, which no effect of the library is."""
+    return {"behind": 1.0}, {"encoder on the motor": {}}
+
+
+def _dahl(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    force, way = 0.04 * draw() * SCALES[plant][0], 0.01 * draw() * SCALES[plant][1]
+    return {"F_c": force, "d": way}, {"dahl_friction": {"F_c": force, "d": way}}
+
+
+def _dry(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
+    force = 0.04 * draw() * SCALES[plant][0]
+    return {"F_p": force, "F_m": force}, {"coulomb_friction": {"F_c": force}}
+
+
 def _rolling(plant: str, draw: Callable[[], float]) -> tuple[dict[str, float], Truth]:
     loss = 0.02 * draw()
     return {"rolling": loss}, {"rolling_resistance": {"loss": loss}}
@@ -125,6 +162,19 @@ KINDS: dict[str, tuple[Part, ...]] = {
     "gain curve": (_curve,),
     "gain curve, viscous friction": (_curve, _viscous),
     "gain curve, dead zone": (_curve, _dead),
+    "Dahl friction": (_dahl,),
+    "dry friction": (_dry,),
+    "elastic joint": (_soft,),
+    "elastic joint, viscous friction": (_soft, _viscous),
+    "elastic joint, gain": (_soft, _gain),
+    "elastic joint, slow actuator": (_soft, _slow_actuator),
+    "elastic joint, encoder on the motor": (_soft, _behind),
+    "backlash": (_play,),
+    "backlash, viscous friction": (_play, _viscous),
+    "backlash, gain": (_play, _gain),
+    "backlash, dead zone": (_play, _dead),
+    "backlash, dry friction": (_play, _dry),
+    "backlash, encoder on the motor": (_play, _behind),
 }
 
 
@@ -162,6 +212,8 @@ def one(plant: str, kind: str, seed: int, budget: float | None) -> dict[str, Any
     """Make one record, diagnose it, score it."""
     told, truth = hidden(plant, kind, seed)
     model, made, settings = made_on(plant, told, seed)
+    if {_soft, _play} & set(KINDS[kind]):  # what is sought only where it is named
+        settings = replace(settings, effects=tuple(n for n, e in EFFECTS.items() if not e.second))
     begun = time.process_time()
     d = diagnose(model, made, replace(settings, budget_s=budget))
     cpu = time.process_time() - begun

@@ -73,6 +73,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "sensor_gain": "simgap.effects.sensor_gain:SensorGain",
                 "input_curve": "simgap.effects.input_curve:InputCurve",
                 "payload": "simgap.effects.payload:Payload",
+                "joint_elasticity": "simgap.effects.joint_elasticity:JointElasticity",
+                "backlash": "simgap.effects.backlash:Backlash",
             }
         ),
         "specifications": MappingProxyType(

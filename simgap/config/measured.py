@@ -183,7 +183,9 @@ class MeasuredSection(Section):
         "estimated from the data elsewhere.",
     )
     effects: tuple[str, ...] = Field(
-        default=(), description="Effects that may be tried; all of `simgap effects` if none is named."
+        default=(),
+        description="Effects that may be tried; if none is named all of `simgap effects` but joint_elasticity and "
+        "backlash.",
     )
     max_effects: int | None = Field(
         default=None,

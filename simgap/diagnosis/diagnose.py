@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from simgap.diagnosis.behind import behind
 from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import chosen
 from simgap.diagnosis.conclude import conclude
@@ -114,8 +115,9 @@ class _Found:
 
     def left_out(self, model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> _Found:
         """The same set, fitted with other times of the record left out."""
-        second = any(c.effect.second for c in self.parts.known.model.candidates)
-        parts, _ = parts_of(model, record, settings, second)
+        every = self.parts.known.model.candidates
+        second, last = any(c.effect.second for c in every), any(c.effect.last for c in every)
+        parts, _ = parts_of(model, record, settings, second, last)
         parts = parts.past_the_unknown(self.reach).before_the_end(self.late)
         search, _, found = self.ends
         return replace(self, parts=parts, ends=fitted_again(parts.known, search, found, self.not_tried))
@@ -134,6 +136,9 @@ def _found(
         wider = wider or clearer(model, record, settings, ends[0], ends[2], not_tried)
     if wider is not None:
         parts, ends = wider
+    loose = behind(model, record, settings, ends[0], ends[2], not_tried)
+    if loose is not None:
+        parts, ends = loose
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown

@@ -10,6 +10,7 @@ from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import build_problem
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
+from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
 
 _SHORT = (
@@ -23,10 +24,16 @@ _NO_COORDINATES = (
 
 
 def parts_of(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings, second: bool = False
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, second: bool = False, last: bool = False
 ) -> tuple[Parts, tuple[str, ...]]:
-    """The folds as problems, and what is to be said of them; `second`: with effects that others are tried before."""
-    compiled = cached_supermodel(model, record.measured, settings.effects, second)
+    """The folds as problems, and what is to be said of them.
+
+    `second`: with effects that others are tried before; `last`: with those that are sought after all others, where
+    the settings name them beside others.
+    """
+    early = tuple(n for n in settings.effects if n not in EFFECTS or not EFFECTS[n].last)
+    asked = settings.effects if last or not early else early
+    compiled = cached_supermodel(model, record.measured, asked, second)
     readings = worth(record)
     sigma = readings.sigma
     for name, value in settings.noise.items():

@@ -103,6 +103,9 @@ SECOND_SHARE = 0.5
 """Effects of the second look take over if chi^2/dof above 1 falls to this share of what the first search leaves. Of
 friction with memory it falls from several to nothing (tests/undeclared/test_drives.py); between is judgement."""
 
+MOTOR_FITS = 2
+"""Places from which an elastic joint or play is fitted, of those tried. Judgement: fits of play ended alike."""
+
 SWAP_ROUNDS, SWAP_RIVALS = 4, 3
 """How often an effect is replaced by a rival, and by how many of them it is tried."""
 

@@ -53,6 +53,7 @@ class EffectParameter:
     upper: float = math.inf
     integer: bool = False
     shape: bool = False
+    may_vanish: bool = False
 
 
 class Effect(ABC):
@@ -71,8 +72,12 @@ class Effect(ABC):
     """Whether what it does depends on the past beyond the plant's own state."""
     several_valleys: ClassVar[bool] = False
     """Whether fits begun at different starts end in different places: then each start is fitted."""
+    jerks: ClassVar[bool] = False
+    """Whether the motion has kinks that move with every number: derivatives are then taken over larger differences."""
     second: ClassVar[bool] = False
     """Whether it refines or resembles effects that are tried first: sought where these leave more than noise."""
+    last: ClassVar[bool] = False
+    """Whether it is sought in a search of its own, after all others, and only where it is named."""
     resembles: ClassVar[tuple[str, ...]] = ()
     """Names of effects that may come within the noise of it: it is tried in their place where one was found."""
     pulls_to_a_place: ClassVar[bool] = False

@@ -12,13 +12,15 @@ class Scales:
 
     Attributes:
         interval: median sampling interval, s.
-        command: largest size of the input that the effect would act on (1 if it acts on none).
+        command: largest size of the input that the effect would act on, or that drives its coordinate (1 for none).
         speed: root mean square speed of the coordinate that it would act on (1 if it acts on none).
+        inertia: of that coordinate as declared, with all others free, where it stands at 0.
     """
 
     interval: float
     command: float = 1.0
     speed: float = 1.0
+    inertia: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -79,6 +79,15 @@ SAID = {
         "Dahl friction of 0.19 ± 0.01 N m at the hinge that turns round over 0.020 ± 0.001 rad",
         "Dahl friction at the hinge",
     ),
+    "joint_elasticity": (
+        "hinge", {"I": (0.02, 0.001, "kg*m^2"), "k": (40.0, 1.0, "N*m/rad"), "c": (0.1, 0.01, "N*m*s/rad")},
+        "elasticity of the hinge (40 ± 1 N m/rad) before a motor of 0.020 ± 0.001 kg m²", "elasticity of the hinge",
+    ),
+    "backlash": (
+        "hinge", {"b": (0.02, 0.001, "rad"), "I": (0.02, 0.001, "kg*m^2")},
+        "backlash of 0.020 ± 0.001 rad at the hinge, crossed by a motor of 0.020 ± 0.001 kg m²",
+        "backlash of the hinge",
+    ),
     "directional_friction": (
         "hinge", {"F_p": (0.2, 0.01, "N*m"), "F_m": (0.3, 0.01, "N*m")},
         "directional friction at the hinge (0.20 ± 0.01 N m forwards, 0.30 ± 0.01 N m backwards)",

@@ -25,6 +25,7 @@ SYMBOLS = {
     "input_directional_gain": ["ratio_p", "ratio_m"], "torque_speed_limit": ["T_s", "k"],
     "sensor_gain": ["ratio"], "input_curve": ["g_0", "g_1", "g_2", "U"],
     "payload": ["m_p", "r"], "rolling_resistance": ["loss"],
+    "joint_elasticity": ["I", "k", "c"], "backlash": ["b", "I"],
 }  # fmt: skip
 VALUES = {
     "b": 0.1, "F_c": 0.1, "F_s": 0.2, "v_s": 0.1, "c": 0.1, "k": 0.3, "k3": 0.2, "A": 0.05, "n": 6.0, "phase": 0.4,
@@ -198,6 +199,27 @@ def test_dahl_friction_is_a_state_that_turns_round_over_a_distance():
     _, rate, bending = (float(e.subs(at)) for e in changed.numeric())
     assert rate == pytest.approx(declared() - 3.0 * 0.1 * 0.5, rel=1e-12)
     assert bending == pytest.approx((-0.6 - 0.6 * 0.5) / 0.05, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "twist", "rate", "torque"),
+    [
+        ("joint_elasticity", {"I": 0.02, "k": 40.0, "c": 0.1}, 0.03, -0.5, 40.0 * 0.03 + 0.1 * -0.5),
+        ("backlash", {"b": 0.04, "I": 0.02}, 0.019, 3.0, 0.0),
+        ("backlash", {"b": 0.04, "I": 0.02}, 0.03, 0.0, 0.02 * 500.0**2 * 0.01),
+        ("backlash", {"b": 0.04, "I": 0.02}, -0.03, 0.0, -0.02 * 500.0**2 * 0.01),
+        ("backlash", {"b": 0.04, "I": 0.02}, -0.021, 9.0, 0.0),
+    ],
+)
+def test_a_motor_behind_a_joint_has_states_of_its_own(name, values, twist, rate, torque):
+    """The link feels what comes through, the motor the drive less that; a stop that is left does not pull."""
+    changed = EFFECTS[name].apply(pendulum(), "hinge", values)
+    assert changed.state_names == ("angle", "rate", "hinge_motor", "hinge_motor_rate")
+    motor = {"hinge_motor": AT["angle"] + twist, "hinge_motor_rate": AT["rate"] + rate}
+    at = {symbol(k): v for k, v in {**AT, **motor}.items()}
+    link = {**AT, "torque": torque}
+    expected = [AT["rate"], declared(**link), motor["hinge_motor_rate"], (AT["torque"] - torque) / 0.02]
+    assert [float(e.subs(at)) for e in changed.numeric()] == pytest.approx(expected, rel=1e-9)
 
 
 def test_parameter_errors_scale_what_they_name():

@@ -122,6 +122,30 @@ def test_a_weight_on_a_link_is_told_beside_the_two_errors_that_it_looks_as():
     assert other.effects[0].values == pytest.approx({"m_p": 0.2, "r": 1.0}, rel=5e-3)
 
 
+BEHIND = ("backlash", "joint_elasticity", "viscous_friction", "input_gain", "input_lag", "reflected_inertia")
+
+
+def test_an_elastic_joint_is_two_masses_on_a_spring():
+    """A motor of a tenth of the link's inertia that swings against it at 8 Hz."""
+    found = diagnosed("motor", {"motor": 0.012, "stiff": 30.0, "soft_c": 0.1}, 1, BEHIND)
+    assert found.verdict == "attributed"
+    (effect,) = found.effects
+    assert effect.name == "joint_elasticity"
+    assert effect.parameters["I"].value == pytest.approx(0.012, rel=0.02)
+    assert effect.parameters["k"].value == pytest.approx(30.0, rel=0.05)
+
+
+def test_play_is_named_with_its_width():
+    """A motor that crosses 1.5 degrees by itself; it may be that the fit, which has kinks, does not settle."""
+    hidden = {"motor": 0.008, "gap": 0.027, "stiff": 0.008 * 600.0**2, "soft_c": 0.008 * 600.0}
+    found = diagnosed("motor", hidden, 1, BEHIND)
+    assert found.verdict in ("attributed", "partial")
+    (effect,) = found.effects
+    assert effect.name == "backlash"
+    assert effect.parameters["I"].value == pytest.approx(0.008, rel=0.02)
+    assert effect.parameters["b"].value == pytest.approx(0.027, rel=0.3)
+
+
 def test_friction_that_differs_with_direction_is_said_to_be_one_with_its_equal():
     """Coulomb friction beside a bias moves the joint in the same way: both are told."""
     tried = ("coulomb_friction", "input_bias", "viscous_friction", "input_gain")

@@ -58,7 +58,11 @@ def undetermined(problem: Problem, members: Sequence[Candidate], at: Fit, errors
     for c in members:
         if c.effect.contains is None:
             continue
-        shapes = [(p, k) for p, k in zip(c.effect.parameters, c.slots, strict=True) if p.shape and k in by_slot]
+        shapes = [
+            (p, k)
+            for p, k in zip(c.effect.parameters, c.slots, strict=True)
+            if p.shape and not p.may_vanish and k in by_slot
+        ]
         if any(interval(float(at.theta[k]), by_slot[k], dof)[0] <= p.lower for p, k in shapes):
             loose.append(c)
     return loose

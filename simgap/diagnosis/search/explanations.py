@@ -30,7 +30,8 @@ class Explanation:
     Attributes:
         members: the effects.
         fit: the fit with their parameters free.
-        bic: chi^2 over `scale` plus k log N.
+        bic: chi^2 over `scale` plus k log N; numbers that begin a window beyond the plant's cost what each takes away
+            of chi^2 by chance.
         physical: whether every coefficient has its sign and none vanished.
     """
 
@@ -149,7 +150,8 @@ class Search:
             found = self._ended(theta, base.x0, slots)
             count = sum(len(c.slots) for c in members)
             physical = all(sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
-            new = Explanation(members, found, self.bic(found.chi2, count), physical)
+            spent = self.problem.spent(found.theta)
+            new = Explanation(members, found, self.bic(found.chi2 + spent, count), physical)
             if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - BETTER_CHI2:
                 self.tried[key] = new
             if len(self.ends) > made:
@@ -260,4 +262,5 @@ def _values(c: Candidate, theta: Floats) -> dict[str, float]:
 
 def sound(c: Candidate, found: Fit) -> bool:
     """Whether a fitted effect is physical and not at a limit of what it may be."""
-    return c.effect.physical(_values(c, found.theta)) and not any(k in found.at_limit for k in c.slots)
+    held = [k for p, k in zip(c.effect.parameters, c.slots, strict=True) if not p.may_vanish]
+    return c.effect.physical(_values(c, found.theta)) and not any(k in found.at_limit for k in held)

@@ -109,7 +109,7 @@ def pieces(problem: Problem, theta: Floats) -> Pieces:
     last = first + count - 1
     own = problem.on(Windows(cells.start[first], cells.stop[last], cells.first[first], cells.trace[first]))
     chi2 = refit_from_all(own, theta, initial_states(own)).chi2
-    free = np.maximum(own.counts - problem.model.nx, 1.0)
+    free = np.maximum(own.counts - problem.model.begun, 1.0)
     return Pieces(cells, problem.t, problem.windows, first, count, chi2, free)
 
 

@@ -6,14 +6,16 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import sympy as sp
 from numpy.typing import NDArray
 
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.effects.base import drives
+from simgap.effects.base import driven_by, drives
 from simgap.effects.start import Scales, Start
+from simgap.model.symbolic import SymbolicModel
 
 Floats = NDArray[np.float64]
 Key = tuple[str, str]
@@ -55,7 +57,8 @@ def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
         elif c.effect.kind == "plant" and wheels is not None:
             scales = Scales(interval, command=float(commands[wheels.linear]) or 1.0)
         elif c.effect.kind == "coordinate":
-            scales = Scales(interval, speed=_speed(problem, c.on))
+            drive = sum(float(commands[u]) for u in driven_by(model, c.on))
+            scales = Scales(interval, drive or 1.0, _speed(problem, c.on), _inertia(model, c.on))
         items += [(c, start) for start in c.effect.starts(scales)]
     return Starts(tuple(items))
 
@@ -72,6 +75,14 @@ def _speed(problem: Problem, coordinate: str) -> float:
         v = ((q[hop:] - q[:-hop]) / np.where(step > 0, step, np.inf))[step > 0]
         return max(float(np.sqrt(np.mean(v**2))), 1e-9)
     return 1.0
+
+
+def _inertia(model: SymbolicModel, coordinate: str) -> float:
+    """What a force on a coordinate meets of it as declared, all states at 0, other coordinates free; 1 if unknown."""
+    row = model.state_names.index(model.coordinate(coordinate).velocity)
+    zero = {v.symbol: 0.0 for v in (*model.states, *model.inputs)}
+    ease = sp.sympify(model.force_map[coordinate][row]).subs(model.values() | zero)
+    return 1.0 / float(ease) if ease.is_number and ease.is_positive else 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ _STILL = 5  # samples over which a window that begins stuck stands still
 
 
 def initial_states(problem: Problem) -> Floats:
-    """States at the first sample of each window, (w, nx).
+    """States at the first sample of each window, (w, begun).
 
     A measured state is a cubic fitted to the first samples, a state that is the rate of a measured one is the slope of
     that cubic. An angle that nothing tells (a heading that was not recorded) is the best of a few directions, by what
@@ -24,7 +24,7 @@ def initial_states(problem: Problem) -> Floats:
     """
     model, measured = problem.model.model, problem.model.measured
     names, position = model.state_names, _position_of(model)
-    x0 = np.zeros((len(problem.windows), len(names)))
+    x0 = np.zeros((len(problem.windows), problem.model.begun))
     for w, (a, b) in enumerate(zip(problem.windows.start, problem.windows.stop, strict=True)):
         stop = min(int(b), int(a) + _SAMPLES)
         t = problem.t[a:stop] - problem.t[a]

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import Windows, left_out, past_the_unknown
 from simgap.diagnosis.simulation.colour import Colour, whiten
-from simgap.diagnosis.simulation.past import measured_speeds, memories
+from simgap.diagnosis.simulation.past import measured_link, measured_speeds, memories
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
+from simgap.diagnosis.simulation.trains import twists
 from simgap.diagnosis.thresholds import LAGS_REMEMBERED
 
 Floats = NDArray[np.float64]
@@ -24,15 +25,21 @@ Ints = NDArray[np.int64]
 Drive = tuple[Floats, Floats, Floats, Floats]
 _REMEMBERED = 8
 _LARGE = 1e9
+_TURN = 0.6  # of a step, rad, where a motor swings against its link
 
 
 class Memo(OrderedDict[bytes, Drive]):
     """The inputs of the last few parameter vectors: a pass over chunks of windows asks for the same ones again.
 
-    `speeds`: how the coordinates moved before the windows, for effects that remember it.
+    `speeds`: how the coordinates moved before the windows, for effects that remember it; `links`: place and speed of
+    those with a motor behind them; `twists`: of the motors against these under the last few laws.
     """
 
-    speeds: Floats | None = None
+    def __init__(self) -> None:
+        super().__init__()
+        self.speeds: Floats | None = None
+        self.links: dict[int, tuple[Floats, Floats]] = {}
+        self.twists: OrderedDict[bytes, Floats] = OrderedDict()
 
     def __setitem__(self, key: bytes, value: Drive) -> None:
         super().__setitem__(key, value)
@@ -119,7 +126,11 @@ class Problem:
     @cached_property
     def taken(self) -> float:
         """Degrees of freedom that the initial states take: in a window no more than it has compared numbers."""
-        return float(np.sum(np.minimum(self.counts, self.model.nx)))
+        return float(np.sum(np.minimum(self.counts, self.model.begun)))
+
+    def spent(self, theta: Floats) -> float:
+        """Degrees of freedom that motors which swing behind their joints take at theta (q,), two in each window."""
+        return 2.0 * len(self.windows) * sum(train.swings(theta) for train in self.model.trains)
 
     @cached_property
     def _root_weight(self) -> Floats:
@@ -143,18 +154,27 @@ class Problem:
         return self.y[self.samples]
 
     def states(self, theta: Floats, x0: Floats) -> Floats:
-        """Simulated states of all windows: theta, (w, nx) -> (rows, nx)."""
+        """Simulated states of all windows: theta, (w, begun) -> (rows, nx)."""
         level, excess, delay, lag = self._drive(theta)
         w, rows, constants = self.windows, self.rows, self.model.constants_at(theta)
-        begin = np.ascontiguousarray(x0)
+        begin = np.ascontiguousarray(x0[:, : self.model.nx])
+        for k, train in enumerate(self.model.trains):
+            link = x0[:, [train.position, train.velocity]]
+            own = x0[:, self.model.nx + 2 * k : self.model.nx + 2 * k + 2]
+            begin = np.hstack([begin, link + train.swings(theta) * own + self._twists(k, theta)[w.start]])
         if self.model.remembered:
-            begin = np.hstack([x0, memories(self.model, theta, self.t, self._speeds(), self.firsts)[w.start]])
+            begin = np.hstack([begin, memories(self.model, theta, self.t, self._speeds(), self.firsts)[w.start]])
         out = np.empty((int(rows[-1]), begin.shape[1]))
         simulate(
             *self.model.entries, self.t, level, excess, delay, lag, constants, begin, w.first, w.start, w.stop,
-            np.ascontiguousarray(rows[:-1]), self.model.speed, self.h_max, out,
+            np.ascontiguousarray(rows[:-1]), self.model.speed, self._step(theta), out,
         )  # fmt: skip
-        return np.ascontiguousarray(out[:, : x0.shape[1]])
+        return np.ascontiguousarray(out[:, : self.model.nx])
+
+    def _step(self, theta: Floats) -> float:
+        """Longest step, s: shorter where a motor against its link is quick."""
+        quick = max((train.quick(theta) for train in self.model.trains), default=0.0)
+        return self.h_max / max(1.0, quick * interval(self.t) / _TURN) if quick > 0.0 else self.h_max
 
     def _speeds(self) -> Floats:
         """Measured speed between the stamps of each coordinate that an effect remembers, (n, h); kept."""
@@ -162,6 +182,39 @@ class Problem:
             on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
             self.memo.speeds = measured_speeds(on, self.model.measured, self.t, self.y, self.firsts)
         return self.memo.speeds
+
+    def _twists(self, k: int, theta: Floats) -> Floats:
+        """Twist and its rate of a motor against its link at every stamp, (n, 2); kept for the last few laws."""
+        train, memo = self.model.trains[k], self.memo
+        key = b"%d" % k + theta[[*train.slots, *self.model.input_slots]].tobytes()
+        if key not in memo.twists:
+            law = np.array(train.numbers(theta), dtype=np.float64)
+            out = np.zeros((len(self.t), 2))
+            if train.quick(theta) > 0.0:
+                if k not in memo.links:
+                    memo.links[k] = measured_link(
+                        self.model.model.coordinate(train.on), self.model.measured, self.t, self.y, self.firsts
+                    )
+                q, v = memo.links[k]
+                twists(self.t, q, v, self._felt(theta, train.inputs), law, self.firsts, out)
+            memo.twists[key] = out
+            while len(memo.twists) > _REMEMBERED:
+                memo.twists.popitem(last=False)
+        return memo.twists[key]
+
+    def _felt(self, theta: Floats, inputs: tuple[int, ...]) -> Floats:
+        """The sum of some inputs as the plant feels it at each stamp, (n,)."""
+        level, excess, delay, lag = self._drive(theta)
+        total = np.zeros(len(self.t))
+        begin = np.repeat(self.firsts, np.diff([*self.firsts, len(self.t)]))
+        for c in inputs:
+            at = np.maximum(np.searchsorted(self.t, self.t - delay[c] + 1e-12, "right") - 1, begin)
+            if delay[c] == 0.0:
+                at = np.arange(len(self.t))
+            total += level[at, c]
+            if lag[c] > 0.0:
+                total += excess[at, c] * np.exp(-np.maximum(self.t - delay[c] - self.t[at], 0.0) / lag[c])
+        return total
 
     def predict(self, theta: Floats, x0: Floats) -> Floats:
         """What the measured channels would read: theta, (w, nx) -> (rows, k)."""

@@ -17,9 +17,11 @@ from simgap.diagnosis.simulation.handed_over import address_of
 from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
 from simgap.diagnosis.simulation.runge_kutta import GLIDE, RHS
+from simgap.diagnosis.simulation.trains import Train, trains_of
 from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
 from simgap.effects.base import CoordinateEffect, MemoryForceEffect
 from simgap.effects.commands import InputEffect, MemoryInputEffect
+from simgap.effects.drive_train import DriveTrainEffect, with_motor
 from simgap.errors import UserError
 from simgap.model.compile import Kernel, compile_kernel
 from simgap.model.kept import kept_as
@@ -69,6 +71,7 @@ class SuperModel:
         static: numba (u rows (n, m), theta, out (n, m)): commands through gain, bias, dead zone and saturation.
         read: numba (x rows (n, nx), theta, out (n, k)): what the measured channels read.
         past: (z, v, theta) -> [dz/dt, ...] of the states of `remembered`, over arrays; None if there are none.
+        trains: motors behind coordinates, in the order of their states, which come next after the plant's.
         memory: (theta) -> (2 m,), delays of the inputs, those that the model already declares among them, then their
             lags, s.
     """
@@ -86,6 +89,7 @@ class SuperModel:
     static: Any
     read: Any
     past: Any
+    trains: tuple[Train, ...]
     memory: Callable[[Floats], Sequence[float]]
 
     @cached_property
@@ -99,6 +103,16 @@ class SuperModel:
         return len(self.model.states)
 
     @property
+    def begun(self) -> int:
+        """Numbers that begin a window: the plant's states, and how far a motor is from where the past tells it."""
+        return self.nx + 2 * len(self.trains)
+
+    @property
+    def size(self) -> int:
+        """Number of states, those of the effects among them."""
+        return self.begun + len(self.remembered)
+
+    @property
     def remembered(self) -> tuple[Candidate, ...]:
         """Effects with a state of their own, in the order of these states, which come after the plant's."""
         return tuple(c for c in self.candidates if isinstance(c.effect, MemoryForceEffect))
@@ -107,9 +121,13 @@ class SuperModel:
         """What the dynamics need of the parameters: theta (q,) -> (c,)."""
         return np.array(self.constants(theta), dtype=np.float64)
 
+    def jerks(self, theta: Floats) -> bool:
+        """Whether an effect that jerks acts at theta (q,)."""
+        return any(c.effect.jerks and theta[c.slots[-1]] != self.null[c.slots[-1]] for c in self.candidates)
+
     def rubs(self, theta: Floats) -> bool:
         """Whether any coordinate has dry friction at theta (q,): the sign of a speed matters at rest."""
-        size = self.nx + len(self.remembered)
+        size = self.size
         constants, x, u = self.constants_at(theta), np.zeros(size), np.zeros(len(self.model.inputs))
         one, other, signs = np.empty(size), np.empty(size), np.zeros(len(self.speed))
         for j, v in enumerate(self.speed):
@@ -145,7 +163,8 @@ def build_supermodel(
 ) -> SuperModel:
     """Put every effect of the library (or those named) on every target and compile the result once.
 
-    Effects that others are tried before are in it if they are named, or if `second` asks for them.
+    Effects that others are tried before are in it if they are named, or if `second` asks for them; those
+    that are sought last only if they are named.
 
     Raises:
         UserError: for an unknown effect, or a measured channel that is not a state.
@@ -156,7 +175,9 @@ def build_supermodel(
     for name in measured:
         if name not in model.state_names:
             raise UserError(f"'{name}' is measured but not a state", remedy=f"States: {list(model.state_names)}.")
-    chosen = [e for e in EFFECTS.values() if e.name in effects or (not effects and (second or not e.second))]
+    chosen = [
+        e for e in EFFECTS.values() if e.name in effects or (not effects and not e.last and (second or not e.second))
+    ]
     places = [(e, on) for e in chosen for on in (e.targets(model) if e.name in effects else e.sought_on(model))]
     asked = [(e, on) for e, on in places if e.kind != "state" or on in measured]
     candidates: list[Candidate] = []
@@ -165,7 +186,11 @@ def build_supermodel(
         candidates.append(Candidate(e, on, tuple(range(len(specs), len(specs) + len(e.parameters)))))
         specs += list(e.parameters)
     theta = tuple(symbol(f"theta_{k}") for k in range(len(specs)))
-    plant, costly, commands = _insert(model, candidates, theta)
+    trains = trains_of(model, [(c.effect, c.on, c.slots) for c in candidates], theta)
+    driven = model
+    for train in trains:
+        driven = with_motor(driven, train.on, train.law)
+    plant, costly, commands = _insert(driven, candidates, theta)
     values = model.values()
     dynamics = compile_dynamics(plant, costly, theta)
     return SuperModel(
@@ -184,6 +209,7 @@ def build_supermodel(
         else _no_columns,
         read=_rowwise(compile_kernel(_numeric(_readings(plant, measured), values), (_symbols(plant), theta))),
         past=_past(candidates, theta),
+        trains=trains,
         memory=sp.lambdify([theta], _memory(model, candidates, theta), modules="math"),
     )
 
@@ -202,7 +228,7 @@ def _insert(
             forces.append((c, c.effect.force(symbol(joint.position), symbol(joint.velocity), values), away))
         elif isinstance(c.effect, StaticInputEffect):  # inserted from the plant backwards to the command
             path[c.on] = path[c.on].subs(symbol(c.on), c.effect.applied(symbol(c.on), values))
-        elif not isinstance(c.effect, InputEffect):
+        elif not isinstance(c.effect, InputEffect | DriveTrainEffect):
             plant = c.effect.insert(plant, c.on, values)
     extra = [sp.Integer(0) for _ in plant.states]
     gate = sp.Integer(0)

@@ -3,6 +3,8 @@
 Dry friction, that of the load included, shrinks the speed towards zero (Moreau); the bending of asperities is followed
 by its solution over a piece of the way: it approaches the side that the motion goes to, exponentially. A motor's
 voltage is limited and its back-EMF takes of it what its speed asks for: `stall` and `fall` are the torque-speed line.
+A `motor` (its inertia) may stand behind the joint, on a spring of `stiff` with a damper `soft_c`, or between two stops
+of that stiffness and damping that are `gap` apart and never pull; its encoder reads the motor if `behind` is 1.
 """
 
 from __future__ import annotations
@@ -20,7 +22,20 @@ NULL = {
     "F_c": 0.0, "d": 1.0, "viscous": 0.0, "limit": math.inf, "stall": math.inf, "fall": 0.0,
     "soft": math.inf, "sensor": 1.0, "dead": 0.0,
     "act": 0.0, "sense": 0.0,
+    "motor": 0.0, "stiff": 0.0, "soft_c": 0.0, "gap": 0.0, "behind": 0.0,
 }  # fmt: skip
+
+
+@njit(cache=True)
+def _between(twist: float, rate: float, stiff: float, damping: float, gap: float) -> float:
+    """Torque on the link of a motor that is turned against it by a twist."""
+    if gap <= 0.0:
+        return stiff * twist + damping * rate
+    if twist > 0.5 * gap:
+        return max(stiff * (twist - 0.5 * gap) + damping * rate, 0.0)
+    if twist < -0.5 * gap:
+        return min(stiff * (twist + 0.5 * gap) + damping * rate, 0.0)
+    return 0.0
 
 
 @njit(cache=True)
@@ -36,6 +51,7 @@ def _move(
 ) -> np.ndarray:
     out = np.empty((u.size, 2))
     q, v, z = x0[0], x0[1], 0.0
+    at, spin = q, v  # a motor behind the joint
     acted, seen = 0.0, q  # an actuator and a sensor that follow with a time constant each
     out[0, 0], out[0, 1] = q, v
     for i in range((u.size - 1) * sample):
@@ -51,6 +67,11 @@ def _move(
             drive = p[10] - p[11] * v
         elif drive < -p[10] - p[11] * v:
             drive = -p[10] - p[11] * v
+        if p[17] > 0.0:
+            passed = _between(at - q, spin - v, p[18], p[19], p[20])
+            spin += step * (drive - passed) / p[17]
+            at += step * spin
+            drive = passed
         way = step * v
         side = 1.0 if way > 0.0 else -1.0
         z = side + (z - side) * math.exp(-abs(way) / p[7])
@@ -58,7 +79,8 @@ def _move(
         grip = step * ((p[1] if v > 0.0 else p[2]) + p[3] * abs(drive)) / (inertia + p[0])
         v = 0.0 if abs(v) <= grip else v - math.copysign(grip, v)
         q += step * v
-        seen = q + (seen - q) * math.exp(-step / p[16]) if p[16] > 0.0 else q
+        read = at if p[21] > 0.0 else q
+        seen = read + (seen - read) * math.exp(-step / p[16]) if p[16] > 0.0 else read
         if (i + 1) % sample == 0:
             out[(i + 1) // sample, 0], out[(i + 1) // sample, 1] = seen, v
     return out

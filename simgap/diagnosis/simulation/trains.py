@@ -1,0 +1,106 @@
+"""Motors behind coordinates: where they are at the start of a window follows from the motion and the drive before it.
+
+The motor is simulated along each trace with the link as it was measured (smoothed); what is not known is where it was
+at the first sample, taken as where the drive then holds it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import sympy as sp
+from numba import float64, int64, njit, void
+from numpy.typing import NDArray
+
+from simgap.effects.base import Effect, driven_by
+from simgap.effects.drive_train import DriveTrainEffect, Law
+from simgap.model.symbolic import SymbolicModel
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Train:
+    """A motor behind a coordinate.
+
+    Attributes:
+        on: the coordinate; law: the torque between them, over theta.
+        position, velocity: places of the link's states; inputs: columns of what drives the motor.
+        slots: places in theta of its numbers; numbers: theta -> (I, k, c, half, h).
+    """
+
+    on: str
+    law: Law
+    position: int
+    velocity: int
+    inputs: tuple[int, ...]
+    slots: tuple[int, ...]
+    numbers: Callable[[Floats], Sequence[float]]
+
+    def swings(self, theta: Floats) -> bool:
+        """Whether a spring holds the motor, which does not forget how it began; stops make it forget."""
+        return self.numbers(theta)[1] > 0.0
+
+    def quick(self, theta: Floats) -> float:
+        """How fast the motor swings against a link that stands still, 1/s; 0 where there is no motor."""
+        inertia, spring, _, _, stops, _, _ = self.numbers(theta)
+        stiffness = spring + stops
+        return math.sqrt(stiffness / inertia) if inertia > 0.0 and stiffness > 0.0 else 0.0
+
+
+def trains_of(
+    model: SymbolicModel, effects: Sequence[tuple[Effect, str, tuple[int, ...]]], theta: Sequence[sp.Symbol]
+) -> tuple[Train, ...]:  # fmt: skip
+    """One for each coordinate behind which an effect, on it, with its places in theta, puts a motor."""
+    laws: dict[str, Law] = {}
+    slots: dict[str, tuple[int, ...]] = {}
+    for effect, on, own in effects:
+        if isinstance(effect, DriveTrainEffect):
+            law = effect.law({p.symbol: theta[k] for p, k in zip(effect.parameters, own, strict=True)})
+            laws[on] = laws[on] + law if on in laws else law
+            slots[on] = slots.get(on, ()) + own
+    found = []
+    for on, law in laws.items():
+        link, place = model.coordinate(on), model.state_names.index
+        inputs = tuple(model.input_names.index(u) for u in driven_by(model, on))
+        numbers = sp.lambdify([theta], law.numbers, modules="math")
+        found.append(Train(on, law, place(link.position), place(link.velocity), inputs, slots[on], numbers))
+    return tuple(found)
+
+
+@njit(
+    void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], int64[::1], float64[:, ::1]), cache=True
+)
+def twists(t: Floats, q: Floats, v: Floats, u: Floats, law: Floats, firsts: Ints, out: Floats) -> None:
+    """Twist and its rate at every stamp, (n, 2), with the link as measured, (n,): semi-implicit steps between stamps.
+
+    Args:
+        t: (n,) s; q, v: (n,) the link; u: (n,) the drive, held from each stamp on; law: (I, k, c, half, h).
+        firsts: first sample of each trace.
+    """
+    inertia, k, c, half, stops, pressed, depth = law
+    quick = math.sqrt((k + stops) / inertia)
+    trace, p, r = 0, 0.0, 0.0
+    for i in range(t.size):
+        if trace < firsts.size and i == firsts[trace]:
+            trace += 1
+            side = 1.0 if u[i] > 0.0 else -1.0
+            p, r = q[i] + u[i] / (k + stops) + side * half, v[i]
+        else:
+            dt = t[i] - t[i - 1]
+            count = max(math.ceil(quick * dt / 0.15), 2)
+            h = dt / count
+            for j in range(count):
+                share = (j + 0.5) / count
+                w = p - q[i - 1] - share * (q[i] - q[i - 1])
+                s = r - v[i - 1] - share * (v[i] - v[i - 1])
+                up, down = max(w - half, 0.0), max(-w - half, 0.0)
+                held = max(stops * up + pressed * s * min(1.0, up * depth), 0.0)
+                back = max(stops * down - pressed * s * min(1.0, down * depth), 0.0)
+                r += h * (u[i - 1] - k * w - c * s - held + back) / inertia
+                p += h * r
+        out[i, 0], out[i, 1] = p - q[i], r - v[i]
