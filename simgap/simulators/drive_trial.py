@@ -46,6 +46,8 @@ def drives(case: Case, folder: Path) -> list[Drive]:
     """
     from simgap.simulators.build import make_simulator
 
+    if case.plant.symbolic is None or case.plant.symbolic.wheels is None:
+        return []  # of no wheeled robot: not even built
     plain = case.simulator.model_copy(update={"effects": ()}) if case.simulator is not None else None
     robot = make_simulator(case.model_copy(update={"simulator": plain}), folder)
     try:
@@ -71,14 +73,26 @@ def _drive(robot: WheeledEngine, case: Case, straight: bool, linear: float, angu
     u = np.zeros(2)
     u[a], u[b] = linear, angular
     _, paths = robot.chain(np.zeros(3), np.tile(u, (max(2, int(np.ceil(LONG / tau))), 1)))
-    forwards, sideways, turned = (float(paths[-1, -1, k]) / tau for k in robot.pose)
+    x, y, turn = (float(paths[-1, -1, k]) for k in robot.pose)
+    forwards, sideways = _in_the_body(x / tau, y / tau, turn)
     height, leans = robot.standing()
     return Drive(
         straight,
         (linear, angular),
-        (forwards, sideways, turned),
+        (forwards, sideways, turn / tau),
         robot.wheel_rates(linear, angular),
         robot.turning(),
         height,
         leans,
     )
+
+
+def _in_the_body(x: float, y: float, turn: float) -> tuple[float, float]:
+    """Mean speeds along and across a body that turns evenly, from those of its chord as it stood at the beginning.
+
+    A chord of an arc leaves at half of its angle, and is shorter than it by sin(h)/h.
+    """
+    h = 0.5 * turn
+    along, across = np.cos(h) * x + np.sin(h) * y, np.cos(h) * y - np.sin(h) * x
+    short = max(float(np.sinc(h / np.pi)), 0.1)  # near a whole turn there is no chord to be lengthened
+    return float(along) / short, float(across) / short

@@ -15,7 +15,7 @@ from simgap.simulators.surprises import Finding
 from simgap.stages.context import Context
 from simgap.stages.new_wheels import axle, numbers
 
-TIPS, STANDS, OFF, ALIGNED = 0.2, 0.2, 0.15, 0.1
+TIPS, STANDS, OFF, ALIGNED, PULL = 0.2, 0.2, 0.15, 0.1, 0.05
 """Lean at which a robot has tipped over or sunk to one side, rad; share of what it was told below which it stands
 still, and deviation from it that is said. Both shipped robots lean by .004 at most in both engines and off by .09 at
 most; those spoilt on purpose (`tests/stages/test_drive.py`) lean by .36 or more, stand with .13 or less, or are off by
@@ -90,7 +90,15 @@ def _off(drive: Drive, section: Any) -> list[Finding]:
     """Speeds that are not those of the command, with the key that would explain it."""
     main, key = (0, "wheel_radius") if drive.straight else (2, "track")
     told, moved = (drive.told[0] if drive.straight else drive.told[1]), drive.moved[main]
-    share = moved / told
+    share, pull = moved / told, drive.moved[2] - drive.told[1]
+    if drive.straight and PULL * abs(told) < abs(pull) * section.track / 2:
+        return [
+            Finding(
+                "simulator.urdf", f"told {told:g} m/s and {drive.told[1]:g} rad/s, the robot turns by "
+                f"{drive.moved[2]:.2g} rad/s in its engine: it pulls to one side",
+                "Compare the radii and places of both wheels, and what rubs on one side; the gap covers what it does",
+            )
+        ]  # fmt: skip
     if abs(share - 1.0) <= OFF:
         return []
     unit, verb = ("m/s", "drives") if drive.straight else ("rad/s", "turns")

@@ -103,7 +103,8 @@ def _of_urdf(
             f"The URDF states dry friction for {', '.join(about['rubs'])}: the simulator acts it out, the model lacks "
             "it, and the bound is a table of blocks, which is wide where the friction turns round and nowhere else."
         )
-    content = about | _plain(urdf, file, axes, about) | {"proposal": None, "refused": None, "substeps": 1}
+    content = about | _plain(urdf, file, axes, about) | {"proposal": None, "refused": None}
+    content["substeps"] = RUBBING_STEPS if about["rubs"] else 1
     if 1 < len(axes) <= MOST_DERIVED:
         content |= _proposed(about, urdf, file, out, tell, note, seconds)
     return text("new_urdf.yaml.j2", **content)

@@ -7,11 +7,14 @@ import itertools
 import numpy as np
 import sympy as sp
 
+from simgap.errors import UserError
 from simgap.model.runge_kutta import RungeKutta
 from simgap.notation import pretty_unit
 from simgap.simulators.surprises import Finding
 from simgap.stages.context import Context
 
+HOPELESS = 100.0
+"""Widths of X in one step, from most of X and U, beyond which a unit is wrong. Judgement: from two on nothing stays."""
 DRAWN, MOST_INPUTS, LONGEST_RULE = 200, 16, 20_000
 
 
@@ -19,6 +22,9 @@ def long_steps(context: Context) -> list[Finding]:
     """A finding for each state that crosses all of X within one sampling time from most of X x U, by the nominal model.
 
     Of a rule of more than `LONGEST_RULE` operations nothing is asked: reading it would take longer than a check may.
+
+    Raises:
+        UserError: a state that crosses X a hundred times.
     """
     if context.case.domain is None or not context.states:
         return []
@@ -42,5 +48,9 @@ def long_steps(context: Context) -> list[Finding]:
                 f"in one sampling time of {model.tau:g} s {name} moves by {usual:.3g} {unit}, {usual / width:.2g} "
                 "times the width of X, from most of X and U"
             )
+            if usual > HOPELESS * width:
+                raise UserError(
+                    problem, key="domain.tau", remedy="Look at the units of tau, X and U, and at parameters."
+                )
             found.append(Finding("domain.tau", problem, "Shorten tau (is it in seconds?), or enlarge X"))
     return found

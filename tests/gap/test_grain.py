@@ -4,23 +4,39 @@ import numpy as np
 import pytest
 import yaml
 
-from simgap.gap.grain import engine_grain, grain_tier
+from simgap.gap.grain import engine_grain, grain_tier, kick
 from simgap.simulators.build import make_simulator
 from simgap.stages.context import Context
 
 MASS, FRICTION, TAU = 2.0, 0.6, 0.1
+PYBULLET = {"engine": "pybullet", "inertia": "file", "damping": {"linear": 0, "angular": 0, "joint": 0}}
+RUBS = {"name": "coulomb_friction", "on": "rail", "parameters": {"F_c": FRICTION}}
 
 
-def slide(folder, substeps, engine="pybullet", effect="coulomb_friction", values=None):
-    """A mass on a rail, by URDF, with a friction that the simulator alone has."""
-    (folder / "slide.urdf").write_text(f"""<robot name="slide"><link name="world"/><link name="mass"><inertial>
-        <mass value="{MASS}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+def climbed(context, force=3.0, length=0.4, points=4001):
+    """The largest jumps of the gap on a fine line of speeds below rest, by the simulator's own successors."""
+    speeds = np.linspace(-length, -1e-6, points)
+    x = np.stack([np.zeros_like(speeds), speeds], axis=1)
+    u = np.full((len(x), 1), force)
+    gap = make_simulator(context.case, context.folder).rollouts(x, u) - context.plant.sampled.step(x, u)
+    return np.abs(np.diff(gap, axis=0)).max(axis=0)
+
+
+def urdf(mass):
+    return f"""<robot name="slide"><link name="world"/><link name="mass"><inertial>
+        <mass value="{mass}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
         <joint name="rail" type="prismatic"><parent link="world"/><child link="mass"/><axis xyz="1 0 0"/>
-        <limit lower="-9" upper="9" effort="9" velocity="9"/></joint></robot>""")
+        <limit lower="-9" upper="9" effort="9" velocity="9"/></joint></robot>"""
+
+
+def slide(folder, substeps, effect="coulomb_friction", values=None, nominal=(), **simulator):
+    """A mass on a rail, by URDF, with a friction that the simulator has, and the model if `nominal` says so."""
+    (folder / "slide.urdf").write_text(urdf(MASS))
+    (folder / "light.urdf").write_text(urdf(MASS / 4))
     case = {
         "name": "slide",
         "plant": {
-            "urdf": "slide.urdf", "integrator": "semi_implicit_euler",
+            "urdf": "slide.urdf", "integrator": "semi_implicit_euler", "effects": list(nominal),
             "states": {
                 "q": {"joint": "rail", "quantity": "position", "unit": "m"},
                 "v": {"joint": "rail", "quantity": "velocity", "unit": "m/s"},
@@ -29,9 +45,9 @@ def slide(folder, substeps, engine="pybullet", effect="coulomb_friction", values
         },
         "domain": {"tau": TAU, "X": {"q": [-1, 1], "v": [-1, 1]}, "U": {"u": {"values": [-3, 0, 3]}}},
         "simulator": {
-            "engine": engine, "substeps": substeps,
+            "substeps": substeps,
             "effects": [{"name": effect, "on": "rail", "parameters": values or {"F_c": FRICTION}}],
-        } | ({"inertia": "file", "damping": {"linear": 0, "angular": 0, "joint": 0}} if engine == "pybullet" else {}),
+        } | (simulator or PYBULLET),
     }  # fmt: skip
     path = folder / "slide.yaml"
     path.write_text(yaml.safe_dump(case))
@@ -40,22 +56,33 @@ def slide(folder, substeps, engine="pybullet", effect="coulomb_friction", values
 
 @pytest.mark.parametrize("substeps", [4, 24])
 def test_it_is_the_height_of_the_stairs_that_the_engine_climbs(tmp_path, substeps):
-    """By the engine's own successors, on speeds a hundredth of a stair apart."""
     context = slide(tmp_path, substeps)
     q, v = engine_grain(context)
-    assert v == pytest.approx(2 * FRICTION / MASS * TAU / substeps, rel=1e-6)
-    assert q == pytest.approx(v * TAU, rel=1e-6)
-    stair = (3 - FRICTION) / MASS * TAU / substeps
-    speeds = -np.arange(0.0, 4 * stair, stair / 100) - 1e-6
-    x = np.stack([np.zeros_like(speeds), speeds], axis=1)
-    u = np.full((len(x), 1), 3.0)
-    gap = make_simulator(context.case, context.folder).rollouts(x, u) - context.plant.sampled.step(x, u)
-    jumps = np.abs(np.diff(gap, axis=0)).max(axis=0)
-    assert jumps[1] == pytest.approx(v, rel=0.02)
-    assert jumps[0] <= q * 1.02
+    assert v == pytest.approx(2 * FRICTION / MASS * TAU / substeps, rel=0.02)
+    assert kick(context) == pytest.approx([0.0, 2 * FRICTION / MASS * TAU / substeps])
+    jumps = climbed(context)
+    assert v == pytest.approx(jumps[1], rel=0.05)
+    assert jumps[0] <= q * 1.05
     assert f"{v:.2g} for v" in grain_tier(context, np.array([q, v])).text
+
+
+def test_a_lighter_mass_in_the_simulator_and_what_its_integrator_does_are_measured(tmp_path):
+    """The rates of the nominal plant know neither; four times the kick, and a step that looks at its middle."""
+    light = slide(tmp_path, 24, **PYBULLET, urdf="light.urdf")
+    assert engine_grain(light)[1] == pytest.approx(4 * kick(light)[1], rel=0.05)
+    assert engine_grain(light)[1] >= 0.95 * climbed(light)[1]
+    looks = slide(tmp_path, 1, engine="equations", integrator="rk4", slopes="sampled")
+    assert kick(looks)[1] == 0.0
+    assert climbed(looks)[1] > 0.01
+    assert engine_grain(looks)[1] >= 0.95 * climbed(looks)[1]
+
+
+def test_a_model_that_rubs_as_well_adds_no_more_than_the_stairs(tmp_path):
+    both = slide(tmp_path, 24, nominal=[RUBS])
+    assert engine_grain(both)[1] == pytest.approx(kick(both)[1], rel=0.1)
 
 
 def test_nothing_is_added_where_nothing_turns_round_within_a_step(tmp_path):
     assert engine_grain(slide(tmp_path, 1)) is None
     assert engine_grain(slide(tmp_path, 24, effect="viscous_friction", values={"b": 0.3})) is None
+    assert engine_grain(slide(tmp_path, 24, values={"F_c": 0.0})) is None

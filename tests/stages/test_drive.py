@@ -15,7 +15,7 @@ AXIS, FRICTION = '<axis xyz="0 1 0"/>', '<lateral_friction value="1.0"/>'
 CENTRE = '<origin xyz="-0.06 0 0.045" rpy="0 0 0"/>'
 
 
-def robot(tmp_path, engine="pybullet_wheeled", spoil=None, **keys):
+def robot(tmp_path, engine="pybullet_wheeled", spoil=None, U=None, **keys):
     """The case of the Pioneer with parts of its file and keys of its simulator changed: what `check` asks of it."""
     text = (ROOT / "configs/models/pioneer.urdf").read_text()
     for old, new, count in spoil or ():
@@ -23,6 +23,7 @@ def robot(tmp_path, engine="pybullet_wheeled", spoil=None, **keys):
         text = text.replace(old, new, count)
     (tmp_path / "robot.urdf").write_text(text)
     case = yaml.safe_load((ROOT / "configs/cases/pioneer.yaml").read_text())
+    case["domain"]["U"] = U or case["domain"]["U"]
     case["simulator"].update({"urdf": "robot.urdf", "engine": engine, **keys})
     path = tmp_path / "robot.yaml"
     path.write_text(yaml.safe_dump(case, sort_keys=False))
@@ -81,3 +82,14 @@ def test_what_drives_as_told_is_not_told(tmp_path, engine):
 def test_a_robot_that_is_slower_than_told_is_said(tmp_path, keys, key):
     found = robot(tmp_path, **keys)
     assert key in {finding.key for finding in found}
+
+
+@pytest.mark.parametrize("rate", [1.0, 1.8])
+def test_a_robot_that_can_only_turn_as_it_drives_is_no_fault(tmp_path, rate):
+    """Its straightest command is an arc: the chord of a step leans to one side and is short, the body does not."""
+    assert robot(tmp_path, U={"v": {"values": [0.4]}, "w": {"values": [-rate, rate]}}) == []
+
+
+def test_a_wheel_that_is_smaller_than_the_other_is_told(tmp_path):
+    (found,) = robot(tmp_path, spoil=[(TYRE, TYRE.replace("0.0975", "0.083"), 1)])
+    assert "pulls to one side" in found.problem

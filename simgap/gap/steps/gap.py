@@ -45,7 +45,10 @@ REMEMBERED = Tier(
     "admissible earlier commands leave behind in the simulator. That nothing in between does more is an estimate, "
     "checked on fresh samples with random earlier commands.",
 )
-FINER = "Use a smaller eps, or set gap.tolerated_probability."
+FINER = (
+    "Use a finer grid, a smaller eps or half-widths (`simgap refine` says along which states), or set "
+    "gap.tolerated_probability."
+)
 WIDER = (
     "A conformal bound leaves out up to gap.conformal.miscoverage of the random samples: lower that, or set "
     "gap.tolerated_probability further above it."
