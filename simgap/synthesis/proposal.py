@@ -87,7 +87,7 @@ def _held(
     search: Search, tried: list[Tried], share: float, rounds: Sequence[tuple[int, ...]],
     tell: Callable[[str], None], ends: float,
 ) -> Tried:  # fmt: skip
-    """The first of these cells that win against a gap of HELD too; what won for the model alone if none does in time."""
+    """The first of these cells that win against a gap of HELD too; those of the model alone if none do in time."""
     alone = tried[-1]
     for cells in rounds:
         if time.process_time() > ends:

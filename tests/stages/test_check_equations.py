@@ -14,13 +14,28 @@ from simgap.stages.step_length import long_steps
 from simgap.units import dimension
 
 
-@pytest.mark.parametrize(("tau", "told"), [("20 ms", []), ("20 s", ["domain.tau", "domain.tau"])])
 @pytest.mark.parametrize("integrator", ["rk4", "explicit_euler"])
-def test_forgotten_milliseconds_are_told(vary, tau, told, integrator):
-    path = vary("dc_motor", {"domain.tau": tau, "plant.integrator": integrator})
-    findings = long_steps(Context.load(path))
-    assert [f.key for f in findings] == told
-    assert all("times the width of X" in f.problem for f in findings)
+def test_forgotten_milliseconds_are_told(vary, integrator):
+    """One map of 20 s moves by 11 times the width of X, the other, which steps outside X, by 26,000 times."""
+    assert long_steps(Context.load(vary("dc_motor", {"domain.tau": "20 ms", "plant.integrator": integrator}))) == []
+    context = Context.load(vary("dc_motor", {"domain.tau": "20 s", "plant.integrator": integrator}))
+    if integrator == "rk4":
+        with pytest.raises(UserError, match="times the width of X") as refused:
+            long_steps(context)
+        assert refused.value.key == "domain.tau"
+        return
+    findings = long_steps(context)
+    assert [finding.key for finding in findings] == ["domain.tau", "domain.tau"]
+    assert all("times the width of X" in finding.problem for finding in findings)
+
+
+def test_inputs_in_another_unit_are_refused(vary):
+    """Millivolts for volts: thousandfold currents, hundreds of X in one step."""
+    volts = {"min": 0, "max": 12_000_000, "step": 2_000_000}
+    with pytest.raises(UserError, match="times the width of X") as refused:
+        long_steps(Context.load(vary("dc_motor", {"domain.U.V": volts})))
+    assert refused.value.key == "domain.tau"
+    assert "units" in refused.value.remedy
 
 
 def test_no_case_that_ships_is_told(root):
