@@ -92,7 +92,7 @@ def run(path: Path, samples: int | None, tell: Callable[[str], None], workers: i
         tuple(cells.get(n, 1) for n in names) if table else (),
         math.prod(chosen) * len(inputs),
         _by_state(names, [at_count(own, today.cells[j]) for own, j in zip(moved, moving, strict=True)]),
-        _by_state(names, [own[n] for own, n in zip(moved, chosen, strict=True)]),
+        _by_state(names, [at_count(own, n) for own, n in zip(moved, chosen, strict=True)]),
     )
 
 

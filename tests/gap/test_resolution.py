@@ -51,7 +51,7 @@ def test_a_case_is_told_its_section(root):
     """The speed of the pendulum's gap bends along both states; few samples are refused with how many it takes."""
     case, said = root / "configs/cases/pendulum.yaml", []
     found = refine.run(case, 20_000, said.append)
-    assert found.samples <= 20_000
+    assert 19_000 < found.samples <= 20_000  # what the counts that are weighed leave is spread over the axes
     assert np.prod(list(found.cells.values())) * 25 == found.samples
     assert all(found.then[n] > found.now[n] for n in found.then)  # the case has 12 million now
     assert f"x1: {found.half_widths['x1']:.4g}" in found.block()
