@@ -79,10 +79,11 @@ class PlantModel:
 
     def _with(self, effects: Sequence[AppliedEffect]) -> SymbolicModel:
         """The declared plant with these; a mistake is told with the key of the effect."""
+        declared = self.declared  # a mistake in the file or the equations is none of an effect
         try:
-            return apply_effects(self.declared, effects)
+            return apply_effects(declared, effects)
         except UserError as error:
-            wrong = (k for k, e in enumerate(self.effects) if e.on not in effect(e.name).targets(self.declared))
+            wrong = (k for k, e in enumerate(self.effects) if e.on not in effect(e.name).targets(declared))
             k = next(wrong, None)
             key = "plant.effects" if k is None else f"plant.effects.{k}.on"
             raise UserError(error.problem, key=error.key or key, remedy=error.remedy) from None

@@ -25,11 +25,14 @@ from simgap.stages.new_joints import SPEED, TAU, Axis, axes_of, drives, needed_i
 from simgap.stages.new_wheels import case_of_wheels, wheels_of
 from simgap.stages.propose import blocks_along, numbers
 from simgap.synthesis.proposal import SECONDS
+from simgap.synthesis.proposal_games import Proposal
 
 ENGINE_STEPS = 240
 """PyBullet's usual steps a second."""
-RUBBING_STEPS = 16
-"""Of the engine within tau where joints rub, at least: a step of it blurs the gap by what the friction does in it."""
+RUBBING_STEPS, MOST_STEPS, BLUR = 16, 64, 1 / 300
+"""Of the engine within tau where joints rub: a step of it blurs the gap by what the friction does in it, and that is to
+be no more than BLUR of what the inputs do within tau. A cart with a pole and a tenth of its force as friction won
+nothing with 23 steps and .43 with 60; more than MOST_STEPS make roll-outs dear."""
 STATES, CELLS = 2500, 40_000
 """Of the first grid of samples, and cells of the first controller. Judgement: a run of a minute or two."""
 
@@ -187,8 +190,17 @@ def _proposed(
     note(f"At tau = {own.tau} s, {found.wins}; the case takes {cells} cells.")
     if found.small:
         note(found.small)
-    least = RUBBING_STEPS if about["rubs"] else 1
-    return {"proposal": found.block(), "substeps": max(least, round(ENGINE_STEPS * own.tau))}
+    return {"proposal": found.block(), "substeps": _substeps(own, axes, about["rubs"])}
+
+
+def _substeps(found: Proposal, axes: Sequence[Axis], rubs: Mapping[str, float]) -> int:
+    """Of the engine within tau: its usual ones, or so many that a step of the friction is small beside the inputs."""
+    usual = max(1, round(ENGINE_STEPS * found.tau))
+    if not rubs:
+        return usual
+    most = {a.joint: max(map(abs, found.U[a.drive][:2])) for a in axes if a.drive in found.U}
+    share = max((force / most[joint] for joint, force in rubs.items() if most.get(joint)), default=0.0)
+    return max(usual, min(MOST_STEPS, max(RUBBING_STEPS, math.ceil(2.0 * share / BLUR))))
 
 
 def _step(needed: float, effort: float | None, values: int) -> float:

@@ -4,10 +4,10 @@ import json
 
 import jsonschema
 import pytest
-import yaml
 
 from simgap.cli import main
 from simgap.config.load import load_case
+from simgap.config.load_yaml import read_yaml
 from simgap.config.measured import MeasuredSection
 from simgap.config.schema import schema_text
 from simgap.errors import UserError
@@ -22,7 +22,7 @@ def test_shipped_cases_check_against_models_and_schema(root):
     schema = json.loads(schema_text())
     for path in shipped(root):
         assert load_case(path).name == path.stem
-        jsonschema.validate(json.loads(json.dumps(yaml.safe_load(path.read_text()))), schema)
+        jsonschema.validate(json.loads(json.dumps(read_yaml(path))), schema)
 
 
 def test_the_schema_file_is_what_the_sections_say(root):
