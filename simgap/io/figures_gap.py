@@ -133,28 +133,49 @@ def _locator(count: int) -> Any:
 
 
 def slices_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> Any:
-    """A panel a state: the bound along the first state, with samples, for plants with one state or many.
+    """A panel a state: its gap and bound along the state that it follows most, for plants with one state or many.
 
-    The samples are `x` (n, nx), `u` (n, nu) and `d` (n, nx). The other states are at the middle of X, the input at the
-    middle of U; samples of that input are shown.
+    The samples are `x` (n, nx), `u` (n, nu) and `d` (n, nx); those of the input at the middle of U are shown, with the
+    hull of the bounds at them, whatever their other states are.
     """
     import matplotlib.pyplot as plt
 
     states, at = gap.domain.states, middle_input(gap)
     figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.2), squeeze=False)
-    line = np.linspace(gap.domain.box.lo[0], gap.domain.box.hi[0], 201)
-    points = np.tile(0.5 * (gap.domain.box.lo + gap.domain.box.hi), (len(line), 1))
-    points[:, 0] = line
-    lo, hi = gap.bounds(points, np.tile(at, (len(line), 1)))
     own = np.abs(u - at).max(axis=1) < 1e-9
+    x, d = x[own], d[own]
+    lo, hi = gap.bounds(x, np.tile(at, (len(x), 1)))
     for i, (axis, name) in enumerate(zip(axes[0], states, strict=True)):
+        j = followed_axis(gap, x, d[:, i])
+        edges, bins = _bins(gap, x, j)
         factor, unit = scaled(float(np.abs([lo[:, i], hi[:, i]]).max()), units[name])
-        axis.fill_between(line, factor * lo[:, i], factor * hi[:, i], color=style.SKY, alpha=0.5, label="bound")
-        axis.scatter(x[own, 0], factor * d[own, i], s=3, color=style.BLACK, lw=0, label="samples")
-        axis.set_xlabel(axis_label(states[0], units))
+        hull = np.array([[lo[bins == k, i].min(), hi[bins == k, i].max()] for k in np.unique(bins)]) * factor
+        left, right = edges[np.unique(bins)], edges[np.unique(bins) + 1]
+        for a, b, (low, high) in zip(left, right, hull, strict=True):
+            axis.fill_between(
+                [a, b], low, high, color=style.SKY, alpha=0.5, lw=0, label="bound" if a == left[0] else None
+            )
+        axis.scatter(x[:, j], factor * d[:, i], s=3, color=style.BLACK, lw=0, label="samples")
+        axis.set_xlabel(axis_label(states[j], units))
         axis.set_ylabel(f"gap of {name} ({unit})")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, markerscale=4)
     return figure
+
+
+def followed_axis(gap: GapFunction, x: Floats, d: Floats) -> int:
+    """The state along which means of samples (n,) at x (n, nx) differ most, none along which a translation holds."""
+    moving = [j for j in range(x.shape[1]) if j not in gap.domain.free]
+    spread = {}
+    for j in moving:
+        bins = _bins(gap, x, j)[1]
+        spread[j] = sum(float(np.count_nonzero(bins == k)) * d[bins == k].mean() ** 2 for k in np.unique(bins))
+    return max(moving, key=spread.__getitem__)
+
+
+def _bins(gap: GapFunction, x: Floats, j: int, count: int = 24) -> tuple[Floats, Any]:
+    """Edges of equal parts of X along state j, and the part of each sample."""
+    edges = np.linspace(gap.domain.box.lo[j], gap.domain.box.hi[j], count + 1)
+    return edges, np.clip(np.searchsorted(edges, x[:, j], side="right") - 1, 0, count - 1)
 
 
 def over_inputs(gap: GapFunction) -> tuple[Floats, Floats] | None:

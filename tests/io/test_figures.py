@@ -12,12 +12,16 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
 import loop_example as example
 
 from simgap.config.context import Context
+from simgap.gap.cells import CellGap
+from simgap.gap.function import GapDomain
 from simgap.gap.load import from_json
+from simgap.gap.tiers import Tier
 from simgap.geometry import Box, Grid
 from simgap.io import figure_style as style
 from simgap.io import figures_arena, figures_domains, figures_gap, figures_problem, figures_traces
 from simgap.io.controller_file import load_controller
 from simgap.io.diagnosis_figures import steps_figure
+from simgap.io.figures_gap import followed_axis
 from simgap.io.figures_margins import slices_figure
 from simgap.io.parquet import stack
 from simgap.io.recording_phase import domains_image, to_pixels
@@ -233,3 +237,21 @@ def test_a_plug_in_may_draw_any_patch(root):
         lo, hi = figure.axes[0].get_ylim()
         assert lo < -0.9 < 0.9 < hi
         style.close(figure)
+
+
+def test_a_gap_is_shown_along_the_state_that_it_follows_and_never_along_a_free_one():
+    """A table that turns round with the second of three states, and a translation along the first."""
+    box, inputs = Box([-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]), np.array([[0.0]])
+    rng = np.random.default_rng(1)
+    x = rng.uniform(-1.0, 1.0, (400, 3))
+    d = np.stack([-np.sign(x[:, 1]), 0.1 * x[:, 2], np.zeros(400)], axis=1)
+    domain = GapDomain(("a", "b", "c"), ("u",), box, inputs, free=(0,))
+    edges = (np.array([-1.0, 1.0]), np.array([-1.0, 0.0, 1.0]), np.array([-1.0, 1.0]))
+    nodes = tuple(0.5 * (e[:-1] + e[1:]) for e in edges)
+    middle = np.array([[[1.0, 0.0, 0.0]], [[-1.0, 0.0, 0.0]]])
+    gap = CellGap(domain, (Tier(1, "made up"),), edges, nodes, middle - 0.2, middle + 0.2, np.zeros((3, 3)))
+    assert [followed_axis(gap, x, d[:, i]) for i in (0, 1)] == [1, 2]
+    figure = figures_gap.slices_figure(gap, x, np.zeros((400, 1)), d, {"a": "m", "b": "m/s", "c": "rad"})
+    assert [axes.get_xlabel().split()[0] for axes in figure.axes[:2]] == ["b", "c"]
+    hull = figure.axes[0].collections
+    assert len(hull) > 20  # a part of X each, and the samples
