@@ -51,7 +51,7 @@ def stuck(context: Context) -> list[Finding]:
         for j, (name, own) in enumerate(case.plant.inputs.items()):
             most = float(abs(context.input_set[:, j]).max())
             force = added.parameters.get("F_c", 0.0) if added.name == "coulomb_friction" else 0.0
-            if own.joint != added.on or force < most:
+            if own.joint != added.on or not force or force < most:
                 continue
             problem = (
                 f"dry friction of {force:g} at {added.on}, and {name} goes to {most:g}: the input does not move it"

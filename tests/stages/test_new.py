@@ -19,6 +19,7 @@ from simgap.stages.context import Context
 from simgap.stages.new_joints import _centre, axes_of, drives, needed_inputs
 from simgap.stages.new_wheels import wheels_of
 from simgap.stages.propose import Numbers, blocks_along
+from simgap.stages.switching_check import stuck
 from simgap.synthesis.proposal_games import Proposal
 
 
@@ -71,6 +72,15 @@ NUMBERS = Numbers(
     ),
     {"q2": 0.02, "v1": 0.1, "v2": 0.15}, 2,
 )  # fmt: skip
+
+
+@pytest.mark.parametrize(("friction", "told"), [(0.1, False), (700.0, True)])
+def test_friction_that_the_input_does_not_overcome_is_told(root, tmp_path, friction, told):
+    case = new.run("mine", rubbing(root, tmp_path, "pendulum", [0.1]), tmp_path)
+    case.write_text(case.read_text().replace("F_c: 0.1", f"F_c: {friction}"))
+    found = stuck(Context.load(case))
+    assert [finding.key for finding in found] == ["simulator.effects.0"] * told
+    assert all("does not move it" in finding.problem for finding in found)
 
 
 def test_joints_with_dampings_of_their_own_keep_them(root, tmp_path):
