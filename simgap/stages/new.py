@@ -23,9 +23,10 @@ from simgap.plants.model_file import ModelFile, read_model_file
 from simgap.plants.numeric_terms import MOST_DERIVED
 from simgap.stages.new_joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
 from simgap.stages.new_wheels import case_of_wheels, wheels_of
-from simgap.stages.propose import blocks_along, numbers
+from simgap.stages.propose import numbers
 from simgap.synthesis.proposal import SECONDS
 from simgap.synthesis.proposal_games import Proposal
+from simgap.synthesis.rubbing import blocks_along
 
 ENGINE_STEPS = 240
 """PyBullet's usual steps a second."""

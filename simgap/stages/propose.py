@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,14 +17,11 @@ from simgap.synthesis.driven import rounded
 from simgap.synthesis.proposal import SECONDS, propose
 from simgap.synthesis.proposal_games import Proposal
 from simgap.synthesis.quickened import quickened
+from simgap.synthesis.rubbing import blocks_along
 
 ALONG = {1: 200, 2: 40, 3: 10, 4: 10}
 """Cells of the grid of samples along each axis on which the gap may depend, for so many of them. Judgement: on 6 x 6
 the gap of a two-link arm was refused, so few do not show how it bends."""
-RUBBING, RESTING = {1: 80, 2: 24}, {2: 25, 3: 10, 4: 8}
-"""Cells of the grid, and blocks of the bound, where joints rub: along each speed that friction turns round with, by the
-number of such speeds, and along each other axis, by the number of all. On a two-link arm with a tenth of its torques as
-dry friction, 10 cells along a speed gave nothing and 24 won .56 of the cells, where the model alone wins .75."""
 TOLERANCE = "1.0e-9"
 """Of a declared translation, in the unit of each state: rounding, and nothing of an engine that knows places apart."""
 SMALL = 0.5
@@ -64,7 +61,8 @@ class Numbers:
         against, coarser = self.proposal.against, " on coarser ones" if self.proposal.target is not None else ""
         if not against:
             return f"the nominal model alone {won}"
-        return f"the nominal model with a gap of {against:g} of what the largest inputs do {won}{coarser}"
+        beside = "what dry friction leaves and " if self.proposal.rubs else ""
+        return f"the nominal model with {beside}a gap of {against:g} of what the largest inputs do {won}{coarser}"
 
     def block(self) -> str:
         """Sections of a case file."""
@@ -89,7 +87,13 @@ def run(path: Path, at: Mapping[str, float], tell: Callable[[str], None], second
     if case.domain is not None:
         limits = {n: max(abs(u.list()[0]), abs(u.list()[-1])) for n, u in case.domain.U.items()}
     with context.blame():
-        return numbers(case, context.folder, at, limits, {}, tell, seconds)
+        return numbers(case, context.folder, at, limits, {}, tell, seconds, _rubs(case))
+
+
+def _rubs(case: Case) -> dict[str, float]:
+    """Dry friction by joint, as the simulator's section says."""
+    effects = case.simulator.effects if case.simulator is not None else ()
+    return {e.on: e.parameters["F_c"] for e in effects if e.name == "coulomb_friction"}
 
 
 def numbers(
@@ -110,7 +114,7 @@ def numbers(
         )  # fmt: skip
     if not case.plant.inputs:
         raise UserError("the plant has no input", key="plant.inputs", remedy="Name the joints that have a drive.")
-    found = propose(plant.carried, lambda tau: replace(plant, tau=tau).sampled, at, limits, room, tell, seconds)
+    found = propose(plant.carried, lambda tau: replace(plant, tau=tau).sampled, at, limits, room, tell, seconds, rubs)
     coordinates = {c.name: c.velocity for c in plant.carried.coordinates}
     rubbing = {coordinates[joint] for joint in rubs or {}}
     if rubs:
@@ -121,12 +125,6 @@ def numbers(
     widths = {n: rounded((found.X[n][1] - found.X[n][0]) / (2 * along[n])) for n in kept}
     blocks = tuple(along.get(n, 1) for n in found.X) if rubbing else ()
     return Numbers(found, widths, DEGREE.get(len(case.plant.inputs), 2), blocks)
-
-
-def blocks_along(kept: Sequence[str], rubbing: Collection[str]) -> dict[str, int]:
-    """Cells along each axis on which the gap may depend, where the speeds `rubbing` turn a dry friction round."""
-    fine = RUBBING.get(len([n for n in kept if n in rubbing]), 12)
-    return {n: fine if n in rubbing else RESTING.get(len(kept), 8) for n in kept}
 
 
 def shown(values: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, ...]]:

@@ -18,12 +18,14 @@ from simgap.synthesis.driven import GUESS, Driven, driven, is_driven, rounded
 from simgap.synthesis.posture import Posture, posture_of
 from simgap.synthesis.proportions import Proportions, proportions
 from simgap.synthesis.proposal_games import REACH, SHARES, Proposal, Search, Tried, beside
+from simgap.synthesis.rubbing import rubbing
 from simgap.synthesis.unmoved import check_moved, unmoved
 
 HELD = 0.02
 """Of what the largest inputs do in a step: the gap against which the cells are to win as well, where time allows. On a
 cart with a pole and a rubbing rail the cells that won for the model alone won nothing with the gap; with .01 of it they
-are 2.5, with .02 six times as many, and with .04 none that a quick search affords."""
+are 2.5, with .02 six times as many, and with .04 none that a quick search affords. Where joints rub it is beside what
+their friction does (`rubbing`)."""
 WINS = 0.1
 """Share of the cells that has to win. Judgement: beside it a bound of the gap still leaves some."""
 SECONDS = 120.0
@@ -38,6 +40,7 @@ def propose(
     room: Mapping[str, tuple[float, float]],
     tell: Callable[[str], None] = lambda words: None,
     seconds: float = SECONDS,
+    rubs: Mapping[str, float] | None = None,
 ) -> Proposal:
     """Numbers for a plant.
 
@@ -47,6 +50,7 @@ def propose(
         limits: for inputs that have one the largest size. room: for states that have one the interval to stay within;
             of a position these are stops, and X keeps a step's travel away from them.
         tell: hears what is being done. seconds: of CPU time, after which no other game is begun.
+        rubs: dry friction of joints, which the simulator has and the model lacks.
 
     Raises:
         UserError: a posture that no input holds, inputs that move nothing, a plant that no feedback holds, an X of next
@@ -60,7 +64,7 @@ def propose(
         return _of_driven(model, posture, found)
     tell("looking for the sampling time and the shape of X")
     shape = _shape(model, posture)
-    search = Search(model, sampled(shape.tau), posture, shape, limits, room)
+    search = Search(model, sampled(shape.tau), posture, shape, limits, room, rubbing(model, posture, rubs, shape.tau))
     search.check()
     tried: list[Tried] = []
     rounds = search.rounds()
@@ -89,10 +93,11 @@ def _held(
 ) -> Tried:  # fmt: skip
     """The first of these cells that win against a gap of HELD too; those of the model alone if none do in time."""
     alone = tried[-1]
-    for cells in rounds:
+    gap = "dry friction" if search.rubs else "a small gap"
+    for cells in search.finer_where_it_rubs(rounds):
         if time.process_time() > ends:
             break
-        tell(f"a game of {' x '.join(map(str, cells))} cells against a small gap")
+        tell(f"a game of {' x '.join(map(str, cells))} cells against {gap}")
         tried.append(search.play(cells, share, HELD))
         if tried[-1].wins >= WINS:
             return tried[-1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from simgap.specifications.space import Space
 from simgap.synthesis.driven import changed, constant, rounded
 from simgap.synthesis.posture import Posture
 from simgap.synthesis.proportions import Proportions
+from simgap.synthesis.rubbing import Rubbing
 from simgap.synthesis.synthesise import Problem
 from simgap.synthesis.unmoved import check_room, check_strength
 
@@ -36,6 +37,10 @@ PAIRS = 60_000_000
 """Most pairs of cell and input of one try: half a minute of CPU."""
 VALUES = {1: 15, 2: 5}
 """Values of each of one or two inputs at least, and `FEWER` of more; the posture's own is among them."""
+FINER = 1.6
+"""Times as many cells along the speeds at which a dry friction turns round, before there are more along all axes. On a
+cart with a pole and .07 of its force as friction, 42 x 32 x 50 x 35 cells won nothing with the gap, 80 along the speed
+.46, and two thirds more cells along all axes .50."""
 FEWER, MOST, FEWEST = 3, 15, 10
 """Values of an input at least, and at most where strong ones have to lie close; cells along an axis at least."""
 
@@ -64,6 +69,7 @@ class Proposal:
         part: of the X that is sought (`REACH`), the share along each axis that stops and the largest inputs leave.
         target: the box to reach, by state, where each joint has a motor. None for an X to stay in.
         against: the gap that was played against, as a share of what the largest inputs do in a step; 0 for none.
+        rubs: whether what the joints' dry friction leaves as a gap was played against as well.
     """
 
     tau: float
@@ -76,11 +82,12 @@ class Proposal:
     part: float
     target: Mapping[str, tuple[float, float]] | None = None
     against: float = 0.0
+    rubs: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The games of a plant at one posture; `limits` and `room` as `propose` has them."""
+    """The games of a plant at one posture; `limits` and `room` as `propose` has them, `rubs` where joints do."""
 
     model: SymbolicModel
     sampled: NominalModel
@@ -88,6 +95,7 @@ class Search:
     shape: Proportions
     limits: Mapping[str, float]
     room: Mapping[str, tuple[float, float]]
+    rubs: Rubbing | None = None
 
     def check(self) -> None:
         """Refuse what leaves X next to no size.
@@ -109,6 +117,13 @@ class Search:
             if k and math.prod(cells) * VALUES.get(len(self.model.inputs), FEWER) ** len(self.model.inputs) > PAIRS:
                 return
             yield cells
+
+    def finer_where_it_rubs(self, rounds: Iterable[tuple[int, ...]]) -> Iterator[tuple[int, ...]]:
+        """Each of these, and where joints rub also with more cells along the speeds at which friction turns round."""
+        for cells in rounds:
+            yield cells
+            if self.rubs is not None:
+                yield tuple(math.ceil(FINER * n) if j in self.rubs.speeds else n for j, n in enumerate(cells))
 
     def values(self, needed: Floats, box: Floats, cells: tuple[int, ...]) -> list[int]:
         """How many of each input: neighbours no farther apart than what the feedback makes of a cell."""
@@ -161,7 +176,7 @@ class Search:
     def play(self, cells: tuple[int, ...], share: float, against: float = 0.0) -> Tried:
         """The game on these cells with this share of the inputs of a linear feedback, X smaller where they are weak.
 
-        `against` is the gap, as a share of what the largest inputs do in a step.
+        `against` is the gap, as a share of what the largest inputs do in a step; beside it stands what friction leaves.
         """
         box, names = self.box(share), self.model.input_names
         needed = share * np.abs(self.shape.gain) @ box
@@ -188,7 +203,11 @@ class Search:
         inputs = tuple(s * (c // 2) for s, c in zip(steps, counts, strict=True))
         if against:
             spread = against * changed(self.sampled, self.posture, np.array(inputs))
-            problem = replace(problem, gap=constant(spread), gap_axes=[])
+            if self.rubs is None:
+                problem = replace(problem, gap=constant(spread), gap_axes=[])
+            else:
+                kept = [j for j, n in enumerate(self.model.state_names) if n not in self.posture.free]
+                problem = replace(problem, gap=self.rubs.gap(np.array(half), spread), gap_axes=kept)
         solution = specification.solve(problem.game())
         return Tried(cells, inputs, tuple(steps), tuple(half), solution.fraction if solution.useful else 0.0, against)
 
@@ -208,7 +227,8 @@ class Search:
             U[n] = (round(at - most, 12), round(at + most, 12), step)
         part = float((np.array(best.box) / self.sought()).min())
         about = self.posture.free, tuple(tried), part
-        return Proposal(self.shape.tau, X, U, best.cells, best.wins, *about, against=best.against)
+        rubs = self.rubs is not None and best.against > 0.0
+        return Proposal(self.shape.tau, X, U, best.cells, best.wins, *about, against=best.against, rubs=rubs)
 
 
 def beside(rest: float, step: float) -> float:

@@ -18,9 +18,10 @@ from simgap.stages import check, fresh, new, synthesis
 from simgap.stages.context import Context
 from simgap.stages.new_joints import _centre, axes_of, drives, needed_inputs
 from simgap.stages.new_wheels import wheels_of
-from simgap.stages.propose import Numbers, blocks_along
+from simgap.stages.propose import Numbers
 from simgap.stages.switching_check import stuck
 from simgap.synthesis.proposal_games import Proposal
+from simgap.synthesis.rubbing import blocks_along
 
 
 def controlled(case, folder):

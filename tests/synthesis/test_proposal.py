@@ -86,7 +86,10 @@ def test_cells_that_win_alone_are_refined_until_they_win_against_a_gap_while_the
     def tried(cells, wins):
         return Tried((cells,), (1.0,), (0.1,), (1.0,), wins)
 
-    class Games:
+    class Games(Search):
+        def __init__(self):
+            super().__init__(None, None, None, None, {}, {})
+
         def play(self, cells, share, against):
             return tried(cells[0], 0.2 if cells[0] >= 30 else 0.0)
 
