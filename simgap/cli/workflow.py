@@ -123,8 +123,8 @@ def propose(
     with progress("building the nominal model") as tell:
         found = stage.run(case, values_of(at, "--at"), tell, seconds)
     typer.echo(found.block())
-    if found.small:
-        typer.echo(found.small, err=True)
+    for doubt in filter(None, (found.small, found.doubtful)):
+        typer.echo(doubt, err=True)
 
 
 @app.command()

@@ -189,8 +189,8 @@ def _proposed(
     own = found.proposal
     cells = " x ".join(map(str, own.cells))
     note(f"At tau = {own.tau} s, {found.wins}; the case takes {cells} cells.")
-    if found.small:
-        note(found.small)
+    for doubt in filter(None, (found.small, found.doubtful)):
+        note(doubt)
     return {"proposal": found.block(), "substeps": _substeps(own, axes, about["rubs"])}
 
 

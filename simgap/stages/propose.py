@@ -55,6 +55,16 @@ class Numbers:
         )
 
     @property
+    def doubtful(self) -> str:
+        """What to know where the search found nothing that wins beside dry friction, in a sentence, or nothing."""
+        if not self.blocks or self.proposal.target is not None or self.proposal.rubs:
+            return ""
+        return (
+            "No cells of a quick search win beside the dry friction: a run may end with an empty winning domain, whose "
+            "page says what is missing. Stronger drives, a longer way or less friction help; --seconds searches longer."
+        )
+
+    @property
     def wins(self) -> str:
         """What was won in the search, as a clause."""
         won = f"wins {self.proposal.wins:.2g} of X"

@@ -6,6 +6,7 @@ be for a box is found by solving the nominal model's own game on coarse cells, a
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -24,8 +25,10 @@ from simgap.synthesis.unmoved import check_moved, unmoved
 HELD = 0.02
 """Of what the largest inputs do in a step: the gap against which the cells are to win as well, where time allows. On a
 cart with a pole and a rubbing rail the cells that won for the model alone won nothing with the gap; with .01 of it they
-are 2.5, with .02 six times as many, and with .04 none that a quick search affords. Where joints rub it is beside what
-their friction does (`rubbing`)."""
+are 2.5, with .02 six times as many, and with .04 none that a quick search affords."""
+HELD_RUBBING = 0.016
+"""The same beside what the dry friction of joints leaves (`rubbing`). Of two carts with a pole whose gap is known, the
+cells that win are told by .016 from those that do not; with .013 it is wrong of one, with .02 of the other."""
 WINS = 0.1
 """Share of the cells that has to win. Judgement: beside it a bound of the gap still leaves some."""
 SECONDS = 120.0
@@ -73,14 +76,13 @@ def propose(
             if tried and time.process_time() > ends:
                 break
             best = max((t.wins for t in tried), default=0.0)
-            tell(f"a game of {' x '.join(map(str, cells))} cells" + (f"; best so far {best:.2g}" if best else ""))
+            tell(f"a game of {_shown(cells)} cells" + (f"; best so far {best:.2g}" if best else ""))
             tried.append(search.play(cells, share))
             if tried[-1].wins >= WINS:
                 return search.proposal(_held(search, tried, share, [cells, *rounds], tell, ends), tried)
     most = max(tried, key=lambda t: (t.wins, math.prod(t.cells)))
-    words = " x ".join(map(str, most.cells))
     raise UserError(
-        f"on {words} cells the nominal model alone wins {most.wins:.2g}, and "
+        f"on {_shown(most.cells)} cells the nominal model alone wins {most.wins:.2g}, and "
         f"{'the time is up' if time.process_time() > ends else 'more are beyond a quick search'}; by its "
         f"linear model it takes about {shape.size:,.0f} at tau = {shape.tau:g} s", key="synthesis.cells",
         remedy="Give it another input or stronger ones, or begin with fewer states.",
@@ -91,17 +93,28 @@ def _held(
     search: Search, tried: list[Tried], share: float, rounds: Sequence[tuple[int, ...]],
     tell: Callable[[str], None], ends: float,
 ) -> Tried:  # fmt: skip
-    """The first of these cells that win against a gap of HELD too; those of the model alone if none do in time."""
-    alone = tried[-1]
-    gap = "dry friction" if search.rubs else "a small gap"
-    for cells in search.finer_where_it_rubs(rounds):
+    """The first that win against a gap too.
+
+    Where joints rub there are more cells along their speeds, and inputs one size larger are tried as well. If none win
+    in time, what wins for the model alone: its own cells, or beside dry friction, which asks for more, the finest.
+    """
+    rubs, left = search.rubs, tried[-1]
+    shares = [share] if rubs is None else [s for s in SHARES if s >= share][:2]
+    against, gap = (HELD, "a small gap") if rubs is None else (HELD_RUBBING, "dry friction")
+    for cells, own in itertools.product(rounds, shares):
         if time.process_time() > ends:
             break
-        tell(f"a game of {' x '.join(map(str, cells))} cells against {gap}")
-        tried.append(search.play(cells, share, HELD))
+        fine = cells if rubs is None else rubs.finer(cells)
+        tell(f"a game of {_shown(fine)} cells against {gap}")
+        tried.append(search.play(fine, own, against))
         if tried[-1].wins >= WINS:
             return tried[-1]
-    return alone
+        left = left if rubs is None else replace(tried[-1], wins=left.wins, against=0.0)
+    return left
+
+
+def _shown(cells: Sequence[int]) -> str:
+    return " x ".join(map(str, cells))
 
 
 def _of_driven(model: SymbolicModel, posture: Posture, found: Driven) -> Proposal:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,10 +37,6 @@ PAIRS = 60_000_000
 """Most pairs of cell and input of one try: half a minute of CPU."""
 VALUES = {1: 15, 2: 5}
 """Values of each of one or two inputs at least, and `FEWER` of more; the posture's own is among them."""
-FINER = 1.6
-"""Times as many cells along the speeds at which a dry friction turns round, before there are more along all axes. On a
-cart with a pole and .07 of its force as friction, 42 x 32 x 50 x 35 cells won nothing with the gap, 80 along the speed
-.46, and two thirds more cells along all axes .50."""
 FEWER, MOST, FEWEST = 3, 15, 10
 """Values of an input at least, and at most where strong ones have to lie close; cells along an axis at least."""
 
@@ -117,13 +113,6 @@ class Search:
             if k and math.prod(cells) * VALUES.get(len(self.model.inputs), FEWER) ** len(self.model.inputs) > PAIRS:
                 return
             yield cells
-
-    def finer_where_it_rubs(self, rounds: Iterable[tuple[int, ...]]) -> Iterator[tuple[int, ...]]:
-        """Each of these, and where joints rub also with more cells along the speeds at which friction turns round."""
-        for cells in rounds:
-            yield cells
-            if self.rubs is not None:
-                yield tuple(math.ceil(FINER * n) if j in self.rubs.speeds else n for j, n in enumerate(cells))
 
     def values(self, needed: Floats, box: Floats, cells: tuple[int, ...]) -> list[int]:
         """How many of each input: neighbours no farther apart than what the feedback makes of a cell."""

@@ -8,6 +8,7 @@ balance. A table of blocks bounds that over a block.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,12 @@ number of such speeds, and along each other axis, by the number of all. On a two
 dry friction, 10 cells along a speed gave nothing and 24 won .56 of the cells, where the model alone wins .75."""
 
 
+FINER = 1.6
+"""Times as many cells along the speeds at which a dry friction turns round. On a cart with a pole and .07 of its force
+as friction, 42 x 32 x 50 x 35 cells won nothing with the gap, 80 along the speed .46, and two thirds more along all
+axes .50."""
+
+
 def blocks_along(kept: Sequence[str], rubbing: Collection[str]) -> dict[str, int]:
     """Cells along each axis on which the gap may depend, where the speeds `rubbing` turn a dry friction round."""
     fine = RUBBING.get(len([n for n in kept if n in rubbing]), 12)
@@ -37,6 +44,7 @@ class Rubbing:
     """Dry friction of k joints over one sampling time, around a posture.
 
     Attributes:
+        names, free: the states, and those on which the motion does not depend.
         speeds: (k,) the state that is the speed of each. pushed: (k, n) what the force adds to the states in a step.
         following: (k, n + m) the speed after a step, by state and input; rest: (k,) its constant.
     """
@@ -47,6 +55,10 @@ class Rubbing:
     pushed: Floats
     following: Floats
     rest: Floats
+
+    def finer(self, cells: Sequence[int]) -> tuple[int, ...]:
+        """More cells along the speeds."""
+        return tuple(math.ceil(FINER * n) if j in self.speeds else n for j, n in enumerate(cells))
 
     def gap(self, half: Floats, spread: Floats) -> Kernel:
         """The gap as a table of blocks on X of these half-widths would bound it."""

@@ -70,3 +70,8 @@ def test_joints_that_do_not_rub_have_none():
 
 def test_blocks_are_fine_along_speeds_that_rub():
     assert blocks_along(["q", "v"], {"v"}) == {"q": 25, "v": 80}
+
+
+def test_cells_are_finer_along_the_speeds_alone():
+    model = block()
+    assert rubbing(model, posture_of(model, {}), {"x": FRICTION}, TAU).finer((40, 50)) == (40, 80)
