@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from simgap.gap.outside import Outside
 from simgap.gap.tiers import PROVEN
 from simgap.io.traces import CAREFUL, NOMINAL, ROBUST, SIMULATOR
 from simgap.notation import pretty_unit
@@ -79,6 +80,7 @@ def verdict(m: Material) -> dict[str, Any]:
         f"account; the nominal model alone would promise {_won(m, NOMINAL)}.",
         "adversary": adversary.sentence(m),
         "tolerated": m.gap.get("fresh", {}).get("violations", 0),
+        "outside": str(Outside(**worst)) if (worst := m.gap.get("fresh", {}).get("outside")) else "",
     }
 
 
