@@ -68,13 +68,18 @@ def run(
     (folder, *others) = dict.fromkeys(path.parent for path in files)
     if others:
         raise UserError("stands in another folder than the first case", file=others[0], remedy="Run it by itself.")
-    whole = not any(word.startswith(PARTLY) for word in options)
+    whole = not looks_on(options)
     if whole:
         _refuse_beside({path.stem for path in files})
     snakemake(folder, [path.stem for path in files], cores, options)
     if whole:
         for path in files:
             _tell_verdict(path.stem)
+
+
+def looks_on(options: Sequence[str]) -> bool:
+    """Whether a run with these options of Snakemake does not end with what it is asked for."""
+    return any(word.startswith(PARTLY) for word in options)
 
 
 def _refuse_beside(names: set[str]) -> None:
