@@ -231,8 +231,15 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
     command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
     process = subprocess.Popen([*command, *options], env=os.environ | {RUN: f"{host()}:{os.getpid()}"})
+    interrupted = False
     while True:
         try:
-            return process.wait()
+            status = process.wait()
         except KeyboardInterrupt:  # Snakemake has it too, and ends its jobs
+            interrupted = True
             continue
+        if status and interrupted:
+            raise WorkflowFailed(
+                "the run was interrupted. What was finished is kept: the same command goes on from there"
+            )
+        return status

@@ -92,3 +92,21 @@ def test_looking_on_is_allowed_beside_a_run(tmp_path, other, monkeypatch):
     assert asked == []
     assert CliRunner().invoke(workflow.app, ["run", "rod.yaml", "--dry-run"]).exit_code == 0
     assert len(asked) == 1
+
+
+def test_an_interrupted_run_is_called_that(tmp_path, monkeypatch):
+    """Jobs that are cut short end without a reason, and the run was said to have failed for it."""
+
+    class Cut:
+        waited = 0
+
+        def wait(self):
+            self.waited += 1
+            if self.waited == 1:
+                raise KeyboardInterrupt
+            return 1
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(workflow.subprocess, "Popen", lambda *command, **how: Cut())
+    with pytest.raises(workflow.WorkflowFailed, match=r"interrupted\. What was finished is kept"):
+        workflow.snakemake(tmp_path, ["rod"], 1, [])
