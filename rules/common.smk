@@ -22,6 +22,7 @@ from simgap.gap.points import (
 )
 from simgap.io.atomic import host
 from simgap.io.run_lock import join
+from simgap.io.runs_here import announce
 from simgap.provenance import (
     code_digest,
     digest,
@@ -30,6 +31,8 @@ from simgap.provenance import (
     sections_of,
     versions,
 )
+
+COMMAND = "simgap run" if RUN in os.environ else "snakemake"
 
 # Stages run the `simgap` of this very environment, whether it was activated or not, and end with this run, which ends
 # with `simgap run` if that has begun it.
@@ -57,6 +60,12 @@ except SimgapError as error:
 
 CASE_FOLDER = Path(SETTINGS.case_folder)
 CASES = SETTINGS.cases
+
+# Runs of other cases may be at work here. What they and this one would both write, the page of all cases, is then written
+# when this run has ended well (rules/report.smk), and Snakemake has no reason to refuse it.
+RUNNING = announce(Path(), CASES, COMMAND) if workflow.is_main_process else []
+for other in RUNNING:
+    sys.stderr.write(f"simgap: also at work in this folder: {other}\n")
 
 
 wildcard_constraints:

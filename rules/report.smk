@@ -7,6 +7,7 @@ REPORTS = next(f for f in (BASE / "reports", BASE.parent / "templates") if f.is_
 TEMPLATES = digest(
     {path.name: file_digest(path) for path in sorted(REPORTS.glob("*.*"))}
 )
+INDEX = "results/index.html"
 PRINTED = "configs/paper/printed.yaml"
 
 
@@ -34,10 +35,14 @@ def final_results(case):
         bound = [own] if own else []
         found = [f"{folder}/diagnosis/report.html"] if diagnosed(case) else []
         return [f"{folder}/check/check.json", *bound, *found]
-    return [*pages(case), "results/index.html"] + (
-        [f"{folder}/diagnosis/report.html", f"{folder}/corrected/report.html"]
-        if diagnosed(case)
-        else []
+    return (
+        [*pages(case)]
+        + ([] if RUNNING else [INDEX])
+        + (
+            [f"{folder}/diagnosis/report.html", f"{folder}/corrected/report.html"]
+            if diagnosed(case)
+            else []
+        )
     )
 
 
@@ -178,18 +183,32 @@ rule picture:
 
 
 # Cases of other configs have pages too: what they made stays on the index, as it is.
-EARLIER = [
-    str(path)
-    for path in sorted(Path("results").glob("*/summary.json"))
-    if path.parent.name not in CASES
-]
+def made_earlier():
+    return [
+        str(path)
+        for path in sorted(Path("results").glob("*/summary.json"))
+        if path.parent.name not in CASES
+    ]
+
+
+EARLIER = made_earlier()
+
+
+# Runs of other cases may have ended while this one was at work, or be at work still: none of their pages is lost.
+onsuccess:
+    from simgap.stages.index import run as write_index
+
+    own = [Path(f"results/{case}/summary.json") for case in CASES]
+    beside = [Path(path) for path in made_earlier()]
+    if RUNNING or made_earlier() != EARLIER:
+        write_index([path for path in own if path.exists()], Path(INDEX), beside)
 
 
 rule index:
     input:
         [f"results/{case}/summary.json" for case in CASES if controlled(case)],
     output:
-        "results/index.html",
+        INDEX,
     log:
         "results/logs/index.log",
     resources:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from simgap.attack.campaign import BrokenRun
 from simgap.attack.share import Step
 from simgap.errors import UserError
+from simgap.gap.outside import worst_outside
 from simgap.geometry import Floats
 
 STEP, RUN = "step outside gamma", "closed-loop run"
@@ -41,11 +43,14 @@ class Witness:
     hi: Floats
 
     @staticmethod
-    def of_step(step: Step) -> Witness:
-        """From a step that lies outside."""
+    def of_step(step: Step, names: tuple[Sequence[str], Sequence[str]] | None = None) -> Witness:
+        """From a step that lies outside; the sentence says where if it knows the names of states and inputs."""
         nothing = np.empty((0, step.x.size))
         inputs = step.u[None] if step.history is None else np.concatenate([step.history, step.u[None]])
         what = f"a step of the simulator lies outside gamma by {step.share:.3g} of its width"
+        x, u, d, lo, hi = (row[None] for row in (step.x, step.u, step.d, step.lo, step.hi))
+        place = worst_outside(names, x, u, (d, d), lo, hi) if names is not None else None
+        what += f": {place}" if place is not None else ""
         return Witness(STEP, SIMULATOR, what, "", "", inputs, step.x[None], nothing, step.d, step.lo, step.hi)
 
     @staticmethod

@@ -8,22 +8,34 @@ from typing import Annotated
 import typer
 
 from simgap.cli.options import Log, Out, app, new_file, start_log
+from simgap.errors import UserError
 
 SweepPath = Annotated[Path, typer.Argument(help="Sweep file (YAML).", show_default=False)]
 
 
-@app.command()
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def sweep(
+    context: typer.Context,
     file: SweepPath,
     cores: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 2,
 ) -> None:
-    """Make every point of a sweep, one table and one page: results/sweeps/<name> of this folder."""
-    from simgap.cli.workflow import snakemake
-    from simgap.config.sweep import base_of, points_of_sweep
+    """Make every point of a sweep, one table and one page: results/sweeps/<name> of this folder.
 
-    points_of_sweep(file)
-    base = base_of(file)
-    snakemake(base.parent, [base.stem], cores, ["--", f"results/sweeps/{file.stem}/report.html"], file.parent)
+    Other options, such as --dry-run, --unlock or --keep-going, are handed to Snakemake.
+    """
+    from simgap.cli.workflow import looks_on, snakemake
+    from simgap.stages.sweep import checked_points
+
+    words = [str(file), *context.args]
+    path = next((Path(word) for word in words if not word.startswith("-")), None)
+    if path is None:
+        raise UserError("no sweep file is given", remedy="Name one, such as configs/sweeps/basis.yaml.")
+    words.remove(str(path))
+    base, points = checked_points(path)
+    target = f"results/sweeps/{path.stem}/report.html"
+    snakemake(base.parent, [base.stem], cores, [*words, "--", target], path.parent)
+    if not looks_on(words):
+        typer.echo(f"{path.stem}: {len(points)} points. Page: {target}, table: {Path(target).parent}/table.parquet")
 
 
 @app.command()

@@ -18,6 +18,7 @@ from simgap.cli.options import CasePath, app, new_folder, values_of
 from simgap.errors import SimgapError, UserError
 from simgap.io.atomic import host, write_text
 from simgap.io.follow import RUN
+from simgap.io.runs_here import runs_in
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -67,10 +68,30 @@ def run(
     (folder, *others) = dict.fromkeys(path.parent for path in files)
     if others:
         raise UserError("stands in another folder than the first case", file=others[0], remedy="Run it by itself.")
+    whole = not looks_on(options)
+    if whole:
+        _refuse_beside({path.stem for path in files})
     snakemake(folder, [path.stem for path in files], cores, options)
-    if not any(word.startswith(PARTLY) for word in options):
+    if whole:
         for path in files:
             _tell_verdict(path.stem)
+
+
+def looks_on(options: Sequence[str]) -> bool:
+    """Whether a run with these options of Snakemake does not end with what it is asked for."""
+    return any(word.startswith(PARTLY) for word in options)
+
+
+def _refuse_beside(names: set[str]) -> None:
+    """Cases that another run of this folder is at work on would be written twice; other cases go side by side."""
+    for other in runs_in(Path()):
+        common = sorted(names.intersection(other.cases))
+        if other.alive and common:
+            raise UserError(
+                f"another run is at work on {', '.join(common)} in this folder: {other}",
+                file=Path(f"results/{common[0]}"),
+                remedy="Wait until it has ended, or type the command in another folder: results go to results/ there.",
+            )
 
 
 def _tell_verdict(name: str) -> None:
@@ -181,12 +202,23 @@ def snakemake(
         locks = Path(".snakemake/locks")
         locked = locks.is_dir() and any(locks.iterdir())
         raise WorkflowFailed(
-            "this folder is locked: another run is at work in it, or one of another machine was killed. Wait, or "
-            "give the same command with --unlock, then again without"
+            _locked()
             if locked
             else "the run has failed for what the line above says. Mend it and type the same command again: what was "
             "finished is kept"
         )
+
+
+def _locked() -> str:
+    """Who holds the folder, as far as it can be told, and what to do."""
+    others = runs_in(Path())
+    named = f"at work here: {'; '.join(map(str, others))}" if others else "no run that is alive here says so"
+    alive = any(run.alive for run in others)
+    return f"another run writes files of this one, or has left locks: {named}. " + (
+        "Wait until it has ended, or type the command in another folder"
+        if alive
+        else "If it was killed on another machine, give the same command with --unlock, then again without"
+    )
 
 
 def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[str], sweeps: Path) -> int:
@@ -199,8 +231,15 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
     command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
     process = subprocess.Popen([*command, *options], env=os.environ | {RUN: f"{host()}:{os.getpid()}"})
+    interrupted = False
     while True:
         try:
-            return process.wait()
+            status = process.wait()
         except KeyboardInterrupt:  # Snakemake has it too, and ends its jobs
+            interrupted = True
             continue
+        if status and interrupted:
+            raise WorkflowFailed(
+                "the run was interrupted. What was finished is kept: the same command goes on from there"
+            )
+        return status

@@ -55,9 +55,13 @@ class DomainSection(Section):
     """Where the model is compared with the simulator and where the controller works."""
 
     tau: Seconds = Field(gt=0, description="Sampling time, in seconds or with a unit ('5 ms').")
-    X: dict[str, tuple[float, float]] = Field(description="For each state its lower and upper end, in its unit.")
+    X: dict[str, tuple[float, float]] = Field(
+        description="For each state its lower and upper end, in its unit; angles in rad, not degrees."
+    )
     U: dict[str, InputSet] = Field(description="For each input the values that it may take.")
-    periodic: tuple[str, ...] = Field((), description="States that wrap around at the ends of X, such as a heading.")
+    periodic: tuple[str, ...] = Field(
+        (), description="States that wrap around at the ends of X, such as a heading; X is one turn."
+    )
 
     @model_validator(mode="after")
     def _upright(self) -> DomainSection:

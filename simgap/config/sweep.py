@@ -6,6 +6,7 @@ import copy
 import hashlib
 import itertools
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,8 @@ from simgap.errors import UserError
 
 MARK = "--"
 """Between the name of a sweep and that of a point."""
+NAME = re.compile(r"[a-z][a-z0-9_]*(-[a-z0-9_]+)*")
+"""Of a sweep, as the workflow takes it (rules/sweep.smk): a doubled hyphen stands between sweep and point."""
 MOST_POINTS = 1000
 
 
@@ -86,6 +89,11 @@ def points_of_sweep(path: Path) -> list[Point]:
     Raises:
         UserError: axes of different lengths where they are zipped, too many points, or a point that is no case.
     """
+    if not NAME.fullmatch(path.stem):
+        raise UserError(
+            "the file's name is that of the sweep and of a folder", file=path,
+            remedy="Rename it: lower-case letters, digits, and single - or _ between them, such as basis.yaml.",
+        )  # fmt: skip
     sweep = load_sweep(path)
     listed = sweep.mode == "list"
     if bool(sweep.axes) == listed or bool(sweep.points) != listed:

@@ -22,10 +22,17 @@ def tolerate(check: FreshCheck, probability: float, remedy: str) -> None:
         return
     allowed = "none is tolerated" if probability == 0 else f"tolerated probability {probability:g} < {check.upper:.2g}"
     raise BrokenPromise(
-        f"gamma does not cover: {check.violations} of {check.samples} fresh samples exceed it ({allowed}), "
-        f"by up to {check.worst}",
+        f"gamma does not cover: {check.violations:,} of {check.samples:,} fresh samples exceed it ({allowed}), "
+        f"{_where(check)}",
         remedy,
     )
+
+
+def _where(check: FreshCheck | BorderCheck) -> str:
+    """The worst place, where one is known: of sequences of steps it is not kept."""
+    if check.outside is not None:
+        return str(check.outside)
+    return "by up to " + ", ".join(f"{value:.3g} in {name}" for name, value in check.worst.items() if value > 0.0)
 
 
 def none_outside(check: BorderCheck) -> None:
@@ -37,8 +44,9 @@ def none_outside(check: BorderCheck) -> None:
     if check.violations:
         raise BrokenPromise(
             f"gamma does not cover: {check.violations} of {check.samples} samples on borders of X and beside switching "
-            f"surfaces exceed it, by up to {check.worst}",
-            "Use a smaller eps.",
+            f"surfaces exceed it, {_where(check)}",
+            "Use a finer grid: a smaller grid.eps, or grid.half_widths of the state that the gap bends along (`simgap "
+            "refine` says which).",
         )
 
 
@@ -50,9 +58,13 @@ def confirmed(tiers: Sequence[Tier], check: FreshCheck) -> list[Tier]:
     broken = Tier(
         2,
         f"The bound does not hold at every state: {check.violations:,} of {check.samples:,} fresh samples exceed it, "
-        f"by up to {by}; the case tolerates that.",
+        f"by up to {by}; the case tolerates that." + (f" {_upper(str(check.outside))}." if check.outside else ""),
     )
     return [broken, *(tier for tier in tiers if tier.level != 1)]
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def covering_remainder(function: GapFunction, remainder: Mapping[str, float]) -> GapFunction:

@@ -11,6 +11,7 @@ from scipy.special import betaincinv
 
 from simgap.errors import UserError
 from simgap.gap.function import GapFunction
+from simgap.gap.outside import Outside, worst_outside
 from simgap.gap.tiers import Tier
 from simgap.geometry import Floats
 
@@ -35,7 +36,7 @@ class FreshCheck:
             sequences of steps where a simulator remembers; `steps` is then how many steps they have together.
         by_state: violations for each state; worst: largest excess over the bound for each state, 0 if none.
         upper, confidence: the violation probability is at most `upper` with this confidence.
-        first: up to ten violating rows (x, u, d) for the report.
+        first: up to ten violating rows (x, u, d) for the report; outside: the worst of all, None if there is none.
     """
 
     samples: int
@@ -46,6 +47,7 @@ class FreshCheck:
     confidence: float
     steps: int | None = None
     first: tuple[tuple[list[float], list[float], list[float]], ...] = ()
+    outside: Outside | None = None
 
     @property
     def tier(self) -> Tier:
@@ -73,12 +75,14 @@ class BorderCheck:
     Attributes:
         samples, violations: pairs of a state and an input, and those that violate in at least one dimension.
         surfaces: switching surfaces of the case. worst: largest excess over the bound for each state, 0 if none.
+        outside: the worst of all, None if there is none.
     """
 
     samples: int
     violations: int
     surfaces: int
     worst: dict[str, float]
+    outside: Outside | None = None
 
     @property
     def tier(self) -> Tier:
@@ -121,6 +125,7 @@ def check_fresh(
         clopper_pearson_upper(len(x), count, confidence),
         confidence,
         first=first,
+        outside=worst_outside((states, function.domain.inputs), x, u, (d, top), lo, hi),
     )
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -187,7 +188,16 @@ def _solve_working_set(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[
     with warnings.catch_warnings():
         # "may be inaccurate" is no news here: every row is scanned afterwards, whatever the solver says of itself
         warnings.simplefilter("ignore", UserWarning)
-        problem.solve(solver=cp.CLARABEL, **accuracy)
+        for settings in (accuracy, {}):  # what fails to that accuracy may not to the solver's own
+            with suppress(cp.SolverError):
+                problem.solve(solver=cp.CLARABEL, **settings)
+                break
+        else:
+            raise UserError(
+                f"the program of {a.shape[1]} terms is too ill-conditioned to be solved",
+                key="gap.basis",
+                remedy="Use fewer terms, such as a lower degree.",
+            )
     if y.value is None:
         raise UserError(
             f"no combination of the terms covers the samples ({problem.status})",

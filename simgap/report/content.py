@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from simgap.gap.outside import Outside
 from simgap.gap.tiers import PROVEN
 from simgap.io.traces import CAREFUL, NOMINAL, ROBUST, SIMULATOR
 from simgap.notation import pretty_unit
@@ -39,6 +40,7 @@ def content(m: Material) -> dict[str, Any]:
         "lipschitz": tables.lipschitz(m),
         "scenario": tables.scenario(m.gap),
         "syntheses": m.syntheses,
+        "common_free": common_free(m.syntheses),
         "loops": tables.loops(m),
         "between": between_samples(m),
         "unproven": unproven(m.gap),
@@ -76,9 +78,10 @@ def verdict(m: Material) -> dict[str, Any]:
         "careful": _careful(m),
         "arrival": _arrival(m),
         "winning": f"The gap-aware controller wins {_won(m, ROBUST)} of the {words.allowed} with the gap taken into "
-        f"account; the nominal model alone would promise {_won(m, NOMINAL)}.",
+        f"account; the nominal model alone would promise {_won(m, NOMINAL)}.{_own_share(m)}",
         "adversary": adversary.sentence(m),
         "tolerated": m.gap.get("fresh", {}).get("violations", 0),
+        "outside": str(Outside(**worst)) if (worst := m.gap.get("fresh", {}).get("outside")) else "",
     }
 
 
@@ -93,10 +96,29 @@ def little_won(promised: int | None) -> str:
     )
 
 
+def common_free(syntheses: Mapping[str, Mapping[str, Any]]) -> int:
+    """The cells that shares of all controllers are of: the largest set in which one of them may be.
+
+    What a motion sweeps between samples takes cells from those who mind it, so that a share of their own rest is more.
+    """
+    return max(int(s["free_cells"]) for s in syntheses.values())
+
+
 def _won(m: Material, kind: str) -> str:
-    """The share won, and of how many cells: what a motion sweeps between samples makes fewer of them free."""
-    found = m.syntheses[kind]
-    return f"{found['winning_fraction']:.3f} ({found['winning_cells']:,} cells)"
+    """The share of the common cells that is won, and how many cells it is."""
+    cells = int(m.syntheses[kind]["winning_cells"])
+    return f"{cells / max(1, common_free(m.syntheses)):.3f} ({cells:,} cells)"
+
+
+def _own_share(m: Material) -> str:
+    """What the gap-aware controller wins of the cells that stay free between samples, where these are fewer."""
+    found, every = m.syntheses[ROBUST], common_free(m.syntheses)
+    if found["free_cells"] == every:
+        return ""
+    return (
+        f" Both are shares of {every:,} cells; {found['free_cells']:,} of them stay free between samples, of which it "
+        f"wins {found['winning_fraction']:.3f}."
+    )
 
 
 def _violations(tally: Mapping[str, Any], steps: float) -> str:

@@ -66,7 +66,6 @@ def read_mjcf(path: Path) -> Any:
             f"it depends on {excerpt(unseen[0], 80)} in a way that is not seen: an edit of it would rerun nothing",
             file=path, remedy="Name it by <include>, or by the `file` of an asset.",
         )  # fmt: skip
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a motion that diverges is to be seen
     return model
 
 

@@ -14,7 +14,7 @@ from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf
-from simgap.simulators import mjcf, mjcf_findings
+from simgap.simulators import mjcf, mjcf_findings, mujoco_divergence
 from simgap.simulators.base import Simulator
 from simgap.simulators.joint_engine import JointEngine
 from simgap.simulators.traits import FileTraits
@@ -67,7 +67,9 @@ class MuJoCoJoints(JointEngine):
         self._forces = joint_forces(plant, section.effects)
         model = _of_urdf(plant, section) if section.mjcf is None else mjcf.read_mjcf(plant.file)
         model.opt.timestep = plant.tau / section.substeps
+        mujoco_divergence.seen(mujoco, model)
         self._model, self._data = model, mujoco.MjData(model)
+        self._bad = mujoco_divergence.counters(mujoco, self._data)
         joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in plant.joints]
         if min(joints) < 0:
             raise UserError(f"not all of the joints {list(plant.joints)} are there", file=plant.file)
@@ -114,16 +116,27 @@ class MuJoCoJoints(JointEngine):
     def advance(self, u: Floats) -> Floats:
         """Hold u (nu,) for tau, effects evaluated at every engine step: -> (nx,)."""
         data = self._data
+        begun = data.qpos.copy(), data.qvel.copy()
         torques: Any = [sum(u[i] for i in drive) for drive in self._plant.inputs]
         for _ in range(self._substeps):
             if self._forces is not None:
                 torques = self._forces(*data.qpos[self._q], *data.qvel[self._v], *u)
             data.qfrc_applied[self._v] = torques
             self._mujoco.mj_step(self._model, data)
+        if any(self._bad):
+            self._refuse(*begun, u)
         x = np.empty(self.nx)
         x[list(self._plant.positions)] = data.qpos[self._q]
         x[list(self._plant.velocities)] = data.qvel[self._v]
         return x
+
+    def _refuse(self, q: Floats, v: Floats, u: Floats) -> None:
+        """Name the joints' positions q and velocities v, and the inputs u, from which a motion diverged."""
+        joints = self._plant.joints
+        where = [(name, float(q[k])) for name, k in zip(joints, self._q, strict=True)]
+        where += [(f"{name}'s velocity", float(v[k])) for name, k in zip(joints, self._v, strict=True)]
+        where += list(zip(self._plant.input_names, map(float, u), strict=True))
+        mujoco_divergence.refuse(self._bad, "mujoco", where)
 
 
 def _mjcf(case: Case) -> bool:

@@ -19,6 +19,7 @@ from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import root_link
+from simgap.simulators import mujoco_divergence
 from simgap.simulators.wheeled_engine import WheeledEngine, WheeledSettings
 
 if TYPE_CHECKING:
@@ -55,7 +56,9 @@ class MuJoCoWheeled(WheeledEngine):
         self._section = section
         self.engine, self._mujoco = f"mujoco {mujoco.__version__}", mujoco
         self._model = model_of(plant, section)
+        mujoco_divergence.seen(mujoco, self._model)
         self._data = mujoco.MjData(self._model)
+        self._bad = mujoco_divergence.counters(mujoco, self._data)
         joints = [self._model.joint(name) for name in (section.left, section.right)]
         self._turning = [int(j.qposadr[0]) for j in joints]
         self._rates = [int(j.dofadr[0]) for j in joints]
@@ -127,6 +130,8 @@ class MuJoCoWheeled(WheeledEngine):
                 self._command(float(felt[a][n]), float(felt[b][n]))
             self._mujoco.mj_step(self._model, self._data, section.substeps // section.poses)
             self._look(n)
+        if any(self._bad):
+            mujoco_divergence.refuse(self._bad, "mujoco_wheeled", list(zip(("linear", "angular"), u, strict=True)))
         return self.path[-1].copy()
 
     def _look(self, n: int) -> None:

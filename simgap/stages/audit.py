@@ -205,7 +205,7 @@ def _said(content: Mapping[str, Any]) -> str:
 
 
 def _witnesses(context: Context, found: Searched, loops: Mapping[str, Campaign]) -> list[Witness]:
-    out = [Witness.of_step(step) for step in found.outside]
+    out = [Witness.of_step(step, (context.states, context.inputs)) for step in found.outside]
     for name, loop in loops.items():
         out += [Witness.of_run(name, broken, context.input_set) for broken in loop.broken]
     return out

@@ -20,6 +20,7 @@ from simgap.provenance import provenance
 from simgap.simulators.surprises import Finding
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
+from simgap.stages.angle_units import affordable_or_degrees, in_degrees, refuse_seams
 from simgap.stages.between_check import check_path
 from simgap.stages.context import Context, log
 from simgap.stages.costs import StageCost, affordable, costs, duration, size
@@ -71,15 +72,17 @@ def run(
         said = tell or (lambda words: None)
         if case.domain is not None:
             first = costs(context)
-            affordable(context, first)  # before anything that would build what is too large
+            affordable_or_degrees(context, first)  # before anything that would build what is too large
             said(_outlook(first))
         file = model_file(context)
+        of_angles = in_degrees(context, file.joints if file is not None else {})
         said(f"building the nominal model of {len(context.states)} states")
         check_measured(context)
         began = time.process_time()
         _ = context.plant.sampled if case.domain is not None else context.plant.declared
         build = time.process_time() - began
         refuse_prefixes(context)
+        refuse_seams(context)
         _specification(context)
         _basis(context)
         check_path(context)
@@ -92,7 +95,7 @@ def run(
     compared = findings is not None
     of_equations = [*mixed_units(context), *wrong_dimensions(context)]
     of_case = [*of_equations, *heavy_steps(context), *long_steps(context), *of_wheels]
-    of_case += [*sudden(context), *stuck(context)]
+    of_case += [*of_angles, *sudden(context), *stuck(context)]
     result = Checked(found, _cells(context), [*(findings or []), *of_case], compared)
     for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)

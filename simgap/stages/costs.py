@@ -33,8 +33,9 @@ LOOP = 6e-6
 """CPU seconds of a closed-loop step beside the engine's."""
 FIT, SLOPES, BOUND = 2e-6, 1e-6, 1e-6
 """CPU seconds a sample, of `scp` and `lipschitz` (one state) and of `gap` (one state)."""
-PROGRAM = 5e-3
-"""CPU seconds of the linear programs of one state, for each pair of terms of the basis: 31 terms take 5 s."""
+PROGRAM, LARGE_PROGRAM = 5e-3, 8e-5
+"""CPU seconds of the linear programs of one state, for each pair of terms of the basis, and each three of them where
+that is more: 31 terms take 5 s, 49 take 6 s, 81 take 44 s, 121 more than 125 s."""
 PAIR = 2e-7
 """CPU seconds a pair of cell and input, of a synthesis that ends."""
 ROW_PAIR = 3e-9
@@ -144,10 +145,13 @@ def _samples(context: Context, rollout: float, eps: float | None, begun: float) 
         if case.gap is not None or case.hidden_state is not None:
             attacks = 0 if case.hidden_state is None or stage != "gap" else 2 * case.hidden_state.search
             more = attacks * (1 + case.hidden_state.search_length) * rollout if case.hidden_state and attacks else 0.0
-            program = PROGRAM * _terms(context) ** 2 if stage == "scp" else 0.0
+            terms = _terms(context) if stage == "scp" else 0
+            program = max(PROGRAM * terms**2, LARGE_PROGRAM * terms**3)
             processes = 1 if stage == "gap" else nx
             seconds = processes * begun + nx * (count * rate + program) + more
-            yield StageCost(stage, count, of, seconds, held, key)
+            cheaper = "gap.basis" if nx * program > 0.5 * seconds else key
+            words = f"{of}, {terms} terms" if cheaper == "gap.basis" else of
+            yield StageCost(stage, count, words, seconds, held, cheaper)
 
 
 def _grid(context: Context, eps: float | None) -> Grid:

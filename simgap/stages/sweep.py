@@ -14,7 +14,7 @@ import yaml
 
 from simgap.config.copied_plugins import copied_plugins, renamed
 from simgap.config.model_files import move_files
-from simgap.config.sweep import base_of, load_sweep, points_of_sweep
+from simgap.config.sweep import Point, base_of, load_sweep, points_of_sweep
 from simgap.errors import UserError
 from simgap.gap.load import from_json
 from simgap.io.atomic import write_text
@@ -22,11 +22,34 @@ from simgap.io.documents import read_json
 from simgap.io.figures_sweep import figure
 from simgap.io.pages import render
 from simgap.io.parquet import write_parquet
+from simgap.stages.context import Context
+from simgap.stages.costs import affordable, costs
 
 GAP = "gap.json"
 LEFT_OUT = ("provenance", "checksum", "guarantee", "case", "title", "verdict")
 SHOWN = ("promise_kept", "sup_gamma", "winning_fraction", "audit.violations", "size", "width")
 """Figures on the page; all of them are in the table."""
+
+
+def checked_points(path: Path) -> tuple[Path, list[Point]]:
+    """The case that a sweep varies, and its points, each held against the budget before any of them runs.
+
+    Raises:
+        UserError: a sweep that is none, or a point that costs too much, with the values that make it.
+    """
+    base, points = base_of(path), points_of_sweep(path)
+    for point in points:
+        context = Context(point.case, base)
+        if point.case.domain is None:
+            continue
+        try:
+            affordable(context, costs(context))
+        except UserError as error:
+            values = ", ".join(f"{key} = {value}" for key, value in point.values.items())
+            raise UserError(
+                f"the point {values}: {error.problem}", file=path, key=error.key, remedy=error.remedy
+            ) from None
+    return base, points
 
 
 def write_point(path: Path, name: str, out: Path) -> None:

@@ -102,3 +102,18 @@ def test_products_against_stored_rows():
     for j in range(2):
         expected = design.basis.evaluate_gradient(x, u)[:, :, j] @ q
         np.testing.assert_allclose(design.slope(q, j).whole().ravel(), expected, atol=1e-15)
+
+
+def test_a_program_that_the_solver_gives_up_is_told_with_its_key(monkeypatch):
+    """Monomials of degree 6 over a gap that they fit to rounding are one; it was a traceback of the solver."""
+    import cvxpy
+
+    def gives_up(self, **settings):
+        raise cvxpy.SolverError("Solver 'CLARABEL' failed.")
+
+    monkeypatch.setattr(cvxpy.Problem, "solve", gives_up)
+    design, d = make_design()
+    target = np.abs(d[:, :, 1])
+    with pytest.raises(UserError, match="too ill-conditioned") as refused:
+        solve_scenario(design, target)
+    assert refused.value.key == "gap.basis"

@@ -6,6 +6,7 @@ import pytest
 from simgap.config.load import load_case
 from simgap.config.plant import AddedEffect
 from simgap.errors import UserError
+from simgap.simulators.build import make_simulator
 from simgap.simulators.joints import JointPlant, joint_forces
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
@@ -133,3 +134,21 @@ def test_chatter_of_the_engine_stays_in_its_log(vary, tmp_path, capfd):
     run_in_processes(roll_out, [(load_case(path), path.parent, *samples(3))], log=log)
     assert capfd.readouterr().out == ""
     assert log.read_text()
+
+
+@pytest.mark.parametrize("substeps", [4, 20])
+def test_what_diverges_in_mujoco_is_refused_and_not_begun_anew(vary, tmp_path, monkeypatch, substeps):
+    """A spring too stiff for the sub-steps; from where it rests nothing diverges, whatever did before."""
+    monkeypatch.chdir(tmp_path)
+    spring = {"name": "spring", "on": "hinge", "parameters": {"k": 1e12}}
+    path = vary("pendulum", {"simulator": {"engine": "mujoco", "substeps": substeps, "effects": [spring]}})
+    with pytest.raises(UserError, match=r"the engine 'mujoco' diverges .* at hinge = 0\.1") as refused:
+        simulate(path, np.array([[0.1, 0.2]]), np.array([[0.5]]))
+    assert refused.value.key == "simulator.substeps"
+    assert not list(tmp_path.glob("MUJOCO_LOG*"))
+    engine = make_simulator(load_case(path), path.parent)
+    engine.reset(np.array([0.1, 0.2]))
+    with pytest.raises(UserError, match="diverges"):
+        engine.advance(np.array([0.5]))
+    engine.reset(np.zeros(2))
+    assert np.array_equal(engine.advance(np.zeros(1)), np.zeros(2))

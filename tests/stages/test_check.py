@@ -183,6 +183,7 @@ def test_a_missing_mesh_is_refused(tmp_path):
             "synthesis.cells",
         ),
         ({"budget": {"time": "1 min"}, "grid.eps": 2e-4}, "grid.eps"),
+        ({"gap.basis": {"kind": "monomials", "degree": 24}}, "gap.basis"),
         ({"budget": {"memory": "300 MiB"}, "grid.eps": 1e-3}, "grid.eps"),
     ],
 )
@@ -191,6 +192,12 @@ def test_what_costs_too_much_is_refused_with_its_key(tmp_path, changes, key):
         check.run(written(tmp_path, case=changes))
     assert refused.value.key == key
     assert refused.value.file == tmp_path / "rod.yaml"
+
+
+def test_a_degree_of_millions_of_terms_is_refused_at_once(tmp_path):
+    with pytest.raises(UserError, match="degree 9999 has") as refused:
+        check.run(written(tmp_path, case={"gap.basis": {"kind": "monomials", "degree": 9999}}))
+    assert refused.value.key == "gap.basis.degree"
 
 
 def test_the_stages_refuse_it_too(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from simgap.gap.tiers import PROVEN, deterministic_tier
-from simgap.report import tables
+from simgap.report import content, tables
 from simgap.report.content import little_won, unproven
 
 
@@ -54,3 +54,18 @@ def test_a_proven_bound_is_not_said_to_rest_on_samples():
     said = unproven({"guarantee": [PROVEN.to_json()]})
     assert "samples" not in said
     assert "the bound of whole steps" in said
+
+
+def test_shares_of_both_controllers_are_of_the_same_cells():
+    """What a motion sweeps between samples takes cells from the gap-aware controller alone: .994 stood beside .990."""
+    syntheses = {
+        "gap": {"winning_cells": 7952, "free_cells": 8000, "winning_fraction": 0.994},
+        "nominal": {"winning_cells": 9900, "free_cells": 10000, "winning_fraction": 0.99},
+    }
+    m = SimpleNamespace(syntheses=syntheses)
+    assert content.common_free(syntheses) == 10000
+    assert content._won(m, "gap") == "0.795 (7,952 cells)"
+    assert content._won(m, "nominal") == "0.990 (9,900 cells)"
+    assert "8,000 of them stay free between samples, of which it wins 0.994" in content._own_share(m)
+    same = SimpleNamespace(syntheses={k: s | {"free_cells": 10000} for k, s in syntheses.items()})
+    assert content._own_share(same) == ""

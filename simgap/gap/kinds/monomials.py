@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
+from math import comb
 from typing import Literal
 
 from pydantic import Field
 
 from simgap.config.basis import BasisSection
+from simgap.errors import UserError
 from simgap.geometry import Box
+
+MOST = 20_000
+"""Terms beyond which not even their list is made; `check` refuses far fewer for the time of their programs."""
 
 
 class Monomials(BasisSection):
@@ -19,8 +24,17 @@ class Monomials(BasisSection):
     degree: int = Field(2, ge=0, description="Largest total degree; inputs enter linearly.")
 
     def listed(self, states: Sequence[str], inputs: Sequence[str], domain: Box) -> tuple[str, ...]:
-        """From the highest degree to the constant."""
+        """From the highest degree to the constant.
+
+        Raises:
+            UserError: a degree with more terms than any program takes.
+        """
         names = (*states, *inputs)
+        count = comb(len(states) + self.degree, self.degree) * 2 ** len(inputs)  # at most
+        if count > MOST:
+            raise UserError(
+                f"degree {self.degree} has {count:.2g} terms", key="gap.basis.degree", remedy="Take a lower degree."
+            )
         top = [self.degree] * len(states) + [1] * len(inputs)
         powers = [p for p in product(*(range(t + 1) for t in top)) if sum(p) <= self.degree]
         powers.sort(key=lambda p: (-sum(p), [-k for k in p]))

@@ -18,4 +18,4 @@ def border_check(context: Context, name: str, rolled: Columns, function: GapFunc
     """
     x, u, lower, upper = border_gaps(context, rolled, CHECK, border_states(context, name, CHECK))
     found = check_fresh(function, x, u, lower, d_upper=upper)
-    return BorderCheck(len(x), found.violations, len(switching_surfaces(context)), found.worst)
+    return BorderCheck(len(x), found.violations, len(switching_surfaces(context)), found.worst, found.outside)

@@ -1,0 +1,86 @@
+"""Which runs of the workflow are at work in a folder: their cases, process, machine and beginning.
+
+Each run keeps a file `.snakemake/simgap/runs/<machine>-<process>.json` under a lock of the operating system for as long
+as its process lives. Who finds the lock free on the same machine knows that the run is gone, and removes the file.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import platform
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from simgap.io.atomic import host
+
+RUNS = Path(".snakemake/simgap/runs")
+_HELD: list[int] = []
+"""Open descriptors: they carry the locks until this process ends."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run: its cases, process, machine, beginning (local time) and command.
+
+    `alive` is None where a machine that is not this one may have it: its processes do not show here.
+    """
+
+    cases: list[str]
+    process: int
+    machine: str
+    since: str
+    command: str
+    alive: bool | None = True
+
+    def __str__(self) -> str:
+        """What a person needs to find it."""
+        lives = {True: "alive", False: "gone", None: "of another machine: look there whether it lives"}[self.alive]
+        return (
+            f"`{self.command}` of {', '.join(self.cases) or 'no case'}, process {self.process} on {self.machine}, "
+            f"since {self.since} ({lives})"
+        )
+
+
+def announce(folder: Path, cases: Sequence[str], command: str) -> list[Run]:
+    """Say that this process is a run of these cases in `folder`; the other runs there that are alive."""
+    own = Run(list(cases), os.getpid(), platform.node(), time.strftime("%Y-%m-%d %H:%M:%S"), command)
+    with suppress(OSError):  # a folder that takes no file or no lock: Snakemake says what is wrong with it
+        (folder / RUNS).mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(folder / RUNS / f"{host()}-{own.process}.json", os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o666)
+        _HELD.append(descriptor)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.write(descriptor, json.dumps(asdict(own)).encode())
+    return [run for run in runs_in(folder) if run.alive]
+
+
+def runs_in(folder: Path) -> list[Run]:
+    """Runs of other processes that are alive in `folder`, or may be: those of other machines; in order of beginning."""
+    files = sorted((folder / RUNS).glob("*.json")) if (folder / RUNS).is_dir() else []
+    own = f"{host()}-{os.getpid()}.json"
+    found = [_read(path) for path in files if path.name != own]
+    return sorted((run for run in found if run is not None), key=lambda run: run.since)
+
+
+def _read(path: Path) -> Run | None:
+    """The run of a file; None where it is gone, or the file no such file (a stranger may have written it)."""
+    try:
+        with path.open() as stream:
+            alive: bool | None = True
+            try:
+                fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                alive = None
+            except BlockingIOError:
+                pass
+            if alive is None and path.name.startswith(f"{host()}-"):
+                path.unlink(missing_ok=True)
+                return None
+            read = json.loads(stream.read(1 << 16))
+        cases, process = [str(name) for name in read["cases"]], int(read["process"])
+        return Run(cases, process, str(read["machine"]), str(read["since"]), str(read["command"]), alive)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
