@@ -272,7 +272,7 @@ class MemoryForceEffect(CoordinateTarget):
         """dz/dt."""
 
     @abstractmethod
-    def force(self, memory: sp.Expr, values: Values) -> sp.Expr:
+    def force(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """The generalised force on the coordinate."""
 
     def memory_of(self, on: str) -> str:
@@ -283,7 +283,7 @@ class MemoryForceEffect(CoordinateTarget):
         """Add the state and the force."""
         state, velocity = self.memory_of(on), symbol(model.coordinate(on).velocity)
         grown = model.with_state(Variable(state, "1"), self.rate(symbol(state), velocity, values))
-        return grown.with_force(on, self.force(symbol(state), values))
+        return grown.with_force(on, self.force(symbol(state), velocity, values))
 
 
 def drives(model: SymbolicModel, name: str) -> str | None:
