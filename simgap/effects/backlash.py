@@ -10,7 +10,7 @@ from simgap.effects.start import Scales, Start
 _QUICK = 500.0  # 1/s: how fast a stop answers; of 150, 300 and 500 the widths came nearest to the hidden ones at 500
 _DEPTH = 0.05  # of the gap: a stop damps in full from here on, and less before, so that no torque jumps
 _REBOUND = 2.5
-"""How many times wider than it comes out a gap may be where the motor rebounds. In trials of six records each, fits begun
+"""How many times wider than it comes out a gap may be where the motor rebounds. In trials of six records, fits begun
 near the truth, stops that give back 0.85, 0.73 and 0.53 of the speed made it 27 to 60, up to 35 and up to 17 % too
 narrow, others 12 %; the factor covers the worst of these (2.48), and is judgement beyond them."""
 _LEAST = 1e-12
