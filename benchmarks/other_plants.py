@@ -59,6 +59,16 @@ def _hidden(plant: str, kind: str, seed: int) -> tuple[Hidden, Truth]:
     if plant == "wheeled":
         return _wheeled(kind, size, gain)
     here, b, dry, there, b2, _ = SIZES[plant]
+    if kind.startswith("payload"):
+        weight: Truth = {("payload", "lower"): {"m_p": 0.15 * size, "r": 0.6}}
+        with_more: Truth = {("viscous_friction", there): {"b": size * b2}} if "friction" in kind else {}
+        return Hidden(
+            factors={"payload": 0.15 * size}, viscous={there: size * b2} if with_more else {}
+        ), weight | with_more
+    if kind == "mass of a link":
+        return Hidden(factors={"m2": 1.0 + 0.2 * size}), {
+            ("parameter_error", "lower.mass"): {"ratio": 1.0 + 0.2 * size}
+        }
     viscous: Truth = {("viscous_friction", here): {"b": size * b}}
     if kind == "gain":
         return gain
@@ -150,12 +160,14 @@ RECORDERS: dict[str, tuple[Callable[[Record, np.random.Generator], Record], str]
 KINDS = (
     "nothing", "viscous friction", "dry friction", "friction elsewhere", "gain", "two effects", "push",
     "push on two effects",
-    "plant changed", *RECORDERS,
+    "plant changed", "payload", "payload, friction elsewhere", "mass of a link", *RECORDERS,
 )  # fmt: skip
 
 
 def makes_sense(plant: str, kind: str) -> bool:
     """Whether a kind makes sense for a plant."""
+    if kind.startswith("payload") or kind == "mass of a link":
+        return plant == "two_link"  # at the tip of its second link
     if plant == "wheeled":
         return "push" not in kind
     single = len(PLANTS[plant]().measured) == 1

@@ -67,6 +67,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "constant_force": "simgap.effects.constant_force:ConstantForce",
                 "directional_friction": "simgap.effects.directional_friction:DirectionalFriction",
                 "dahl_friction": "simgap.effects.dahl_friction:DahlFriction",
+                "lugre_friction": "simgap.effects.lugre_friction:LuGreFriction",
                 "load_friction": "simgap.effects.load_friction:LoadFriction",
                 "input_directional_gain": "simgap.effects.input_directional_gain:InputDirectionalGain",
                 "torque_speed_limit": "simgap.effects.torque_speed_limit:TorqueSpeedLimit",

@@ -12,13 +12,11 @@ from collections.abc import Mapping
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
-from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.scoring import Starts
 from simgap.diagnosis.search.selection import grow, preferred
-from simgap.diagnosis.search.watch import Stopped
-from simgap.diagnosis.seek import Searched, begun
+from simgap.diagnosis.seek import Searched, begun, ended, looked_again
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.refit import refit
 from simgap.diagnosis.simulation.sensitivity import with_values
@@ -47,21 +45,16 @@ def behind(
     like = any(names & set(e.resembles) for e in lasts)
     if not lasts or first.watch.stopped or not (off or like):
         return None
-    try:
+
+    def look() -> tuple[Parts, Searched] | None:
         parts, _ = parts_of(model, record, settings, last=True)
         search, base = begun(parts.known, not_tried, first.watch)
         known = _again(search, base, found)
         left = chi2_dof(first.problem, found.fit) - 1.0 if off else 0.0
         best = _best(search, base, known, min(known.bic, found.bic), left, settings.max_effects)
-        if best is None:
-            return None
-        rivals(search, best)
-        return parts, (search, base, preferred(search, best, settings.max_effects))
-    except Stopped:
-        return None
-    except KeyboardInterrupt:
-        first.watch.interrupted()
-        return None
+        return None if best is None else (parts, ended(search, base, best, settings.max_effects))
+
+    return looked_again(first.watch, look)
 
 
 def _best(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,25 @@ from simgap.diagnosis.verdict.judge import chi2_dof
 Floats = NDArray[np.float64]
 Searched = tuple[Search, Fit, Explanation]
 """The search, the model as declared on it, and what explains it best."""
+
+Found = TypeVar("Found")
+
+
+def looked_again(watch: Watch, look: Callable[[], Found | None]) -> Found | None:
+    """What one more look finds; None where it finds nothing, or the budget or an interrupt ends it."""
+    try:
+        return look()
+    except Stopped:
+        return None
+    except KeyboardInterrupt:
+        watch.interrupted()
+        return None
+
+
+def ended(search: Search, base: Fit, best: Explanation, most: int) -> Searched:
+    """A search that ends with `best`: what could stand in its place is fitted, and may turn out to be simpler."""
+    rivals(search, best)
+    return search, base, preferred(search, best, most)
 
 
 def begun(problem: Problem, not_tried: Collection[Key], watch: Watch) -> tuple[Search, Fit]:
@@ -51,8 +71,7 @@ def searched(
         found = select(search, base, most) if known is None else carried_over(search, base, *known, most)
         if before is not None and _acts_later(search, found):  # sought once more without what was commanded before
             return search, base, found
-        rivals(search, found)  # what could stand in its place is fitted, and may turn out to be simpler
-        return search, base, preferred(search, found, most)
+        return ended(search, base, found, most)
     except Stopped:
         pass
     except KeyboardInterrupt:

@@ -14,12 +14,11 @@ from dataclasses import replace
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
-from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.selection import grow, preferred
 from simgap.diagnosis.search.watch import Stopped
-from simgap.diagnosis.seek import Searched, begun
+from simgap.diagnosis.seek import Searched, begun, ended, looked_again
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, NEAR_TIE, SECOND_EFFECTS, SECOND_SHARE
@@ -59,8 +58,7 @@ def screened(
         if not fine:
             return None, wide
         best = grow(other, min(fine, key=lambda e: e.bic), settings.max_effects)
-        rivals(other, best)
-        return (parts, (other, start, preferred(other, best, settings.max_effects))), wide
+        return (parts, ended(other, start, best, settings.max_effects)), wide
     except Stopped:
         return None, wide
     except KeyboardInterrupt:
@@ -82,7 +80,8 @@ def widened(
     left = chi2_dof(first.problem, found.fit) - 1.0
     if settings.effects or first.watch.stopped or left <= FIT_QUALITY - 1.0:
         return None
-    try:
+
+    def look() -> tuple[Parts, Searched] | None:
         wide = begun_before or _wide(model, record, settings, first, not_tried)
         if wide is None:
             return None
@@ -91,13 +90,9 @@ def widened(
         best = _best(search, base, _again(search, base, found), most)
         if best is None or chi2_dof(search.problem, best.fit) - 1.0 > SECOND_SHARE * left:
             return None
-        rivals(search, best)
-        return parts, (search, base, preferred(search, best, settings.max_effects))
-    except Stopped:
-        return None
-    except KeyboardInterrupt:
-        first.watch.interrupted()
-        return None
+        return parts, ended(search, base, best, settings.max_effects)
+
+    return looked_again(first.watch, look)
 
 
 def clearer(
@@ -118,7 +113,8 @@ def clearer(
     off = chi2_dof(first.problem, found.fit) > FIT_QUALITY
     if not likes or settings.effects or first.watch.stopped or off:
         return None
-    try:
+
+    def look() -> tuple[Parts, Searched] | None:
         parts, _ = parts_of(model, record, replace(settings, effects=(*sorted(names), *likes)))
         search, base = begun(parts.known, not_tried, first.watch)
         known = _again(search, base, found)
@@ -130,14 +126,9 @@ def clearer(
         if wide is None:
             return None
         parts, search, base = wide
-        again = _again(search, base, best)
-        rivals(search, again)
-        return parts, (search, base, preferred(search, again, settings.max_effects))
-    except Stopped:
-        return None
-    except KeyboardInterrupt:
-        first.watch.interrupted()
-        return None
+        return parts, ended(search, base, _again(search, base, best), settings.max_effects)
+
+    return looked_again(first.watch, look)
 
 
 def _wide(

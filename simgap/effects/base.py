@@ -42,7 +42,8 @@ class EffectParameter:
     `unit` may hold the placeholders `{force}`, `{position}`, `{input}`, `{state}`, filled in for the target. At `null`
     (for all parameters of the effect at once) the effect vanishes. `lower` and `upper` are physical limits. `integer`
     marks a choice that starts make and no fit changes, `shape` a number that matters only while the others are away
-    from their null.
+    from their null. `times` is the largest ratio of the truth to what is fitted that the effect's own simplification
+    makes: the interval reaches up by it.
     """
 
     symbol: str
@@ -54,6 +55,12 @@ class EffectParameter:
     integer: bool = False
     shape: bool = False
     may_vanish: bool = False
+    times: float = 1.0
+
+    def widened(self, interval: tuple[float, float]) -> tuple[float, float]:
+        """An interval of the fit as one of the truth."""
+        lo, hi = interval
+        return lo, hi * self.times if hi > 0.0 else hi
 
 
 class Effect(ABC):
@@ -265,7 +272,7 @@ class MemoryForceEffect(CoordinateTarget):
         """dz/dt."""
 
     @abstractmethod
-    def force(self, memory: sp.Expr, values: Values) -> sp.Expr:
+    def force(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """The generalised force on the coordinate."""
 
     def memory_of(self, on: str) -> str:
@@ -276,7 +283,7 @@ class MemoryForceEffect(CoordinateTarget):
         """Add the state and the force."""
         state, velocity = self.memory_of(on), symbol(model.coordinate(on).velocity)
         grown = model.with_state(Variable(state, "1"), self.rate(symbol(state), velocity, values))
-        return grown.with_force(on, self.force(symbol(state), values))
+        return grown.with_force(on, self.force(symbol(state), velocity, values))
 
 
 def drives(model: SymbolicModel, name: str) -> str | None:

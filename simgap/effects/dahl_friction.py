@@ -37,7 +37,7 @@ class DahlFriction(MemoryForceEffect):
         """(v - |v| z) / d."""
         return (velocity - sp.Abs(velocity) * memory) / values["d"]
 
-    def force(self, memory: sp.Expr, values: Values) -> sp.Expr:
+    def force(self, memory: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-F_c z."""
         return -values["F_c"] * memory
 

@@ -18,7 +18,7 @@ class Payload(Effect):
     """A point mass on the line from a link's joint through its centre of mass: one change of inertia and gravity.
 
     Where one link moves it is an error of the centre of mass beside one of the inertia; it is told of beside these and
-    not sought by itself.
+    not sought by itself. Where two move it is one effect in the place of three errors, and sought.
     """
 
     name = "payload"
@@ -40,8 +40,8 @@ class Payload(Effect):
         return tuple(n for n in links if _centre(model, n) and _moments(model, n) and model.derived)
 
     def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
-        """Nowhere: two effects that are tried are the same."""
-        return ()
+        """Nowhere on a single joint: two effects that are tried are the same."""
+        return self.targets(model) if len(model.coordinates) > 1 else ()
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
         """The mass as a linear coefficient, at a few distances."""

@@ -79,6 +79,16 @@ SAID = {
         "Dahl friction of 0.19 ± 0.01 N m at the hinge that turns round over 0.020 ± 0.001 rad",
         "Dahl friction at the hinge",
     ),
+    "lugre_friction": (
+        "hinge",
+        {
+            "F_c": (0.19, 0.01, "N*m"), "d": (0.02, 0.001, "rad"), "rise": (0.6, 0.03, "1"),
+            "v_s": (0.1, 0.01, "rad/s"), "sigma_1": (0.02, 0.01, "N*m*s/rad"),
+        },
+        "LuGre friction of 0.19 ± 0.01 N m at the hinge, 60 ± 3 % more below 0.10 ± 0.01 rad/s, "
+        "that turns round over 0.020 ± 0.001 rad",
+        "LuGre friction at the hinge",
+    ),
     "joint_elasticity": (
         "hinge", {"I": (0.02, 0.001, "kg*m^2"), "k": (40.0, 1.0, "N*m/rad"), "c": (0.1, 0.01, "N*m*s/rad")},
         "elasticity of the hinge (40 ± 1 N m/rad) before a motor of 0.020 ± 0.001 kg m²", "elasticity of the hinge",

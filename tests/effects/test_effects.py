@@ -21,7 +21,7 @@ SYMBOLS = {
     "input_dead_zone": ["width"], "input_saturation": ["limit"], "sensor_offset": ["offset"],
     "parameter_error": ["ratio"], "gravity_tilt": ["tilt"], "wheel_mismatch": ["ratio"], "lateral_slip": ["ratio"],
     "reflected_inertia": ["I"], "constant_force": ["F_0"], "directional_friction": ["F_p", "F_m"],
-    "dahl_friction": ["F_c", "d"], "load_friction": ["mu"],
+    "dahl_friction": ["F_c", "d"], "lugre_friction": ["F_c", "d", "rise", "v_s", "sigma_1"], "load_friction": ["mu"],
     "input_directional_gain": ["ratio_p", "ratio_m"], "torque_speed_limit": ["T_s", "k"],
     "sensor_gain": ["ratio"], "input_curve": ["g_0", "g_1", "g_2", "U"],
     "payload": ["m_p", "r"], "rolling_resistance": ["loss"],
@@ -32,7 +32,7 @@ VALUES = {
     "ratio": 1.2, "bias": 0.1, "delay": 0.01, "T": 0.02, "width": 0.2, "limit": 1.5, "offset": 0.05, "tilt": 0.1,
     "I": 0.15, "F_0": 0.12, "F_p": 0.1, "F_m": 0.2, "d": 0.05, "mu": 0.25, "ratio_p": 1.2, "ratio_m": 0.7,
     "T_s": 1.6, "g_0": 1.1, "g_1": 0.8, "g_2": 0.5, "U": 2.5,
-    "m_p": 0.3, "r": 0.8, "loss": 0.05,
+    "m_p": 0.3, "r": 0.8, "loss": 0.05, "rise": 0.6, "sigma_1": 0.02,
 }  # fmt: skip
 AT = {"angle": 0.7, "rate": -0.6, "torque": 1.9}
 
@@ -199,6 +199,18 @@ def test_dahl_friction_is_a_state_that_turns_round_over_a_distance():
     _, rate, bending = (float(e.subs(at)) for e in changed.numeric())
     assert rate == pytest.approx(declared() - 3.0 * 0.1 * 0.5, rel=1e-12)
     assert bending == pytest.approx((-0.6 - 0.6 * 0.5) / 0.05, rel=1e-12)
+
+
+def test_lugre_friction_is_larger_near_rest_and_damps_the_bending():
+    """By hand from sigma_0 = F_c / d and g(v) = F_c + (F_s - F_c) exp(-(v/v_s)^2), a bristle bent by d / 2."""
+    numbers = {"F_c": 0.1, "d": 0.05, "rise": 0.6, "v_s": 0.9, "sigma_1": 0.02}
+    changed = EFFECTS["lugre_friction"].apply(pendulum(), "hinge", numbers)
+    at = {symbol("hinge_lugre_friction"): 0.5, **{symbol(k): v for k, v in AT.items()}}
+    _, rate, bending = (float(e.subs(at)) for e in changed.numeric())
+    stiff, bent = 0.1 / 0.05, 0.5 * 0.05
+    bends = -0.6 - stiff * 0.6 * bent / (0.1 + 0.06 * math.exp(-((0.6 / 0.9) ** 2)))
+    assert bending == pytest.approx(bends / 0.05, rel=1e-12)
+    assert rate == pytest.approx(declared() - 3.0 * (stiff * bent + 0.02 * bends), rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -50,10 +50,10 @@ def found_effects(
     effects = []
     for c in found.members:
         units, values = c.effect.units(model, c.on), parameter_values(c, found.fit)
-        estimates = {
-            p.symbol: Estimate(values[p.symbol], interval(values[p.symbol], by_slot.get(k, 0.0), dof), units[p.symbol])
-            for p, k in zip(c.effect.parameters, c.slots, strict=True)
-        }
+        estimates = {}
+        for p, k in zip(c.effect.parameters, c.slots, strict=True):
+            ends = p.widened(interval(values[p.symbol], by_slot.get(k, 0.0), dof))
+            estimates[p.symbol] = Estimate(values[p.symbol], ends, units[p.symbol])
         effects.append(FoundEffect(c.effect.name, c.on, estimates, _replacements(c.key, found, rivals)))
     return tuple(effects)
 

@@ -5,6 +5,7 @@ by its solution over a piece of the way: it approaches the side that the motion 
 voltage is limited and its back-EMF takes of it what its speed asks for: `stall` and `fall` are the torque-speed line.
 A `motor` (its inertia) may stand behind the joint, on a spring of `stiff` with a damper `soft_c`, or between two stops
 of that stiffness and damping that are `gap` apart and never pull; its encoder reads the motor if `behind` is 1.
+Bristles bear `F_s` at rest and `F_c` far above `v_s`, and are damped by `sigma_1` as they bend (LuGre).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ NULL = {
     "soft": math.inf, "sensor": 1.0, "dead": 0.0,
     "act": 0.0, "sense": 0.0,
     "motor": 0.0, "stiff": 0.0, "soft_c": 0.0, "gap": 0.0, "behind": 0.0,
+    "F_s": 0.0, "v_s": 1.0, "sigma_1": 0.0,
 }  # fmt: skip
 
 
@@ -74,8 +76,12 @@ def _move(
             drive = passed
         way = step * v
         side = 1.0 if way > 0.0 else -1.0
-        z = side + (z - side) * math.exp(-abs(way) / p[7])
-        v += step * (drive - weight * math.sin(q) - stiffness * q - p[8] * v - p[6] * z) / (inertia + p[0])
+        top, old = 1.0, z
+        if p[22] > p[6]:  # bristles bear more while they slide slowly
+            top = 1.0 + (p[22] / p[6] - 1.0) * math.exp(-((v / p[23]) ** 2))
+        z = top * side + (z - top * side) * math.exp(-abs(way) / (top * p[7]))
+        rub = p[6] * z + p[24] * p[7] * (z - old) / step
+        v += step * (drive - weight * math.sin(q) - stiffness * q - p[8] * v - rub) / (inertia + p[0])
         grip = step * ((p[1] if v > 0.0 else p[2]) + p[3] * abs(drive)) / (inertia + p[0])
         v = 0.0 if abs(v) <= grip else v - math.copysign(grip, v)
         q += step * v

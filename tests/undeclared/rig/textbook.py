@@ -206,13 +206,19 @@ def cart_pole(name: str = "cart_pole", up: bool = False) -> Textbook:
 
 
 def two_link() -> Textbook:
-    """Two hanging rods, both hinges driven: 1.2 kg, 0.8 m and 0.7 kg, 0.6 m, inertias 0.064 and 0.021 kg m^2."""
-    m1, m2, l1, c1, c2, i1, i2 = 1.2, 0.7, 0.8, 0.4, 0.3, 0.064, 0.021
+    """Two hanging rods, both hinges driven: 1.2 kg, 0.8 m and 0.7 kg, 0.6 m, inertias 0.064 and 0.021 kg m^2.
+
+    Factors: `m2` of the mass and the inertia of the second, `c2` of the place of its centre of mass, `i2` of its
+    inertia alone; `payload` is a weight at its tip, kg.
+    """
+    m1, m2, l1, c1, l2, i1 = 1.2, 0.7, 0.8, 0.4, 0.6, 0.064
 
     def rates(x: Array, u: Array, f: Array, r: Mapping[str, float]) -> Array:
         q1, q2, v1, v2 = x
-        load = r.get("m2", 1.0)
-        b, j2 = m2 * load, i2 * load
+        rod, tip, middle = m2 * r.get("m2", 1.0), r.get("payload", 0.0), 0.3 * r.get("c2", 1.0)
+        b = rod + tip
+        c2 = (rod * middle + tip * l2) / b
+        j2 = 0.021 * r.get("m2", 1.0) * r.get("i2", 1.0) + rod * (middle - c2) ** 2 + tip * (l2 - c2) ** 2
         alpha, beta, delta = i1 + m1 * c1**2 + b * l1**2, b * l1 * c2, j2 + b * c2**2
         c, s = np.cos(q2), np.sin(q2)
         mass = np.array([[alpha + delta + 2 * beta * c, delta + beta * c], [delta + beta * c, delta]])
