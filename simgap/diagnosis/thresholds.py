@@ -25,7 +25,7 @@ FIT_QUALITY = 1.15
 
 WITHIN_NOISE = 5.0
 """A reading that goes further than others by at most so many times its noise goes no further, one that is further off
-its prediction has left it. Judgement, held against what mimics a push: of 32 records with a stop, a stiff one, a brake
+its prediction has left it. Judgement, held against what mimics a push: of 48 records with a stop, a stiff one, a brake
 at a speed or a strip that rubs, each met in one run alone (benchmarks/mimics.py), none was `attributed` with a push."""
 
 HELD_OUT_QUALITY = 1.08
