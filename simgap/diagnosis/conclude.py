@@ -136,7 +136,9 @@ class _Worded:
 def _worded(record: Record, known: Problem, confirm: Problem, chosen: Chosen, evidence: Evidence) -> _Worded:
     """The verdict by the evidence, held back where something else may have acted or fits better."""
     word, members = verdict(chosen.kept, evidence), chosen.kept.members
-    further = beyond(record, confirm) if word in ("attributed", "none") and record.left_out else ()
+    further = (
+        beyond(record, known, chosen.kept.fit, confirm) if word in ("attributed", "none") and record.left_out else ()
+    )
     word = "partial" if further and members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []

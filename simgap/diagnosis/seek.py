@@ -98,13 +98,15 @@ def under_its_noise(
 ) -> tuple[Parts, Searched] | None:
     """The search again under a noise with a colour, where it then reaches that noise; None where it does not."""
     search, _, found = ends
-    full = len(found.members) >= min(most, LEAPS_ANYHOW)  # all that it takes anyhow: what is left is no noise
-    noise = None if search.watch.stopped or full else _noise(parts.known, search, found)
+    noise = None if search.watch.stopped else _noise(parts.known, search, found)
     if noise is None:
         return None
     louder = parts.with_noise(*noise)
     again = searched(louder.known, most, not_tried, search.watch)
     if chi2_dof(again[0].problem, again[2].fit) > FIT_QUALITY:  # it was not the noise that was missing
+        return None
+    limit = min(most, LEAPS_ANYHOW)
+    if len(found.members) >= limit and len(again[2].members) >= limit:  # all that it takes anyhow: it bends to anything
         return None
     return louder, again
 

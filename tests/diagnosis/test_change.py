@@ -57,6 +57,16 @@ def test_a_load_that_is_added_is_told_beside_a_model_that_was_right():
     assert {("parameter_error", "I")} in sets
 
 
+def test_a_change_in_the_second_of_two_short_runs_leaves_four_fitted_windows_after_it():
+    hidden = Hidden(viscous={"hinge": 0.15}, after=(1, 4.3), later=Hidden(viscous={"hinge": 0.375}))
+    d = _diagnosed(pendulum(), hidden, traces=2, seconds=10.0)
+    (change,) = _changes(d)
+    assert "viscous friction of 0.37" in change.sentence.split(" before, ")[1]
+    (found,) = d.effects
+    assert (d.verdict, found.name) == ("attributed", "viscous_friction")
+    assert _only(found).value == pytest.approx(0.15, rel=0.01)
+
+
 def test_a_plant_that_stays_as_it_is_did_not_change():
     d = _diagnosed(oscillator(), Hidden(viscous={"slide": 0.3}))
     assert (d.verdict, _changes(d)) == ("attributed", [])

@@ -66,6 +66,22 @@ def test_a_push_in_a_window_that_fits_or_chooses_is_left_out_and_told(where, for
     assert any(name == "run4" and b - a > 9.9 for name, a, b in d.folds.confirm)  # nothing is left out there
 
 
+def test_a_push_that_began_where_other_data_were_is_one_wherever_it_went():
+    """The block ends up far from where the data that confirm are, and flies there faster than they ever do."""
+    d = _answer(_run(1, ((4.23, 60.0),)), _run(2), _run(4))
+    assert [f.fault for f in d.recording] == ["push"]
+    assert (d.verdict, d.unconfirmed) == ("attributed", ())
+    assert [e.name for e in d.effects] == ["coulomb_friction"]
+
+
+@pytest.mark.parametrize("at", [0.0, 9.85])
+def test_a_push_at_the_start_or_end_of_a_run_is_one(at):
+    """Nothing before the start says when it left the prediction; but it flies on, and needs nothing more there."""
+    d = _answer(_run(1, ((at, 60.0),)), _run(2), _run(4))
+    assert [f.fault for f in d.recording] == ["push"]
+    assert (d.verdict, d.unconfirmed) == ("attributed", ())
+
+
 def test_a_push_that_two_missing_effects_hide_is_suspected():
     """Under the declared model friction misses by far more everywhere than the push does where it acts."""
     runs = (_run(1, ((4.23, 3.0),), drag=3.0, sigma=2e-5), *(_run(k, drag=3.0, sigma=2e-5) for k in (2, 4)))
@@ -121,7 +137,7 @@ def test_the_sentence_says_why_a_push_may_be_a_stop():
     text = " ".join(
         verdict_parts({"verdict": "partial", "effects": [effect], "explained_share": 1.0, "unconfirmed": ["q"]})
     )
-    assert "where times were left out q goes further than in the data that confirm" in text
+    assert "where times were left out begin q goes further than in other data" in text
     assert "is left" not in text
 
 

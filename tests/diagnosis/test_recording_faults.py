@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.parts_of import parts_of
@@ -19,7 +20,7 @@ from simgap.diagnosis.simulation.colour import Colour, whiten
 from tests.diagnosis import rigs
 from tests.undeclared.counted import counted_model, counted_record
 from tests.undeclared.nominals import nominal, record
-from tests.undeclared.rig.textbook import Hidden, cart_pole
+from tests.undeclared.rig.textbook import Hidden, cart_pole, oscillator
 
 FEW = DiagnosisSettings(effects=("viscous_friction", "coulomb_friction", "input_gain", "input_delay", "spring"))
 
@@ -45,6 +46,20 @@ def test_an_effect_is_named_beside_the_fault_and_its_interval_holds():
         lo, hi = found.parameters["b"].ci95
         assert lo <= 0.3 <= hi
         assert [f.fault for f in d.recording] == [rigs.FAULTS[fault][1]]
+
+
+def test_noise_that_remembers_is_told_where_three_effects_had_stood_in_for_it():
+    """Under noise taken for white every effect that bends to it seems to pay, up to as many as are tried anyhow."""
+    made, keep, rng = record(oscillator(), Hidden(viscous={"slide": 0.32}), 0), np.exp(-1 / 3), np.random.default_rng(9)
+    noisy = []
+    for run in made.traces:
+        e = lfilter([np.sqrt(1 - keep**2)], [1, -keep], rng.standard_normal(run.y.shape), axis=0)
+        noisy.append(replace(run, y=run.y + 1e-3 * e))
+    d = diagnose(nominal("oscillator"), replace(made, traces=tuple(noisy)))
+    sets = [{(e.name, e.on) for e in d.effects}, *({(e.name, e.on) for e in a.effects} for a in d.alternatives)]
+    assert d.verdict == "attributed"
+    assert {("viscous_friction", "slide")} in sets
+    assert [f.fault for f in d.recording] == ["coloured_noise"]
 
 
 def test_the_size_of_a_fault_is_told():

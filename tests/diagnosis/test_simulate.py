@@ -61,6 +61,18 @@ def test_lag_follows_its_time_constant():
     np.testing.assert_allclose(x[:, 1], late - 0.05 * (1.0 - np.exp(-late / 0.05)), atol=1e-5)
 
 
+def test_a_stuck_block_breaks_away_at_the_instant_that_a_lagged_force_reaches_friction():
+    """Between the stamps; a block that waits for the next one would be .0056 too slow for good."""
+    t = np.arange(0.0, 0.6, 0.01)
+    u = np.where(t < 0.3 - 1e-9, 0.0, 2.0)
+    problem, compiled = one_window(block(2.0), t, u)
+    theta = with_effect(compiled, "input_lag", "u", T=0.013)
+    theta[list(compiled.find("coulomb_friction", "slide").slots)] = 0.7
+    x = problem.states(theta, np.array([[0.0, 0.0]]))
+    free = np.maximum(t - 0.3 + 0.013 * np.log(1.0 - 0.7 / 2.0), 0.0)  # s from the breakaway on
+    np.testing.assert_allclose(x[:, 1], 0.5 * (1.3 * free - 1.3 * 0.013 * (1.0 - np.exp(-free / 0.013))), atol=2e-5)
+
+
 def test_a_driven_pendulum_over_jittering_stamps_agrees_with_scipy():
     rng = np.random.default_rng(4)
     t = np.cumsum(rng.uniform(0.003, 0.007, 400))

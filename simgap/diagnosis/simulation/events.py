@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from simgap.diagnosis.simulation.release import stop_at_release
 from simgap.diagnosis.simulation.runge_kutta import input_at, rk4, slope
 
 Floats = NDArray[np.float64]
@@ -171,6 +172,8 @@ def advance(
             glide(new, u, u, u, theta, s, h, 1, pads[0], pads[1])
         else:
             rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
+            if any_of(stuck) and events <= 8:
+                h = stop_at_release(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
         j = _reversal(x, new, s, stuck, active, speed)
         if j >= 0 and (events > 8 or abs(x[speed[j]]) <= CREEP):  # it cannot leave rest: it stays for this step
             stuck[j] = True

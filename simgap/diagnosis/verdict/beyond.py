@@ -1,7 +1,9 @@
-"""Whether what was left out of the fit lies where the data that confirm were.
+"""Whether what was left out of the fit began where other data were that need nothing more.
 
-A stop at the end of a range, a collision, a drive that saturates: what the model lacks at places that *confirm* never
-visits looks like a push. Held-out data that were there and need nothing more are what tells it from one.
+A stop at the end of a range, a collision, a drive that saturates: what the model lacks at places that nothing else
+visits looks like a push. It acts from where the plant is: readings that leave the prediction while everything is still
+within what *confirm* saw were not driven off by a place, a speed or a command beyond that. What happens after they left
+it is the push's own doing. Fitted data count too, as they are down to the noise, where they clearly go further.
 """
 
 from __future__ import annotations
@@ -9,48 +11,110 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.reading.windows import Span, Windows, joined
+from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.sensitivity import state_steps
 from simgap.diagnosis.thresholds import CELL_S, WITHIN_NOISE
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+_SPAN = 0.5 * CELL_S  # s over which a rate is taken
 
 
-def beyond(record: Record, confirm: Problem) -> tuple[str, ...]:
-    """Readings and inputs that go further in the times left out than anywhere in *confirm*, by name.
+def beyond(record: Record, known: Problem, at: Fit, confirm: Problem) -> tuple[str, ...]:
+    """Readings and inputs that are, where a time left out begins, where nothing else in the record was, by name.
 
-    A reading counts too where it came there faster than *confirm* ever moves: a brake may act on speed. What it does
-    after that is the push's own doing.
+    It begins until a reading leaves the prediction from the window before; where there is none, all of it counts. A
+    reading counts too where it moves as fast as nowhere else: a brake may act on speed. Inputs count from as long
+    before as they still act. In one piece of data everything between its least and its largest number was visited.
+
+    Args:
+        record: with the times left out; known: the windows without them.
+        at: the answer, fitted to these; confirm: the windows that confirm.
     """
-    inside = confirm.samples
-    names = (*record.measured, *record.inputs)
-    seen = np.column_stack([confirm.y, confirm.u])[inside]
-    slack = np.concatenate([WITHIN_NOISE * confirm.sigma, np.zeros(len(record.inputs))])
-    span, ends = 0.5 * CELL_S, zip(confirm.windows.start, confirm.windows.stop, strict=True)
-    moved = np.concatenate([_rates(confirm.t[a:b], confirm.y[a:b], span) for a, b in ends])
-    blur = WITHIN_NOISE * np.sqrt(2.0) * confirm.sigma / span
-    further = np.zeros(len(names), dtype=bool)
-    for k, begin, end in record.left_out:
-        trace = record.traces[k]
-        rows = (trace.t >= begin) & (trace.t <= end)
-        further |= _outside(np.column_stack([trace.y, trace.u])[rows], seen, slack)
-        rows = (trace.t >= begin - span) & (trace.t <= begin + span)
-        further[: len(record.measured)] |= _outside(_rates(trace.t[rows], trace.y[rows], span), moved, blur)
-    return tuple(name for name, is_further in zip(names, further, strict=True) if is_further)
+    k, reach = len(record.measured), known.reach(at.theta)
+    noise = np.concatenate([confirm.sigma, np.zeros(len(record.inputs)), np.sqrt(2.0) * confirm.sigma / _SPAN])
+    slack = WITHIN_NOISE * noise
+    low, high = (np.concatenate(each) for each in zip(_ranges(confirm, slack), _ranges(known, -slack), strict=True))
+    further = np.zeros(len(slack), dtype=bool)
+    for left in record.left_out:
+        trace, begin, end = record.traces[left[0]], left[1], _leaves(known, at, left)
+        for columns, values in (
+            (slice(0, k), trace.y[_between(trace, begin, end)]),
+            (slice(k, -k), trace.u[_between(trace, begin - reach, end)]),
+            (slice(-k, None), _rates(*_cut(trace, begin - _SPAN, max(end, begin + _SPAN)))),
+        ):
+            further[columns] |= _outside(values, low[:, columns], high[:, columns])
+    further[:k] |= further[-k:]
+    return tuple(n for n, is_further in zip((*record.measured, *record.inputs), further, strict=False) if is_further)
 
 
-def _rates(t: Floats, y: Floats, span: float) -> Floats:
-    """Mean rates over about `span` s: times (n,), readings (n, k) -> (n - m, k)."""
+def _between(trace: Trace, begin: float, end: float) -> Bools:
+    return np.asarray((trace.t >= begin) & (trace.t <= end))
+
+
+def _cut(trace: Trace, begin: float, end: float) -> tuple[Floats, Floats]:
+    rows = _between(trace, begin, end)
+    return trace.t[rows], trace.y[rows]
+
+
+def _ranges(problem: Problem, slack: Floats) -> tuple[Floats, Floats]:
+    """Least and largest readings, inputs and rates of each piece of data (s, 2k + m), further apart by slack."""
+    rows, whole = [], joined(problem.windows)
+    for a, b in zip(whole.start.tolist(), whole.stop.tolist(), strict=True):
+        rates = _rates(problem.t[a:b], problem.y[a:b])
+        each = [*problem.y[a:b].T, *problem.u[a:b].T, *rates.T]
+        rows.append([(np.min(c, initial=np.inf), np.max(c, initial=-np.inf)) for c in each])
+    table = np.array(rows)
+    return table[:, :, 0] - slack, table[:, :, 1] + slack
+
+
+def _outside(own: Floats, low: Floats, high: Floats) -> Bools:
+    """Which columns of own (n, c) are somewhere in none of the ranges (s, c)."""
+    inside = (own[:, None] >= low) & (own[:, None] <= high)
+    return np.asarray(~inside.any(axis=1).all(axis=0))
+
+
+def _rates(t: Floats, y: Floats) -> Floats:
+    """Mean rates over about `_SPAN`: times (n,), readings (n, k) -> (n - m, k)."""
     if len(t) < 3:
         return np.zeros((0, y.shape[1]))
-    m = max(2, round(span / float(np.median(np.diff(t)))))
+    m = max(2, round(_SPAN / float(np.median(np.diff(t)))))
     return np.asarray((y[m:] - y[:-m]) / (t[m:] - t[:-m])[:, None])
 
 
-def _outside(own: Floats, seen: Floats, slack: Floats) -> Bools:
-    """Which columns of own (n, k) leave the range of seen (m, k) by more than slack (k,)."""
-    if not len(seen):
-        return np.zeros(own.shape[1], dtype=bool)
-    low, high = np.nanmin(seen, axis=0) - slack, np.nanmax(seen, axis=0) + slack
-    return np.asarray(np.any((own < low) | (own > high), axis=0))
+def _leaves(known: Problem, at: Fit, left: Span) -> float:
+    """When a reading leaves what is foreseen from the window before, for good; the end of the time if none does, s.
+
+    For good: it and the next one are `WITHIN_NOISE` standard deviations off, of the noise and of what the noise of that
+    window does to the state that it ends in.
+    """
+    which, begin, end = left
+    w, t = known.windows, known.t
+    before = np.flatnonzero((w.trace == which) & (t[w.stop - 1] < begin))
+    if not before.size:
+        return end
+    own = before[np.argmax(w.stop[before])]
+    a, b, first = int(w.start[own]), int(w.stop[own]), int(w.first[own])
+    last = b + int(np.searchsorted(t[b:][: _rest(known, first, b)], end, side="right"))
+    if t[b] < begin or last - b < 2:  # something else lies between
+        return end
+    part = known.on(Windows(*(np.array([v]) for v in (a, last, first, which))))
+    miss, x0 = part.misses(at.theta, at.x0[own : own + 1]), at.x0[own : own + 1]
+    steps = state_steps(part, x0)
+    turned = [(miss - part.misses(at.theta, x0 + h * e)) / h for h, e in zip(steps, np.eye(len(steps)), strict=True)]
+    states = np.stack(turned, axis=2)  # (rows, k, nx)
+    fitted = states[: b - a].reshape(-1, len(steps))
+    spread = np.linalg.pinv(fitted.T @ fitted, rcond=1e-12)
+    size = np.sqrt(1.0 + np.einsum("rki,ij,rkj->rk", states, spread, states))
+    off = np.any(np.abs(miss) > WITHIN_NOISE * size, axis=1)[b - a :]
+    gone = np.flatnonzero(off[:-1] & off[1:])
+    return float(t[b + gone[0]]) if gone.size else end
+
+
+def _rest(known: Problem, first: int, b: int) -> int:
+    """Samples of the trace that begins at `first` from b on."""
+    later = known.firsts[known.firsts > first]
+    return int(later.min(initial=len(known.t))) - b

@@ -50,7 +50,7 @@ class Hidden:
         viscous, coulomb, spring: coordinate -> number; gain, bias: input -> number; factors: parameter -> ratio.
         delay: s, of all inputs.
         after: (trace, s) from when on `later` holds in the place of all these.
-        pushes: (trace, from, to, coordinate, force) each.
+        pushes: (trace, from, to, coordinate, force) each; more: coordinate -> force at a place and a speed.
     """
 
     viscous: Mapping[str, float] = field(default_factory=dict)
@@ -63,6 +63,7 @@ class Hidden:
     after: tuple[int, float] | None = None
     later: Hidden | None = None
     pushes: tuple[tuple[int, float, float, str, float], ...] = ()
+    more: Mapping[str, Callable[[float, float], float]] = field(default_factory=dict)
 
     def at(self, trace: int, t: float) -> Hidden:
         """What holds at an instant."""
@@ -120,6 +121,7 @@ def _rates(plant: Textbook, told: Hidden, trace: int, pushes: tuple) -> Callable
             v = x[k]
             f = -told.viscous.get(c, 0.0) * v - told.coulomb.get(c, 0.0) * np.tanh(v / _EDGE)
             f -= told.spring.get(c, 0.0) * x[plant.positions[c]] if c in told.spring else 0.0
+            f += told.more[c](x[plant.positions[c]], v) if c in told.more else 0.0
             f += sum(p[4] for p in pushes if p[0] == trace and p[3] == c and p[1] <= t < p[2])
             forces.append(f)
         return plant.rates(x, u, np.array(forces), told.factors)
