@@ -67,7 +67,8 @@ def quickened(
         if s * found.X[name][0] < lo or s * found.X[name][1] > hi:
             raise UserError(
                 f"beside the dry friction of {most} its game takes speeds of {s * found.X[name][1]:.2g} of {name}, the "
-                f"joint allows {hi:g}", key="friction", remedy="Give it less friction, or put tau, X and U in by hand.",
+                f"joint allows {hi:g}", key="friction",
+                remedy="Is that its own limit (<limit velocity> of the URDF)? Else less friction, or tau, X, U by hand",
             )  # fmt: skip
 
     def scaled(box: Mapping[str, Range]) -> dict[str, Range]:
