@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+
 from simgap.io.traces import CAREFUL, EVERY_TITLE, MODEL, NOMINAL, ROBUST, SIMULATOR, TITLES
 from simgap.notation import pretty_unit
 from simgap.report.material import Material
@@ -22,6 +24,8 @@ BOUND_FIGURES = (
 
 def is_signed(gap: Mapping[str, Any]) -> bool:
     """Whether lower and upper bound were fitted apart."""
+    if gap.get("kind") == "cells":  # a table has no program
+        return any(np.any(np.add(own["lower"], own["upper"]) != 0.0) for own in gap["gap"].values())
     programs = [d["scenario"] for d in gap.get("dimensions", ()) if "scenario" in d]
     return all("lower" in p and "upper" in p for p in programs)
 

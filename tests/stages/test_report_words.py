@@ -69,3 +69,11 @@ def test_shares_of_both_controllers_are_of_the_same_cells():
     assert "8,000 of them stay free between samples, of which it wins 0.994" in content._own_share(m)
     same = SimpleNamespace(syntheses={k: s | {"free_cells": 10000} for k, s in syntheses.items()})
     assert content._own_share(same) == ""
+
+
+def test_a_table_is_signed_where_its_sides_differ():
+    def table(lower, upper):
+        return {"kind": "cells", "gap": {"q": {"lower": lower, "upper": upper}}, "dimensions": [{"scenario": {}}]}
+
+    assert tables.is_signed(table([[-1.0, -2.0]], [[1.0, 3.0]]))
+    assert not tables.is_signed(table([[-1.0, -2.0]], [[1.0, 2.0]]))
