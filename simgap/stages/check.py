@@ -26,6 +26,7 @@ from simgap.stages.context import Context, log
 from simgap.stages.costs import StageCost, affordable, costs, duration, size
 from simgap.stages.engine_check import of_engine
 from simgap.stages.fair_baseline import minding_the_path
+from simgap.stages.few_cells import refuse_few_cells
 from simgap.stages.measured_check import check_measured
 from simgap.stages.mixed_units import mixed_units, refuse_prefixes, wrong_dimensions
 from simgap.stages.step_length import long_steps
@@ -82,6 +83,7 @@ def run(
         _ = context.plant.sampled if case.domain is not None else context.plant.declared
         build = time.process_time() - began
         refuse_prefixes(context)
+        refuse_few_cells(context)
         refuse_seams(context)
         _specification(context)
         _basis(context)

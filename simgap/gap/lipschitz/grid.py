@@ -28,6 +28,9 @@ from simgap.gap.thresholds import CROWDED
 from simgap.gap.values import Centres, Values, values
 from simgap.geometry import Floats, Grid
 
+FEWEST = 4
+"""Cells along an axis at least: a difference over two cells and one over one have to be compared."""
+
 
 def estimate(d: Values | Floats, grid: Grid, free: tuple[int, ...] = (), floor: float = 0.0) -> GridLipschitz:
     """Per-axis estimate from values (N, M) at the cell centres; differences up to `floor` count as rounding.
@@ -128,12 +131,11 @@ def moving_axes(grid: Grid, free: tuple[int, ...]) -> tuple[int, ...]:
     """Axes along which the gap may change; each needs four cells."""
     axes = tuple(j for j in range(len(grid.cells)) if j not in free)
     for j in axes:
-        if grid.cells[j] < 4:
+        if grid.cells[j] < FEWEST:
             raise UserError(
                 f"axis {j + 1} of the sampling grid has {grid.cells[j]} cells, too few for a Lipschitz estimate",
-                key="grid.eps",
-                remedy="Use a smaller eps (at least 4 cells along each axis).",
-            )
+                key="grid", remedy=f"Use a smaller eps or half-width: at least {FEWEST} cells along each axis.",
+            )  # fmt: skip
     return axes
 
 
