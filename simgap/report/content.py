@@ -13,6 +13,7 @@ from simgap.notation import pretty_unit
 from simgap.report import adversary, tables
 from simgap.report.material import Material
 from simgap.specifications.base import specification_of
+from simgap.specifications.monitor import STUCK
 from simgap.specifications.space import Space
 
 SAID = ("little", "robust", "nominal", "careful", "arrival", "winning")
@@ -126,6 +127,9 @@ def _violations(tally: Mapping[str, Any], steps: float) -> str:
     if not bad:
         return f"none of {runs:,} runs violates the specification in the simulator; here it happens to survive"
     text = f"{bad:,} of {runs:,} runs violate the specification in the simulator"
+    if stuck := min(bad, tally["ends"].get(STUCK, 0)):  # nobody knows what the plant would do next
+        own = "all" if stuck == bad else f"{stuck:,}"
+        text = f"{bad:,} of {runs:,} runs fail in the simulator, {own} of them in a state without an admissible input"
     median = tally.get("median_steps_until_violation")
     # a run that never got there is counted at its end, which tells nothing
     return text + (f", half of these within {median:,.0f} steps" if median and median < steps else "")

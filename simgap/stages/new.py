@@ -23,7 +23,7 @@ from simgap.plants.model_file import ModelFile, read_model_file
 from simgap.plants.numeric_terms import MOST_DERIVED
 from simgap.stages.new_joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
 from simgap.stages.new_wheels import case_of_wheels, wheels_of
-from simgap.stages.propose import numbers
+from simgap.stages.propose import numbers, shown
 from simgap.synthesis.proposal import SECONDS
 from simgap.synthesis.proposal_games import Proposal
 from simgap.synthesis.rubbing import blocks_along
@@ -184,11 +184,12 @@ def _proposed(
     try:
         found = numbers(case, out, {a.position: a.centre for a in axes}, limits, room, tell, seconds, about["rubs"])
     except UserError as error:
-        note(f"No controller is asked for yet: {error.problem}. {error.remedy}")
+        note(f"No controller is asked for yet, and a run ends with the bound: {error.problem}. {error.remedy}")
         return {"refused": f"{error.problem}. {error.remedy}"}
     own = found.proposal
     cells = " x ".join(map(str, own.cells))
     note(f"At tau = {own.tau} s, {found.wins}; the case takes {cells} cells.")
+    note("X is " + ", ".join(f"[{lo:g}, {hi:g}] of {n}" for n, (lo, hi) in shown(own.X).items()) + ".")
     for doubt in filter(None, (found.small, found.doubtful)):
         note(doubt)
     return {"proposal": found.block(), "substeps": _substeps(own, axes, about["rubs"])}

@@ -68,7 +68,7 @@ class Numbers:
     def wins(self) -> str:
         """What was won in the search, as a clause."""
         won = f"wins {self.proposal.wins:.2g} of X"
-        against, coarser = self.proposal.against, " on coarser ones" if self.proposal.target is not None else ""
+        against, coarser = self.proposal.against, " on coarser cells" if self.proposal.target is not None else ""
         if not against:
             return f"the nominal model alone {won}"
         beside = "what dry friction leaves and " if self.proposal.rubs else ""

@@ -57,8 +57,8 @@ def quickened(
         needed = abs(rest) + steps * wide
         if needed > limits.get(name, math.inf):
             raise UserError(
-                f"beside the dry friction of {friction[most]:g} of {most} its game takes {needed:.2g} of {name}, the "
-                f"drive gives {limits[name]:g}", key="friction",
+                f"for {TIMES:g} times the dry friction that {most} feels ({friction[most]:g}) the game takes {name} "
+                f"up to {needed:.2g}, and the drive gives {limits[name]:g}", key="friction",
                 remedy="Give it a stronger drive, or less friction.",
             )  # fmt: skip
         inputs[name] = (round(rest - steps * wide, 12), round(rest + steps * wide, 12), wide)
@@ -66,8 +66,8 @@ def quickened(
         lo, hi = room.get(name, (-math.inf, math.inf))
         if s * found.X[name][0] < lo or s * found.X[name][1] > hi:
             raise UserError(
-                f"beside the dry friction of {most} its game takes speeds of {s * found.X[name][1]:.2g} of {name}, the "
-                f"joint allows {hi:g}", key="friction",
+                f"for {TIMES:g} times the dry friction that {most} feels ({friction[most]:g}) the game takes {name} "
+                f"up to {s * found.X[name][1]:.2g}, and the joint's velocity limit is {hi:g}", key="friction",
                 remedy="Is that its own limit (<limit velocity> of the URDF)? Else less friction, or tau, X, U by hand",
             )  # fmt: skip
 

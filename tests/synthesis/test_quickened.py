@@ -39,9 +39,9 @@ def test_little_friction_changes_nothing():
 
 
 def test_what_drive_or_joint_does_not_allow_is_refused_with_the_reason():
-    with pytest.raises(UserError, match=r"takes 3\.6 of u, the drive gives 2"):
+    with pytest.raises(UserError, match=r"takes u up to 3\.6, and the drive gives 2"):
         quickened(SLOW, {"v"}, {"u": 0.5}, {"u": 2.0}, {})
-    with pytest.raises(UserError, match=r"speeds of 2\.1 of v, the joint allows 1"):
+    with pytest.raises(UserError, match=r"takes v up to 2\.1, and the joint's velocity limit is 1"):
         quickened(SLOW, {"v"}, {"u": 0.5}, {}, {"v": (-1.0, 1.0)})
     held = Proposal(0.1, SLOW.X, SLOW.U, (37, 37), 0.4, (), (), 1.0)
     with pytest.raises(UserError, match=r"to hold the posture takes 0\.2 of u, the dry friction there is 0\.5"):
