@@ -22,6 +22,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MOST_COLOURED
+from simgap.diagnosis.verdict.faults import faint_memory
 from simgap.diagnosis.verdict.judge import chi2_dof
 
 Floats = NDArray[np.float64]
@@ -106,7 +107,10 @@ def under_its_noise(
     if chi2_dof(again[0].problem, again[2].fit) > FIT_QUALITY:  # it was not the noise that was missing
         return None
     limit = min(most, LEAPS_ANYHOW)
-    if len(found.members) >= limit and len(again[2].members) >= limit:  # all that it takes anyhow: it bends to anything
+    full = (
+        len(found.members) >= limit
+    )  # all that it takes anyhow bends to anything, and a little memory to the rest
+    if full and (len(again[2].members) >= limit or faint_memory(louder.known)):
         return None
     return louder, again
 
