@@ -107,9 +107,7 @@ def under_its_noise(
     if chi2_dof(again[0].problem, again[2].fit) > FIT_QUALITY:  # it was not the noise that was missing
         return None
     limit = min(most, LEAPS_ANYHOW)
-    full = (
-        len(found.members) >= limit
-    )  # all that it takes anyhow bends to anything, and a little memory to the rest
+    full = len(found.members) >= limit  # all that it takes anyhow bends to anything, and a little memory to the rest
     if full and (len(again[2].members) >= limit or faint_memory(louder.known)):
         return None
     return louder, again
