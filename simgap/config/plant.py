@@ -85,7 +85,10 @@ class SymbolicPlant(Section):
     model_config = ConfigDict(coerce_numbers_to_str=True)  # a plain number is an expression too
 
     parameters: dict[str, SymbolicParameter] = Field(default_factory=dict, description="Named numbers of the plant.")
-    dynamics: dict[str, str] = Field(description="For each state its rate of change, an expression.")
+    dynamics: dict[str, str] = Field(
+        description="For each state its rate of change: an expression of states, inputs and parameters with + - * / ^, "
+        "sin, cos, tan, atan, tanh, exp, log, sqrt, abs, sign, min, max."
+    )
     coordinates: dict[str, SymbolicCoordinate] = Field(
         default_factory=dict, description="Degrees of freedom on which forces may act."
     )
