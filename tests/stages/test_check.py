@@ -62,7 +62,7 @@ CASE = {
     },
     "domain": {"tau": 0.01, "X": {"q": [-0.2, 0.2], "w": [-0.5, 0.5]}, "U": {"u": {"min": -1, "max": 1, "step": 1}}},
     "simulator": {"engine": "pybullet", "inertia": "file", "damping": {"linear": 0, "angular": 0, "joint": 0}},
-    "grid": {"eps": 0.1},
+    "grid": {"eps": 0.05},
     "gap": {"basis": ["q", "w", "u", 1]},
 }
 
