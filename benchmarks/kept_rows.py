@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,13 @@ def asked(
     parser.add_argument("--budget", type=float, default=None, help="CPU s that a search may take")
     parser.add_argument("--again", action="store_true", help="make again what is there")
     return parser.parse_args()
+
+
+def places(given: argparse.Namespace, **more: Sequence[Any]) -> Iterator[Row]:
+    """Every seed, kind and plant that is asked for, with each combination of what is varied besides."""
+    for seed in range(given.first, given.first + given.seeds):
+        for kind, plant, *own in itertools.product(given.kinds, given.plants, *more.values()):
+            yield {"plant": plant, "kind": kind, **dict(zip(more, own, strict=True)), "seed": seed}
 
 
 class Rows:

@@ -10,7 +10,6 @@ hidden. The table is benchmarks/results/mimics.md.
 
 from __future__ import annotations
 
-import itertools
 import sys
 import time
 from collections.abc import Callable
@@ -23,7 +22,7 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from kept_rows import Rows, asked  # noqa: E402
+from kept_rows import Rows, asked, places  # noqa: E402
 from other_plants import SIZES  # noqa: E402
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
@@ -123,10 +122,8 @@ def main() -> None:
     """Make what is asked for and is not there yet."""
     given = asked(__doc__, SIZES, (*MIMICS, *PUSHES), ("oscillator", "dc_motor", "cart_pole", "two_link"))
     rows = Rows(OUT, table, given.again)
-    for seed in range(given.first, given.first + given.seeds):
-        for kind, plant in itertools.product(given.kinds, given.plants):
-            place = {"plant": plant, "kind": kind, "seed": seed}
-            rows.make(place, lambda place=place: one(**place))
+    for place in places(given):
+        rows.make(place, lambda place=place: one(**place))
 
 
 if __name__ == "__main__":

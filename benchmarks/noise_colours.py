@@ -9,7 +9,6 @@ walk, of twice its size or more. The table is benchmarks/results/noise_colours.m
 
 from __future__ import annotations
 
-import itertools
 import sys
 import time
 from collections.abc import Callable
@@ -23,7 +22,7 @@ from scipy.signal import butter, lfilter
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from kept_rows import Rows, asked  # noqa: E402
+from kept_rows import Rows, asked, places  # noqa: E402
 from other_plants import SIZES  # noqa: E402
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
@@ -117,10 +116,8 @@ def main() -> None:
     """Make what is asked for and is not there yet."""
     given = asked(__doc__, SIZES, NOISES, ("oscillator", "dc_motor", "cart_pole"))
     rows = Rows(OUT, table, given.again)
-    for seed in range(given.first, given.first + given.seeds):
-        for kind, plant, friction in itertools.product(given.kinds, given.plants, (True, False)):
-            place = {"plant": plant, "kind": kind, "friction": friction, "seed": seed}
-            rows.make(place, lambda place=place: one(**place, budget=given.budget))
+    for place in places(given, friction=(True, False)):
+        rows.make(place, lambda place=place: one(**place, budget=given.budget))
 
 
 if __name__ == "__main__":

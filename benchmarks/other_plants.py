@@ -9,7 +9,6 @@ table is benchmarks/results/other_plants.md.
 
 from __future__ import annotations
 
-import itertools
 import sys
 import time
 from collections.abc import Callable
@@ -22,7 +21,7 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from kept_rows import Rows, asked  # noqa: E402
+from kept_rows import Rows, asked, places  # noqa: E402
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
 from simgap.diagnosis.reading.record import Record, Trace  # noqa: E402
@@ -228,13 +227,9 @@ def main() -> None:
     """Make what is asked for and is not there yet."""
     given = asked(__doc__, PLANTS, KINDS)
     rows = Rows(OUT, table, given.again)
-    for seed in range(given.first, given.first + given.seeds):
-        for kind, plant in itertools.product(given.kinds, given.plants):
-            place = {"plant": plant, "kind": kind, "seed": seed}
-            if makes_sense(plant, kind):
-                rows.make(
-                    place, lambda place=place: one(**place, budget=given.budget), unsaid=("said", "hidden_faults")
-                )
+    for place in places(given):
+        if makes_sense(place["plant"], place["kind"]):
+            rows.make(place, lambda place=place: one(**place, budget=given.budget), unsaid=("said", "hidden_faults"))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ benchmarks/results/outside_library.json as soon as it is there; the table is ben
 
 from __future__ import annotations
 
-import itertools
 import sys
 import time
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from kept_rows import Rows, asked  # noqa: E402
+from kept_rows import Rows, asked, places  # noqa: E402
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
 from simgap.diagnosis.reading.record import Record, Trace  # noqa: E402
@@ -70,10 +69,8 @@ def main() -> None:
     """Make what is asked for and is not there yet."""
     given = asked(__doc__, HERE, MECHANISMS)
     rows = Rows(OUT, table, given.again)
-    for seed in range(given.first, given.first + given.seeds):
-        for kind, plant, beside in itertools.product(given.kinds, given.plants, (False, True)):
-            place = {"plant": plant, "kind": kind, "beside": beside, "seed": seed}
-            rows.make(place, lambda place=place: one(**place, budget=given.budget))
+    for place in places(given, beside=(False, True)):
+        rows.make(place, lambda place=place: one(**place, budget=given.budget))
 
 
 if __name__ == "__main__":
