@@ -73,6 +73,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "torque_speed_limit": "simgap.effects.torque_speed_limit:TorqueSpeedLimit",
                 "sensor_gain": "simgap.effects.sensor_gain:SensorGain",
                 "input_curve": "simgap.effects.input_curve:InputCurve",
+                "force_curve": "simgap.effects.force_curve:ForceCurve",
                 "payload": "simgap.effects.payload:Payload",
                 "joint_elasticity": "simgap.effects.joint_elasticity:JointElasticity",
                 "backlash": "simgap.effects.backlash:Backlash",

@@ -53,7 +53,8 @@ def screened(
         if wide is None:
             return None, None
         parts, other, start = wide
-        alone = other.joined(other.empty(start), exclude=_known(other))
+        bends = [c.key for c in other.problem.model.candidates if c.effect.one_curve]  # to what others do: never first
+        alone = other.joined(other.empty(start), exclude=[*_known(other), *bends])
         fine = [e for e in alone if chi2_dof(other.problem, e.fit) <= FIT_QUALITY]
         if not fine:
             return None, wide

@@ -87,6 +87,8 @@ class Effect(ABC):
     """Whether it is sought in a search of its own, after all others, and only where it is named."""
     resembles: ClassVar[tuple[str, ...]] = ()
     """Names of effects that may come within the noise of it: it is tried in their place where one was found."""
+    one_curve: ClassVar[bool] = False
+    """Whether its numbers are values of one curve, in one unit: their agreement is then by the size of all of them."""
     pulls_to_a_place: ClassVar[bool] = False
     """Whether it pulls a coordinate back to one place: on an angle that winds on it is tried only if it is named."""
     excitation: ClassVar[str] = ""

@@ -30,10 +30,10 @@ class StribeckFriction(CoordinateEffect):
     )
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """Coulomb level and peak as two linear coefficients, for a few Stribeck speeds."""
+        """Coulomb level and peak as two linear coefficients, for a few Stribeck speeds; no peak begins below 0."""
 
         def at(speed: float) -> Start:
-            return Start(2, lambda c: {"F_c": c[0], "F_s": c[0] + c[1], "v_s": speed})
+            return Start(2, lambda c: {"F_c": c[0], "F_s": c[0] + max(c[1], 0.0), "v_s": speed})
 
         return tuple(at(share * scales.speed) for share in (0.03, 0.1, 0.3))
 

@@ -26,6 +26,7 @@ SYMBOLS = {
     "sensor_gain": ["ratio"], "input_curve": ["g_0", "g_1", "g_2", "U"],
     "payload": ["m_p", "r"], "rolling_resistance": ["loss"],
     "joint_elasticity": ["I", "k", "c"], "backlash": ["b", "I"],
+    "force_curve": [*(f"F_{k}" for k in range(11)), "low", "high"],
 }  # fmt: skip
 VALUES = {
     "b": 0.1, "F_c": 0.1, "F_s": 0.2, "v_s": 0.1, "c": 0.1, "k": 0.3, "k3": 0.2, "A": 0.05, "n": 6.0, "phase": 0.4,
@@ -33,6 +34,7 @@ VALUES = {
     "I": 0.15, "F_0": 0.12, "F_p": 0.1, "F_m": 0.2, "d": 0.05, "mu": 0.25, "ratio_p": 1.2, "ratio_m": 0.7,
     "T_s": 1.6, "g_0": 1.1, "g_1": 0.8, "g_2": 0.5, "U": 2.5,
     "m_p": 0.3, "r": 0.8, "loss": 0.05, "rise": 0.6, "sigma_1": 0.02,
+    "low": -0.5, "high": 2.0, **{f"F_{k}": 0.02 * (k - 4) ** 2 for k in range(1, 11)},
 }  # fmt: skip
 AT = {"angle": 0.7, "rate": -0.6, "torque": 1.9}
 

@@ -8,27 +8,31 @@ import numpy as np
 
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.search.scoring import Key
-from simgap.diagnosis.simulation.supermodel import SuperModel
+from simgap.effects import EFFECTS
+from simgap.model.symbolic import SymbolicModel
 from simgap.units import full_turn
 
 
-def barred(model: SuperModel, record: Record, named: Collection[str]) -> dict[Key, str]:
-    """Candidates that are not tried, with the reason.
+def barred(model: SymbolicModel, record: Record, named: Collection[str]) -> dict[Key, str]:
+    """Effects and targets that are not tried, with the reason.
 
     What pulls a joint back to one place pulls it to that place on every turn: on an angle that winds it would be a
     force that grows with the turns counted, which a joint has only where something winds up. It is tried if `named`.
     """
+    winding = [c.name for c in model.coordinates if _winds(model, record, c.name)]
     return {
-        c.key: "the joint makes full turns: name the effect under measured.effects if something winds up on it"
-        for c in model.candidates
-        if c.effect.pulls_to_a_place and c.effect.name not in named and _winds(model, record, c.on)
+        (e.name, on): "the joint makes full turns: name the effect under measured.effects if something winds up on it"
+        for e in EFFECTS.values()
+        if e.pulls_to_a_place and e.name not in named
+        for on in e.targets(model)
+        if on in winding
     }
 
 
-def _winds(model: SuperModel, record: Record, coordinate: str) -> bool:
+def _winds(model: SymbolicModel, record: Record, coordinate: str) -> bool:
     """Whether the coordinate is an angle that travels more than a full turn in a trace."""
-    position = model.model.coordinate(coordinate).position
-    turn = full_turn(next(v.unit for v in model.model.states if v.name == position))
+    position = model.coordinate(coordinate).position
+    turn = full_turn(next(v.unit for v in model.states if v.name == position))
     if turn is None or position not in record.measured:
         return False
     k = record.measured.index(position)

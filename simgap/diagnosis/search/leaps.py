@@ -34,12 +34,15 @@ def leap(search: Search, base: Fit, most: int) -> None:
 
 
 def merge(search: Search, found: Explanation) -> None:
-    """Fit one effect in the place of any two, where the linear problem without the two promises to come near."""
+    """Fit one effect, and two, in the place of any two, where the linear problem without those promises to come near.
+
+    A set that came within the noise may hold two effects that stand in for two others.
+    """
     for gone in itertools.combinations(found.members, 2):
         kept = search.without(search.without(found, gone[0]), gone[1])
-        one = [(kept, s) for s in best_subsets(search.screen(kept), 1) if s.left < MERGE_NEAR * found.fit.chi2]
-        keys = {c.key for c in gone}
-        _fitted(search, [(e, s) for e, s in one if s.members[0].key not in keys][:MERGED])
+        for size in (1, 2):
+            near = _options(search, [kept], len(kept.members) + size, MERGE_NEAR * found.fit.chi2)
+            _fitted(search, near[:MERGED])
 
 
 def _pays(search: Search, size: int, most: int) -> bool:

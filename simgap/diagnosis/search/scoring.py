@@ -58,7 +58,8 @@ def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
             scales = Scales(interval, command=float(commands[wheels.linear]) or 1.0)
         elif c.effect.kind == "coordinate":
             drive = sum(float(commands[u]) for u in driven_by(model, c.on))
-            scales = Scales(interval, drive or 1.0, _speed(problem, c.on), _inertia(model, c.on))
+            own = _speed(problem, c.on), _inertia(model, c.on), _places(problem, c.on)
+            scales = Scales(interval, drive or 1.0, *own)
         items += [(c, start) for start in c.effect.starts(scales)]
     return Starts(tuple(items))
 
@@ -75,6 +76,15 @@ def _speed(problem: Problem, coordinate: str) -> float:
         v = ((q[hop:] - q[:-hop]) / np.where(step > 0, step, np.inf))[step > 0]
         return max(float(np.sqrt(np.mean(v**2))), 1e-9)
     return 1.0
+
+
+def _places(problem: Problem, coordinate: str) -> tuple[float, float]:
+    """Lowest and highest reading of a coordinate's position; 0 and 0 if it has none."""
+    position, measured = problem.model.model.coordinate(coordinate).position, problem.model.measured
+    if position not in measured:
+        return 0.0, 0.0
+    q = problem.y[:, measured.index(position)]
+    return float(np.nanmin(q)), float(np.nanmax(q))
 
 
 def _inertia(model: SymbolicModel, coordinate: str) -> float:

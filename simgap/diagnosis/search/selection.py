@@ -87,8 +87,10 @@ def _leapt(search: Search, base: Fit, most: int) -> Explanation:
     found = preferred(search, _best(search, most) or search.empty(base), most)
     if not search.reached(found):
         search.refined(found)
-    elif len(found.members) > 2:
-        merge(search, found)
+    else:
+        found = grow(search, found, most)  # a set may reach the noise without an effect that the data show clearly
+        if len(found.members) > 2:
+            merge(search, found)
     found = preferred(search, found, most)
     empty = search.empty(base)
     return found if empty.bic - found.bic >= BIC_GAIN else empty
@@ -123,9 +125,9 @@ def _best(search: Search, most: int) -> Explanation | None:
 
 
 def grow(search: Search, current: Explanation, most: int) -> Explanation:
-    """Add, drop and swap effects from here on while that pays."""
+    """Add, drop and swap effects from here on while that pays; what contains one of them is tried in its place."""
     while len(current.members) < most:
-        option = choose(search.joined(current))
+        option = choose([*search.joined(current), *search.refined(current)])
         if option is None or current.bic - option.bic < BIC_GAIN:
             break
         current = _prune(search, _swap(search, _prune(search, option)))

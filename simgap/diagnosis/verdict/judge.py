@@ -143,7 +143,12 @@ def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], s
     a, b = (e.theta[slots] - np.where(np.isfinite(null[slots]), null[slots], 0.0) for _, e in ends)
     variances = [np.maximum(np.diag(e.covariance), 0.0) * max(chi2_dof(part, e), 1.0) for part, e in ends]
     spread = np.sqrt(sum(variances) * samples)
-    near = np.abs(a - b) <= np.maximum(FOLD_AGREEMENT * np.maximum(np.abs(a), np.abs(b)), COVERED_ERRORS * spread)
+    size = np.maximum(np.abs(a), np.abs(b))
+    for c in found.members:
+        if c.effect.one_curve:  # some of its values are near 0 where others are not
+            own = np.isin(slots, c.slots)
+            size[own] = size[own].max(initial=0.0)
+    near = np.abs(a - b) <= np.maximum(FOLD_AGREEMENT * size, COVERED_ERRORS * spread)
     return bool(np.all(near))
 
 
