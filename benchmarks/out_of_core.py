@@ -1,6 +1,6 @@
 """Peak memory of the stages from grid to scenario program by the number of samples, at the speed of equations.
 
-    python benchmarks/out_of_core.py [1e6 4e6 ...]
+    python benchmarks/out_of_core.py [1e6 4e6 ... 1e8]
 
 The DC motor against equations that are treated as a black box, one shard for every million samples. The last row is
 what a stage's peak grows by, in bytes a sample, between the smallest and the largest size: 0 for one that streams.
@@ -11,6 +11,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -32,8 +33,11 @@ def stage(*words: str) -> float:
         "subprocess.run([sys.executable, '-m', 'simgap.cli', *sys.argv[1:]], check=True)\n"
         "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
     )
+    begun = time.monotonic()
     done = subprocess.run([sys.executable, "-c", code, *words], check=True, stdout=subprocess.PIPE, text=True)
-    return 1024.0 * float(done.stdout.split()[-1])
+    peak = 1024.0 * float(done.stdout.split()[-1])
+    print(f"{words[0]}: {time.monotonic() - begun:.0f} s, {peak / 2**20:.0f} MiB", file=sys.stderr, flush=True)
+    return peak
 
 
 def peaks(count: float) -> tuple[int, dict[str, float]]:
