@@ -26,7 +26,7 @@ from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
-from simgap.diagnosis.thresholds import BIC_GAIN, EXACTLY_COLLINEAR
+from simgap.diagnosis.thresholds import BIC_GAIN, EXACTLY_COLLINEAR, STRAY
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
 from simgap.diagnosis.verdict.faults import faint_memory, fitted_faults, gain_faults, noise_faults
@@ -190,6 +190,11 @@ def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) 
         said.append(f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects that were fitted.")
     if not kept.fit.converged:
         said.append("The last fit had not settled: take its numbers with care.")
+    if held.stray:
+        said.append(
+            f"Single readings of the fold that confirms ({held.stray}) miss by more than {STRAY:g} noises between "
+            "neighbours that do not: noise with heavy tails, or bad readings. They are not counted in RMSE/sigma."
+        )
     if horizon_s > 0 and held.horizon is None:
         said.append("No stretch of the fold that confirms is as long as the horizon: the errors are within windows.")
     return tuple(said)

@@ -31,6 +31,12 @@ at a speed or a strip that rubs, each met in one run alone (benchmarks/mimics.py
 HELD_OUT_QUALITY = 1.08
 """Largest held-out RMSE/sigma of a model that reaches the noise floor."""
 
+STRAY, STRAY_BESIDE, MOST_STRAYS = 5.0, 3.0, 0.02
+"""A reading of *confirm* that misses by more than so many noises, between neighbours that miss by less than so many, is
+noise with heavy tails and is not counted, if so many of a channel at most are such: what moves is not back at the next
+reading. A Gaussian makes one in a million. Of Student's t with 2.5 degrees of freedom they carry the fifth of
+RMSE/sigma that made `partial` of right answers and `unexplained` of nothing missing (benchmarks/noise_colours.py)."""
+
 NO_MORE_THAN_NOISE = 0.999
 """The model as declared is at the noise if chi^2 of *confirm* is below this quantile (or RMSE/sigma at most
 `HELD_OUT_QUALITY`): a short fold scatters by more than the second allows."""

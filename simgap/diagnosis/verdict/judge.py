@@ -27,6 +27,7 @@ from simgap.diagnosis.thresholds import (
 )
 from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error
 from simgap.diagnosis.verdict.size import negligible
+from simgap.diagnosis.verdict.strays import strays
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +41,7 @@ class HeldOut:
         chi2: with them; free: compared numbers less what the initial states took.
         heard: (k,) 1 for channels that are fitted.
         horizon: the causal error ahead; None if it was not asked for, or no stretch is long enough.
+        stray: readings that stand alone, which `ratio`, `chi2` and `free` leave out.
     """
 
     states: Floats
@@ -49,19 +51,23 @@ class HeldOut:
     free: int
     heard: Floats
     horizon: HorizonError | None
+    stray: int = 0
 
 
 def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     """Refit only the initial states (w, nx) of held-out windows at theta (q,), and predict ahead causally."""
     at = fit(held, theta, initial_states(held), [], {})
-    residual, count = held.residuals(theta, at.x0), held.size
+    residual = held.residuals(theta, at.x0)
+    alone = strays(residual, held.rows)
+    residual[alone] = 0.0
+    count, chi2 = held.size - int(alone.sum()), float(np.sum(residual**2))
     unbiased = math.sqrt(max(1.0 - held.taken / count, 0.1))  # the initial states took some degrees of freedom
     each = np.maximum(np.sum(held.used[held.samples], axis=0), 1.0)
     rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / each) * held.sigma / unbiased
-    ratio = math.sqrt(float(np.sum(residual**2)) / count) / unbiased
+    ratio = math.sqrt(chi2 / count) / unbiased
     free = max(round(count - held.taken), 1)
     ahead = horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
-    return HeldOut(at.x0, rmse, ratio, float(np.sum(residual**2)), free, held.heard, ahead)
+    return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, int(alone.sum()))
 
 
 def chi2_dof(problem: Problem, at: Fit) -> float:
