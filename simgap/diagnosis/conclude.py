@@ -26,9 +26,10 @@ from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
-from simgap.diagnosis.thresholds import BIC_GAIN, EXACTLY_COLLINEAR, STRAY
+from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, STRAY
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
+from simgap.diagnosis.verdict.doubts import doubts
 from simgap.diagnosis.verdict.faults import faint_memory, fitted_faults, gain_faults, noise_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
@@ -43,7 +44,6 @@ from simgap.diagnosis.verdict.size import slight
 from simgap.diagnosis.verdict.steps import steps
 from simgap.effects import apply_effects
 from simgap.model.symbolic import SymbolicModel
-from simgap.notation import joined
 
 
 def conclude(
@@ -122,7 +122,7 @@ class _Worded:
 
     Attributes:
         word: the verdict; named: whether effects are; others: what explains the data as well.
-        further, faint: as `unconfirmed` and `faint_memory` of the answer; fitter: what fits clearly better.
+        further, faint: as `unconfirmed` and `faint_memory` of the answer; fitter: why it may be another.
     """
 
     word: Verdict
@@ -142,7 +142,7 @@ def _worded(record: Record, known: Problem, confirm: Problem, chosen: Chosen, ev
     word = "partial" if further and members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
-    fitter = better(others, chosen.found)
+    fitter = doubts(others, chosen.found, chosen.full.problem, chosen.kept)
     faint = faint_memory(known) if word == "attributed" and members else ()
     word = "partial" if (fitter or faint) and word == "attributed" else word
     return _Worded(word, named, others, further, faint, fitter)
@@ -157,18 +157,6 @@ def _rivals(chosen: Chosen) -> list[Rival]:
     if chosen.carried is not None:  # what fits as well need not carry over as well
         others = [r for r in others if r.exact] + [Rival(e, False) for e in chosen.carried.rivals]
     return once([*others, *as_good(search, found)])
-
-
-def better(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
-    """What is to be said of a listed set that fits clearly better than the answer."""
-    best = min((r.explanation for r in others), key=lambda e: e.bic, default=found)
-    if found.bic - best.bic < BIC_GAIN:
-        return ()
-    named = joined([c.effect.phrase(c.on) for c in best.members])
-    return (
-        f"Among the alternatives {named} fits better (BIC lower by {found.bic - best.bic:.0f}), but did not carry over "
-        "to the data that choose as well, or was found after they chose.",
-    )
 
 
 def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:

@@ -88,7 +88,9 @@ class Effect(ABC):
     resembles: ClassVar[tuple[str, ...]] = ()
     """Names of effects that may come within the noise of it: it is tried in their place where one was found."""
     one_curve: ClassVar[bool] = False
-    """Whether its numbers are values of one curve, in one unit: their agreement is then by the size of all of them."""
+    """Whether its numbers are values of one curve, in one unit: their agreement is then by the size of all of them.
+
+    It bends to whatever is left a little, so that it is an answer only where nothing is left."""
     pulls_to_a_place: ClassVar[bool] = False
     """Whether it pulls a coordinate back to one place: on an angle that winds on it is tried only if it is named."""
     excitation: ClassVar[str] = ""
@@ -146,6 +148,10 @@ class Effect(ABC):
     def lateness(self, values: Mapping[str, float]) -> float:
         """Seconds by which inputs act later under it, to first order; its stand-in where its memory is left out."""
         return 0.0
+
+    def doubt(self, values: Mapping[str, float], places: tuple[float, float]) -> str:
+        """Why the places where its coordinate was, lowest and highest, do not show that it is this; '' if they do."""
+        return ""
 
     def canonical(self, values: Mapping[str, float]) -> dict[str, float]:
         """The same effect with values as they are reported, such as an angle within half a turn."""

@@ -15,6 +15,9 @@ from simgap.units import full_turn
 
 LEAST_PERIODS = 2  # one period a turn is an unbalanced arm: gravity_tilt and parameter_error
 MOST_PERIODS = 16
+SEEN_PERIODS = 1.5
+"""Of a torsion that grows with the square of the angle 1.2 periods of a ripple were met (and `attributed`), of ripples
+that were there 1.9 and more (benchmarks/outside_library.py, benchmarks/undeclared.py). Between is judgement."""
 
 
 class Cogging(CoordinateEffect):
@@ -45,6 +48,13 @@ class Cogging(CoordinateEffect):
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """A sin(n q + phase)."""
         return values["A"] * sp.sin(values["n"] * position + values["phase"])
+
+    def doubt(self, values: Mapping[str, float], places: tuple[float, float]) -> str:
+        """A period is seen where the record covers it more than once; before that any bent curve looks like one."""
+        covered = (places[1] - places[0]) * values["n"] / (2.0 * math.pi)
+        if not 0.0 < covered < SEEN_PERIODS:
+            return ""
+        return f"the record covers {covered:.2g} periods of the ripple: a force of another shape would look like it"
 
     def canonical(self, values: Mapping[str, float]) -> dict[str, float]:
         """The phase within half a turn."""

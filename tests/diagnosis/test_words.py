@@ -201,8 +201,8 @@ SAID = {
     "force_curve": (
         "hinge",
         {f"F_{k}": (0.1 * k, 0.01, "N*m") for k in range(11)} | {"low": (-1.0, 0.0, "rad"), "high": (3.0, 0.0, "rad")},
-        "a force at the hinge that depends on the place (0.000 ± 0.010 N m at -1, 0.500 ± 0.010 N m at 1, "
-        "1.000 ± 0.010 N m at 3; a table of eleven values)",
+        "a force at the hinge that depends on the place (0.00 ± 0.01 N m at -1, 0.50 ± 0.01 N m at 1, "
+        "1.00 ± 0.01 N m at 3; a table of eleven values)",
         "a force at the hinge that depends on the place",
     ),
     "lateral_slip": ("plant", {"ratio": (0.05, 0.01, "1")}, "sideways slip of 5 ± 1 % of the speed", "sideways slip"),

@@ -17,14 +17,18 @@ def answer(plant: str, kind: str, seed: int):
     return diagnose(nominal(plant), Record(traces, book.measured, book.inputs))
 
 
-@pytest.mark.parametrize(
-    ("plant", "kind", "seed"),
-    [("pendulum", "square spring", 0), ("pendulum", "square spring", 1), ("oscillator", "soft stop", 0)],
-)
+@pytest.mark.parametrize(("plant", "kind", "seed"), [("pendulum", "square spring", 1), ("oscillator", "soft stop", 0)])
 def test_is_told_as_a_curve(plant, kind, seed):
     d = answer(plant, kind, seed)
     assert [e.name for e in d.effects] == ["force_curve"]
     assert d.verdict == "attributed"
+
+
+def test_a_ripple_of_which_one_period_was_met_is_not_sure():
+    """Where the record went, a weak torsion is a spring and a ripple of a long period to within the noise."""
+    d = answer("pendulum", "square spring", 0)
+    assert d.verdict == "partial"
+    assert any("1.2 periods of the ripple" in w for w in d.warnings)
 
 
 def test_a_soft_stop_is_where_the_curve_falls():

@@ -150,6 +150,7 @@ class Search:
             found = self._ended(theta, base.x0, slots)
             count = sum(len(c.slots) for c in members)
             physical = all(sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
+            physical = physical and (self._at_noise(found) or not any(c.effect.one_curve for c in members))
             spent = self.problem.spent(found.theta)
             new = Explanation(members, found, self.bic(found.chi2 + spent, count), physical)
             if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - BETTER_CHI2:
@@ -198,8 +199,11 @@ class Search:
 
     def reached(self, e: Explanation) -> bool:
         """Whether it is down to the noise."""
-        free = self.problem.size - self.problem.taken - len(e.fit.slots)
-        return e.fit.chi2 <= FIT_QUALITY * max(free, 1)
+        return self._at_noise(e.fit)
+
+    def _at_noise(self, at: Fit) -> bool:
+        free = self.problem.size - self.problem.taken - len(at.slots)
+        return at.chi2 <= FIT_QUALITY * max(free, 1)
 
     def surely(self, e: Explanation, member: Candidate) -> bool:
         """Whether an effect of one parameter is worth more than any doubt: its square over its variance (Wald 1943)."""

@@ -58,7 +58,7 @@ def list_starts(problem: Problem, barred: Collection[Key] = ()) -> Starts:
             scales = Scales(interval, command=float(commands[wheels.linear]) or 1.0)
         elif c.effect.kind == "coordinate":
             drive = sum(float(commands[u]) for u in driven_by(model, c.on))
-            own = _speed(problem, c.on), _inertia(model, c.on), _places(problem, c.on)
+            own = _speed(problem, c.on), _inertia(model, c.on), places(problem, c.on)
             scales = Scales(interval, drive or 1.0, *own)
         items += [(c, start) for start in c.effect.starts(scales)]
     return Starts(tuple(items))
@@ -78,7 +78,7 @@ def _speed(problem: Problem, coordinate: str) -> float:
     return 1.0
 
 
-def _places(problem: Problem, coordinate: str) -> tuple[float, float]:
+def places(problem: Problem, coordinate: str) -> tuple[float, float]:
     """Lowest and highest reading of a coordinate's position; 0 and 0 if it has none."""
     position, measured = problem.model.model.coordinate(coordinate).position, problem.model.measured
     if position not in measured:

@@ -11,6 +11,7 @@ from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.leaps import leap, merge
 from simgap.diagnosis.thresholds import (
     BIC_GAIN,
+    CLEARLY_THERE,
     EQUALS_PRUNED,
     FIRST_EFFECTS,
     FIT_QUALITY,
@@ -88,7 +89,8 @@ def _leapt(search: Search, base: Fit, most: int) -> Explanation:
     if not search.reached(found):
         search.refined(found)
     else:
-        found = grow(search, found, most)  # a set may reach the noise without an effect that the data show clearly
+        if any(s.drop > CLEARLY_THERE * search.scale for s in search.ranked(found)[:1]):
+            found = grow(search, found, most)  # it reached the noise without an effect that the data show clearly
         if len(found.members) > 2:
             merge(search, found)
     found = preferred(search, found, most)
