@@ -5,7 +5,7 @@ power of the frequency, from where the motion itself lies upward. Noise that a s
 second, and meets the white noise of the reading where no force could. So laws of the residual's spectrum compete by
 their likelihood (Whittle (1953), Ark. Mat. 2(5)): white noise and noise with the autocorrelation exp(-|t| / tau),
 against white noise and a steep fall that begins within twice the motion's frequency. Only where the first wins by far,
-and the windows agree on its size, is the residual taken for noise.
+the windows agree on its size, and the residual does not follow the input, is it taken for noise.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from simgap.diagnosis.search.follows_input import follows_input
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from simgap.diagnosis.simulation.problem import Problem, interval
 from simgap.diagnosis.thresholds import COLOUR_EVIDENCE, STATIONARY
@@ -46,7 +47,9 @@ def noise_colour(problem: Problem, theta: Floats, x0: Floats) -> tuple[Floats, C
     if not shared.any():
         return None
     colour = Colour(shared, tau, dt)
-    return (size, colour) if _stationary(problem, residual / size, colour) else None
+    white = np.ascontiguousarray(residual / size)
+    whiten(white, problem.rows, *colour.predictors)
+    return (size, colour) if _stationary(problem, white) and not follows_input(problem, white) else None
 
 
 def _motion(problem: Problem, c: int) -> float:
@@ -116,10 +119,8 @@ def _best(law: Law, power: Floats, worth: float, shortest: float, dt: float) -> 
     return float(best.fun), np.asarray(best.x)
 
 
-def _stationary(problem: Problem, residual: Floats, colour: Colour) -> bool:
+def _stationary(problem: Problem, white: Floats) -> bool:
     """Whether the windows' sums of squares, made white, scatter as those of one noise do."""
-    white = np.ascontiguousarray(residual)
-    whiten(white, problem.rows, *colour.predictors)
     sums = np.add.reduceat(np.sum(white**2, axis=1), problem.rows[:-1]) / problem.counts
     spread = np.sqrt(2.0 / problem.counts)
     far = np.abs(sums / np.median(sums) - 1.0) > STATIONARY * spread
