@@ -102,17 +102,17 @@ class SuperModel:
         """Number of states, those of the effects left out."""
         return len(self.model.states)
 
-    @property
+    @cached_property
     def begun(self) -> int:
         """Numbers that begin a window: the plant's states, and how far a motor is from where the past tells it."""
         return self.nx + 2 * len(self.trains)
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of states, those of the effects among them."""
         return self.begun + len(self.remembered)
 
-    @property
+    @cached_property
     def remembered(self) -> tuple[Candidate, ...]:
         """Effects with a state of their own, in the order of these states, which come after the plant's."""
         return tuple(c for c in self.candidates if isinstance(c.effect, MemoryForceEffect))
@@ -152,6 +152,11 @@ class SuperModel:
     def input_slots(self) -> tuple[int, ...]:
         """Places in theta of everything that acts between command and plant."""
         return tuple(k for c in self.candidates if isinstance(c.effect, InputEffect) for k in c.slots)
+
+    @cached_property
+    def past_slots(self) -> tuple[int, ...]:
+        """Places in theta of everything that an effect with a state of its own remembers the motion by."""
+        return tuple(k for c in self.remembered for k in c.slots)
 
     def find(self, name: str, on: str) -> Candidate:
         """The candidate of that name and target."""
