@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.release import stop_at_release
-from simgap.diagnosis.simulation.runge_kutta import input_at, rk4, slope
+from simgap.diagnosis.simulation.runge_kutta import input_at, rk4
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -28,7 +28,7 @@ CREEP = 1e-14  # a speed below this is rest
 
 @njit(cache=True)
 def _direction(
-    rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, stuck: Any, active: Any, speed: Ints, work: Floats
+    slope: Any, x: Floats, u: Floats, theta: Floats, s: Floats, stuck: Any, active: Any, speed: Ints, work: Floats
 ) -> bool:
     """Signs of coordinates in motion; those at rest stick, or start the way the free force pulls.
 
@@ -47,7 +47,7 @@ def _direction(
     if not resting:
         return False
     rate = work[0]
-    slope(rhs, x, u, theta, s, stuck, speed, rate, work[5])
+    slope(x, u, theta, s, stuck, speed, rate, work[5])
     still = True
     for j in range(speed.size):
         if stuck[j] and abs(s[j]) > 1.0:
@@ -74,7 +74,7 @@ def _reversal(x: Floats, new: Floats, s: Floats, stuck: Any, active: Any, speed:
 
 @njit(cache=True)
 def _stop_at_reversal(
-    rhs: Any, glide: Any, x: Floats, time: float, h: float, i: int, theta: Floats, s: Floats, stuck: Any, speed: Ints,
+    slope: Any, glide: Any, x: Floats, time: float, h: float, i: int, theta: Floats, s: Floats, stuck: Any, speed: Ints,
     drive: Any, work: Floats, pads: Any, u: Floats, new: Floats, free: bool,
 ) -> float:  # fmt: skip
     """Shorten a step so that speed i ends at zero (Illinois search); returns its length, the state is in new."""
@@ -87,7 +87,7 @@ def _stop_at_reversal(
             new[:] = x
             glide(new, u, u, u, theta, s, mid * h, 1, pads[0], pads[1])
         else:
-            rk4(rhs, x, time, mid * h, theta, s, stuck, speed, drive, work, u, new)
+            rk4(slope, x, time, mid * h, theta, s, stuck, speed, drive, work, u, new)
         f = new[i]
         if f * f_b < 0.0:
             a, f_a = b, f_b
@@ -154,7 +154,7 @@ def coast(
 
 @njit(cache=True)
 def advance(
-    rhs: Any, glide: Any, x: Floats, new: Floats, time: float, end: float, theta: Floats, s: Floats, stuck: Any,
+    slope: Any, glide: Any, x: Floats, new: Floats, time: float, end: float, theta: Floats, s: Floats, stuck: Any,
     active: Any, speed: Ints, drive: Any, work: Floats, pads: Any, u: Floats, h_max: float,
 ) -> None:  # fmt: skip
     """Move x from time to end, between two switches of the input, whatever turns round or sticks."""
@@ -163,7 +163,7 @@ def advance(
     span = _span(still, held, excess, lag, h_max)
     while end - time > EPS:
         input_at(time, t, u, held, level, excess, delay, lag)
-        if _direction(rhs, x, u, theta, s, stuck, active, speed, work) and still:
+        if _direction(slope, x, u, theta, s, stuck, active, speed, work) and still:
             return
         h = (end - time) / max(math.ceil((end - time) / span - 1e-9), 1)
         free = still and not any_of(stuck)
@@ -171,17 +171,17 @@ def advance(
             new[:] = x
             glide(new, u, u, u, theta, s, h, 1, pads[0], pads[1])
         else:
-            rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
+            rk4(slope, x, time, h, theta, s, stuck, speed, drive, work, u, new)
             if any_of(stuck) and events <= 8:
-                h = stop_at_release(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
+                h = stop_at_release(slope, x, time, h, theta, s, stuck, speed, drive, work, u, new)
         j = _reversal(x, new, s, stuck, active, speed)
         if j >= 0 and (events > 8 or abs(x[speed[j]]) <= CREEP):  # it cannot leave rest: it stays for this step
             stuck[j] = True
             x[speed[j]] = 0.0
-            rk4(rhs, x, time, h, theta, s, stuck, speed, drive, work, u, new)
+            rk4(slope, x, time, h, theta, s, stuck, speed, drive, work, u, new)
         elif j >= 0:
             i = speed[j]
-            h = _stop_at_reversal(rhs, glide, x, time, h, i, theta, s, stuck, speed, drive, work, pads, u, new, free)
+            h = _stop_at_reversal(slope, glide, x, time, h, i, theta, s, stuck, speed, drive, work, pads, u, new, free)
             stuck[j] = True
             events += 1
         x[:] = new

@@ -32,7 +32,8 @@ class Memo(OrderedDict[bytes, Drive]):
     """The inputs of the last few parameter vectors: a pass over chunks of windows asks for the same ones again.
 
     `speeds`: how the coordinates moved before the windows, for effects that remember it; `links`: place and speed of
-    those with a motor behind them; `twists`: of the motors against these under the last few laws.
+    those with a motor behind them; `twists`: of the motors against these under the last few laws; `memories`: what
+    these effects remember at every stamp, under the last few of their numbers.
     """
 
     def __init__(self) -> None:
@@ -40,6 +41,7 @@ class Memo(OrderedDict[bytes, Drive]):
         self.speeds: Floats | None = None
         self.links: dict[int, tuple[Floats, Floats]] = {}
         self.twists: OrderedDict[bytes, Floats] = OrderedDict()
+        self.memories: OrderedDict[bytes, Floats] = OrderedDict()
 
     def __setitem__(self, key: bytes, value: Drive) -> None:
         super().__setitem__(key, value)
@@ -120,7 +122,7 @@ class Problem:
     @cached_property
     def counts(self) -> Floats:
         """(w,) compared numbers of each window, as far as they are independent; at least 1."""
-        each = (self.used[self.samples] * self.weight[self.samples]) @ self.heard
+        each = (self._used * self.weight[self.samples]) @ self.heard
         return np.maximum(np.add.reduceat(each, self.rows[:-1]), 1.0)
 
     @cached_property
@@ -153,6 +155,11 @@ class Problem:
         """(rows, k) measured, window after window."""
         return self.y[self.samples]
 
+    @cached_property
+    def _used(self) -> Floats:
+        """(rows, k) 1 for readings that are compared, window after window."""
+        return self.used[self.samples]
+
     def states(self, theta: Floats, x0: Floats) -> Floats:
         """Simulated states of all windows: theta, (w, begun) -> (rows, nx)."""
         level, excess, delay, lag = self._drive(theta)
@@ -163,7 +170,7 @@ class Problem:
             own = x0[:, self.model.nx + 2 * k : self.model.nx + 2 * k + 2]
             begin = np.hstack([begin, link + train.swings(theta) * own + self._twists(k, theta)[w.start]])
         if self.model.remembered:
-            begin = np.hstack([begin, memories(self.model, theta, self.t, self._speeds(), self.firsts)[w.start]])
+            begin = np.hstack([begin, self._memories(theta)[w.start]])
         out = np.empty((int(rows[-1]), begin.shape[1]))
         simulate(
             *self.model.entries, self.t, level, excess, delay, lag, constants, begin, w.first, w.start, w.stop,
@@ -182,6 +189,15 @@ class Problem:
             on = [self.model.model.coordinate(c.on) for c in self.model.remembered]
             self.memo.speeds = measured_speeds(on, self.model.measured, self.t, self.y, self.firsts)
         return self.memo.speeds
+
+    def _memories(self, theta: Floats) -> Floats:
+        """The effects' own states at every stamp, (n, h); kept for the last few of their numbers."""
+        key, kept = theta[list(self.model.past_slots)].tobytes(), self.memo.memories
+        if key not in kept:
+            kept[key] = memories(self.model, theta, self.t, self._speeds(), self.firsts)
+            while len(kept) > _REMEMBERED:
+                kept.popitem(last=False)
+        return kept[key]
 
     def _twists(self, k: int, theta: Floats) -> Floats:
         """Twist and its rate of a motor against its link at every stamp, (n, 2); kept for the last few laws."""
@@ -241,7 +257,7 @@ class Problem:
     def misses(self, theta: Floats, x0: Floats) -> Floats:
         """(measured - predicted) / sigma, (rows, k); a diverging simulation is cut to a large number."""
         residual = self.predict(theta, x0)
-        _compare(self.readings, self.sigma, self.used[self.samples], residual)
+        _compare(self.readings, self.sigma, self._used, residual)
         return residual
 
     def residuals(self, theta: Floats, x0: Floats) -> Floats:

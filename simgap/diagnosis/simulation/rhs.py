@@ -10,7 +10,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.hoist import hoist
-from simgap.diagnosis.simulation.runge_kutta import GLIDE_SIGNATURE, RHS_SIGNATURE
+from simgap.diagnosis.simulation.runge_kutta import GLIDE_SIGNATURE, RHS_SIGNATURE, SLOPE_SIGNATURE
 from simgap.model.compile import compile_kernel
 from simgap.model.kept import kept_as
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -30,10 +30,12 @@ class Costly:
 class Dynamics:
     """`rhs` of signature `RHS_SIGNATURE`, whose parameters are what `constants` (theta -> tuple) returns.
 
-    `glide`: steps under it, of signature `GLIDE_SIGNATURE`; `speed` holds the index of each coordinate's velocity.
+    `slope`: the same with what sticks, of signature `SLOPE_SIGNATURE`; `glide`: steps under it, of signature
+    `GLIDE_SIGNATURE`; `speed` holds the index of each coordinate's velocity.
     """
 
     rhs: Any
+    slope: Any
     glide: Any
     constants: Any
     speed: NDArray[np.int64]
@@ -69,7 +71,44 @@ def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbo
 
     index = [plant.state_names.index(c.velocity) for c in plant.coordinates]
     glide = _glide(main, rest, nx, len(plant.inputs))
-    return Dynamics(rhs, glide, constants, np.array(index, dtype=np.int64))
+    return Dynamics(rhs, _slope(main, rest, nx), glide, constants, np.array(index, dtype=np.int64))
+
+
+def _slope(main: Any, rest: Any, nx: int) -> Any:
+    """Xdot with the signs of what sticks solved for: what they are without a grip, over what a whole one adds."""
+
+    @kept_as(SLOPE_SIGNATURE)
+    def slope(x: Any, u: Any, c: Any, s: Any, stuck: Any, speed: Any, out: Any, scratch: Any) -> None:
+        gate, count = c[0] != 0.0, 0
+        for j in range(speed.size):
+            if stuck[j]:
+                count += 1
+        turns = speed.size * (1 if count < 2 else 4) if count else 0
+        for turn in range(2 * turns + 1):  # free and gripped for each coordinate in turn, and once for the answer
+            j = (turn // 2) % speed.size if turn < 2 * turns else 0
+            if turn < 2 * turns:
+                if not stuck[j]:
+                    continue
+                s[j] = 1.0 if turn % 2 else 0.0
+            derivative = main(x, u, c, s)
+            for i in range(nx):
+                out[i] = derivative[i]
+            if gate:
+                more = rest(x, u, c, s)
+                for i in range(nx):
+                    out[i] += more[i]
+            if turn < 2 * turns:
+                if turn % 2:
+                    free = scratch[0]
+                    grip = out[speed[j]] - free
+                    s[j] = -free / grip if grip != 0.0 else 0.0
+                else:
+                    scratch[0] = out[speed[j]]
+        for j in range(speed.size):
+            if stuck[j]:
+                out[speed[j]] = 0.0
+
+    return slope
 
 
 def _glide(main: Any, rest: Any, nx: int, m: int) -> Any:

@@ -18,35 +18,14 @@ Ints = NDArray[np.int64]
 VECTOR, INDICES = float64[::1], int64[::1]
 RHS_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR)  # (x, u, theta, signs, xdot out)
 RHS = types.FunctionType(RHS_SIGNATURE)
+SLOPE_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, boolean[::1], INDICES, VECTOR, VECTOR)
+"""(x, u, theta, signs, stuck, speed, xdot out, scratch (nx,)): xdot, the signs of stuck coordinates solved for (in
+place); Gauss-Seidel if several stick at once. The dynamics are inlined: what rests asks for them three times."""
+SLOPE = types.FunctionType(SLOPE_SIGNATURE)
 GLIDE_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, float64, int64, VECTOR, VECTOR)
 """(x, u, u halfway, u at the end, theta, signs, h, steps, scratch (2 nx,), scratch (m,)): steps of length h (s), x in
 place, where nothing sticks; the formula of `rk4`, the dynamics inlined, as nearly all steps of a search are these."""
 GLIDE = types.FunctionType(GLIDE_SIGNATURE)
-
-
-@njit(void(RHS, VECTOR, VECTOR, VECTOR, VECTOR, boolean[::1], INDICES, VECTOR, VECTOR), cache=True)
-def slope(
-    rhs: Any, x: Floats, u: Floats, theta: Floats, s: Floats, stuck: Any, speed: Ints, out: Floats, scratch: Floats
-) -> None:
-    """Xdot (nx,), the signs s of stuck coordinates solved for (in place); Gauss-Seidel if several stick at once."""
-    count = 0
-    for j in range(speed.size):
-        if stuck[j]:
-            count += 1
-    for _ in range(1 if count < 2 else 4):
-        for j in range(speed.size):
-            if stuck[j]:
-                s[j] = 0.0
-                rhs(x, u, theta, s, scratch)
-                free = scratch[speed[j]]
-                s[j] = 1.0
-                rhs(x, u, theta, s, scratch)
-                grip = scratch[speed[j]] - free
-                s[j] = -free / grip if grip != 0.0 else 0.0
-    rhs(x, u, theta, s, out)
-    for j in range(speed.size):
-        if stuck[j]:
-            out[speed[j]] = 0.0
 
 
 @njit(cache=True)
@@ -63,7 +42,7 @@ def input_at(
 
 @njit(cache=True)
 def rk4(
-    rhs: Any, x: Floats, time: float, h: float, theta: Floats, s: Floats, stuck: Any, speed: Ints, drive: Any,
+    slope: Any, x: Floats, time: float, h: float, theta: Floats, s: Floats, stuck: Any, speed: Ints, drive: Any,
     work: Floats, u: Floats, out: Floats,
 ) -> None:  # fmt: skip
     """One step of length h (s) from x (nx,) into out (nx,); work: (6, nx)."""
@@ -71,17 +50,17 @@ def rk4(
     n = x.size
     k1, k2, k3, k4, at, scratch = work[0], work[1], work[2], work[3], work[4], work[5]
     input_at(time, t, u, held, level, excess, delay, lag)
-    slope(rhs, x, u, theta, s, stuck, speed, k1, scratch)
+    slope(x, u, theta, s, stuck, speed, k1, scratch)
     for i in range(n):
         at[i] = x[i] + 0.5 * h * k1[i]
     input_at(time + 0.5 * h, t, u, held, level, excess, delay, lag)
-    slope(rhs, at, u, theta, s, stuck, speed, k2, scratch)
+    slope(at, u, theta, s, stuck, speed, k2, scratch)
     for i in range(n):
         at[i] = x[i] + 0.5 * h * k2[i]
-    slope(rhs, at, u, theta, s, stuck, speed, k3, scratch)
+    slope(at, u, theta, s, stuck, speed, k3, scratch)
     for i in range(n):
         at[i] = x[i] + h * k3[i]
     input_at(time + h, t, u, held, level, excess, delay, lag)
-    slope(rhs, at, u, theta, s, stuck, speed, k4, scratch)
+    slope(at, u, theta, s, stuck, speed, k4, scratch)
     for i in range(n):
         out[i] = x[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i])

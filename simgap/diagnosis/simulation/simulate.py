@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.simulation.events import CREEP, EPS, advance, any_of, coast, rubbing
 from simgap.diagnosis.simulation.handed_over import function_at
-from simgap.diagnosis.simulation.runge_kutta import GLIDE, INDICES, RHS, VECTOR, input_at
+from simgap.diagnosis.simulation.runge_kutta import GLIDE, INDICES, RHS, SLOPE, VECTOR, input_at
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -47,6 +47,7 @@ def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> f
     void(
         int64,
         int64,
+        int64,
         VECTOR,
         MATRIX,
         MATRIX,
@@ -65,13 +66,15 @@ def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> f
     cache=True,
 )
 def simulate(
-    rhs_at: int, glide_at: int, t: Floats, level: Floats, excess: Floats, delay: Floats, lag: Floats, theta: Floats,
-    x0: Floats, first: Ints, start: Ints, stop: Ints, offset: Ints, speed: Ints, h_max: float, out: Floats,
+    rhs_at: int, slope_at: int, glide_at: int, t: Floats, level: Floats, excess: Floats, delay: Floats, lag: Floats,
+    theta: Floats, x0: Floats, first: Ints, start: Ints, stop: Ints, offset: Ints, speed: Ints, h_max: float,
+    out: Floats,
 ) -> None:  # fmt: skip
     """Simulate every window from its own initial state.
 
     Args:
-        rhs_at, glide_at: addresses of the compiled dynamics and of steps under them (`RHS`, `GLIDE`).
+        rhs_at, slope_at, glide_at: addresses of the compiled dynamics, alone, with what sticks, and of steps under them
+            (`RHS`, `SLOPE`, `GLIDE`).
         t: (n,) time stamps of all traces one after another, s.
         level: (n, m) inputs after their static maps, held from each stamp until the next.
         excess: (n, m) lagged input minus `level` at each stamp (0 without lag).
@@ -84,7 +87,7 @@ def simulate(
         h_max: longest step, s.
         out: (sum of lengths, nx), filled with the states at the samples.
     """
-    rhs, glide = function_at(RHS, rhs_at), function_at(GLIDE, glide_at)
+    rhs, slope, glide = function_at(RHS, rhs_at), function_at(SLOPE, slope_at), function_at(GLIDE, glide_at)
     nx, m = x0.shape[1], level.shape[1]
     work, x, new = np.empty((6, nx)), np.empty(nx), np.empty(nx)
     u, middle, last = np.empty(m), np.empty(m), np.empty(m)
@@ -147,7 +150,7 @@ def simulate(
                         )  # fmt: skip
                     if end - time > EPS:
                         advance(
-                            rhs, glide, x, new, time, end, theta, s, stuck, active, speed, drive, work, pads, u, h_max
+                            slope, glide, x, new, time, end, theta, s, stuck, active, speed, drive, work, pads, u, h_max
                         )
                 time = end
             time = t[k]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from simgap.diagnosis.simulation.handed_over import address_of
 from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
-from simgap.diagnosis.simulation.runge_kutta import GLIDE, RHS
+from simgap.diagnosis.simulation.runge_kutta import GLIDE, RHS, SLOPE
 from simgap.diagnosis.simulation.trains import Train, trains_of
 from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
 from simgap.effects.base import CoordinateEffect, MemoryForceEffect
@@ -66,7 +66,7 @@ class SuperModel:
         null: theta at which no effect acts.
         speed: index of the velocity of each coordinate (dry friction acts on these).
         rhs: numba, `RHS_SIGNATURE`; its u is what the plant feels, its third argument what `constants` returns.
-        glide: numba, `GLIDE_SIGNATURE`: steps under `rhs`.
+        slope: numba, `SLOPE_SIGNATURE`: the same where something sticks; glide: `GLIDE_SIGNATURE`: steps under it.
         constants: numba (theta) -> tuple, all that the dynamics need of the parameters.
         static: numba (u rows (n, m), theta, out (n, m)): commands through gain, bias, dead zone and saturation.
         read: numba (x rows (n, nx), theta, out (n, k)): what the measured channels read.
@@ -84,6 +84,7 @@ class SuperModel:
     speed: NDArray[np.int64]
     measured: tuple[str, ...]
     rhs: Any
+    slope: Any
     glide: Any
     constants: Any
     static: Any
@@ -93,26 +94,26 @@ class SuperModel:
     memory: Callable[[Floats], Sequence[float]]
 
     @cached_property
-    def entries(self) -> tuple[int, int]:
-        """Addresses of `rhs` and `glide`, for `simulate`."""
-        return address_of(self.rhs, RHS), address_of(self.glide, GLIDE)
+    def entries(self) -> tuple[int, int, int]:
+        """Addresses of `rhs`, `slope` and `glide`, for `simulate`."""
+        return address_of(self.rhs, RHS), address_of(self.slope, SLOPE), address_of(self.glide, GLIDE)
 
     @property
     def nx(self) -> int:
         """Number of states, those of the effects left out."""
         return len(self.model.states)
 
-    @property
+    @cached_property
     def begun(self) -> int:
         """Numbers that begin a window: the plant's states, and how far a motor is from where the past tells it."""
         return self.nx + 2 * len(self.trains)
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of states, those of the effects among them."""
         return self.begun + len(self.remembered)
 
-    @property
+    @cached_property
     def remembered(self) -> tuple[Candidate, ...]:
         """Effects with a state of their own, in the order of these states, which come after the plant's."""
         return tuple(c for c in self.candidates if isinstance(c.effect, MemoryForceEffect))
@@ -152,6 +153,11 @@ class SuperModel:
     def input_slots(self) -> tuple[int, ...]:
         """Places in theta of everything that acts between command and plant."""
         return tuple(k for c in self.candidates if isinstance(c.effect, InputEffect) for k in c.slots)
+
+    @cached_property
+    def past_slots(self) -> tuple[int, ...]:
+        """Places in theta of everything that an effect with a state of its own remembers the motion by."""
+        return tuple(k for c in self.remembered for k in c.slots)
 
     def find(self, name: str, on: str) -> Candidate:
         """The candidate of that name and target."""
@@ -202,6 +208,7 @@ def build_supermodel(
         speed=dynamics.speed,
         measured=measured,
         rhs=dynamics.rhs,
+        slope=dynamics.slope,
         glide=dynamics.glide,
         constants=dynamics.constants,
         static=_rowwise(compile_kernel(_numeric(commands, values), ([v.symbol for v in model.inputs], theta)))
