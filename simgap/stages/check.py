@@ -33,6 +33,7 @@ from simgap.stages.step_length import long_steps
 from simgap.stages.switching_check import stuck, sudden
 from simgap.stages.wheel_sizes import wheel_sizes
 from simgap.synthesis.game import one_input_only
+from simgap.synthesis.layer_tables import no_layers
 
 HEAVY = 5_000
 """Operations to be compiled beyond which a person is warned; numba's time grows faster than their number. A Furuta
@@ -180,6 +181,7 @@ def _specification(context: Context) -> None:
     if context.case.validation is not None and context.case.validation.fair_baseline:
         minding_the_path(context)
     _recorded(context.case)
+    _layered(context.case)
 
 
 def _recorded(case: Case) -> None:
@@ -199,6 +201,23 @@ def _recorded(case: Case) -> None:
     for stands, what in obstacles:
         if stands:
             raise one_input_only(what)
+
+
+def _layered(case: Case) -> None:
+    """Cells of several sizes are refused here where synthesis would refuse them after the roll-outs."""
+    section, sensing = case.synthesis, case.sensing
+    if section is None or section.layers == 1:
+        return
+    blurred = sensing is not None and (sensing.latency > 0 or any(sensing.error.values()))
+    obstacles = (
+        (not specification_of(case).holds, "what is to be reached"),
+        (blurred, "a late measurement, or one with an error"),
+        (case.hidden_state is not None and case.hidden_state.classes, "a controller that remembers the input before"),
+        (case.domain is not None and case.domain.periodic, "states that wrap"),
+    )
+    for stands, what in obstacles:
+        if stands:
+            raise no_layers(what)
 
 
 def _basis(context: Context) -> None:

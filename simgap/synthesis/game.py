@@ -20,6 +20,8 @@ from simgap.specifications.space import Space
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.controller import least_effort
 from simgap.synthesis.invariance import invariance
+from simgap.synthesis.layer_tables import no_layers
+from simgap.synthesis.layered import layered_invariance
 from simgap.synthesis.pending import Nodes, PendingGame
 from simgap.synthesis.reach import reach_avoid
 from simgap.synthesis.sensing import sensed_invariance
@@ -34,6 +36,7 @@ class MeasuredGame:
         space: the states; abstraction: its boxes account for its `error`.
         stray: how far a path strays from its samples where clearance is to cover that, as in `Problem`.
         threads: for the kernels. one: whether to record the input of least effort of each cell instead of all.
+        layers: sizes of cells by which a set to be held is found, on one thread where there are several.
     """
 
     space: Space
@@ -41,6 +44,7 @@ class MeasuredGame:
     stray: Floats
     threads: int = 1
     one: bool = False
+    layers: int = 1
 
     @property
     def grid(self) -> Grid:
@@ -56,23 +60,34 @@ class MeasuredGame:
         """The greatest fixed point of the controlled predecessor within the safe cells, (cells,) bool.
 
         Raises:
-            UserError: where one input a cell is asked for.
+            UserError: where one input a cell is asked for; several layers for boxes that are not tabulated.
         """
         if self.one:
             raise one_input_only("a set that is to be held")
         if self.abstraction.swept is not None:
             raise BrokenPromise("swept boxes are not checked by the invariance kernel", "Let the clearance cover them.")
-        found = invariance(self.abstraction, None if safe.all() else safe, self.threads)
+        wanted, asked = None if safe.all() else safe, dict[str, int]()
+        if self.layers > 1:
+            found, pairs = layered_invariance(self.abstraction, self.layers, wanted)
+            asked = {f"pairs_asked_{2**k}": count for k, count in enumerate(reversed(pairs))}
+        else:
+            found = invariance(self.abstraction, wanted, self.threads)
         return Solution(
             grid=self.grid,
             winning=certified(found.winning, self.grid, self.error),
             mask=found.mask,
             free=safe,
-            statistics={"passes": found.passes, "pairs": found.pairs},
+            statistics={"passes": found.passes, "pairs": found.pairs, **asked},
         )
 
     def reach(self, target: Mask, free: Mask) -> Solution:
-        """The least fixed point, its value function and all inputs that go down a level; sets are (cells,) bool."""
+        """The least fixed point, its value function and all inputs that go down a level; sets are (cells,) bool.
+
+        Raises:
+            UserError: where several layers are asked for.
+        """
+        if self.layers > 1:
+            raise no_layers("what is to be reached")
         order = least_effort(self.abstraction.inputs) if self.one else None
         found = reach_avoid(self.abstraction, target, free, self.threads, order=order)
         return Solution(

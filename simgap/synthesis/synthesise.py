@@ -16,6 +16,7 @@ from simgap.specifications.space import Space
 from simgap.synthesis.abstraction import Abstraction
 from simgap.synthesis.controller import least_effort
 from simgap.synthesis.game import LateGame, MeasuredGame, TrueGame, one_input_only
+from simgap.synthesis.layer_tables import no_layers
 from simgap.synthesis.nominal import BoxBounds, Model, nominal_abstraction
 from simgap.synthesis.pending import PendingGame
 from simgap.synthesis.previous import PreviousBounds, PreviousGame
@@ -46,6 +47,7 @@ class Problem:
         stray: what the clearance has to cover of it, (nx,), or (2, nx): from obstacles, and from walls; None for a
             controller that looks at the samples only.
         one: whether the input of least effort alone is recorded of each cell, for what is to be reached.
+        layers: sizes of cells that a set to be held is found by; the answer does not depend on it.
     """
 
     model: Model
@@ -62,6 +64,7 @@ class Problem:
     first: int | None = None
     previous: PreviousBounds | None = None
     one: bool = False
+    layers: int = 1
 
     @property
     def grid(self) -> Grid:
@@ -101,6 +104,8 @@ class Problem:
         first = int(least_effort(self.inputs)[0]) if self.first is None else self.first
         if self.one and (self.on_true_cells or self.latency or self.previous is not None):
             raise one_input_only("a controller that remembers, or that keeps cells of the true state")
+        if self.layers > 1 and (self.blurred or self.previous is not None):
+            raise no_layers("a controller that remembers, or whose measurements have an error")
         if self.on_true_cells:
             error = nothing if self.error is None else np.asarray(self.error)
             return TrueGame(self.space, self.abstraction(), error, self.latency, stray, threads, first)
@@ -113,7 +118,7 @@ class Problem:
             return PreviousGame(self.space, boxes, self.abstraction, *about)
         if self.latency:
             return LateGame(self.space, PendingGame.of(self.abstraction(), threads), stray, first)
-        return MeasuredGame(self.space, self.abstraction(), stray, threads, self.one)
+        return MeasuredGame(self.space, self.abstraction(), stray, threads, self.one, self.layers)
 
 
 def synthesise(problem: Problem, threads: int = 1) -> Solution:
