@@ -23,6 +23,7 @@ from simgap.diagnosis.search.scoring import Starts
 from simgap.diagnosis.search.selection import grow, preferred
 from simgap.diagnosis.seek import Searched, begun, ended, looked_again
 from simgap.diagnosis.simulation.parts import Parts
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
@@ -32,6 +33,7 @@ from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
 
 Floats = NDArray[np.float64]
+_EVERY = 3  # of the windows, for a first try
 _FEW = 6  # linearisations of the initial states at a start
 
 
@@ -119,30 +121,30 @@ def _places(search: Search, empty: Explanation, known: Explanation, c: Candidate
 def _joined(search: Search, place: Explanation, c: Candidate, starts: Starts, surely: bool) -> list[Explanation]:
     """The place and the effect, fitted from the starts that come nearest once their initial states are fitted.
 
-    If not `surely`, only from where a few steps come near to the noise: far from it a fit wanders for long.
+    If not `surely`, starts are tried on a third of the windows, and only those are fitted to the end from which a few
+    steps come near to the noise there: far from it a fit wanders for long.
     """
-    problem, tried = search.problem, []
+    few = np.arange(0, len(search.problem.windows), 1 if surely else _EVERY)
+    part, x0, tried = search.problem.on(search.problem.windows.pick(few)), place.fit.x0[few], []
     for other, start in starts.items:
         if other.key == c.key:
             values = start.point([1.0])
             slots = {k: values[p.symbol] for p, k in zip(c.effect.parameters, c.slots, strict=True)}
             theta = with_values(place.fit.theta, slots)
-            tried.append((float(refit(problem, theta, place.fit.x0, _FEW).chi2.sum()), theta))
+            tried.append((float(refit(part, theta, x0, _FEW).chi2.sum()), theta))
     tried.sort(key=lambda pair: pair[0])
     members, found = (*place.members, c), []
     for _, theta in tried[:MOTOR_FITS]:
-        if surely or _promises(search, place, members, theta):
+        if surely or _promises(part, members, theta, x0):
             found.append(search.explain(members, theta, place.fit, again=True))
     return found
 
 
-def _promises(search: Search, place: Explanation, members: tuple[Candidate, ...], theta: Floats) -> bool:
-    """Whether a few steps of a fit come near to the noise."""
-    problem, x0 = search.problem, place.fit.x0
+def _promises(part: Problem, members: tuple[Candidate, ...], theta: Floats, x0: Floats) -> bool:
+    """Whether a few steps of a fit on some windows come near to the noise."""
     slots = [k for c in members for p, k in zip(c.effect.parameters, c.slots, strict=True) if not p.integer]
-    steps = {k: choose_step(problem, theta, x0, k, 1e-4) for k in slots}
-    short = fit(problem, theta, x0, slots, steps, MOTOR_STEPS, 1)
-    return short.chi2 <= MOTOR_NEAR * FIT_QUALITY * problem.size
+    steps = {k: choose_step(part, theta, x0, k, 1e-4) for k in slots}
+    return fit(part, theta, x0, slots, steps, MOTOR_STEPS, 1).chi2 <= MOTOR_NEAR * FIT_QUALITY * part.size
 
 
 def _again(search: Search, base: Fit, found: Explanation) -> Explanation:
