@@ -94,16 +94,17 @@ def _nearest(
     One that nobody named has to come down to the noise, and to leave nothing that remembers itself: a spring takes most
     of what play on a spring leaves, and is none.
     """
-    known = _again(search, base, found)
-    options = []
+    known, options = _again(search, base, found), list[Explanation]()
+    before = chi2_dof(first.problem, found.fit)
+    near = min(MOTOR_NEAR * FIT_QUALITY, max(FIT_QUALITY, 1.0 + SECOND_SHARE * (before - 1.0)))
     for c in {c.key: c for c, _ in search.starts.items if c.effect.last}.values():
         for place in _places(search, search.empty(base), known, c, settings.max_effects):
-            options += _joined(search, place, c, search.starts, surely=bool(settings.effects))
+            options += _joined(search, place, c, search.starts, None if settings.effects else near)
     options = [e for e in options if e.physical]
     if not options:
         return None
     best = min(options, key=lambda e: e.bic)
-    before, after = chi2_dof(first.problem, found.fit), chi2_dof(search.problem, best.fit)
+    after = chi2_dof(search.problem, best.fit)
     if before > FIT_QUALITY:
         better = after - 1.0 <= SECOND_SHARE * (before - 1.0)
     else:
@@ -118,13 +119,13 @@ def _places(search: Search, empty: Explanation, known: Explanation, c: Candidate
     return [e for e in sets.values() if len(e.members) < most]
 
 
-def _joined(search: Search, place: Explanation, c: Candidate, starts: Starts, surely: bool) -> list[Explanation]:
+def _joined(search: Search, place: Explanation, c: Candidate, starts: Starts, near: float | None) -> list[Explanation]:
     """The place and the effect, fitted from the starts that come nearest once their initial states are fitted.
 
-    If not `surely`, starts are tried on a third of the windows, and only those are fitted to the end from which a few
-    steps come near to the noise there: far from it a fit wanders for long.
+    With a largest chi^2/dof, `near`, starts are tried on a third of the windows, and only those are fitted to the end
+    from which a few steps come down to it there: far from it a fit wanders for long.
     """
-    few = np.arange(0, len(search.problem.windows), 1 if surely else _EVERY)
+    few = np.arange(0, len(search.problem.windows), 1 if near is None else _EVERY)
     part, x0, tried = search.problem.on(search.problem.windows.pick(few)), place.fit.x0[few], []
     for other, start in starts.items:
         if other.key == c.key:
@@ -135,16 +136,16 @@ def _joined(search: Search, place: Explanation, c: Candidate, starts: Starts, su
     tried.sort(key=lambda pair: pair[0])
     members, found = (*place.members, c), []
     for _, theta in tried[:MOTOR_FITS]:
-        if surely or _promises(part, members, theta, x0):
+        if near is None or _promises(part, members, theta, x0) <= near:
             found.append(search.explain(members, theta, place.fit, again=True))
     return found
 
 
-def _promises(part: Problem, members: tuple[Candidate, ...], theta: Floats, x0: Floats) -> bool:
-    """Whether a few steps of a fit on some windows come near to the noise."""
+def _promises(part: Problem, members: tuple[Candidate, ...], theta: Floats, x0: Floats) -> float:
+    """What a few steps of a fit on some windows leave, chi^2 for each reading."""
     slots = [k for c in members for p, k in zip(c.effect.parameters, c.slots, strict=True) if not p.integer]
     steps = {k: choose_step(part, theta, x0, k, 1e-4) for k in slots}
-    return fit(part, theta, x0, slots, steps, MOTOR_STEPS, 1).chi2 <= MOTOR_NEAR * FIT_QUALITY * part.size
+    return fit(part, theta, x0, slots, steps, MOTOR_STEPS, 1).chi2 / part.size
 
 
 def _again(search: Search, base: Fit, found: Explanation) -> Explanation:

@@ -115,7 +115,8 @@ MOTOR_FITS = 2
 """Places from which an elastic joint or play is fitted, of those tried. Judgement: fits of play ended alike."""
 
 MOTOR_STEPS, MOTOR_NEAR = 8, 3.0
-"""Where nobody named them they are fitted to the end only if so many steps come within so many times the noise. Of
+"""Where nobody named them they are fitted to the end only if so many steps come within so many times the noise, and
+take half of what the first answer leaves above it. Of
 elastic joints and play of benchmarks/drive_library.py eight steps left 0.93 to 1.24 of it, of Dahl friction 980 and
 more; between is judgement."""
 
