@@ -200,6 +200,8 @@ KINDS |= ROBOT_KINDS
 ASIDE: dict[Part, tuple[str, ...]] = {
     _soft: (), _play: (), _bouncing: (), _bristles: ("dahl_friction", "lugre_friction"),
 }  # fmt: skip
+UNNAMED = ", nothing named"
+KINDS |= {kind + UNNAMED: KINDS[kind] for kind in ("elastic joint", "backlash", "backlash, viscous friction")}
 
 
 def made_on(plant: str, told: dict[str, float], seed: int) -> tuple[SymbolicModel, Record, DiagnosisSettings]:
@@ -233,7 +235,7 @@ def one(plant: str, kind: str, seed: int, budget: float | None) -> dict[str, Any
     """Make one record, diagnose it, score it."""
     told, truth = hidden(plant, kind, seed)
     model, made, settings = made_on(plant, told, seed)
-    named = {n for part, n in ASIDE.items() if part in KINDS[kind]}
+    named = {n for part, n in ASIDE.items() if part in KINDS[kind] and not kind.endswith(UNNAMED)}
     if named:  # what is sought only where it is named, and what it extends
         also = {n for names in named for n in names}
         settings = replace(settings, effects=tuple(n for n, e in EFFECTS.items() if not e.second or n in also))

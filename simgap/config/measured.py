@@ -184,8 +184,7 @@ class MeasuredSection(Section):
     )
     effects: tuple[str, ...] = Field(
         default=(),
-        description="Effects that may be tried; if none is named all of `simgap effects` but joint_elasticity and "
-        "backlash.",
+        description="Effects that may be tried; if none is named all of `simgap effects` but lugre_friction.",
     )
     max_effects: int | None = Field(
         default=None,

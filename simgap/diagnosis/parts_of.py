@@ -28,12 +28,12 @@ def parts_of(
 ) -> tuple[Parts, tuple[str, ...]]:
     """The folds as problems, and what is to be said of them.
 
-    `second`: with effects that others are tried before; `last`: with those that are sought after all others, where
-    the settings name them beside others.
+    `second`: with effects that others are tried before; `last`: with those that are sought after all others; but for
+    these, the ones that the settings name beside others are left out until then.
     """
     early = tuple(n for n in settings.effects if n not in EFFECTS or not EFFECTS[n].last)
     asked = settings.effects if last or not early else early
-    compiled = cached_supermodel(model, record.measured, asked, second)
+    compiled = cached_supermodel(model, record.measured, asked, second, last)
     readings = worth(record)
     sigma = readings.sigma
     for name, value in settings.noise.items():

@@ -118,8 +118,20 @@ SECOND_SHARE = 0.5
 """Effects of the second look take over if chi^2/dof above 1 falls to this share of what the first search leaves. Of
 friction with memory it falls from several to nothing (tests/undeclared/test_drives.py); between is judgement."""
 
+LAGS_ASKED, MEMORY_BY_CHANCE = 20, 1e-4
+"""Misses remember if their correlations over so many readings together are that unlikely of independent ones. An answer
+within the noise that stood in for play or an elastic joint left such misses in the records of
+benchmarks/drive_library.py where chi^2/dof was 1.09 to 1.14; right answers there, at 0.95, did not. The numbers are
+judgement."""
+
 MOTOR_FITS = 2
 """Places from which an elastic joint or play is fitted, of those tried. Judgement: fits of play ended alike."""
+
+MOTOR_STEPS, MOTOR_NEAR = 8, 3.0
+"""Where nobody named them they are fitted to the end only if so many steps come within so many times the noise, and
+take half of what the first answer leaves above it. Of
+elastic joints and play of benchmarks/drive_library.py eight steps left 0.93 to 1.24 of it, of Dahl friction 980 and
+more; between is judgement."""
 
 SWAP_ROUNDS, SWAP_RIVALS = 4, 3
 """How often an effect is replaced by a rival, and by how many of them it is tried."""

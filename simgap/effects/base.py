@@ -84,7 +84,7 @@ class Effect(ABC):
     second: ClassVar[bool] = False
     """Whether it refines or resembles effects that are tried first: sought where these leave more than noise."""
     last: ClassVar[bool] = False
-    """Whether it is sought in a search of its own, after all others, and only where it is named."""
+    """Whether it is sought in a look of its own, after all others."""
     resembles: ClassVar[tuple[str, ...]] = ()
     """Names of effects that may come within the noise of it: it is tried in their place where one was found."""
     one_curve: ClassVar[bool] = False

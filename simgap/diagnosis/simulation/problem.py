@@ -162,6 +162,8 @@ class Problem:
 
     def states(self, theta: Floats, x0: Floats) -> Floats:
         """Simulated states of all windows: theta, (w, begun) -> (rows, nx)."""
+        if any(train.rigid(theta, interval(self.t)) for train in self.model.trains):
+            return np.full((int(self.rows[-1]), self.model.nx), np.nan)
         level, excess, delay, lag = self._drive(theta)
         w, rows, constants = self.windows, self.rows, self.model.constants_at(theta)
         begin = np.ascontiguousarray(x0[:, : self.model.nx])

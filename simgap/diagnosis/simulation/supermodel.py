@@ -17,7 +17,7 @@ from simgap.diagnosis.simulation.handed_over import address_of
 from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
 from simgap.diagnosis.simulation.runge_kutta import GLIDE, RHS, SLOPE
-from simgap.diagnosis.simulation.trains import Train, trains_of
+from simgap.diagnosis.simulation.trains import Train, beside_motors, trains_of
 from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
 from simgap.effects.base import CoordinateEffect, MemoryForceEffect
 from simgap.effects.commands import InputEffect, MemoryInputEffect
@@ -165,12 +165,13 @@ class SuperModel:
 
 
 def build_supermodel(
-    model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = (), second: bool = False
-) -> SuperModel:
+    model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = (), second: bool = False,
+    last: bool = False,
+) -> SuperModel:  # fmt: skip
     """Put every effect of the library (or those named) on every target and compile the result once.
 
     Effects that others are tried before are in it if they are named, or if `second` asks for them; those
-    that are sought last only if they are named.
+    that are sought last if they are named, or if `last` asks for them.
 
     Raises:
         UserError: for an unknown effect, or a measured channel that is not a state.
@@ -182,10 +183,11 @@ def build_supermodel(
         if name not in model.state_names:
             raise UserError(f"'{name}' is measured but not a state", remedy=f"States: {list(model.state_names)}.")
     chosen = [
-        e for e in EFFECTS.values() if e.name in effects or (not effects and not e.last and (second or not e.second))
-    ]
+        e for e in EFFECTS.values()
+        if e.name in effects or (not effects and (last or not e.last) and (second or not e.second))
+    ]  # fmt: skip
     places = [(e, on) for e in chosen for on in (e.targets(model) if e.name in effects else e.sought_on(model))]
-    asked = [(e, on) for e, on in places if e.kind != "state" or on in measured]
+    asked = [(e, on) for e, on in beside_motors(model, places) if e.kind != "state" or on in measured]
     candidates: list[Candidate] = []
     specs: list[EffectParameter] = []
     for e, on in [*asked, *possible(model, measured)]:
@@ -303,12 +305,13 @@ _COMPILED: dict[str, SuperModel] = {}
 
 
 def cached_supermodel(
-    model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = (), second: bool = False
-) -> SuperModel:
+    model: SymbolicModel, measured: tuple[str, ...], effects: Collection[str] = (), second: bool = False,
+    last: bool = False,
+) -> SuperModel:  # fmt: skip
     """`build_supermodel`, kept for the life of the process: a second record of the same plant compiles nothing."""
-    key = repr((model, measured, tuple(effects), second))
+    key = repr((model, measured, tuple(effects), second, last))
     if key not in _COMPILED:
         if len(_COMPILED) >= 16:
             _COMPILED.clear()
-        _COMPILED[key] = build_supermodel(model, measured, effects, second)
+        _COMPILED[key] = build_supermodel(model, measured, effects, second, last)
     return _COMPILED[key]

@@ -16,11 +16,12 @@ from numba import float64, int64, njit, void
 from numpy.typing import NDArray
 
 from simgap.effects.base import Effect, driven_by
-from simgap.effects.drive_train import DriveTrainEffect, Law
+from simgap.effects.drive_train import DriveTrainEffect, Law, with_motor
 from simgap.model.symbolic import SymbolicModel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_RIGID = 10.0  # rad between two readings: a spring that is quicker is simulated no more, as each turn costs steps
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,11 @@ class Train:
         stiffness = spring + stops
         return math.sqrt(stiffness / inertia) if inertia > 0.0 and stiffness > 0.0 else 0.0
 
+    def rigid(self, theta: Floats, interval: float) -> bool:
+        """Whether the spring is so stiff that readings this far apart (s) tell nothing of it."""
+        inertia, spring, *_ = self.numbers(theta)
+        return spring * interval**2 > _RIGID**2 * inertia
+
 
 def trains_of(
     model: SymbolicModel, effects: Sequence[tuple[Effect, str, tuple[int, ...]]], theta: Sequence[sp.Symbol]
@@ -70,6 +76,14 @@ def trains_of(
         numbers = sp.lambdify([theta], law.numbers, modules="math")
         found.append(Train(on, law, place(link.position), place(link.velocity), inputs, slots[on], numbers))
     return tuple(found)
+
+
+def beside_motors(model: SymbolicModel, places: list[tuple[Effect, str]]) -> list[tuple[Effect, str]]:
+    """Without what has no place where a motor stands behind its joint: a law of the speed of what an input drives."""
+    loose = model
+    for on in dict.fromkeys(on for e, on in places if isinstance(e, DriveTrainEffect)):
+        loose = with_motor(loose, on, Law(sp.Integer(1)))
+    return [(e, on) for e, on in places if isinstance(e, DriveTrainEffect) or on in e.targets(loose)]
 
 
 @njit(
