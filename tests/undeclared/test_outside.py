@@ -20,12 +20,13 @@ def test_outside_the_library(tmp_path, kind, verdict):
         assert mark.held_out_ratio < diagnosis.before.held_out_ratio
 
 
-def test_play_that_looks_like_noise_that_hardly_remembers_is_not_attributed(tmp_path):
-    """Its trace was taken for coloured noise, and an error of mass `attributed` in its place."""
-    produce(tmp_path, "backlash", 3)
+@pytest.mark.parametrize("seed", [3, 1001])
+def test_play_that_looks_like_noise_that_remembers_is_not_attributed(tmp_path, seed):
+    """Its trace was taken for coloured noise, and an error of mass or inertia `attributed` in its place."""
+    produce(tmp_path, "backlash", seed)
     diagnosis, mark = examine(tmp_path, pendulum(), False)
     assert mark.verdict == "partial"
-    assert diagnosis.faint_memory == ("angle",)
+    assert "coloured_noise" not in [f.fault for f in diagnosis.recording]
 
 
 def test_friction_with_memory_is_named(tmp_path):
