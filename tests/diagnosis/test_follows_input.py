@@ -40,3 +40,10 @@ def test_what_turns_round_with_the_input_does():
 def test_without_an_input_there_is_nothing_to_follow():
     white = np.random.default_rng(0).standard_normal((2000, 1)) + command()[:, None]
     assert not follows_input(problem(np.zeros(2000)), white)
+
+
+def test_noise_that_a_controller_feeds_back_does_not():
+    """The command of an instant is made from its reading; what it does comes later."""
+    for seed in range(50):
+        white = np.random.default_rng(seed).standard_normal((2000, 1))
+        assert not follows_input(problem(0.3 * command() - white[:, 0]), white)

@@ -150,7 +150,8 @@ class Search:
             found = self._ended(theta, base.x0, slots)
             count = sum(len(c.slots) for c in members)
             physical = all(sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
-            physical = physical and (self._at_noise(found) or not any(c.effect.one_curve for c in members))
+            bends = any(c.effect.one_curve for c in members)  # to anything: an answer only where nothing is left
+            physical = physical and (not bends or self._at_noise(found))
             spent = self.problem.spent(found.theta)
             new = Explanation(members, found, self.bic(found.chi2 + spent, count), physical)
             if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - BETTER_CHI2:

@@ -15,7 +15,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import BY_CHANCE
 
 Floats = NDArray[np.float64]
-_LAGS = 2 * np.arange(12)  # samples
+_LAGS = 1 + 2 * np.arange(12)  # samples; a command of the same one may be fed back from the reading, noise and all
 
 
 def follows_input(problem: Problem, white: Floats) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from simgap.diagnosis.result import Alternative, CandidateScore, Collinear, Estimate, FoundEffect, Key, WindowPrediction
 from simgap.diagnosis.search.confidence import degrees_of_freedom, interval, standard_errors
 from simgap.diagnosis.search.equivalence import Rival
-from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import effect_or_fault
@@ -72,6 +72,9 @@ def alternatives(found: Explanation, rivals: Sequence[Rival]) -> tuple[Alternati
     return tuple(Alternative(whole_set(r.explanation), r.explanation.bic - found.bic, r.exact) for r in rivals)
 
 
+_NOT_PHYSICAL = "its best fit is not physical or vanishes"
+
+
 def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, str]) -> tuple[CandidateScore, ...]:
     """Every candidate beside the model as declared, the most promising first; `barred`: why some were not tried."""
     promised = {s.candidate.key: s.drop for s in search.ranked(empty)}
@@ -89,7 +92,8 @@ def candidate_scores(search: Search, empty: Explanation, barred: Mapping[Key, st
             reason = "these data cannot see it"
         reason = barred.get(c.key, reason)
         if e is not None and not e.physical:
-            reason = "its best fit is not physical or vanishes"
+            bent = c.effect.one_curve and sound(c, e.fit)
+            reason = "it bends to anything, and leaves more than noise" if bent else _NOT_PHYSICAL
         rows.append(
             CandidateScore(
                 c.effect.name,
