@@ -13,6 +13,7 @@
 #   snakemake --cores 2 two_link                         an arm of two links, reach and avoid in joint space
 #   snakemake --cores 2 two_link_friction                the same with dry friction that its model lacks
 #   snakemake --cores 2 pioneer                          a wheeled robot of another make, through a door into a dock
+#   snakemake --cores 2 servo                            a real servo: its recordings, corrected model, bound, controller
 #   snakemake --cores 2 proven                           the pendulum against equations: a bound without estimates
 #   snakemake --report results/report.zip                what is there, every page and figure with its caption, in one file
 
@@ -60,6 +61,7 @@ localrules:
     two_link,
     two_link_friction,
     pioneer,
+    servo,
 
 
 rule all:
@@ -132,3 +134,9 @@ rule two_link_friction:
 rule pioneer:
     input:
         pages("pioneer"),
+
+
+# The recordings are not included; the head of the case says what they are.
+rule servo:
+    input:
+        pages("go1_servo"),

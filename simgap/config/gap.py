@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -36,8 +36,36 @@ class ConformalSection(Section):
     seed: int = Field(3, ge=0, description="Of these samples; differs from `gap.seed`, which draws those of the check.")
 
 
+class RemainderWithin(Section):
+    """More is left in a part of X."""
+
+    where: dict[str, tuple[float, float]] = Field(
+        description="For a state, from and to, in its unit; a state that is not named may be anything."
+    )
+    by: dict[str, float] = Field(description="For a state, what is left there in one step, in its unit.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> RemainderWithin:
+        if not self.where:
+            raise ValueError("where names a state at least; what holds everywhere is gap.remainder")
+        for name, (lo, hi) in self.where.items():
+            if not lo < hi:
+                raise ValueError(f"the range {[lo, hi]} of {name} is empty: from must be below to")
+        _refuse_negative(self.by)
+        return self
+
+
+def _refuse_negative(remainder: dict[str, float]) -> None:
+    """A remainder moves a bound outward alone."""
+    bad = [name for name, v in remainder.items() if not 0.0 <= v < float("inf")]
+    if bad:
+        raise ValueError(f"what is left of {', '.join(bad)} is no finite number of at least 0")
+
+
 class GapSection(Section):
     """How the gap d = simulator - nominal is bounded on all of X x U, and how the bound is checked."""
+
+    OPTIONAL: ClassVar[tuple[str, ...]] = ("remainder_within",)
 
     basis: Annotated[BasisSection, Plugged("bases", "kind", listed=("expressions", "terms"))] = Field(
         description="Terms of the bound as expressions over states and inputs, such as [x1^2, x1*x2, u, 1]; or a kind "
@@ -76,11 +104,22 @@ class GapSection(Section):
         description="For a state, what measured data leave unexplained in one step, in its unit; added on both sides "
         "of the bound so that it covers the hardware and not the simulator alone. `simgap diagnose` writes it.",
     )
+    remainder_within: tuple[RemainderWithin, ...] = Field(
+        default=(),
+        description="Boxes of the states in which more is left, such as near rest, where dry friction sticks; in cells "
+        "that a box touches its numbers stand in place of `remainder` where they are larger. A bound that is no table "
+        "of cells takes them everywhere.",
+    )
     confidence: float = Field(0.95, gt=0.5, lt=1.0, description="Of the Clopper-Pearson bound.")
     envelope_nodes: int = Field(200_000, ge=16, description="envelope: most numbers in the table that is saved.")
     lipschitz: LipschitzSection = Field(LipschitzSection(), description="How Lipschitz constants are estimated.")
     conformal: ConformalSection = Field(ConformalSection(), description="Options of the conformal bound.")
     seed: int = Field(1, ge=0, description="Of the fresh samples and of everything random in the fit.")
+
+    @model_validator(mode="after")
+    def _remainder_is_outward(self) -> GapSection:
+        _refuse_negative(self.remainder)
+        return self
 
     @model_validator(mode="after")
     def _conformal_is_tolerated(self) -> GapSection:

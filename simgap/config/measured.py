@@ -142,7 +142,7 @@ class PayloadSection(Section):
 class MeasuredSection(Section):
     """Recordings of the real thing, for `simgap diagnose` and the diagnosis stage."""
 
-    OPTIONAL = ("conditions", "payloads", "into_simulator")
+    OPTIONAL = ("conditions", "payloads", "into_simulator", "known")
 
     files: tuple[str, ...] = Field(
         default=(),
@@ -185,6 +185,11 @@ class MeasuredSection(Section):
     effects: tuple[str, ...] = Field(
         default=(),
         description="Effects that may be tried; if none is named all of `simgap effects` but lugre_friction.",
+    )
+    known: tuple[str, ...] = Field(
+        default=(),
+        description="Parameters of the plant that are not in doubt, such as gravity or a length that was measured: no "
+        "error of theirs is sought.",
     )
     max_effects: int | None = Field(
         default=None,

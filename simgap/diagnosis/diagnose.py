@@ -64,7 +64,7 @@ def _answer(
 ) -> Diagnosis:
     """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle."""
     record, parts, said, faults = mended(model, record, settings)
-    watch, not_tried = Watch(settings.budget_s, tell), barred(model, record, settings.effects)
+    watch, not_tried = Watch(settings.budget_s, tell), barred(model, record, settings.effects, settings.known)
     before = begun(parts.known, not_tried, watch)
     aside: tuple[Span, ...] = ()
     if chi2_dof(before[0].problem, before[1]) > FIT_QUALITY:

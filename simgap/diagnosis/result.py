@@ -27,6 +27,7 @@ class DiagnosisSettings:
         horizon_s: how far ahead the causal error E(h) is judged, s.
         noise: known noise of channels, state -> standard deviation; the others are estimated.
         effects: names of the effects that may be tried; all if empty.
+        known: parameters of the plant that are not in doubt.
         max_effects: largest number of effects in one explanation; most_off_floor: of one that leaves more than noise.
         held_out_traces: names of traces that confirm; if empty, `held_out_share` of the record does.
         held_out_share: share of traces or of windows that confirms, and of those that choose (at most half of the
@@ -38,6 +39,7 @@ class DiagnosisSettings:
     horizon_s: float = 0.5
     noise: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[str, ...] = ()
+    known: tuple[str, ...] = ()
     max_effects: int = 5
     most_off_floor: int = 3
     held_out_traces: tuple[str, ...] = ()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from simgap.config.gap import GapSection
 from simgap.errors import BrokenPromise, UserError
+from simgap.gap.cells import CellGap
 from simgap.gap.fresh_check import BorderCheck, FreshCheck
 from simgap.gap.function import GapFunction
 from simgap.gap.tiers import Tier
@@ -67,21 +69,43 @@ def _upper(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def covering_remainder(function: GapFunction, remainder: Mapping[str, float]) -> GapFunction:
-    """The bound moved outward by what measured data leave unexplained in one step.
+def covering_remainder(function: GapFunction, section: GapSection) -> GapFunction:
+    """The bound moved outward by what measured data leave unexplained in one step, further within given boxes.
 
     Raises:
         UserError: a remainder of something that is no state.
     """
     states = function.domain.states
-    unknown = [name for name in remainder if name not in states]
-    if unknown:
-        raise UserError(f"{unknown} are not states", key="gap.remainder")
-    if not remainder:
+    for key, names in _named(section):
+        unknown = [name for name in names if name not in states]
+        if unknown:
+            raise UserError(f"{unknown} are not states", key=key)
+    remainder, boxes = section.remainder, section.remainder_within
+    if not remainder and not boxes:
         return function
     by = np.array([remainder.get(name, 0.0) for name in states])
-    words = ", ".join(f"{value:.3g} for {name}" for name, value in remainder.items())
-    left_out = [name for name in states if name not in remainder]
+    covering, words = function, f"Raised on both sides by {_sizes(remainder)}" if remainder else "Raised on both sides"
+    for box in boxes:
+        more = np.maximum(np.array([box.by.get(name, 0.0) for name in states]) - by, 0.0)
+        if isinstance(covering, CellGap):
+            covering = covering.raised_within(box.where, more)
+            ends = " and ".join(f"{name} in [{lo:.3g}, {hi:.3g}]" for name, (lo, hi) in box.where.items())
+            words += f"{',' if remainder else ''} by {_sizes(box.by)} in the cells with {ends}"
+        else:
+            by = by + more
+            words += f" and, as the bound is no table of cells, by {_sizes(box.by)} everywhere"
+    left_out = [name for name in states if name not in remainder and not any(name in box.by for box in boxes)]
     note = f" Nothing measured bounds {', '.join(left_out)}." if left_out else ""
-    tier = Tier(3, f"Raised on both sides by {words}: the split-conformal bound of what measured data leave.{note}")
-    return function.raised(by, by).with_tiers([*function.tiers, tier])
+    tier = Tier(3, f"{words}: the split-conformal bound of what measured data leave.{note}")
+    return covering.raised(by, by).with_tiers([*function.tiers, tier])
+
+
+def _named(section: GapSection) -> Iterator[tuple[str, Iterable[str]]]:
+    yield "gap.remainder", section.remainder
+    for k, box in enumerate(section.remainder_within):
+        yield f"gap.remainder_within.{k}.where", box.where
+        yield f"gap.remainder_within.{k}.by", box.by
+
+
+def _sizes(by: Mapping[str, float]) -> str:
+    return ", ".join(f"{value:.3g} for {name}" for name, value in by.items())

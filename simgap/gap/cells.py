@@ -63,6 +63,17 @@ class CellGap(GapFunction):
         """lo - below, hi + above; both (nx,)."""
         return replace(self, lower=self.lower - below, upper=self.upper + above)
 
+    def raised_within(self, where: Mapping[str, tuple[float, float]], by: Floats) -> CellGap:
+        """Moved outward by more, (nx,), in the cells that a box touches; states that are not named may be anything."""
+        axes = []
+        for name, edges in zip(self.domain.states, self.edges, strict=True):
+            lo, hi = where.get(name, (-np.inf, np.inf))
+            margin = 1e-9 * (edges[-1] - edges[0])  # a border is of both cells, as in `_touched`
+            axes.append((edges[:-1] <= hi + margin) & (edges[1:] >= lo - margin))
+        touched = np.all(np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")], axis=1), axis=1)
+        more = np.where(np.asarray(touched)[:, None, None], by, 0.0)
+        return replace(self, lower=self.lower - more, upper=self.upper + more)
+
     def with_tiers(self, tiers: Sequence[Tier]) -> CellGap:
         """The same bound with other guarantee tiers."""
         return replace(self, tiers=tuple(tiers))

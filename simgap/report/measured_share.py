@@ -13,11 +13,12 @@ import numpy as np
 
 from simgap.config.context import Context
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.remainder import transitions
+from simgap.diagnosis.verdict.transitions import seen, transitions
 from simgap.gap.function import GapFunction
 from simgap.geometry import Floats
 from simgap.io.parquet import stack
 from simgap.model.sampled import NominalModel
+from simgap.model.symbolic import SymbolicModel
 
 DRAWS = 20  # noise vectors for each transition
 
@@ -25,23 +26,33 @@ DRAWS = 20  # noise vectors for each transition
 def transition_columns(
     context: Context,
     windows: Sequence[WindowPrediction],
-    measured: Sequence[str],
+    sigma: Mapping[str, float],
+    model: SymbolicModel,
     late: Mapping[str, float],
+    declared: Mapping[str, float],
 ) -> dict[str, Floats]:
     """Held-out transitions over tau: states, inputs (`late_` as the corrected plant feels them), `next_`; (n,) each.
 
+    Those of files whose known conditions are not the declared ones are left out: the case's bound is for the declared.
     A case without a `domain` has no tau; the median interval of the data stands in for it.
+
+    Args:
+        sigma: noise of each measured state, in the order of the columns.
+        model: the corrected one, its known conditions as inputs.
+        late: seconds by which an input acts later; declared: condition -> its value in the case.
     """
-    held = [w for w in windows if w.held_out]
-    steps = [np.diff(w.t) for w in held]
-    domain = context.case.domain
+    known = seen([w for w in windows if w.held_out], sigma, model)
+    steps = [np.diff(w.t) for w in known.windows]
+    domain, measured = context.case.domain, list(known.sigma)
     tau = domain.tau if domain is not None else float(np.median(np.concatenate(steps))) if steps else 1.0
-    names, nx = [*context.states, *context.inputs], len(context.states)
-    start, then = transitions(held, measured, names, {}, tau)
-    later, _ = transitions(held, measured, names, late, tau)
-    columns = {n: start[:, k] for k, n in enumerate(names)}
-    columns |= {f"late_{n}": later[:, nx + k] for k, n in enumerate(context.inputs)}
-    return columns | {f"next_{n}": then[:, k] for k, n in enumerate(measured)}
+    plain, later = (transitions(known.windows, measured, model, by, tau) for by in ({}, late))
+    names = [*model.state_names, *model.input_names]
+    kept = np.ones(len(plain.start), dtype=bool)
+    for n, value in declared.items():
+        kept &= plain.start[:, names.index(n)] == value
+    columns = {n: plain.start[kept, names.index(n)] for n in (*context.states, *context.inputs)}
+    columns |= {f"late_{n}": later.start[kept, names.index(n)] for n in context.inputs}
+    return columns | {f"next_{n}": later.then[kept, k] for k, n in enumerate(measured)}
 
 
 def share_inside(

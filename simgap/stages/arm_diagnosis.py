@@ -30,7 +30,6 @@ from simgap.model.tree import Tree
 from simgap.provenance import provenance
 from simgap.report.arm_document import document
 from simgap.report.arm_page import TEMPLATE, draw, page
-from simgap.report.measured_share import transition_columns
 from simgap.stages.acted_out import acted_out
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
@@ -80,7 +79,10 @@ def run(
     ]
     write_recording(out_dir / RECORDING, windows, inputs, (), context.units, context.case.name)
     title = context.case.title or context.case.name
-    columns = transition_columns(context, (), record.measured, {})  # none: nothing is bounded that could hold them
+    nothing = [*context.states, *(f"{k}{n}" for k in ("", "late_") for n in context.inputs)]
+    columns = {
+        n: np.zeros(0) for n in (*nothing, *(f"next_{n}" for n in record.measured))
+    }  # none is held against gamma
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, made_of))
     write_text(out_dir / PAGE, page(content, title, draw(found, inputs, context.units, out_dir)))

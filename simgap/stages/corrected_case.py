@@ -13,6 +13,7 @@ import yaml
 from simgap.config.copied_plugins import copied_plugins, renamed
 from simgap.config.load import case_content, parse_case
 from simgap.config.model_files import move_files
+from simgap.diagnosis.verdict.remainder_use import RemainderUse
 from simgap.effects import AppliedEffect, effect
 from simgap.plants.plant_model import PlantModel
 from simgap.stages.acted_out import ActedOut
@@ -28,7 +29,7 @@ def corrected_case(
     data: Sequence[Path],
     rig: str,
     sentence: str,
-    remainder: Mapping[str, float] | None = None,
+    remainder: RemainderUse | None = None,
     urdf: str | None = None,
     simulated: ActedOut | None = None,
 ) -> str:
@@ -45,7 +46,7 @@ def corrected_case(
         sentence: the verdict in words, for the comment on top.
         urdf: the model file that stands in place of the plant's, beside the target.
         simulated: what the simulator acts out of them; None: all.
-        remainder: one-step bounds of what is left, by state, for gamma to take in; the case then has a `gap:` section.
+        remainder: one-step bounds of what is left, for gamma to take in; the case then has a `gap:` section.
 
     Raises:
         UserError: if the result does not check, which an original that checks makes impossible but for the name.
@@ -67,12 +68,22 @@ def corrected_case(
             shared = applied if simulated is None else simulated.effects
             readings = dict.fromkeys(r for a in applied if (r := effect(a.name).reading_remedy))
             words = (*readings, *_on_hardware(content, [_plain(a) for a in shared], target, case_path))
-    if remainder:
-        content["gap"]["remainder"] = {name: float(v) for name, v in remainder.items()}
+    if remainder is not None and remainder.by:
+        content["gap"].pop("remainder_within", None)  # of an earlier diagnosis
+        content["gap"] |= _remainder(remainder)
     checked = parse_case(yaml.safe_load(_dumped(content)), target, case_path)
     _ = PlantModel.of(checked, folder).corrected  # refuses what does not fit
     moved = renamed(content, copied_plugins(checked, source, folder))
     return _header(applied, rig, sentence, content, words, urdf, simulated) + _dumped(moved)
+
+
+def _remainder(use: RemainderUse) -> dict[str, Any]:
+    own: dict[str, Any] = {"remainder": {name: float(v) for name, v in use.by.items()}}
+    rest = use.near_rest
+    if rest is not None:
+        where = {rest.velocity: [-float(rest.below), float(rest.below)]}
+        own["remainder_within"] = [{"where": where, "by": {name: float(v) for name, v in rest.by.items()}}]
+    return own
 
 
 def _dumped(content: Mapping[str, Any]) -> str:

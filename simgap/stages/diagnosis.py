@@ -34,7 +34,7 @@ from simgap.stages import arm_diagnosis
 from simgap.stages.acted_out import ActedOut, measured_out
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
-from simgap.stages.measured_check import check_measured, named_files
+from simgap.stages.measured_check import check_measured, named_files, refuse_unknown
 from simgap.stages.measured_data import load_reading
 from simgap.stages.measured_range import outside
 
@@ -81,6 +81,7 @@ def run(
     with context.blame():
         model = context.plant.corrected
         tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")
+        refuse_unknown(section, model)
         reading = load_reading(model, section, paths, context.folder, str(case_path), strict=not data)
         record = reading.record
         tell(f"{record.rows} samples in {len(record.traces)} traces; measured: {', '.join(record.measured)}")
@@ -144,6 +145,7 @@ def _settings(section: MeasuredSection, reading: Reading) -> DiagnosisSettings:
         horizon_s=section.horizon_s,
         noise=dict(section.noise),
         effects=section.effects,
+        known=section.known,
         max_effects=section.max_effects or DiagnosisSettings.max_effects,
         most_off_floor=section.max_effects or DiagnosisSettings.most_off_floor,
         held_out_traces=reading.held_out,
@@ -172,8 +174,8 @@ def _remainder(
         (_declared(context, reading), model),
         shifts,
         domain.tau if domain is not None else 0.0,
-        context.case.plant.integrator if domain is not None else "rk4",
         section.confidence,
+        {s: ends for s, ends in domain.X.items() if s in model.state_names} if domain is not None else {},
     )
 
 
@@ -200,13 +202,15 @@ def _write(
     target = out_dir / CASE
     out_dir.mkdir(parents=True, exist_ok=True)  # first: `out/../rod.urdf` is no file before
     text = corrected_case(
-        context.path, target, found.applied, paths, section.rig, content["sentence"], use.by, simulated=simulated
+        context.path, target, found.applied, paths, section.rig, content["sentence"], use, simulated=simulated
     )
     figures = draw(content, stretches, lacking, out_dir)
     write_text(out_dir / PAGE, page(content, title, figures))
     names = (record.measured, inputs, context.units, context.case.name)
     write_recording(out_dir / RECORDING, windows, *names, content["sentence"])
-    columns = transition_columns(context, windows, record.measured, shifts)
+    noise = {s: found.sigma[s] for s in record.measured}
+    declared = {n: context.plant.corrected.parameters[n].value for n in model.conditions}
+    columns = transition_columns(context, found.windows, noise, model, shifts, declared)
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
     for plugin in copied_plugins(context.case, context.folder, out_dir):

@@ -34,6 +34,7 @@ def check_measured(context: Context) -> None:
         channels = channels_of(model, section, str(context.path))
         _ = reading_options(section)
         _refuse_effects(section)
+        refuse_unknown(section, model)
         _refuse_conditions(section, model)
         _refuse_links(context, section)
         if section.files:
@@ -66,6 +67,20 @@ def _refuse_effects(section: MeasuredSection) -> None:
             near = difflib.get_close_matches(name, list(EFFECTS), n=1)
             remedy = f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(EFFECTS)}."
             raise UserError(f"no effect is called '{name}'", key=f"measured.effects.{k}", remedy=remedy)
+
+
+def refuse_unknown(section: MeasuredSection, model: SymbolicModel) -> None:
+    """Names under `measured.known` that are none of the plant's parameters.
+
+    Raises:
+        UserError: naming the key and the remedy.
+    """
+    for k, name in enumerate(section.known):
+        if name not in model.named_parameters:
+            listed = ", ".join(model.named_parameters) or "it has none"
+            raise UserError(
+                f"the plant has no parameter '{name}'", key=f"measured.known.{k}", remedy=f"Parameters: {listed}."
+            )
 
 
 def _refuse_conditions(section: MeasuredSection, model: SymbolicModel) -> None:

@@ -173,7 +173,8 @@ def _inside(
     later = Context.load(files.case)
     if found is None or found.transitions is None or later.states != context.states:
         return {}
-    noise, rows = read_json(found.document)["noise"], read_parquet(found.transitions)
+    document, rows = read_json(found.document), read_parquet(found.transitions)
+    noise = document["noise"] | ((document["remainder"] or {}).get("estimated") or {})
     sides = {"before": (context, gap, False), "after": (later, load_gap(files.gap, later).function, True)}
     return {
         side: share_inside(own, rows, own.plant.sampled, bound, noise, late)

@@ -30,7 +30,7 @@ FOUND = (AppliedEffect("coulomb_friction", "hinge", {"F_c": 0.19}),)
 def remainder(plant, seed=3, level=0.9, tau=0.05):
     data = example.record(seed=seed)
     corrected, shifts = plant.corrected_by(FOUND)
-    return bound_remainder(example.windows(data), SIGMA, (plant.corrected, corrected), shifts, tau, "rk4", level)
+    return bound_remainder(example.windows(data), SIGMA, (plant.corrected, corrected), shifts, tau, level)
 
 
 def test_the_corrected_model_needs_a_smaller_bound(plant):

@@ -6,6 +6,9 @@ from fractions import Fraction as Q
 import numpy as np
 import pytest
 
+from simgap.config.gap import GapSection
+from simgap.errors import UserError
+from simgap.gap.acceptance import covering_remainder
 from simgap.gap.cells import CellGap
 from simgap.gap.envelope import fit_envelope
 from simgap.gap.fresh_check import check_fresh, clopper_pearson_upper
@@ -66,6 +69,51 @@ def test_tables_hold_every_cell_that_a_box_touches_and_are_rounded_outward():
                     far += Q(gap.slopes[i, j]) * max(abs(Q(a) - node), abs(Q(b) - node))
                 assert Q(above[0, i]) >= Q(gap.upper[flat, m, i]) + far
                 assert Q(below[0, i]) <= Q(gap.lower[flat, m, i]) - far
+
+
+def test_a_table_is_raised_in_every_cell_that_a_box_touches():
+    """A cell that shares a face alone is raised too: on the face both cells apply."""
+    gap, more = tables(), np.array([0.3, 0.0])
+    raised = gap.raised_within({"b": (0.2, 0.3)}, more)
+    assert raised.upper[:, :, 0] == pytest.approx(gap.upper[:, :, 0] + 0.3)  # b = 0.2 is a border of all
+    raised = gap.raised_within({"a": (0.5, 0.7), "b": (0.3, 9.0)}, more)
+    own = [k[0] * 2 + k[1] for k in touched(gap, (0.5, 0.3), (0.7, 9.0))]
+    others = [n for n in range(6) if n not in own]
+    assert own == [3]
+    assert raised.upper[own, :, 0] == pytest.approx(gap.upper[own, :, 0] + 0.3)
+    assert raised.lower[own, :, 0] == pytest.approx(gap.lower[own, :, 0] - 0.3)
+    assert np.array_equal(raised.upper[others], gap.upper[others])
+    assert np.array_equal(raised.upper[:, :, 1], gap.upper[:, :, 1])
+
+
+def test_more_is_left_near_rest_and_its_tier_says_so():
+    section = GapSection.model_validate(
+        {"basis": ["1"], "remainder": {"a": 0.1}, "remainder_within": [{"where": {"b": [0.4, 0.5]}, "by": {"a": 0.4}}]}
+    )
+    gap = tables()
+    covering = covering_remainder(gap, section)
+    x, u = np.array([[0.2, 0.5], [0.2, -0.5]]), U[[0, 0]]
+    (lo, hi), (low, high) = gap.bounds(x, u), covering.bounds(x, u)
+    assert high[:, 0] - hi[:, 0] == pytest.approx([0.4, 0.1])
+    assert lo[:, 0] - low[:, 0] == pytest.approx([0.4, 0.1])
+    assert high[:, 1] == pytest.approx(hi[:, 1])
+    assert "0.4 for a in the cells with b in [0.4, 0.5]" in str(covering.tiers[-1].to_json())
+    with pytest.raises(UserError, match="not states") as refused:
+        covering_remainder(gap, section.model_copy(update={"remainder": {"c": 0.1}}))
+    assert refused.value.key == "gap.remainder"
+
+
+@pytest.mark.parametrize(
+    ("within", "said"),
+    [
+        ([{"where": {"b": [0.5, 0.4]}, "by": {"a": 0.4}}], "is empty"),
+        ([{"where": {}, "by": {"a": 0.4}}], "names a state"),
+        ([{"where": {"b": [0.4, 0.5]}, "by": {"a": -0.4}}], "at least 0"),
+    ],
+)
+def test_a_mistake_in_where_more_is_left_is_refused(within, said):
+    with pytest.raises(ValueError, match=said):
+        GapSection.model_validate({"basis": ["1"], "remainder_within": within})
 
 
 def test_a_table_without_slopes_is_still_rounded_outward():

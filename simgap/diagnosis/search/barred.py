@@ -9,24 +9,26 @@ import numpy as np
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.search.scoring import Key
 from simgap.effects import EFFECTS
+from simgap.effects.parameter_error import ParameterError
 from simgap.model.symbolic import SymbolicModel
 from simgap.units import full_turn
 
 
-def barred(model: SymbolicModel, record: Record, named: Collection[str]) -> dict[Key, str]:
-    """Effects and targets that are not tried, with the reason.
+def barred(model: SymbolicModel, record: Record, named: Collection[str], known: Collection[str] = ()) -> dict[Key, str]:
+    """Effects and targets that are not tried, with the reason: errors of parameters that are `known`, and springs.
 
     What pulls a joint back to one place pulls it to that place on every turn: on an angle that winds it would be a
     force that grows with the turns counted, which a joint has only where something winds up. It is tried if `named`.
     """
     winding = [c.name for c in model.coordinates if _winds(model, record, c.name)]
-    return {
+    springs = {
         (e.name, on): "the joint makes full turns: name the effect under measured.effects if something winds up on it"
         for e in EFFECTS.values()
         if e.pulls_to_a_place and e.name not in named
         for on in e.targets(model)
         if on in winding
     }
+    return springs | {(ParameterError.name, on): "it is known (measured.known)" for on in known}
 
 
 def _winds(model: SymbolicModel, record: Record, coordinate: str) -> bool:

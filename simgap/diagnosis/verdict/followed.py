@@ -13,7 +13,7 @@ import numpy as np
 
 from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.remainder import mean_input
+from simgap.diagnosis.verdict.transitions import mean_input
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ over thousands of samples shows the shape of a missing term all the same.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -194,10 +194,18 @@ def _lack(motion: _Motion, model: SymbolicModel, rows: Sequence[str], shifts: Ma
 
 def evaluate(exprs: Sequence[sp.Expr], names: Sequence[str], arguments: Sequence[Floats]) -> Floats:
     """Expressions over named columns: -> (expressions, n)."""
-    function = sp.lambdify([symbol(n) for n in names], list(exprs), modules="numpy")
-    return np.stack(
-        [np.broadcast_to(np.asarray(v, dtype=np.float64), arguments[0].shape) for v in function(*arguments)]
-    )
+    return compiled(exprs, names)(arguments)
+
+
+def compiled(exprs: Sequence[sp.Expr], names: Sequence[str]) -> Callable[[Sequence[Floats]], Floats]:
+    """A function of named columns (n,), in this order: -> (expressions, n)."""
+    function = sp.lambdify([symbol(n) for n in names], list(exprs), modules="numpy", cse=True)
+
+    def values(arguments: Sequence[Floats]) -> Floats:
+        columns = function(*arguments)
+        return np.stack([np.broadcast_to(np.asarray(v, dtype=np.float64), arguments[0].shape) for v in columns])
+
+    return values
 
 
 def _binned(x: Floats, y: Floats, thin: float) -> Binned:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from simgap.diagnosis.verdict.near_rest import NearRest
 from simgap.diagnosis.verdict.remainder import Remainder
 
 
@@ -16,11 +17,13 @@ class RemainderUse:
     Attributes:
         bounded: whether the corrected case adds it to its gamma; reason: why, or why not.
         by: state -> how far gamma moves outward; empty if it does not.
+        near_rest: where it moves further; None: nowhere.
     """
 
     bounded: bool
     reason: str
     by: Mapping[str, float]
+    near_rest: NearRest | None = None
 
 
 def use_of(remainder: Remainder | None, verdict: str, rig: str, has_gap: bool, has_hidden_state: bool) -> RemainderUse:
@@ -43,4 +46,5 @@ def use_of(remainder: Remainder | None, verdict: str, rig: str, has_gap: bool, h
     for stands, reason in obstacles:
         if stands:
             return RemainderUse(False, reason, {})
-    return RemainderUse(True, "the corrected case adds it to gamma (gap.remainder)", finite)
+    near_rest = remainder.rest_after if remainder is not None else None
+    return RemainderUse(True, "the corrected case adds it to gamma (gap.remainder)", finite, near_rest)

@@ -120,7 +120,7 @@ def gap(context: Context, made: Made) -> Bound:
     symmetric = (shifts.tier(names),) if shifts is not None else ()
     blurred = (grain_tier(context, grain),) if grain is not None else ()
     tiers = [*confirmed(result.function.tiers, check), *memory, *blurred, *symmetric, check.tier, beside.tier]
-    function = covering_remainder(result.function.with_tiers(tiers), section.remainder)
+    function = covering_remainder(result.function.with_tiers(tiers), section)
     content = result.to_json() | function.to_json()
     eps = known_radius(made.points.name)
     content |= ({} if eps is None else {"eps": eps}) | {"fresh": asdict(check), "borders": asdict(beside)}

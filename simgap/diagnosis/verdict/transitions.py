@@ -1,0 +1,191 @@
+"""Transitions over one sampling time, cut out of the windows of a diagnosis.
+
+A controller holds its command over the sampling time; a recording often has several commands in it. The model says what
+such a change within the step did, and the measured end is freed of it, so that a transition is always one of a command
+held at its mean. A velocity that was not measured is taken from its position by local cubics (Savitzky and Golay 1964):
+an estimate, with the noise of the position that goes through the filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from simgap.diagnosis.reading.table import Floats
+from simgap.diagnosis.result import WindowPrediction
+from simgap.diagnosis.verdict.missing import compiled
+from simgap.model.symbolic import SymbolicModel
+
+_SPAN_S, _FEWEST, _ORDER = 0.05, 5, 3
+_INNER, _MOST = 20, 1000
+"""Steps of the integration within an interval of the recording, and the most within a transition."""
+
+
+@dataclass(frozen=True, eq=False)
+class Transitions:
+    """Steps that do not overlap.
+
+    Attributes:
+        start: (n, states and inputs) where each begins, the states first; the inputs are means over the step.
+        then: (n, k) what is measured a step later, under inputs held at these means.
+        seconds: length of the step; pieces: into how many an integration takes it.
+    """
+
+    start: Floats
+    then: Floats
+    seconds: float
+    pieces: int
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Windows and the states that are known in them.
+
+    Attributes:
+        windows: neighbouring ones of a trace as one; `measured` has a column for each state here.
+        sigma: state -> noise, in the order of the columns; estimated: those that were derived from positions.
+    """
+
+    windows: tuple[WindowPrediction, ...]
+    sigma: Mapping[str, float]
+    estimated: tuple[str, ...]
+
+
+def seen(windows: Sequence[WindowPrediction], sigma: Mapping[str, float], model: SymbolicModel) -> Seen:
+    """The windows laid together, with the velocities of coordinates whose position alone was measured.
+
+    Args:
+        sigma: noise of each measured state, in the order of the columns; model: has the coordinates.
+    """
+    whole = _joined(windows)
+    missing = {c.velocity: c.position for c in model.coordinates if c.velocity not in sigma and c.position in sigma}
+    steps = [np.diff(w.t) for w in whole]
+    if not missing or not steps:
+        return Seen(tuple(whole), dict(sigma), ())
+    dt = float(np.median(np.concatenate(steps)))
+    size = max(_FEWEST, 2 * round(0.5 * _SPAN_S / dt) + 1)
+    through = float(np.linalg.norm(savgol_coeffs(size, _ORDER, deriv=1, delta=dt)))
+    more = {velocity: through * sigma[position] for velocity, position in missing.items()}
+    columns = [list(sigma).index(position) for position in missing.values()]
+    long = [_with_velocities(w, columns, size, dt) for w in whole if len(w.t) > 2 * size]
+    return Seen(tuple(long), dict(sigma) | more, tuple(missing))
+
+
+def transitions(
+    windows: Sequence[WindowPrediction], measured: Sequence[str], model: SymbolicModel, late: Mapping[str, float],
+    step: float,
+) -> Transitions:  # fmt: skip
+    """Steps of `step` seconds in the windows of `seen`.
+
+    A state that was not measured is what the corrected model makes of it; an input is its mean over the step, `late`
+    seconds earlier. `model` says what commands that change within a step did.
+    """
+    names, nx = [*model.state_names, *model.input_names], len(model.state_names)
+    begin, end = [np.zeros((0, len(names)))], [np.zeros((0, len(measured)))]
+    dt = [float(np.median(np.diff(w.t))) for w in windows]
+    samples = int(np.ceil(step / min(dt) * (1 - 1e-9))) if dt else 1
+    pieces = max(min(_INNER * samples, _MOST), samples)
+    for w in windows:
+        at = np.arange(w.t[0], w.t[-1] - step * (1 + 1e-9), step)
+        columns = {n: np.interp(at, w.t, w.states[:, i]) for i, n in enumerate(names[:nx])}
+        columns |= {n: np.interp(at, w.t, w.measured[:, k]) for k, n in enumerate(measured)}
+        columns |= {n: mean_input(w, j, at - late.get(n, 0.0), step) for j, n in enumerate(names[nx:])}
+        start = np.stack([columns[n] for n in names], axis=1)
+        then = np.stack([np.interp(at + step, w.t, w.measured[:, k]) for k in range(len(measured))], axis=1)
+        if samples > 1 and len(at):
+            true = _integrated(model, start[:, :nx], _commands(w, at, model, late), step, pieces)
+            moved = true - held(model, Transitions(start, then, step, pieces))
+            then = then - moved[:, [model.state_names.index(n) for n in measured]]
+        begin.append(start)
+        end.append(then)
+    return Transitions(np.concatenate(begin), np.concatenate(end), step, pieces)
+
+
+def held(model: SymbolicModel, part: Transitions) -> Floats:
+    """Where a model ends under inputs held at their means: (n, nx)."""
+    nx = len(model.state_names)
+    inputs = part.start[:, nx:].T
+    return _integrated(model, part.start[:, :nx], lambda _, __: inputs, part.seconds, part.pieces)
+
+
+def within(part: Transitions, model: SymbolicModel, X: Mapping[str, tuple[float, float]]) -> Transitions:
+    """Those that begin in X; states that are not named may be anything."""
+    kept = np.ones(len(part.start), dtype=bool)
+    for name, (lo, hi) in X.items():
+        column = part.start[:, model.state_names.index(name)]
+        kept &= (column >= lo) & (column <= hi)
+    return replace(part, start=part.start[kept], then=part.then[kept])
+
+
+def mean_input(w: WindowPrediction, j: int, starts: Floats, step: float) -> Floats:
+    """Mean of a held input over [start, start + step]; before the window its first value holds."""
+    area = np.concatenate([[0.0], np.cumsum(w.inputs[:-1, j] * np.diff(w.t))])
+
+    def integral(t: Floats) -> Floats:
+        inside = np.interp(t, w.t, area)
+        return inside + np.minimum(t - w.t[0], 0.0) * w.inputs[0, j] + np.maximum(t - w.t[-1], 0.0) * w.inputs[-1, j]
+
+    return (integral(starts + step) - integral(starts)) / step
+
+
+Commands = Callable[[float, float], Floats]
+"""(seconds since the start, seconds) -> mean inputs of each transition over that piece, (m, n)."""
+
+
+def _commands(w: WindowPrediction, at: Floats, model: SymbolicModel, late: Mapping[str, float]) -> Commands:
+    """The inputs as they were recorded."""
+    shift = [late.get(n, 0.0) for n in model.input_names]
+
+    def mean(since: float, h: float) -> Floats:
+        each = [mean_input(w, j, at - shift[j] + since, h) for j in range(len(shift))]
+        return np.stack(each) if each else np.zeros((0, len(at)))
+
+    return mean
+
+
+def _integrated(model: SymbolicModel, x: Floats, commands: Commands, seconds: float, pieces: int) -> Floats:
+    """States after some seconds in steps of the explicit midpoint: (n, nx) -> (n, nx)."""
+    rate = compiled(list(model.numeric()), [*model.state_names, *model.input_names])
+    x, h = x.T.copy(), seconds / pieces
+    for k in range(pieces):
+        u = commands(k * h, h)
+        half = x + 0.5 * h * rate([*x, *u])
+        x = x + h * rate([*half, *u])
+    return x.T
+
+
+def _joined(windows: Sequence[WindowPrediction]) -> list[WindowPrediction]:
+    """Neighbouring windows of a trace as one, in the order of time."""
+    runs: list[list[WindowPrediction]] = []
+    for w in sorted(windows, key=lambda w: (w.held_out, w.trace, float(w.t[0]))):
+        last = runs[-1][-1] if runs else None
+        near = last is not None and (last.held_out, last.trace) == (w.held_out, w.trace)
+        if near and last is not None and 0.0 < w.t[0] - last.t[-1] <= 1.5 * float(np.median(np.diff(w.t))):
+            runs[-1].append(w)
+        else:
+            runs.append([w])
+    return [_one(run) for run in runs]
+
+
+def _one(run: Sequence[WindowPrediction]) -> WindowPrediction:
+    if len(run) == 1:
+        return run[0]
+
+    def whole(name: str) -> Floats:
+        return np.concatenate([getattr(w, name) for w in run])
+
+    parts = (whole(n) for n in ("t", "measured", "before", "after", "states", "inputs"))
+    return WindowPrediction(run[0].trace, run[0].held_out, *parts)
+
+
+def _with_velocities(w: WindowPrediction, columns: Sequence[int], size: int, dt: float) -> WindowPrediction:
+    """More measured columns; the ends, where a local cubic is one-sided, are cut off."""
+    even = np.arange(w.t[0], w.t[-1], dt)
+    slopes = [savgol_filter(np.interp(even, w.t, w.measured[:, k]), size, _ORDER, deriv=1, delta=dt) for k in columns]
+    more = np.stack([np.interp(w.t, even, slope) for slope in slopes], axis=1)
+    inner = slice(size // 2, -(size // 2))
+    rows = (a[inner] for a in (w.t, np.hstack([w.measured, more]), w.before, w.after, w.states, w.inputs))
+    return WindowPrediction(w.trace, w.held_out, *rows)

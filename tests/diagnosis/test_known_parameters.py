@@ -1,0 +1,55 @@
+"""Parameters that are not in doubt: no error of theirs is sought, and a name that is none is refused."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
+import diagnosis_example as example
+
+from simgap.config.load import parse_case
+from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.result import DiagnosisSettings
+from simgap.errors import UserError
+from simgap.plants.plant_model import PlantModel
+from simgap.stages.check import run as check
+
+
+def heavier(seed):
+    """The bench with a weight that is 8 % larger than declared."""
+    t, rng = np.arange(2400) / 100.0, np.random.default_rng(seed)
+    u = example.torque(t)
+    x, states = np.array([0.4, 0.0]), []
+    for k in range(t.size):
+        states.append(x.copy())
+        for _ in range(50):
+            x[1] += 2e-4 * (u[k] - 1.08 * example.WEIGHT * np.sin(x[0])) / example.INERTIA
+            x[0] += 2e-4 * x[1]
+    y = np.array(states) + example.SIGMA * rng.standard_normal((t.size, 2))
+    return Record((Trace("bench", t, y, u[:, None]),), ("q", "v"), ("u",))
+
+
+def test_a_parameter_that_is_known_is_not_blamed():
+    model = PlantModel.of(parse_case(yaml.safe_load(example.CASE), Path("bench.yaml")), Path()).corrected
+    data = heavier(1)
+    effects = ("parameter_error", "viscous_friction")
+    free = diagnose(model, data, DiagnosisSettings(effects=effects))
+    assert [(e.name, e.on) for e in free.effects] == [("parameter_error", "w")]
+    held = diagnose(model, data, DiagnosisSettings(effects=effects, known=("w",)))
+    assert ("parameter_error", "w") not in [(e.name, e.on) for e in held.effects]
+    assert held.verdict != "attributed"
+    (told,) = [c for c in held.candidates if (c.name, c.on) == ("parameter_error", "w")]
+    assert "measured.known" in told.rejected
+
+
+def test_a_name_that_is_no_parameter_is_refused(tmp_path):
+    case = tmp_path / "case.yaml"
+    case.write_text(example.CASE + "measured: {known: [w, weight]}\n")
+    with pytest.raises(UserError, match="no parameter 'weight'") as refused:
+        check(case)
+    assert refused.value.key == "measured.known.1"
+    assert "w, J" in str(refused.value.remedy)
