@@ -68,13 +68,17 @@ def share_inside(
 
     Returns:
         share, noise_alone (what a rig inside the bound's middle would show with this noise), transitions; None if no
-        transition lies in X with an input between the ends of U.
+        transition begins in X, with an input between the ends of U, and is kept in X by the model.
     """
     measured = [n for n in context.states if f"next_{n}" in rows.column_names]
     x, u = stack(rows, context.states), stack(rows, [f"late_{n}" if late else n for n in context.inputs])
     then = stack(rows, [f"next_{n}" for n in measured])
     inputs = context.input_set
-    known = context.box.contains(x) & np.all((u >= inputs.min(axis=0)) & (u <= inputs.max(axis=0)), axis=1)
+    known = (
+        context.box.contains(x)
+        & context.box.contains(model.step(x, u))
+        & np.all((u >= inputs.min(axis=0)) & (u <= inputs.max(axis=0)), axis=1)
+    )
     if not known.any():
         return None
     x, u, then = x[known], u[known], then[known]

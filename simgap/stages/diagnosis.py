@@ -176,7 +176,13 @@ def _remainder(
         domain.tau if domain is not None else 0.0,
         section.confidence,
         {s: ends for s, ends in domain.X.items() if s in model.state_names} if domain is not None else {},
+        _as_declared(context, model),
     )
+
+
+def _as_declared(context: Context, model: SymbolicModel) -> dict[str, float]:
+    """Known condition -> its value in the case."""
+    return {n: context.plant.corrected.parameters[n].value for n in model.conditions}
 
 
 def _write(
@@ -209,8 +215,7 @@ def _write(
     names = (record.measured, inputs, context.units, context.case.name)
     write_recording(out_dir / RECORDING, windows, *names, content["sentence"])
     noise = {s: found.sigma[s] for s in record.measured}
-    declared = {n: context.plant.corrected.parameters[n].value for n in model.conditions}
-    columns = transition_columns(context, found.windows, noise, model, shifts, declared)
+    columns = transition_columns(context, found.windows, noise, model, shifts, _as_declared(context, model))
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
     for plugin in copied_plugins(context.case, context.folder, out_dir):

@@ -1,8 +1,9 @@
-"""A wider bound near rest: where dry friction sticks, what is left is larger and the rest of X need not pay for it.
+"""How far residuals reach: one bound for all transitions, or one near rest and one in motion.
 
-Mondrian conformal prediction (Vovk, Gammerman and Shafer 2005, sec. 4.5): transitions that begin slowly and those that
-do not are two classes, each with a quantile of its own. Which velocity tells them apart, and below which size, is
-chosen on the transitions that were fitted, so that the held-out ones set the quantiles alone.
+Where dry friction sticks, what is left is larger, and the rest of X need not pay for it. Mondrian conformal prediction
+(Vovk, Gammerman and Shafer 2005, sec. 4.5): transitions that begin slowly and those that do not are two classes, each
+with a bound of its own. Which velocity tells them apart, and below which size, is chosen on the transitions that were
+fitted, so that the held-out ones set the bounds alone.
 """
 
 from __future__ import annotations
@@ -24,76 +25,87 @@ _WORTH = 0.9
 
 @dataclass(frozen=True)
 class NearRest:
-    """Where |velocity| <= below: state -> bound of what is left."""
+    """Where |velocity| <= below: state -> bound of what is left; own: whether held-out slow transitions set it."""
 
     velocity: str
     below: float
     by: Mapping[str, float]
-
-    def words(self) -> str:
-        """For the statement of coverage."""
-        return (
-            f" Transitions that begin with |{self.velocity}| of {self.below:.3g} at most have a bound of their own, as "
-            "has motion: the coverage holds in either."
-        )
+    own: bool
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
-    """Transitions: score (n,), and for each velocity of a coordinate its size where they begin."""
+class Sizes:
+    """Transitions: sizes of their residuals (n, k), and for each velocity of a coordinate its size at their start."""
 
-    score: Floats
+    residual: Floats
     speed: Mapping[str, Floats]
 
-    def slow(self, velocity: str, below: float) -> NDArray[np.bool_]:
-        """Which begin slowly."""
-        return self.speed[velocity] <= below
+    def part(self, which: NDArray[np.bool_]) -> Sizes:
+        """Some of them."""
+        return Sizes(self.residual[which], {n: v[which] for n, v in self.speed.items()})
+
+    def enough(self, level: float) -> bool:
+        """Whether a quantile of this level is finite."""
+        return len(self.residual) >= fewest(level)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Split:
-    """Quantiles of the scores below and above a speed."""
+    """Bounds (k,) below and above a speed; own: whether held-out transitions of its class set the first."""
 
     velocity: str
     below: float
-    slow: float
-    fast: float
+    slow: Floats
+    fast: Floats
+    own: bool
 
 
-def slow_and_fast(fitted: Scored, fresh: Scored, level: float, widest: Mapping[str, float]) -> Split | None:
+def bound(fitted: Sizes, fresh: Sizes, level: float) -> Floats:
+    """The split-conformal bound of residuals, (k,): all states at once inside with this probability.
+
+    The score of a transition is the largest share of what the fitted ones leave at this level in a state. The bound is
+    never narrower than that of the fitted ones: it covers what a few held-out minutes did not happen to hold.
+    """
+    own = fitted if len(fitted.residual) else fresh
+    size = np.quantile(own.residual, level, axis=0)
+    scale = np.where(size > 0.0, size, 1.0)
+    factors = [reach(np.max(part.residual / scale, axis=1), level) for part in (fresh, own)]
+    return np.asarray(scale * (max(factors) if own.enough(level) else factors[0]), dtype=np.float64)
+
+
+def slow_and_fast(fitted: Sizes, fresh: Sizes, level: float, widest: Mapping[str, float]) -> Split | None:
     """The split that narrows the mean bound over X most; None if none does by a tenth or is wider near rest.
 
+    Slow transitions of which too few were held out take the bound of all, widened to that of the fitted slow ones.
+
     Args:
-        fitted: transitions that choose the split; fresh: held-out ones, which set the quantiles.
+        fitted: transitions that choose the split; fresh: held-out ones, which set the bounds.
         level: coverage asked for in each class.
         widest: velocity -> its largest size in X, symmetric; the largest that was fitted where not given.
     """
-    if len(fitted.score) < 2 * fewest(level):
+    if not (fitted.enough(level) and fresh.enough(level)):
         return None
+    everywhere = bound(fitted, fitted, level)
     options = []
     for velocity, speed in fitted.speed.items():
         top = max(widest.get(velocity, 0.0) or float(speed.max()), 1e-300)
         for below in np.unique(np.quantile(speed, _SHARES)).tolist():
-            if min(_count(fresh, velocity, below), _count(fitted, velocity, below)) < fewest(level):
-                continue
-            found = _quantiles(fitted, velocity, below, level)
-            share = min(below / top, 1.0)
-            options.append((share * found.slow + (1.0 - share) * found.fast, velocity, below))
-    if not options:
+            near, far = fitted.part(speed <= below), fitted.part(speed > below)
+            if near.enough(level) and far.enough(level) and fresh.part(fresh.speed[velocity] > below).enough(level):
+                share = min(below / top, 1.0)
+                mean = share * bound(near, near, level) + (1.0 - share) * bound(far, far, level)
+                options.append((float(np.mean(mean / everywhere)), velocity, below))
+    if not options or min(options)[0] > _WORTH:
         return None
-    mean, velocity, below = min(options)
-    if mean > _WORTH * reach(fitted.score, level):
-        return None
-    split = _quantiles(fresh, velocity, below, level)
-    return split if split.slow > split.fast else None
+    _, velocity, below = min(options)
+    return _split(fitted, fresh, level, velocity, below)
 
 
-def _count(of: Scored, velocity: str, below: float) -> int:
-    """Of the smaller class."""
-    slow = int(np.sum(of.slow(velocity, below)))
-    return min(slow, len(of.score) - slow)
-
-
-def _quantiles(of: Scored, velocity: str, below: float, level: float) -> Split:
-    slow = of.slow(velocity, below)
-    return Split(velocity, below, reach(of.score[slow], level), reach(of.score[~slow], level))
+def _split(fitted: Sizes, fresh: Sizes, level: float, velocity: str, below: float) -> Split | None:
+    near, far = (fitted.part((fitted.speed[velocity] <= below) == slow) for slow in (True, False))
+    slow, fast = (fresh.part((fresh.speed[velocity] <= below) == slow) for slow in (True, False))
+    in_motion = bound(far, fast, level)
+    own = slow.enough(level)
+    at_rest = bound(near, slow, level) if own else np.maximum(bound(near, near, level), bound(fitted, fresh, level))
+    at_rest = np.maximum(at_rest, in_motion)  # what holds near rest stands beside what holds everywhere
+    return Split(velocity, below, at_rest, in_motion, own) if np.any(at_rest > in_motion) else None

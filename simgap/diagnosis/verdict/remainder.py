@@ -1,9 +1,9 @@
 """What is left after the correction, bounded from held-out transitions: a split-conformal one-step bound.
 
-Score of a transition: `max_i |y_i(t + tau) - F_i(x(t), u)| / s_i`, with F the model integrated in fine steps, as the
-simulator of a corrected case is (what the steps of the nominal map miss of that is in the gap already), and s_i the RMS
-on the fitted transitions;
-`split_conformal` says how far the held-out ones reach, near rest and in motion where these differ (`near_rest`).
+The residual of a transition is `y_i(t + tau) - F_i(x(t), u)`, with F the model integrated in fine steps, as the
+simulator of a corrected case is (what the steps of the nominal map miss of that is in the gap already). Under known
+conditions it is divided by what a force does there over what it does under the declared ones: what is left is a force,
+which moves a light arm further than a heavy one. `near_rest` says how far the residuals reach.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 
 from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.near_rest import NearRest, Scored, slow_and_fast
-from simgap.diagnosis.verdict.transitions import Transitions, held, seen, transitions, within
+from simgap.diagnosis.verdict.near_rest import NearRest, Sizes, bound, slow_and_fast
+from simgap.diagnosis.verdict.transitions import Transitions, force_ratio, held, seen, transitions, within
 from simgap.model.symbolic import SymbolicModel
-from simgap.split_conformal import fewest, reach
+from simgap.split_conformal import fewest
 
 
 @dataclass(frozen=True)
@@ -57,12 +57,12 @@ class Remainder:
 
 @dataclass(frozen=True, eq=False)
 class _Bound:
-    """Of one model: state -> bound, state -> RMS on held-out data, the bound near rest, scales (k,), share inside."""
+    """Of one model: state -> bound, state -> RMS on held-out data, bound near rest, the first as (k,), share inside."""
 
     by: Mapping[str, float]
     rms: Mapping[str, float]
     rest: NearRest | None
-    scale: Floats
+    limit: Floats
     inside: float
     count: int
 
@@ -75,6 +75,7 @@ def bound_remainder(
     tau: float,
     level: float,
     X: Mapping[str, tuple[float, float]] | None = None,
+    declared: Mapping[str, float] | None = None,
 ) -> Remainder | None:
     """Bound the one-step residual from the windows that were held out.
 
@@ -85,7 +86,9 @@ def bound_remainder(
         shifts: seconds by which inputs act later in the corrected model.
         tau: sampling time, s; at least the interval of the data is used.
         level: coverage, such as 0.95.
-        X: state -> where the bound is asked for; transitions that begin elsewhere do not count.
+        X: state -> where the bound is asked for; transitions that begin elsewhere, or that the corrected model takes
+            elsewhere, do not count.
+        declared: known condition -> its value in the case, for which the bound is.
 
     Returns:
         None if nothing was held out, or no held-out window is longer than a step and begins in X.
@@ -100,9 +103,9 @@ def bound_remainder(
         parts = [within(transitions(ws, names, models[1], late, step), models[1], X or {}) for ws in (fitted, kept)]
         if not len(parts[1].start):
             return None
-        bounds.append(_bound(model, (parts[0], parts[1]), names, level, X or {}))
+        bounds.append(_bound(model, (parts[0], parts[1]), names, level, X or {}, declared or {}))
     first, last = bounds
-    noise = _noise_only(np.array(list(known.sigma.values())), last.scale, level)
+    noise = _noise_only(np.array(list(known.sigma.values())), last.limit, level)
     missing = tuple(n for n in models[0].state_names if n not in names)
     finite = all(math.isfinite(v) for v in last.by.values())
     statement = _statement(level, last.count, step, missing, finite)
@@ -112,31 +115,29 @@ def bound_remainder(
     return Remainder(
         step, level, last.count, first.by, last.by, first.rest, last.rest,
         dict(zip(names, noise.tolist(), strict=True)), last.inside, {n: known.sigma[n] for n in known.estimated},
-        missing, statement + _derived(known.estimated) + (last.rest.words() if last.rest else ""), one_step,
+        missing, statement + _derived(known.estimated) + _near_rest(last.rest, level), one_step,
     )  # fmt: skip
 
 
 def _bound(
     model: SymbolicModel, parts: tuple[Transitions, Transitions], names: Sequence[str], level: float,
-    X: Mapping[str, tuple[float, float]],
+    X: Mapping[str, tuple[float, float]], declared: Mapping[str, float],
 ) -> _Bound:  # fmt: skip
-    fitted, fresh = (_residuals(part, names, model) for part in parts)
-    size = np.sqrt(np.mean((fitted if len(fitted) else fresh) ** 2, axis=0))
-    scale = np.where(size > 0.0, size, 1.0)
-    both = [
-        Scored(np.max(np.abs(r) / scale, axis=1) if len(r) else np.zeros(0), _speeds(part, model))
-        for r, part in zip((fitted, fresh), parts, strict=True)
-    ]
-    split = slow_and_fast(both[0], both[1], level, {n: 0.5 * (hi - lo) for n, (lo, hi) in X.items()})
-    factor = reach(both[1].score, level) if split is None else split.fast
-    by = dict(zip(names, (factor * scale).tolist(), strict=True))
-    inside = both[1].score <= factor
-    rest = None
+    plain = [_residuals(part, names, model) for part in parts]
+    fitted, fresh = (
+        Sizes(np.abs(r) / force_ratio(model, part, names, declared), _speeds(part, model))
+        for r, part in zip(plain, parts, strict=True)
+    )
+    split = slow_and_fast(fitted, fresh, level, {n: 0.5 * (hi - lo) for n, (lo, hi) in X.items()})
+    limit = bound(fitted, fresh, level) if split is None else split.fast
+    by, rest = dict(zip(names, limit.tolist(), strict=True)), None
+    inside = np.all(fresh.residual <= limit, axis=1)
     if split is not None:
-        rest = NearRest(split.velocity, split.below, dict(zip(names, (split.slow * scale).tolist(), strict=True)))
-        inside = np.where(both[1].slow(split.velocity, split.below), both[1].score <= split.slow, inside)
-    rms = dict(zip(names, np.sqrt(np.mean(fresh**2, axis=0)).tolist(), strict=True))
-    return _Bound(by, rms, rest, scale, float(np.mean(inside)), len(fresh))
+        rest = NearRest(split.velocity, split.below, dict(zip(names, split.slow.tolist(), strict=True)), split.own)
+        slow = fresh.speed[split.velocity] <= split.below
+        inside = np.where(slow, np.all(fresh.residual <= split.slow, axis=1), inside)
+    rms = dict(zip(names, np.sqrt(np.mean(plain[1] ** 2, axis=0)).tolist(), strict=True))
+    return _Bound(by, rms, rest, limit, float(np.mean(inside)), len(plain[1]))
 
 
 def _speeds(part: Transitions, model: SymbolicModel) -> dict[str, Floats]:
@@ -147,12 +148,25 @@ def _speeds(part: Transitions, model: SymbolicModel) -> dict[str, Floats]:
 def _noise_only(sigma: Floats, scale: Floats, level: float) -> Floats:
     """The same bound for residuals that are the difference of two noisy readings and nothing else (seeded draws)."""
     draws = np.random.default_rng(0).standard_normal((20_000, len(sigma))) * np.sqrt(2.0) * sigma
+    if not np.all(np.isfinite(scale)):
+        return scale
     return scale * float(np.quantile(np.max(np.abs(draws) / scale, axis=1), level))
 
 
 def _residuals(part: Transitions, names: Sequence[str], model: SymbolicModel) -> Floats:
     """Measured minus predicted one step later: (n, k)."""
     return part.then - held(model, part)[:, [model.state_names.index(n) for n in names]]
+
+
+def _near_rest(rest: NearRest | None, level: float) -> str:
+    if rest is None:
+        return ""
+    words = (
+        f" Transitions that begin with |{rest.velocity}| of {rest.below:.3g} at most have a wider bound of their own"
+    )
+    few = "; too few of them were held out: their bound is that of all, and both together hold with at least "
+    few += f"{200 * level - 100:g} %"
+    return f"{words}{'' if rest.own else few}."
 
 
 def _derived(names: Sequence[str]) -> str:
@@ -168,7 +182,7 @@ def _statement(level: float, count: int, step: float, missing: Sequence[str], en
     rest = f" {', '.join(missing)} was not measured and is not bounded." if missing else ""
     return (
         f"Split conformal: a further transition over {step:.4g} s, exchangeable with the {count:,} held-out ones, lies "
-        f"within the bound of the model in all measured states at once with probability at least "
-        f"{100 * level:g} %. Measurement noise is inside the bound. Transitions of one recording are not quite "
-        f"exchangeable, and this is not a bound for every state.{rest}"
+        f"within the bound of the model in all measured states at once with probability at least {100 * level:g} %; no "
+        "smaller share of the fitted ones does. Measurement noise is inside the bound. Transitions of one recording "
+        f"are not quite exchangeable, and this is not a bound for every state.{rest}"
     )

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import sympy as sp
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from simgap.diagnosis.reading.table import Floats
@@ -112,12 +113,39 @@ def held(model: SymbolicModel, part: Transitions) -> Floats:
 
 
 def within(part: Transitions, model: SymbolicModel, X: Mapping[str, tuple[float, float]]) -> Transitions:
-    """Those that begin in X; states that are not named may be anything."""
-    kept = np.ones(len(part.start), dtype=bool)
+    """Those that begin in X and that the model keeps there, as a controller takes no others.
+
+    States that are not named may be anything.
+    """
+    kept, end = np.ones(len(part.start), dtype=bool), held(model, part) if len(part.start) else part.start
     for name, (lo, hi) in X.items():
-        column = part.start[:, model.state_names.index(name)]
-        kept &= (column >= lo) & (column <= hi)
+        for at in (part.start, end):
+            column = at[:, model.state_names.index(name)]
+            kept &= (column >= lo) & (column <= hi)
     return replace(part, start=part.start[kept], then=part.then[kept])
+
+
+def force_ratio(
+    model: SymbolicModel, part: Transitions, states: Sequence[str], declared: Mapping[str, float]
+) -> Floats:
+    """How far a force moves states under the known conditions of each transition, over the declared ones: (n, k).
+
+    1 for states of no coordinate, and where nothing differs.
+    """
+    ratio = np.ones((len(part.start), len(states)))
+    names = [*model.state_names, *model.input_names]
+    if not declared or not len(part.start):
+        return ratio
+    as_declared = part.start.copy()
+    for name, value in declared.items():
+        as_declared[:, names.index(name)] = value
+    for c in model.coordinates:
+        row = model.state_names.index(c.velocity)
+        exprs = [sp.sympify(column[row]).subs(model.values()) for column in model.force_map.values()]
+        own, usual = (np.abs(compiled(exprs, names)(list(x.T))).sum(axis=0) for x in (part.start, as_declared))
+        for k in (k for k, n in enumerate(states) if n in (c.position, c.velocity)):
+            ratio[:, k] = own / usual
+    return ratio
 
 
 def mean_input(w: WindowPrediction, j: int, starts: Floats, step: float) -> Floats:
