@@ -49,7 +49,7 @@ def transition_columns(
     names = [*model.state_names, *model.input_names]
     kept = np.ones(len(plain.start), dtype=bool)
     for n, value in declared.items():
-        kept &= plain.start[:, names.index(n)] == value
+        kept &= np.isclose(plain.start[:, names.index(n)], value, rtol=1e-9, atol=1e-12)  # a mean of a constant
     columns = {n: plain.start[kept, names.index(n)] for n in (*context.states, *context.inputs)}
     columns |= {f"late_{n}": later.start[kept, names.index(n)] for n in context.inputs}
     return columns | {f"next_{n}": later.then[kept, k] for k, n in enumerate(measured)}

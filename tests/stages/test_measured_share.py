@@ -1,24 +1,30 @@
 """Held-out transitions against f +- gamma: counted by hand on a model whose gap is known."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
+import yaml
 
 sys.path.insert(0, str(Path(__file__).parent))
 import diagnosis_example as example
 
-from simgap.config.load import load_case
+from simgap.config.load import load_case, parse_case
+from simgap.diagnosis.reading.conditions import conditioned
 from simgap.gap.fit import fit_gap
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.parquet import stack
+from simgap.plants.plant_model import PlantModel
 from simgap.report.measured_share import share_inside, transition_columns
 from simgap.stages.context import Context
+
+NOISE = {"q": 1e-3, "v": 1e-2}
 
 
 class Exact:
@@ -47,7 +53,7 @@ def constant_gap(context, half):
 
 def test_the_share_is_that_of_a_count_by_hand(context):
     data = example.record(seed=4)
-    rows = pa.table(transition_columns(context, example.windows(data), ["q", "v"], {"u": 0.02}))
+    rows = pa.table(transition_columns(context, example.windows(data), NOISE, context.plant.corrected, {"u": 0.02}, {}))
     start, then = stack(rows, ["q", "v"]), stack(rows, ["next_q", "next_v"])
     assert len(start) == 3 * 19  # as many as the conformal bound rests on
     half = np.array([0.05, 0.3])
@@ -64,9 +70,22 @@ def test_the_share_is_that_of_a_count_by_hand(context):
     assert got["noise_alone"] == pytest.approx(want, abs=0.05)
 
 
+def test_files_under_other_conditions_than_the_declared_are_not_held_against_the_bound(context):
+    plant = PlantModel.of(parse_case(yaml.safe_load(example.CASE), Path("bench.yaml")), Path())
+    model = conditioned(plant.corrected, ["w"])
+    windows = []
+    for k, w in enumerate(example.windows(example.record(seed=4))):
+        weight = np.full((len(w.t), 1), 1.5 if k % 8 == 2 else 2.5)
+        windows.append(replace(w, inputs=np.hstack([w.inputs, weight])))
+    both, one = (transition_columns(context, windows, NOISE, model, {}, declared) for declared in ({}, {"w": 1.5}))
+    assert len(both["q"]) == 3 * 19
+    assert len(one["q"]) == 2 * 19  # of windows 2 and 10, not 6
+    assert set(one) == {"q", "v", "u", "late_u", "next_q", "next_v"}
+
+
 def test_transitions_outside_the_domain_are_not_counted(context):
     data = example.record(seed=4)
-    rows = pa.table(transition_columns(context, example.windows(data), ["q", "v"], {}))
+    rows = pa.table(transition_columns(context, example.windows(data), NOISE, context.plant.corrected, {}, {}))
     narrow = context.case.model_copy(
         update={"domain": context.domain.model_copy(update={"X": {"q": (50.0, 51.0), "v": (-90.0, 90.0)}})}
     )
