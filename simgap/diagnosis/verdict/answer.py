@@ -21,7 +21,8 @@ from simgap.effects import AppliedEffect
 from simgap.model.symbolic import SymbolicModel
 
 _ANY_EXCITATION = "an excitation that moves them apart: other frequencies, sizes and positions"
-_MOST_WINDOWS = 100  # of each kind, for plots
+_MOST_WINDOWS, _MOST_SAMPLES = 100, 20_000
+"""Of each kind, for plots and for the bound of what is left: whichever allows more windows."""
 
 
 def parameter_values(c: Candidate, at: Fit) -> dict[str, float]:
@@ -128,7 +129,8 @@ def predictions(
     held_out: bool,
 ) -> list[WindowPrediction]:
     """Measured, before and after on evenly picked windows; each model comes with its initial states (w, nx)."""
-    few = np.unique(np.linspace(0, len(problem.windows) - 1, _MOST_WINDOWS).astype(int))
+    most = max(_MOST_WINDOWS, _MOST_SAMPLES * len(problem.windows) // max(problem.windows.samples, 1))
+    few = np.unique(np.linspace(0, len(problem.windows) - 1, most).astype(int))
     part = problem.on(problem.windows.pick(few))
     old = part.predict(before[0].theta, before[1][few])
     new, states = part.predict(after[0].theta, after[1][few]), part.states(after[0].theta, after[1][few])
