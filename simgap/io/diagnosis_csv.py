@@ -59,17 +59,19 @@ def _first_lines(path: Path, file: str) -> tuple[int, str, str, list[str]]:
                 elif line.strip():
                     return k + 1, comment, line.rstrip("\r\n"), list(islice(stream, 64))
     except UnicodeDecodeError:
-        if _spreadsheet(path):
-            remedy = "Export the sheet as CSV in UTF-8."
-            raise UserError("is a spreadsheet, not text", file=file, remedy=remedy) from None
-        raise UserError("is not UTF-8 text", file=file, remedy="Save it as CSV in UTF-8, or as Parquet.") from None
+        raise not_text(path, file) from None
     raise UserError("is empty", file=file, remedy="Check the recording.")
 
 
-def _spreadsheet(path: Path) -> bool:
-    """Whether it begins as .xlsx and .ods do, or as .xls does."""
+def not_text(path: Path, file: str) -> UserError:
+    """What to say of a file that is not UTF-8 text, by how it begins: as .xlsx and .ods, as .xls, as .gz."""
     with path.open("rb") as stream:
-        return stream.read(4) in (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+        start = stream.read(4)
+    if start in (b"PK\x03\x04", b"\xd0\xcf\x11\xe0"):
+        return UserError("is a spreadsheet, not text", file=file, remedy="Export the sheet as CSV in UTF-8.")
+    if start.startswith(b"\x1f\x8b"):
+        return UserError("is compressed (gzip)", file=file, remedy="Unpack it (`gunzip`).")
+    return UserError("is not UTF-8 text", file=file, remedy="Save it in UTF-8, or as Parquet.")
 
 
 def read_csv_columns(path: Path, layout: CsvLayout, columns: list[str], types: Mapping[str, Any], file: str) -> Any:
