@@ -54,7 +54,7 @@ def run(
 
     Args:
         case_path: the case; it needs a nominal model alone.
-        data: CSV, Parquet or MCAP files; if empty, those that the case names under `measured.files`.
+        data: CSV, Parquet, JSON or MCAP files; if empty, those that the case names under `measured.files`.
         out_dir: where the results go; it is made, and everything in it appears whole or not at all.
         progress: told in words what is being done.
 
@@ -91,7 +91,7 @@ def run(
         for warning in (*reading.warnings, *look.warnings):
             log.warning("%s", warning)
         known = [Known(c.file, c.values) for c in section.conditions]
-        record, names = under_conditions(record, model, known, reading.origins)
+        record, names = under_conditions(reading, model, known)
         tell("searching for what the model lacks")
         found = diagnose(conditioned(model, names), record, _settings(section, reading), tell)
         reading = replace(reading, record=record)
@@ -133,7 +133,7 @@ def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> 
             "no data are given",
             file=context.path,
             key="measured.files",
-            remedy="Name CSV, Parquet or MCAP files on the command line or here.",
+            remedy="Name CSV, Parquet, JSON or MCAP files on the command line or here.",
         )
     check_measured(context)
     return named_files(context, section)

@@ -110,7 +110,7 @@ def test_a_real_drive_under_four_weights_has_the_gain_that_others_found_and_carr
     reading = load_reading(model, section, [path.parent / f for f in section.files], path.parent)
     assert not [w for w in reading.warnings if "derivative" in w]
     known = [Known(c.file, c.values) for c in section.conditions]
-    record, names = under_conditions(reading.record, model, known, reading.origins)
+    record, names = under_conditions(reading, model, known)
     places = {
         "input_gain": ("torque", 1.0, 0.912), "coulomb_friction": ("hinge", 0.05, 0.091),
         "viscous_friction": ("hinge", 0.01, 0.047), "reflected_inertia": ("hinge", 0.005, 0.0109),
