@@ -15,6 +15,14 @@ import pyarrow.csv as pcsv
 
 from simgap.errors import UserError
 
+_SHEET = ("is a spreadsheet, not text", "Export the sheet as CSV in UTF-8.")
+_OTHERS = {
+    b"PK\x03\x04": _SHEET,  # .xlsx, .ods
+    b"\xd0\xcf\x11\xe0": _SHEET,  # .xls
+    b"\x1f\x8b": ("is compressed (gzip)", "Unpack it (`gunzip`)."),
+    b"SQLite format 3": ("is an SQLite database, as older bags of ROS 2 are", "Make MCAP of it (`ros2 bag convert`)."),
+    b"#ROSBAG": ("is a bag of ROS 1", "Convert it to ROS 2 messages in MCAP."),
+}
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 
 
@@ -64,14 +72,14 @@ def _first_lines(path: Path, file: str) -> tuple[int, str, str, list[str]]:
 
 
 def not_text(path: Path, file: str) -> UserError:
-    """What to say of a file that is not UTF-8 text, by how it begins: as .xlsx and .ods, as .xls, as .gz."""
+    """What to say of a file that is not UTF-8 text, by how it begins."""
     with path.open("rb") as stream:
-        start = stream.read(4)
-    if start in (b"PK\x03\x04", b"\xd0\xcf\x11\xe0"):
-        return UserError("is a spreadsheet, not text", file=file, remedy="Export the sheet as CSV in UTF-8.")
-    if start.startswith(b"\x1f\x8b"):
-        return UserError("is compressed (gzip)", file=file, remedy="Unpack it (`gunzip`).")
-    return UserError("is not UTF-8 text", file=file, remedy="Save it in UTF-8, or as Parquet.")
+        start = stream.read(16)
+    problem, remedy = next(
+        (said for magic, said in _OTHERS.items() if start.startswith(magic)),
+        ("is not UTF-8 text", "Save it in UTF-8, or as Parquet."),
+    )
+    return UserError(problem, file=file, remedy=remedy)
 
 
 def read_csv_columns(path: Path, layout: CsvLayout, columns: list[str], types: Mapping[str, Any], file: str) -> Any:

@@ -101,7 +101,9 @@ def read_header(path: Path, file: str) -> tuple[tuple[str, ...], dict[str, str]]
 
 def _refuse_no_file(path: Path, file: str) -> None:
     if path.is_dir():
-        raise UserError("is a folder, not a file", file=file, remedy=_GIVE)
+        bags = any(path.glob("*.mcap"))  # as `ros2 bag record` leaves them
+        remedy = f"Give the files in it: {file}/*.mcap." if bags else _GIVE
+        raise UserError("is a folder, not a file", file=file, remedy=remedy)
     if not path.is_file():
         raise UserError("no such file", file=file, remedy=_GIVE)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from simgap.config.copied_plugins import copied_plugins
 from simgap.config.measured import MeasuredSection
+from simgap.config.recordings import matching
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.reading.survey import Survey, survey
@@ -127,7 +128,7 @@ def conclude(
 
 def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> list[Path]:
     if data:
-        return list(data)
+        return [path for _, path in matching(Path(), [str(path) for path in data])]
     if not section.files:
         raise UserError(
             "no data are given",

@@ -92,7 +92,7 @@ def measured_columns(
         raise UserError(
             f"none of its columns {_listed(header)} is a state of the model ({_listed(states)})",
             file=file,
-            remedy="Rename a column or map it under measured.columns in the case.",
+            remedy=f"Rename a column, or map it in the case: `measured: {{columns: {{{states[0]}: COLUMN}}}}`.",
         )
     for c in channels:
         if c.constant is None and c.is_input and c.column not in header:
