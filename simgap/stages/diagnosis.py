@@ -128,7 +128,7 @@ def conclude(
 
 def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> list[Path]:
     if data:
-        return [path for _, path in matching(Path(), [str(path) for path in data])]
+        return [found for path in data for _, found in matching(Path(), [str(path)])]
     if not section.files:
         raise UserError(
             "no data are given",
