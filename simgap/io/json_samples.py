@@ -17,7 +17,6 @@ from simgap.errors import UserError, excerpt
 from simgap.io.diagnosis_csv import not_text
 from simgap.io.unpacked import require_room
 
-_LINES = (".jsonl", ".ndjson")
 HELD = 30  # bytes in memory for one of the text: lists of the shortest objects take 20 to 30
 _MOST_PARTS = 64
 """Entries of a list within a sample that become columns; longer ones (pictures, scans) are none. Judgement."""
@@ -45,14 +44,10 @@ class _Twice:
     key: str
 
 
-class _Several(Exception):
-    """The file holds several values: lines."""
-
-
 def is_json(path: Path) -> bool:
     """Whether a file is named or begins as JSON does."""
     suffix = path.suffix.lower()
-    if suffix in (".json", *_LINES):
+    if suffix in (".json", ".jsonl", ".ndjson"):
         return True
     try:
         with path.open("rb") as stream:
@@ -68,12 +63,21 @@ def read_samples(path: Path, file: str) -> Samples:
     Raises:
         UserError: a file that is no JSON, is too large or holds no samples; rows raise for what is wrong with them.
     """
-    if path.suffix.lower() not in _LINES:
-        try:
-            return _samples(_document(path, file), file)
-        except _Several:
-            pass
-    return Samples({}, _rows(_line_values(path, file), file, "line"))
+    if _are_lines(path, file):
+        return Samples({}, _rows(_line_values(path, file), file, "line"))
+    return _samples(_document(path, file), file)
+
+
+def _are_lines(path: Path, file: str) -> bool:
+    """Whether the first line is a value of its own and others follow it; what the file is called does not matter."""
+    try:
+        with path.open(encoding="utf-8-sig") as stream:
+            written = (line for line in stream if line.strip())
+            first, more = next(written, ""), next(written, None) is not None
+        require_json_room(len(first) * HELD, file)
+        return more and json.loads(first) is not None
+    except (ValueError, RecursionError):  # no text, or no JSON: the document says where
+        return False
 
 
 def _document(path: Path, file: str) -> Any:
@@ -84,8 +88,6 @@ def _document(path: Path, file: str) -> Any:
     try:
         return _parsed(content, file, path)
     except json.JSONDecodeError as error:
-        if error.msg == "Extra data":
-            raise _Several from None
         raise _malformed(error, file, error.lineno) from None
 
 

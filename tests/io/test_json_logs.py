@@ -27,6 +27,8 @@ SHAPES = {
     "lines.jsonl": "\n".join(map(json.dumps, ENTRIES)) + "\n\n",
     "lines.json": "\r\n".join(map(json.dumps, ENTRIES)),
     "bench.log": "\n " + json.dumps(BENCH),
+    "bench.jsonl": json.dumps(BENCH),
+    "printed.jsonl": json.dumps(BENCH, indent=2),
 }
 
 
