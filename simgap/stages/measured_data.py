@@ -85,13 +85,18 @@ def condition_channels(model: SymbolicModel, section: MeasuredSection, case: str
     """Parameters that columns tell, with these columns.
 
     Raises:
-        UserError: what is no parameter of the plant, or a unit of something else.
+        UserError: what is no parameter of the plant, the column of time, or a unit of something else.
     """
     _refuse_unknown(
         section.conditions_from, tuple(model.parameters), "conditions_from", "no parameter of the plant", case
     )
     found = []
     for name, told in section.conditions_from.items():
+        if told.column == section.time.column:
+            raise UserError(
+                f"'{told.column}' is the column of time stamps", file=case,
+                key=f"measured.conditions_from.{name}.column", remedy="Name one that holds the parameter.",
+            )  # fmt: skip
         unit = model.parameters[name].unit
         _refuse_unit(f"measured.conditions_from.{name}", unit, told.unit, case)
         found.append(

@@ -101,6 +101,7 @@ def test_from_the_logs_of_a_bench_to_a_verdict(bench):
 WRONG = [
     ({"conditions_from": {"M": "mass"}}, "conditions_from.M", "'M' is no parameter of the plant", "Known: g, kp, l, m"),
     ({"conditions_from": {"m": "weight"}}, "conditions_from.m.column", "has no column 'weight'", "Name one"),
+    ({"conditions_from": {"m": "timestamp"}}, "conditions_from.m.column", "is the column of time stamps", "Name one"),
     ({"conditions_from": {"m": {"column": "mass", "unit": "V"}}}, "conditions_from.m.unit", "'V' cannot be", "like"),
     ({"conditions_from": {"m": {"column": "mass", "scale": 0}}}, "conditions_from.m", "scale is 0", "give a factor"),
     ({"conditions": [{"file": "run_a.json", "m": 0.2}]}, "measured", "['m'] stand in conditions and in", "remove them"),
