@@ -88,8 +88,8 @@ def test_from_the_logs_of_a_bench_to_a_verdict(bench):
     assert found["verdict"] == "attributed"
     numbers = {e["name"]: next(iter(e["parameters"].values()))["value"] for e in found["effects"]}
     assert set(numbers) == {"viscous_friction", "reflected_inertia"}
-    assert numbers["viscous_friction"] == pytest.approx(FRICTION, rel=0.03)
-    assert numbers["reflected_inertia"] == pytest.approx(ROTOR, rel=0.03)
+    assert numbers["viscous_friction"] == pytest.approx(FRICTION, rel=0.002)
+    assert numbers["reflected_inertia"] == pytest.approx(ROTOR, rel=0.002)
     assert [note["file"] for note in found["data"]] == [f"logs/run_{name}.json" for name in RUNS]
     assert any("m is read from 'mass'" in line for line in found["columns"])
     corrected = yaml.safe_load((bench / "found/corrected_case.yaml").read_text())
