@@ -56,7 +56,7 @@ def diagnose(case: Path | str, data: Sequence[Path | str] = (), out: Path | str 
 
     Args:
         case: case file; a nominal model is enough.
-        data: CSV, Parquet or MCAP files; those of the case if none is given.
+        data: CSV, Parquet, JSON or MCAP files; those of the case if none is given.
         out: folder for page, corrected case, recording and pictures.
 
     Raises:

@@ -10,7 +10,7 @@ import numpy as np
 
 from hostile.cases import ROOT, read_altered_case, read_case, read_expression, read_urdf
 from hostile.commands import read_command
-from hostile.recordings import CSV, read_csv, read_parquet
+from hostile.recordings import CSV, read_csv, read_json, read_parquet
 from hostile.results import read_controller, read_gap, read_result, read_table
 
 
@@ -42,6 +42,7 @@ KINDS: Mapping[str, tuple[int, Callable[[random.Random, Path], None]]] = {
     "URDFs": (20_000, read_urdf),
     "CSV recordings": (15_000, read_csv),
     "Parquet recordings": (15_000, read_parquet),
+    "JSON recordings": (15_000, read_json),
     "JSON results": (20_000, read_result),
     "tables of results": (15_000, read_table),
     "gap bounds": (10_000, read_gap),

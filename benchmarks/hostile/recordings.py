@@ -1,8 +1,9 @@
-"""Recordings of strangers, as CSV and as Parquet."""
+"""Recordings of strangers, as CSV, as Parquet and as JSON."""
 
 from __future__ import annotations
 
 import io
+import json
 import random
 from functools import cache
 from pathlib import Path
@@ -52,3 +53,27 @@ def read_parquet(rng: random.Random, folder: Path) -> None:
         named = [pa.field(n, c.type, metadata=m) for n, c, m in zip(("t", "q", "v"), columns, units, strict=True)]
         pq.write_table(pa.Table.from_arrays(columns, schema=pa.schema(named)), path)
     read_recording(path, ["q", "v"], "t", "trace")
+
+
+def _json(rng: random.Random) -> tuple[str, bytes]:
+    """Name and content of a whole one, in one of the shapes that are read."""
+    rows = [{"t": 0.01 * k, "q": k % 7 - 3, "v": 0.1 * k, "on": k % 2 == 0, "at": {"c": 20}} for k in range(40)]
+    shapes: tuple[tuple[str, object], ...] = (
+        ("run.json", rows),
+        ("run.json", {name: [row[name] for row in rows] for name in ("t", "q", "v", "on")}),
+        ("run.json", {"mass": 1.5, "bus": {"volts": 12}, "pid": [32, 0], "entries": rows}),
+    )
+    if rng.random() < 0.25:
+        return "run.jsonl", "\n".join(map(json.dumps, rows)).encode()
+    name, content = rng.choice(shapes)
+    return name, json.dumps(content, indent=rng.choice((None, 1))).encode(rng.choice(("utf-8", "utf-8-sig", "utf-16")))
+
+
+def read_json(rng: random.Random, folder: Path) -> None:
+    """A damaged recording in JSON."""
+    from simgap.io.diagnosis_tables import read_recording
+
+    name, content = _json(rng)
+    path = folder / name
+    path.write_bytes(damaged(content, rng))
+    read_recording(path, ["q", "v", "on", "mass"], "t", "trace")

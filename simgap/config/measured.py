@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from simgap.config.base import Section
-
-
-def _column(value: object) -> object:
-    """A bare name is the name of the column."""
-    return {"column": value} if isinstance(value, str) else value
-
+from simgap.config.conditions import Condition, ConditionColumn, bare_column
 
 Range = Annotated[tuple[float, float], Field(description="From and to, in seconds as the time column reads.")]
 
@@ -111,26 +106,6 @@ class HeldOut(Section):
     )
 
 
-class Condition(Section):
-    """Under which conditions a file was recorded: `file`, and parameters of the plant with their values there."""
-
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, float] = Field(init=False)
-
-    file: str = Field(description="The file (its name, or the end of its path).")
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Parameter -> value."""
-        return dict(self.__pydantic_extra__)
-
-    @model_validator(mode="after")
-    def _says_something(self) -> Condition:
-        if not self.__pydantic_extra__:
-            raise ValueError("a condition names a file and a parameter of the plant at least: add one, such as m: 2.0")
-        return self
-
-
 class PayloadSection(Section):
     """Something more that was mounted on a link while a file was recorded."""
 
@@ -142,17 +117,17 @@ class PayloadSection(Section):
 class MeasuredSection(Section):
     """Recordings of the real thing, for `simgap diagnose` and the diagnosis stage."""
 
-    OPTIONAL = ("conditions", "payloads", "into_simulator", "known")
+    OPTIONAL = ("conditions", "conditions_from", "payloads", "into_simulator", "known")
 
     files: tuple[str, ...] = Field(
         default=(),
-        description="CSV, Parquet or MCAP files, relative to the case file, or patterns (runs/*.csv, in "
+        description="CSV, Parquet, JSON or MCAP files, relative to the case file, or patterns (runs/*.csv, in "
         "the order of their names); files on the command line replace them.",
     )
-    columns: dict[str, Annotated[ColumnMap, BeforeValidator(_column, str | ColumnMap)]] = Field(
+    columns: dict[str, Annotated[ColumnMap, BeforeValidator(bare_column, str | ColumnMap)]] = Field(
         default_factory=dict, description="For a state or an input: its column, if it is not a column of the same name."
     )
-    time: Annotated[TimeMap, BeforeValidator(_column, str | TimeMap)] = Field(
+    time: Annotated[TimeMap, BeforeValidator(bare_column, str | TimeMap)] = Field(
         default_factory=TimeMap, description="The column of time stamps."
     )
     trace_column: str = Field(
@@ -163,6 +138,11 @@ class MeasuredSection(Section):
         default=(),
         description="Parameters of the plant that are known to differ from file to file, such as a weight or a supply "
         "voltage; a file that is not named has the declared values. One set of effects is fitted to all files.",
+    )
+    conditions_from: dict[str, Annotated[ConditionColumn, BeforeValidator(bare_column, str | ConditionColumn)]] = Field(
+        default_factory=dict,
+        description="Such parameters whose values stand in a column of each file (or beside the samples of a JSON "
+        "file): parameter -> its column.",
     )
     payloads: tuple[PayloadSection, ...] = Field(
         default=(),
@@ -218,6 +198,13 @@ class MeasuredSection(Section):
         "follows the recordings that confirm with and without them and what misses less is taken; where that cannot be "
         "told, a simulator made of the nominal model gets them and one with a model of its own does not.",
     )
+
+    @model_validator(mode="after")
+    def _one_source_each(self) -> MeasuredSection:
+        twice = [name for name in self.conditions_from if any(name in c.values for c in self.conditions)]
+        if twice:
+            raise ValueError(f"{twice} stand in conditions and in conditions_from: remove them from one")
+        return self
 
     @model_validator(mode="after")
     def _positive_noise(self) -> MeasuredSection:

@@ -15,6 +15,14 @@ import pyarrow.csv as pcsv
 
 from simgap.errors import UserError
 
+_SHEET = ("is a spreadsheet, not text", "Export the sheet as CSV in UTF-8.")
+_OTHERS = {
+    b"PK\x03\x04": _SHEET,  # .xlsx, .ods
+    b"\xd0\xcf\x11\xe0": _SHEET,  # .xls
+    b"\x1f\x8b": ("is compressed (gzip)", "Unpack it (`gunzip`)."),
+    b"SQLite format 3": ("is an SQLite database, as older bags of ROS 2 are", "Make MCAP of it (`ros2 bag convert`)."),
+    b"#ROSBAG": ("is a bag of ROS 1", "Convert it to ROS 2 messages in MCAP."),
+}
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 
 
@@ -59,17 +67,19 @@ def _first_lines(path: Path, file: str) -> tuple[int, str, str, list[str]]:
                 elif line.strip():
                     return k + 1, comment, line.rstrip("\r\n"), list(islice(stream, 64))
     except UnicodeDecodeError:
-        if _spreadsheet(path):
-            remedy = "Export the sheet as CSV in UTF-8."
-            raise UserError("is a spreadsheet, not text", file=file, remedy=remedy) from None
-        raise UserError("is not UTF-8 text", file=file, remedy="Save it as CSV in UTF-8, or as Parquet.") from None
+        raise not_text(path, file) from None
     raise UserError("is empty", file=file, remedy="Check the recording.")
 
 
-def _spreadsheet(path: Path) -> bool:
-    """Whether it begins as .xlsx and .ods do, or as .xls does."""
+def not_text(path: Path, file: str) -> UserError:
+    """What to say of a file that is not UTF-8 text, by how it begins."""
     with path.open("rb") as stream:
-        return stream.read(4) in (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+        start = stream.read(16)
+    problem, remedy = next(
+        (said for magic, said in _OTHERS.items() if start.startswith(magic)),
+        ("is not UTF-8 text", "Save it in UTF-8, or as Parquet."),
+    )
+    return UserError(problem, file=file, remedy=remedy)
 
 
 def read_csv_columns(path: Path, layout: CsvLayout, columns: list[str], types: Mapping[str, Any], file: str) -> Any:

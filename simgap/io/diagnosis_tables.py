@@ -1,4 +1,4 @@
-"""Reads recordings from CSV, Parquet and MCAP files into plain columns; whatever is wrong is named by file and row."""
+"""Reads recordings from CSV, Parquet, JSON and MCAP files into plain columns; mistakes are named by file and row."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from simgap.diagnosis.reading.table import Floats, RawTable
+from simgap.diagnosis.reading.table import Floats, RawTable, no_time_column
 from simgap.errors import UserError, excerpt
-from simgap.io import checksum
 from simgap.io.diagnosis_csv import CsvLayout, csv_layout, read_csv_columns
+from simgap.io.diagnosis_parquet import is_parquet, parquet_header, read_parquet_columns
+from simgap.io.json_samples import is_json
+from simgap.io.json_tables import json_header, read_json_table
 from simgap.io.mcap_messages import is_mcap
 from simgap.io.mcap_tables import mcap_header, read_mcap
-from simgap.io.unpacked import require_room, table_size
 
-_MAGIC = b"PAR1"
+_GIVE = "Give the path of a CSV, Parquet, JSON or MCAP file."
 
 
 def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, name: str | None = None) -> RawTable:
-    """The wanted columns of a CSV, Parquet or MCAP file; those that the file lacks are left out.
+    """The wanted columns of a CSV, Parquet, JSON or MCAP file; those that the file lacks are left out.
 
     Args:
         path: the file.
@@ -35,26 +36,25 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
 
     Raises:
         UserError: for a file that is missing, empty, damaged or has no time column, and for a cell that is empty,
-            not finite or not a number (with its row, counted from 1 below the header).
+            not finite or not a number (with its row, counted from 1 below the header or in the list of samples).
     """
     file = name or str(path)
     _refuse_no_file(path, file)
     if is_mcap(path):
         return _whole(read_mcap(path, list(wanted), file, _sha256(path)), path, file)
-    parquet, sha256 = _is_parquet(path), _sha256(path)
+    if is_json(path):
+        return _whole(read_json_table(path, list(wanted), time, trace, file, _sha256(path)), path, file)
+    parquet, sha256 = is_parquet(path), _sha256(path)
     layout = None if parquet else csv_layout(path, file)
-    header = _parquet_header(path, file) if layout is None else layout.header
+    header = parquet_header(path, file) if layout is None else layout.header
     if time not in header:
-        raise UserError(
-            f"no time column '{time}' among {_listed(header)}",
-            file=file,
-            remedy="Name it with measured.time.column in the case.",
-        )
+        raise no_time_column(time, header, file)
     chosen = [c for c in dict.fromkeys(wanted) if c in header and c != time]
     columns = [time, *chosen, *([trace] if trace in header and trace not in (time, *chosen) else [])]
-    table = (
-        _read_parquet(path, columns, file) if layout is None else _read_csv(path, layout, columns, time, trace, file)
-    )
+    if layout is None:
+        table = read_parquet_columns(path, columns, file)
+    else:
+        table = _read_csv(path, layout, columns, time, trace, file)
     if table.num_rows == 0:
         raise UserError("has a header and no rows", file=file, remedy="Check the recording.")
     stamps, time_unit = _stamps(table.column(time), file, time)
@@ -79,7 +79,7 @@ def _whole(raw: RawTable, path: Path, file: str) -> RawTable:
 
 
 def read_header(path: Path, file: str) -> tuple[tuple[str, ...], dict[str, str]]:
-    """The names of all columns, and the units that are stored with some (Parquet), without reading a row.
+    """The names of all columns, and the units that are stored with some (Parquet); a row is read of JSON alone.
 
     Args:
         path: the file.
@@ -91,61 +91,21 @@ def read_header(path: Path, file: str) -> tuple[tuple[str, ...], dict[str, str]]
     _refuse_no_file(path, file)
     if is_mcap(path):
         return tuple(mcap_header(path, file)), {}
-    if not _is_parquet(path):
+    if is_json(path):
+        return json_header(path, file), {}
+    if not is_parquet(path):
         return csv_layout(path, file).header, {}
-    header, schema = _parquet_header(path, file), pq.read_schema(path)
+    header, schema = parquet_header(path, file), pq.read_schema(path)
     return header, {n: unit for n in header if (unit := _unit(schema.field(n), file)) is not None}
 
 
 def _refuse_no_file(path: Path, file: str) -> None:
     if path.is_dir():
-        raise UserError("is a folder, not a file", file=file, remedy="Give the path of a CSV, Parquet or MCAP file.")
+        bags = any(path.glob("*.mcap"))  # as `ros2 bag record` leaves them
+        remedy = f"Give the files in it: {file}/*.mcap." if bags else _GIVE
+        raise UserError("is a folder, not a file", file=file, remedy=remedy)
     if not path.is_file():
-        raise UserError("no such file", file=file, remedy="Give the path of a CSV, Parquet or MCAP file.")
-
-
-def _is_parquet(path: Path) -> bool:
-    if path.suffix.lower() in (".parquet", ".pq", ".parq"):
-        return True
-    try:
-        with path.open("rb") as stream:
-            return stream.read(4) == _MAGIC
-    except OSError as error:
-        raise UserError(f"cannot be read: {error.strerror}", file=path) from None
-
-
-def _parquet_header(path: Path, file: str) -> tuple[str, ...]:
-    if checksum.holds(path.read_bytes()) is False:  # one that simgap wrote; those of others carry none
-        raise UserError(
-            "was changed after it was written: its checksum does not fit", file=file, remedy="Make it again."
-        )
-    try:
-        names = tuple(pq.read_schema(path).names)
-    except (pa.ArrowException, OSError, UnicodeDecodeError):
-        raise _damaged(file) from None
-    twice = sorted({n for n in names if names.count(n) > 1})
-    if twice:
-        raise UserError(f"has two columns named '{excerpt(twice[0], 40)}'", file=file, remedy="Rename one of them.")
-    return names
-
-
-def _read_parquet(path: Path, columns: list[str], file: str) -> pa.Table:
-    try:
-        require_room(table_size(pq.read_metadata(path), len(columns)))
-        kinds = {field.name: field.type for field in pq.read_schema(path) if field.name in columns}
-        # A text that every row repeats is read once: a small file may say that it is gigabytes.
-        words = [name for name, kind in kinds.items() if pa.types.is_string(kind) or pa.types.is_large_string(kind)]
-        return pq.read_table(path, columns=columns, partitioning=None, read_dictionary=words)
-    except UserError as error:
-        raise UserError(error.problem, file=file, remedy=error.remedy) from None
-    except (pa.ArrowException, OSError, UnicodeDecodeError):
-        raise _damaged(file) from None
-
-
-def _damaged(file: str) -> UserError:
-    return UserError(
-        "is not a whole Parquet file: it is truncated, damaged or of another format", file=file, remedy="Copy it again."
-    )
+        raise UserError("no such file", file=file, remedy=_GIVE)
 
 
 def _read_csv(path: Path, layout: CsvLayout, columns: list[str], time: str, trace: str, file: str) -> pa.Table:
@@ -241,7 +201,3 @@ def _sha256(path: Path) -> str:
         while block := stream.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
-
-
-def _listed(names: Iterable[str]) -> str:
-    return excerpt(", ".join(f"'{n}'" for n in names), 200)

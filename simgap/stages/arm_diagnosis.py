@@ -33,6 +33,7 @@ from simgap.report.arm_page import TEMPLATE, draw, page
 from simgap.stages.acted_out import acted_out
 from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
+from simgap.stages.measured_check import refuse_arm_conditions
 from simgap.stages.measured_data import load_reading
 
 JSON, PAGE, CASE, MODEL = "diagnosis.json", "report.html", "corrected_case.yaml", "corrected.urdf"
@@ -52,6 +53,7 @@ def run(
     """
     need_template(TEMPLATE)
     with context.blame():
+        refuse_arm_conditions(section)
         model = context.plant.declared
         inputs = [_drive(context, joint) for joint in tree.joints]
         tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")

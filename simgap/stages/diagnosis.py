@@ -11,6 +11,7 @@ import numpy as np
 
 from simgap.config.copied_plugins import copied_plugins
 from simgap.config.measured import MeasuredSection
+from simgap.config.recordings import matching
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.reading.survey import Survey, survey
@@ -54,7 +55,7 @@ def run(
 
     Args:
         case_path: the case; it needs a nominal model alone.
-        data: CSV, Parquet or MCAP files; if empty, those that the case names under `measured.files`.
+        data: CSV, Parquet, JSON or MCAP files; if empty, those that the case names under `measured.files`.
         out_dir: where the results go; it is made, and everything in it appears whole or not at all.
         progress: told in words what is being done.
 
@@ -91,7 +92,7 @@ def run(
         for warning in (*reading.warnings, *look.warnings):
             log.warning("%s", warning)
         known = [Known(c.file, c.values) for c in section.conditions]
-        record, names = under_conditions(record, model, known, reading.origins)
+        record, names = under_conditions(reading, model, known)
         tell("searching for what the model lacks")
         found = diagnose(conditioned(model, names), record, _settings(section, reading), tell)
         reading = replace(reading, record=record)
@@ -127,13 +128,13 @@ def conclude(
 
 def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> list[Path]:
     if data:
-        return list(data)
+        return [found for path in data for _, found in matching(Path(), [str(path)])]
     if not section.files:
         raise UserError(
             "no data are given",
             file=context.path,
             key="measured.files",
-            remedy="Name CSV, Parquet or MCAP files on the command line or here.",
+            remedy="Name CSV, Parquet, JSON or MCAP files on the command line or here.",
         )
     check_measured(context)
     return named_files(context, section)

@@ -17,7 +17,7 @@ from simgap.io.diagnosis_tables import read_header
 from simgap.io.mcap_messages import is_mcap
 from simgap.model.symbolic import SymbolicModel
 from simgap.stages.context import Context
-from simgap.stages.measured_data import channels_of, display_name, reading_options
+from simgap.stages.measured_data import channels_of, condition_channels, display_name, reading_options
 
 
 def check_measured(context: Context) -> None:
@@ -32,6 +32,7 @@ def check_measured(context: Context) -> None:
     with context.blame():
         model = context.plant.corrected if context.plant.declared.derived else context.plant.declared
         channels = channels_of(model, section, str(context.path))
+        told = condition_channels(model, section, str(context.path))
         _ = reading_options(section)
         _refuse_effects(section)
         refuse_unknown(section, model)
@@ -40,7 +41,7 @@ def check_measured(context: Context) -> None:
         if section.files:
             paths = named_files(context, section)
             for path in paths:
-                _refuse_columns(context, section, channels, path)
+                _refuse_columns(context, section, (*channels, *told), path)
             _refuse_other_files(section, [display_name(path, context.folder) for path in paths])
 
 
@@ -56,7 +57,7 @@ def named_files(context: Context, section: MeasuredSection) -> list[Path]:
             raise UserError(
                 f"{'is a folder' if path.is_dir() else 'there is no file'}: '{section.files[k]}'",
                 file=context.path, key=f"measured.files.{k}",
-                remedy="Correct the path of a CSV, Parquet or MCAP file; it starts from the folder of the case.",
+                remedy="Correct the path of a CSV, Parquet, JSON or MCAP file; it starts from the folder of the case.",
             )  # fmt: skip
     return [path for _, path in found]
 
@@ -93,9 +94,11 @@ def _refuse_conditions(section: MeasuredSection, model: SymbolicModel) -> None:
 
 def _refuse_links(context: Context, section: MeasuredSection) -> None:
     """An arm's payloads hang on links that a joint moves."""
+    tree = context.plant.tree
+    if tree is not None and not context.plant.declared.derived:
+        refuse_arm_conditions(section)
     if not section.payloads:
         return
-    tree = context.plant.tree
     if tree is None or context.plant.declared.derived:
         raise UserError(
             "payloads are found on arms of three joints or more alone", key="measured.payloads",
@@ -106,6 +109,20 @@ def _refuse_links(context: Context, section: MeasuredSection) -> None:
             raise UserError(
                 f"no joint moves a link '{payload.link}'", key=f"measured.payloads.{k}.link",
                 remedy=f"Moving links: {', '.join(tree.links)}.",
+            )  # fmt: skip
+
+
+def refuse_arm_conditions(section: MeasuredSection) -> None:
+    """The joints of an arm are regressed on torques: nothing there takes parameters that differ from file to file.
+
+    Raises:
+        UserError: naming the key.
+    """
+    for key in ("conditions", "conditions_from"):
+        if getattr(section, key):
+            raise UserError(
+                "a diagnosis of three joints or more knows no such conditions", key=f"measured.{key}",
+                remedy="Remove them; weights that were mounted can be named under measured.payloads.",
             )  # fmt: skip
 
 

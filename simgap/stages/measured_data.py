@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from simgap.config.measured import ColumnMap, MeasuredSection
-from simgap.diagnosis.reading.channels import Channel
+from simgap.diagnosis.reading.channels import Channel, measured_columns
 from simgap.diagnosis.reading.column_words import column_words
+from simgap.diagnosis.reading.conditions import told_by_columns
 from simgap.diagnosis.reading.stamps import TimeRange
 from simgap.diagnosis.reading.traces import Reading, ReadingOptions, read_traces
 from simgap.errors import UserError
@@ -39,8 +40,8 @@ def load_reading(
     Raises:
         UserError: for anything wrong with the files or the mapping.
     """
-    channels = channels_of(model, section, case)
-    wanted = [c.column for c in channels if c.constant is None]
+    channels, conditions = channels_of(model, section, case), condition_channels(model, section, case)
+    wanted = [c.column for c in (*channels, *conditions) if c.constant is None]
     typed = {display_name(path, relative_to): str(path) for path in paths}
     try:
         tables = [
@@ -48,7 +49,12 @@ def load_reading(
             for path in paths
         ]
         reading = read_traces(tables, channels, reading_options(section, strict))
-        return replace(reading, columns=column_words(tables, channels, (section.time.column, section.trace_column)))
+        for t in tables if conditions else ():
+            measured_columns(t.file, t.header, t.units, (*channels, *conditions))  # refuses what a file lacks
+        told = {(t.file, label): v for t in tables for label, v in told_by_columns(t, conditions).items()}
+        words = column_words(tables, (*channels, *conditions), (section.time.column, section.trace_column))
+        held = {name: told[origin] for name, origin in reading.origins.items() if origin in told}
+        return replace(reading, columns=words, conditions=held)
     except UserError as error:  # results name a file relative to the case, a message as the person typed it
         file = typed.get(str(error.file), error.file if error.file is not None else case)
         raise UserError(error.problem, file=file, key=error.key, remedy=error.remedy) from None
@@ -75,6 +81,30 @@ def channels_of(model: SymbolicModel, section: MeasuredSection, case: str | None
     )
 
 
+def condition_channels(model: SymbolicModel, section: MeasuredSection, case: str | None = None) -> tuple[Channel, ...]:
+    """Parameters that columns tell, with these columns.
+
+    Raises:
+        UserError: what is no parameter of the plant, the column of time, or a unit of something else.
+    """
+    _refuse_unknown(
+        section.conditions_from, tuple(model.parameters), "conditions_from", "no parameter of the plant", case
+    )
+    found = []
+    for name, told in section.conditions_from.items():
+        if told.column == section.time.column:
+            raise UserError(
+                f"'{told.column}' is the column of time stamps", file=case,
+                key=f"measured.conditions_from.{name}.column", remedy="Name one that holds the parameter.",
+            )  # fmt: skip
+        unit = model.parameters[name].unit
+        _refuse_unit(f"measured.conditions_from.{name}", unit, told.unit, case)
+        found.append(
+            Channel(name, unit, True, told.column, told.unit, told.scale, mapped=True, section="conditions_from")
+        )
+    return tuple(found)
+
+
 def _refuse_unknown(names: Iterable[str], known: Sequence[str], key: str, what: str, case: str | None) -> None:
     for name in names:
         if name not in known:
@@ -93,7 +123,13 @@ def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None, cas
             key=f"measured.columns.{name}.constant",
             remedy="Leave out a state that was not measured.",
         )
-    _refuse_unit(name, unit, column, case)
+    key = f"measured.columns.{name}"
+    _refuse_unit(key, unit, column.unit, case)
+    if column.wrapped and full_turn(column.unit or unit) is None:
+        raise UserError(
+            f"'{column.unit or unit}' is not an angle, so it cannot be wrapped", file=case, key=f"{key}.wrapped",
+            remedy="Remove it, or correct the unit.",
+        )  # fmt: skip
     return Channel(
         name,
         unit,
@@ -101,26 +137,21 @@ def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None, cas
         column=column.column or name,
         column_unit=column.unit,
         scale=column.scale,
-        offset=_number(column.offset, f"measured.columns.{name}.offset", case),
+        offset=_number(column.offset, f"{key}.offset", case),
         wrapped=column.wrapped,
         constant=column.constant,
         mapped=True,
     )
 
 
-def _refuse_unit(name: str, unit: str, column: ColumnMap, case: str | None) -> None:
-    """A unit of the cells that does not exist or is of something else, and a wrap of what is no angle."""
-    key = f"measured.columns.{name}"
-    if column.unit is not None:
-        try:
-            conversion(column.unit, unit)
-        except UserError as error:
-            raise UserError(error.problem, file=case, key=f"{key}.unit", remedy=error.remedy) from None
-    if column.wrapped and full_turn(column.unit or unit) is None:
-        raise UserError(
-            f"'{column.unit or unit}' is not an angle, so it cannot be wrapped", file=case, key=f"{key}.wrapped",
-            remedy="Remove it, or correct the unit.",
-        )  # fmt: skip
+def _refuse_unit(key: str, unit: str, cells: str | None, case: str | None) -> None:
+    """A unit of the cells that does not exist or is of something else."""
+    if cells is None:
+        return
+    try:
+        conversion(cells, unit)
+    except UserError as error:
+        raise UserError(error.problem, file=case, key=f"{key}.unit", remedy=error.remedy) from None
 
 
 def _number(value: float | str, key: str, case: str | None) -> float:

@@ -78,7 +78,7 @@ def _question(
     model = context.plant.corrected
     reading = load_reading(model, section, paths, context.folder, str(context.path), strict=False)
     known = [Known(c.file, c.values) for c in section.conditions]
-    record, names = under_conditions(reading.record, model, known, reading.origins)
+    record, names = under_conditions(reading, model, known)
     conditions = tuple(dict.fromkeys(tuple(t.u[0, len(model.inputs) :].tolist()) for t in record.traces))
     settings = DiagnosisSettings(
         window_s=section.window_s, horizon_s=section.horizon_s, held_out_traces=reading.held_out,

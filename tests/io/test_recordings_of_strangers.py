@@ -65,3 +65,24 @@ def test_a_folder_is_no_file(tmp_path, name):
     (tmp_path / name).mkdir()
     with pytest.raises(UserError, match="is a folder, not a file"):
         read_recording(tmp_path / name, ["q"], "t", "trace")
+
+
+def test_a_folder_of_a_bag_names_the_files_in_it(tmp_path):
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "bag_0.mcap").write_bytes(b"")
+    with pytest.raises(UserError, match=r"is a folder, not a file\. Give the files in it: bag/\*\.mcap"):
+        read_recording(tmp_path / "bag", ["q"], "t", "trace", "bag")
+
+
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        (b"SQLite format 3\0", "SQLite.*ros2 bag convert"),
+        (b"#ROSBAG V2.0\n", "a bag of ROS 1"),
+        (b"\x1f\x8b\x08", "compressed"),
+    ],
+)
+def test_what_is_no_text_is_called_by_its_name(tmp_path, start, said):
+    (tmp_path / "run.bin").write_bytes(start + b"\xff\xfe" * 100)
+    with pytest.raises(UserError, match=rf"run\.bin: is .*{said}"):
+        read_recording(tmp_path / "run.bin", ["q"], "t", "trace")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.result import DiagnosisSettings
@@ -110,7 +112,7 @@ def test_a_real_drive_under_four_weights_has_the_gain_that_others_found_and_carr
     reading = load_reading(model, section, [path.parent / f for f in section.files], path.parent)
     assert not [w for w in reading.warnings if "derivative" in w]
     known = [Known(c.file, c.values) for c in section.conditions]
-    record, names = under_conditions(reading.record, model, known, reading.origins)
+    record, names = under_conditions(reading, model, known)
     places = {
         "input_gain": ("torque", 1.0, 0.912), "coulomb_friction": ("hinge", 0.05, 0.091),
         "viscous_friction": ("hinge", 0.01, 0.047), "reflected_inertia": ("hinge", 0.005, 0.0109),
@@ -129,3 +131,34 @@ def test_a_real_drive_under_four_weights_has_the_gain_that_others_found_and_carr
     declared, mine, theirs = (judge(parts.confirm, th, 0.2) for th in (compiled.null, ends.theta, others))
     assert np.all(mine.horizon.rmse <= theirs.horizon.rmse)
     assert np.all(mine.horizon.rmse <= 0.5 * declared.horizon.rmse)
+
+
+@pytest.mark.skipif(not RECORDS.is_dir(), reason="the measured records are not beside the project")
+def test_the_real_drive_s_runs_as_json_with_their_weights_inside_are_the_same_record(tmp_path):
+    path = ROOT / "configs/cases/go1_motor.yaml"
+    context = Context.load(path)
+    section, model = context.case.measured, context.plant.corrected
+    files = [path.parent / f for f in section.files]
+    for file in files:
+        names, *rows = (line.split(",") for line in file.read_text().splitlines())
+        entries = [dict(zip(names, map(float, row), strict=True)) for row in rows]
+        weight = int(file.stem.rsplit("_", 1)[1].removesuffix("kg"))
+        (tmp_path / f"{file.stem}.json").write_text(json.dumps({"mass": 1000 * weight, "entries": entries}))
+    said = section.model_dump(mode="json") | {
+        "conditions": (), "conditions_from": {"m": {"column": "mass", "unit": "g"}},
+        "masks": [m.model_dump(mode="json") | {"file": m.file.replace(".csv", ".json")} for m in section.masks],
+        "held_out": {"files": [f.replace(".csv", ".json") for f in section.held_out.files]},
+    }  # fmt: skip
+    inside = load_reading(
+        model, MeasuredSection.model_validate(said), [tmp_path / f"{f.stem}.json" for f in files], tmp_path
+    )
+    stated = load_reading(model, section, files, path.parent)
+    record, names = under_conditions(inside, model, ())
+    other, _ = under_conditions(stated, model, [Known(c.file, c.values) for c in section.conditions])
+    assert names == ("m",)
+    assert len(record.traces) == len(other.traces) == 16
+    for one, two in zip(record.traces, other.traces, strict=True):
+        assert np.array_equal(one.t, two.t)
+        assert np.array_equal(one.y, two.y)
+        assert one.u == pytest.approx(two.u, rel=1e-12)
+    assert inside.held_out == stated.held_out

@@ -8,10 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
+from simgap.config.measured import MeasuredSection
 from simgap.errors import UserError
 from simgap.stages import check, diagnosis
 from simgap.stages.context import Context
-from simgap.stages.measured_check import check_measured, named_files
+from simgap.stages.measured_check import check_measured, named_files, refuse_arm_conditions
 
 BALL = {
     "name": "ball",
@@ -121,3 +122,11 @@ def test_a_pattern_stands_for_the_files_that_match_it_in_the_order_of_their_name
     assert [p.relative_to(tmp_path).as_posix() for p in found] == [
         "runs/b.csv", "runs/a.csv", "runs/c[1].csv", "run.csv"
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("said", [{"conditions": [{"file": "run.csv", "m": 1.0}]}, {"conditions_from": {"m": "mass"}}])
+def test_an_arm_of_many_joints_takes_no_conditions(said):
+    refuse_arm_conditions(MeasuredSection())
+    with pytest.raises(UserError, match=r"knows no such conditions.*measured\.payloads") as caught:
+        refuse_arm_conditions(MeasuredSection.model_validate(said))
+    assert caught.value.key == f"measured.{next(iter(said))}"

@@ -60,7 +60,7 @@ def test_what_four_effects_leave_is_narrow_and_covers_recordings_that_nothing_ha
     assert not any(name in file for name in SEALED for file in section.files)
     reading = load_reading(model, section, [CASE.parent / f for f in section.files], CASE.parent)
     known = [Known(c.file, c.values) for c in section.conditions]
-    record, names = under_conditions(reading.record, model, known, reading.origins)
+    record, names = under_conditions(reading, model, known)
     found = corrected_by_fit(context, record, names, reading)
     corrected, shifts = context.plant.corrected_by(found)
     models = conditioned(model, names), conditioned(corrected, names)

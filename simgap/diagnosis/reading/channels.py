@@ -27,6 +27,7 @@ class Channel:
         wrapped: whether the cells jump by full turns; None: found from the data.
         constant: value of an input that was held and not recorded.
         mapped: whether the case maps it, so that a missing column is a mistake.
+        section: the keys of the case that map it.
     """
 
     name: str
@@ -39,11 +40,12 @@ class Channel:
     wrapped: bool | None = None
     constant: float | None = None
     mapped: bool = False
+    section: str = "columns"
 
     @property
     def key(self) -> str:
         """The case's key for it."""
-        return f"measured.columns.{self.name}"
+        return f"measured.{self.section}.{self.name}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ def measured_columns(
         raise UserError(
             f"none of its columns {_listed(header)} is a state of the model ({_listed(states)})",
             file=file,
-            remedy="Rename a column or map it under measured.columns in the case.",
+            remedy=f"Rename a column, or map it in the case: `measured: {{columns: {{{states[0]}: COLUMN}}}}`.",
         )
     for c in channels:
         if c.constant is None and c.is_input and c.column not in header:

@@ -11,8 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from simgap.diagnosis.reading.channels import Channel, convert
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.stamps import same_file
+from simgap.diagnosis.reading.table import RawTable
+from simgap.diagnosis.reading.traces import Reading, by_label
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel, Variable
 
@@ -44,20 +47,46 @@ def conditioned(model: SymbolicModel, names: Sequence[str]) -> SymbolicModel:
     return replace(model, inputs=(*model.inputs, *more), parameters=left, conditions=tuple(names))
 
 
+def told_by_columns(table: RawTable, channels: Sequence[Channel]) -> dict[str | None, dict[str, float]]:
+    """What columns of a file that never change say: value of the trace column -> parameter -> value, in its unit.
+
+    Args:
+        channels: parameters and their columns, which the file has.
+
+    Raises:
+        UserError: a column that changes within a file or, where its traces are told apart, within a trace.
+    """
+    values, found = convert(table, channels).values, dict[str | None, dict[str, float]]()
+    for label, rows in by_label(table):
+        for c in channels:
+            own = values[c.name][rows]
+            other = np.flatnonzero(own != own[0])
+            if other.size:
+                raise UserError(
+                    f"row {rows[other[0]] + 1}: '{c.column}' gives {own[other[0]]:.6g} {c.unit} where it gave "
+                    f"{own[0]:.6g} before", file=table.file, key=c.key,
+                    remedy="A condition holds throughout: cut the file there, or tell its parts apart with a trace "
+                    "column; for what is measured with noise state its mean under measured.conditions.",
+                )  # fmt: skip
+            found.setdefault(label, {})[c.name] = float(own[0])
+    return found
+
+
 def under_conditions(
-    record: Record, model: SymbolicModel, conditions: Sequence[Known], origins: Mapping[str, tuple[str, str | None]]
+    reading: Reading, model: SymbolicModel, conditions: Sequence[Known]
 ) -> tuple[Record, tuple[str, ...]]:
     """The record with a column for each parameter that differs, and their names; what a file does not say is declared.
 
     Args:
-        record: as read; origins: trace -> its file and the value of its trace column.
+        reading: as read; its own conditions, from columns, are of other parameters than those that are stated.
         model: with the parameters as declared.
 
     Raises:
         UserError: a condition of a file that is not among the recordings, or of two.
     """
-    names = tuple(dict.fromkeys(n for c in conditions for n in c.values))
-    files = {file for file, _ in origins.values()}
+    told = (*(c.values for c in conditions), *reading.conditions.values())
+    names = tuple(dict.fromkeys(n for values in told for n in values))
+    files = {file for file, _ in reading.origins.values()}
     for c in conditions:
         if not any(same_file(c.file, file) for file in files):
             raise UserError(
@@ -65,9 +94,10 @@ def under_conditions(
             )
     _ = conditioned(model, names)  # refuses unknown names
     traces = []
+    record = reading.record
     for trace in record.traces:
-        own = [c for c in conditions if same_file(c.file, origins[trace.name][0])]
-        values = {n: model.parameters[n].value for n in names}
+        own = [c for c in conditions if same_file(c.file, reading.origins[trace.name][0])]
+        values = {n: model.parameters[n].value for n in names} | dict(reading.conditions.get(trace.name, {}))
         for c in own:
             twice = [n for n in c.values if any(n in other.values for other in own if other is not c)]
             if twice:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from simgap.errors import UserError, excerpt
 
 Floats = NDArray[np.float64]
 
@@ -38,3 +40,11 @@ class RawTable:
     def rows(self) -> int:
         """Number of rows."""
         return int(self.time.size)
+
+
+def no_time_column(time: str, header: Sequence[str], file: str) -> UserError:
+    """What to say of a file without the column of stamps."""
+    listed = excerpt(", ".join(f"'{name}'" for name in header), 200)
+    return UserError(
+        f"no time column '{time}' among {listed}", file=file, remedy="Name it with measured.time.column in the case."
+    )

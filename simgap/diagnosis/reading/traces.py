@@ -61,7 +61,12 @@ class FileNotes:
 
 @dataclass(frozen=True)
 class Reading:
-    """Traces, where they came from, which are held out, and what a person should know."""
+    """Traces, where they came from, which are held out, and what a person should know.
+
+    Attributes:
+        origins: trace -> its file and the value of its trace column.
+        conditions: trace -> what columns tell of how it was recorded, parameter -> value.
+    """
 
     record: Record
     files: tuple[FileNotes, ...]
@@ -69,6 +74,7 @@ class Reading:
     warnings: tuple[str, ...] = ()
     origins: Mapping[str, tuple[str, str | None]] = field(default_factory=dict)
     columns: tuple[str, ...] = ()
+    conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 def read_traces(tables: Sequence[RawTable], channels: Sequence[Channel], options: ReadingOptions) -> Reading:
@@ -125,7 +131,7 @@ def _file_traces(
     traces: list[Trace] = []
     labels: list[str | None] = []
     parts: list[Split] = []
-    for label, rows in _by_label(table):
+    for label, rows in by_label(table):
         check_forward(t[rows], rows, table.file, label)
         check_interval(t[rows], options.window_s, options.time_unit or table.time_unit, table.file)
         block = np.stack([converted.values[c.name][rows] for c in used], axis=1)
@@ -159,7 +165,7 @@ def _file_traces(
     return traces, note, labels
 
 
-def _by_label(table: RawTable) -> Iterator[tuple[str | None, Ints]]:
+def by_label(table: RawTable) -> Iterator[tuple[str | None, Ints]]:
     """Rows of each trace of a file, traces in the order in which they first appear."""
     if table.labels is None:
         yield None, np.arange(table.rows, dtype=np.int64)

@@ -129,7 +129,9 @@ class SuperModel:
     def rubs(self, theta: Floats) -> bool:
         """Whether any coordinate has dry friction at theta (q,): the sign of a speed matters at rest."""
         size = self.size
-        constants, x, u = self.constants_at(theta), np.zeros(size), np.zeros(len(self.model.inputs))
+        constants, x = self.constants_at(theta), np.zeros(size)
+        # A weight or a length that is a condition divides the forces: nobody knows of it but that it is not 0.
+        u = np.array([float(name in self.model.conditions) for name in self.model.input_names])
         one, other, signs = np.empty(size), np.empty(size), np.zeros(len(self.speed))
         for j, v in enumerate(self.speed):
             signs[:] = 0.0
