@@ -317,18 +317,31 @@ def test_refusals_name_what_is_known():
         EFFECTS["coulomb_friction"].apply(pendulum(), "hinge", {"F": 0.1})
 
 
-@pytest.mark.parametrize(
-    ("beside", "says"),
-    [
-        (None, True),
-        (AppliedEffect("torque_speed_limit", "torque", {"T_s": 1.0, "k": 0.5}), False),
-        (AppliedEffect("load_friction", "hinge", {"mu": 0.1}), False),
-    ],
-)
-def test_a_bias_before_what_bends_the_command_is_no_directional_friction(beside, says):
+BESIDE_A_BIAS = [
+    (None, True),
+    (AppliedEffect("input_gain", "torque", {"ratio": 1.2}), True),
+    (AppliedEffect("input_directional_gain", "torque", {"ratio_p": 1.2, "ratio_m": 0.7}), True),
+    (AppliedEffect("input_dead_zone", "torque", {"width": 0.1}), False),
+    (AppliedEffect("input_saturation", "torque", {"limit": 1.0}), False),
+    (AppliedEffect("torque_speed_limit", "torque", {"T_s": 1.0, "k": 0.5}), False),
+    (AppliedEffect("load_friction", "torque", {"mu": 0.1}), False),
+    (AppliedEffect("backlash", "hinge", {"b": 0.1, "I": 0.15}), False),
+]
+
+
+@pytest.mark.parametrize(("beside", "says"), BESIDE_A_BIAS)
+@pytest.mark.parametrize("name", ["directional_friction", "constant_force"])
+def test_a_bias_is_a_force_where_nothing_bends_the_command_after_it(name, beside, says):
     found = [
         AppliedEffect("coulomb_friction", "hinge", {"F_c": 0.1}),
         AppliedEffect("input_bias", "torque", {"bias": 0.05}),
+        *([beside] if beside else []),
     ]
-    same = EFFECTS["directional_friction"].restates(pendulum(), "hinge", found + ([beside] if beside else []))
+    same = EFFECTS[name].restates(pendulum(), "hinge", found)
     assert (same is not None) is says
+    if same is not None:
+        places, values = same
+        other = [a for k, a in enumerate(found) if k not in places] + [AppliedEffect(name, "hinge", values)]
+        for at in ({"rate": -0.6, "torque": 1.9}, {"rate": 0.8, "torque": -0.7}):
+            one, two = (acceleration(apply_effects(pendulum(), effects), **at) for effects in (found, other))
+            assert one == pytest.approx(two, rel=1e-12)
