@@ -43,7 +43,7 @@ KINDS: dict[str, tuple[Part, ...]] = {
     "elastic joint, viscous friction": (parts.soft, parts.viscous),
     "elastic joint, gain": (parts.soft, parts.gain),
     "elastic joint, slow actuator": (parts.soft, parts.slow_actuator),
-    "elastic joint, encoder on the motor": (parts.soft, parts.behind),
+    "elastic joint, encoder on the motor": (parts.soft, parts.behind_spring),
     "backlash": (parts.play,),
     "backlash, rebound": (parts.bouncing,),
     "backlash, viscous friction": (parts.play, parts.viscous),
@@ -55,8 +55,10 @@ KINDS: dict[str, tuple[Part, ...]] = {
 
 
 KINDS |= ROBOT_KINDS
+ONLY_NAMED = ("elasticity_behind_encoder",)
 ASIDE: dict[Part, tuple[str, ...]] = {
     parts.soft: (), parts.play: (), parts.bouncing: (), parts.bristles: ("dahl_friction", "lugre_friction"),
+    parts.behind_spring: ONLY_NAMED,
 }  # fmt: skip
 UNNAMED = ", nothing named"
 KINDS |= {kind + UNNAMED: KINDS[kind] for kind in ("elastic joint", "backlash", "backlash, viscous friction")}
@@ -113,6 +115,9 @@ def hidden(plant: str, kind: str, seed: int) -> tuple[dict[str, float], Truth]:
 def as_one(plant: str, truth: Truth) -> Truth:
     """What is hidden, in the words in which data can tell it: of two that act as one the one that both make."""
     truth = dict(truth)
+    if {"encoder on the motor", "joint_elasticity"} <= set(truth):
+        truth.pop("encoder on the motor")
+        truth["elasticity_behind_encoder"] = truth.pop("joint_elasticity")
     if "filtered_reading" in truth and plant != "arm":  # linear, read by one sensor: named by its actuator
         truth["input_lag"] = {"T": truth.pop("filtered_reading")["lag"]}
     if {"sensor_gain", "input_gain"} <= set(truth) and plant != "arm":  # linear, read by one sensor

@@ -19,7 +19,7 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from drive_kinds import ASIDE, KINDS, PLACED, UNNAMED, hidden  # noqa: E402
+from drive_kinds import ASIDE, KINDS, ONLY_NAMED, PLACED, UNNAMED, hidden  # noqa: E402
 from drive_plants import PLANTS, label, made_on  # noqa: E402
 from kept_rows import Rows, asked  # noqa: E402
 
@@ -39,7 +39,8 @@ def one(plant: str, kind: str, seed: int, budget: float | None) -> dict[str, Any
     named = {n for part, n in ASIDE.items() if part in KINDS[kind] and not kind.endswith(UNNAMED)}
     if named:  # what is sought only where it is named, and what it extends
         also = {n for names in named for n in names}
-        settings = replace(settings, effects=tuple(n for n, e in EFFECTS.items() if not e.second or n in also))
+        usual = {n for n, e in EFFECTS.items() if not e.second and n not in ONLY_NAMED}
+        settings = replace(settings, effects=tuple(n for n in EFFECTS if n in usual | also))
     begun = time.process_time()
     d = diagnose(model, made, replace(settings, budget_s=budget))
     cpu = time.process_time() - begun

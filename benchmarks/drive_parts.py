@@ -100,8 +100,13 @@ def bouncing(plant: str, draw: Draw) -> Told:
 
 
 def behind(plant: str, draw: Draw) -> Told:
-    """The encoder on the motor, which no effect of the library is."""
+    """The encoder on the motor, and play behind it, which no effect of the library is."""
     return {"behind": 1.0}, {"encoder on the motor": {}}
+
+
+def behind_spring(plant: str, draw: Draw) -> Told:
+    """The encoder on the motor, and a spring behind it."""
+    return behind(plant, draw)
 
 
 def dahl(plant: str, draw: Draw) -> Told:

@@ -10,7 +10,7 @@ from simgap.model.symbolic import SymbolicModel
 _BEHIND = {"input_dead_zone", "input_saturation", "load_friction", "torque_speed_limit"}
 """What lies between a bias and the plant and makes another thing of it; a gain or a curve comes before, and a constant
 passes a lag or a delay as it is."""
-_MOTORS = {"joint_elasticity", "backlash"}
+_MOTORS = {"joint_elasticity", "backlash", "elasticity_behind_encoder"}
 """A bias then acts on the motor, and a force on the link."""
 
 

@@ -26,6 +26,7 @@ SYMBOLS = {
     "sensor_gain": ["ratio"], "input_curve": ["g_0", "g_1", "g_2", "U"],
     "payload": ["m_p", "r"], "rolling_resistance": ["loss"],
     "joint_elasticity": ["I", "k", "c"], "backlash": ["b", "I"],
+    "elasticity_behind_encoder": ["I", "k", "c"],
     "force_curve": [*(f"F_{k}" for k in range(11)), "low", "high"],
 }  # fmt: skip
 VALUES = {
@@ -223,6 +224,7 @@ def test_lugre_friction_is_larger_near_rest_and_damps_the_bending():
         ("backlash", {"b": 0.04, "I": 0.02}, 0.03, 0.0, 0.02 * 500.0**2 * 0.01),
         ("backlash", {"b": 0.04, "I": 0.02}, -0.03, 0.0, -0.02 * 500.0**2 * 0.01),
         ("backlash", {"b": 0.04, "I": 0.02}, -0.021, 9.0, 0.0),
+        ("elasticity_behind_encoder", {"I": 0.02, "k": 40.0, "c": 0.1}, 0.03, -0.5, 40.0 * 0.03 + 0.1 * -0.5),
     ],
 )
 def test_a_motor_behind_a_joint_has_states_of_its_own(name, values, twist, rate, torque):
@@ -234,6 +236,10 @@ def test_a_motor_behind_a_joint_has_states_of_its_own(name, values, twist, rate,
     link = {**AT, "torque": torque}
     expected = [AT["rate"], declared(**link), motor["hinge_motor_rate"], (AT["torque"] - torque) / 0.02]
     assert [float(e.subs(at)) for e in changed.numeric()] == pytest.approx(expected, rel=1e-9)
+    numbers = {**at, **changed.values()}
+    read = [float(sp.sympify(changed.outputs.get(n, symbol(n))).subs(numbers)) for n in ("angle", "rate")]
+    side = motor.values() if name.endswith("_behind_encoder") else (AT["angle"], AT["rate"])
+    assert read == pytest.approx(list(side), rel=1e-9)
 
 
 def test_parameter_errors_scale_what_they_name():
