@@ -275,6 +275,11 @@ def faults(_: Any) -> str:
     return markdown(["what", "number", "outcome", "command"], rows)
 
 
+def drive_library(_: Any) -> str:
+    """As the study itself writes it."""
+    return (RESULTS / "drive_library.md").read_text().strip()
+
+
 TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "tightness": ("tightness_pendulum.json", tightness),
     "tightness_turtlebot": ("tightness_turtlebot.json", robot_tightness),
@@ -291,6 +296,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "diagnosis_cost": ("diagnosis_cost.json", diagnosis_cost),
     "long_record": ("long_record.json", long_record),
     "strange": ("strange.json", strange),
+    "drive_library": ("drive_library.json", drive_library),
     "faults": ("fuzz.json", faults),
     "suprema": ("../../results/pendulum/summary.json", suprema),
 }

@@ -76,6 +76,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "force_curve": "simgap.effects.force_curve:ForceCurve",
                 "payload": "simgap.effects.payload:Payload",
                 "joint_elasticity": "simgap.effects.joint_elasticity:JointElasticity",
+                "elasticity_behind_encoder": "simgap.effects.elasticity_behind_encoder:ElasticityBehindEncoder",
                 "backlash": "simgap.effects.backlash:Backlash",
             }
         ),

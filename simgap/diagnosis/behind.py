@@ -51,7 +51,8 @@ def behind(
         not_tried: candidates that are barred.
     """
     asked = settings.effects
-    lasts = [e for e in EFFECTS.values() if e.last and e.targets(model) and (e.name in asked or not asked)]
+    lasts = [e for e in EFFECTS.values() if e.last and (e.targets(model) if asked else e.sought_on(model))]
+    lasts = [e for e in lasts if not asked or e.name in asked]
     names = {c.effect.name for c in found.members if not c.of_recording}
     off = chi2_dof(first.problem, found.fit) > FIT_QUALITY
     like = any(names & set(e.resembles) for e in lasts)

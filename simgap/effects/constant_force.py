@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import sympy as sp
 
-from simgap.effects.base import CoordinateEffect, EffectParameter, Values, driven_by
+from simgap.effects.base import AppliedEffect, CoordinateEffect, EffectParameter, Values, driven_by
 from simgap.effects.quoted import Quoted
+from simgap.effects.steady import steady_biases
 from simgap.model.symbolic import SymbolicModel
 
 
 class ConstantForce(CoordinateEffect):
-    """A steady wind, an unbalanced weight on a slide, the pull of a cable."""
+    """A steady wind, an unbalanced weight on a slide, the pull of a cable.
+
+    Where an input is a force on the same coordinate it is that input's bias, which is named; it is told of beside it.
+    """
 
     name = "constant_force"
     formula = "F = F_0"
@@ -20,6 +26,16 @@ class ConstantForce(CoordinateEffect):
     def sought_on(self, model: SymbolicModel) -> tuple[str, ...]:
         """Where no input is a force on the same coordinate: there it is the input's bias."""
         return tuple(on for on in self.targets(model) if not driven_by(model, on))
+
+    def restates(
+        self, model: SymbolicModel, on: str, found: Sequence[AppliedEffect], measured: Sequence[str] = ()
+    ) -> tuple[frozenset[int], dict[str, float]] | None:
+        """The bias of an input that drives the coordinate."""
+        biases = steady_biases(model, on, found)
+        if len(biases) != 1 or any((a.name, a.on) == (self.name, on) for a in found):
+            return None
+        ((place, level),) = biases.items()
+        return frozenset({place}), {"F_0": level}
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """F_0."""

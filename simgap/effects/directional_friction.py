@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import sympy as sp
 
-from simgap.effects.base import AppliedEffect, CoordinateEffect, EffectParameter, Values, drives
+from simgap.effects.base import AppliedEffect, CoordinateEffect, EffectParameter, Values
 from simgap.effects.coulomb_friction import CoulombFriction
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
+from simgap.effects.steady import steady_biases
 from simgap.model.symbolic import SymbolicModel, symbol
 
 
@@ -52,25 +53,13 @@ class DirectionalFriction(CoordinateEffect):
     ) -> tuple[frozenset[int], dict[str, float]] | None:
         """Coulomb friction beside a smaller bias of an input that drives the coordinate, or a constant force."""
         levels = {k: a.values["F_c"] for k, a in enumerate(found) if (a.name, a.on) == ("coulomb_friction", on)}
-        pushes = {
-            k: a.values["bias"] for k, a in enumerate(found) if a.name == "input_bias" and drives(model, a.on) == on
-        }
+        pushes = steady_biases(model, on, found)
         pushes |= {k: a.values["F_0"] for k, a in enumerate(found) if (a.name, a.on) == ("constant_force", on)}
         if len(levels) != 1 or len(pushes) != 1:
             return None
         ((i, level),), ((j, push),) = levels.items(), pushes.items()
-        changed = {
-            "input_gain",
-            "input_directional_gain",
-            "input_curve",
-            "input_dead_zone",
-            "input_saturation",
-            "input_lag",
-            "load_friction",
-            "torque_speed_limit",
-        }
-        if abs(push) > level or (found[j].name == "input_bias" and any(a.name in changed for a in found)):
-            return None  # a bias passes through what else is on the path of the command
+        if abs(push) > level:
+            return None
         return frozenset({i, j}), {"F_p": level - push, "F_m": level + push}
 
     def surfaces(self, model: SymbolicModel, on: str, values: Mapping[str, float]) -> tuple[sp.Expr, ...]:

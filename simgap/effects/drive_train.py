@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import sympy as sp
@@ -28,6 +28,7 @@ class Law:
 
     A spring and a damper, k w + c w', and stops beyond `half` on either side that push with `stops` times how deep they
     are pressed and damp with `pressed`, in full from 1 / `depth` on, and never pull: the torque does not jump.
+    `read`: 1 where the sensors of the joint read the motor, 0 where they read the link.
     """
 
     inertia: sp.Expr
@@ -37,6 +38,7 @@ class Law:
     stops: sp.Expr = _ZERO
     pressed: sp.Expr = _ZERO
     depth: sp.Expr = _ZERO
+    read: sp.Expr = _ZERO
 
     def __add__(self, other: Law) -> Law:
         """Of two, of which one at most acts."""
@@ -52,7 +54,12 @@ class Law:
     @property
     def numbers(self) -> tuple[sp.Expr, ...]:
         """In the order in which they are given."""
-        return self.inertia, self.stiffness, self.damping, self.half, self.stops, self.pressed, self.depth
+        own = self.inertia, self.stiffness, self.damping
+        return *own, self.half, self.stops, self.pressed, self.depth, self.read
+
+    def at_the_motor(self) -> Law:
+        """The same torque, read on the motor's side; nothing where there is no motor."""
+        return replace(self, read=_there(self.inertia))
 
 
 class DriveTrainEffect(CoordinateTarget):
@@ -99,10 +106,20 @@ def with_motor(model: SymbolicModel, on: str, law: Law) -> SymbolicModel:
     torque = law.torque(p - symbol(c.position), r - symbol(c.velocity))
     drive = sp.Add(*(symbol(u) for u in driven_by(model, on)))
     ease = law.inertia / (law.inertia**2 + _NOTHING)  # 1 / I, 0 for none
-    acts = law.inertia * ease
+    acts = _there(law.inertia)
     grown = model.with_state(Variable(motor, units[c.position]), acts * r)
     grown = grown.with_state(Variable(rate, units[c.velocity]), ease * (drive - torque))
-    return grown.with_force(on, acts * (torque - drive))
+    grown = grown.with_force(on, acts * (torque - drive))
+    if law.read == 0:
+        return grown
+    for link, behind in ((c.position, p), (c.velocity, r)):
+        grown = grown.with_output(link, symbol(link) + law.read * (behind - symbol(link)))
+    return grown
+
+
+def _there(inertia: sp.Expr) -> sp.Expr:
+    """1 where there is a motor, 0 for none."""
+    return inertia**2 / (inertia**2 + _NOTHING)
 
 
 def grid(*choices: Sequence[float]) -> list[tuple[float, ...]]:

@@ -93,6 +93,11 @@ SAID = {
         "hinge", {"I": (0.02, 0.001, "kg*m^2"), "k": (40.0, 1.0, "N*m/rad"), "c": (0.1, 0.01, "N*m*s/rad")},
         "elasticity of the hinge (40 ± 1 N m/rad) before a motor of 0.020 ± 0.001 kg m²", "elasticity of the hinge",
     ),
+    "elasticity_behind_encoder": (
+        "hinge", {"I": (0.02, 0.001, "kg*m^2"), "k": (40.0, 1.0, "N*m/rad"), "c": (0.1, 0.01, "N*m*s/rad")},
+        "elasticity of the hinge (40 ± 1 N m/rad) behind the encoder of a motor of 0.020 ± 0.001 kg m²",
+        "elasticity of the hinge behind its encoder",
+    ),
     "backlash": (
         "hinge", {"b": (0.02, 0.001, "rad"), "I": (0.02, 0.001, "kg*m^2")},
         "backlash of 0.020 ± 0.001 rad at the hinge, crossed by a motor of 0.020 ± 0.001 kg m²",

@@ -26,6 +26,7 @@ SYMBOLS = {
     "sensor_gain": ["ratio"], "input_curve": ["g_0", "g_1", "g_2", "U"],
     "payload": ["m_p", "r"], "rolling_resistance": ["loss"],
     "joint_elasticity": ["I", "k", "c"], "backlash": ["b", "I"],
+    "elasticity_behind_encoder": ["I", "k", "c"],
     "force_curve": [*(f"F_{k}" for k in range(11)), "low", "high"],
 }  # fmt: skip
 VALUES = {
@@ -223,6 +224,7 @@ def test_lugre_friction_is_larger_near_rest_and_damps_the_bending():
         ("backlash", {"b": 0.04, "I": 0.02}, 0.03, 0.0, 0.02 * 500.0**2 * 0.01),
         ("backlash", {"b": 0.04, "I": 0.02}, -0.03, 0.0, -0.02 * 500.0**2 * 0.01),
         ("backlash", {"b": 0.04, "I": 0.02}, -0.021, 9.0, 0.0),
+        ("elasticity_behind_encoder", {"I": 0.02, "k": 40.0, "c": 0.1}, 0.03, -0.5, 40.0 * 0.03 + 0.1 * -0.5),
     ],
 )
 def test_a_motor_behind_a_joint_has_states_of_its_own(name, values, twist, rate, torque):
@@ -234,6 +236,10 @@ def test_a_motor_behind_a_joint_has_states_of_its_own(name, values, twist, rate,
     link = {**AT, "torque": torque}
     expected = [AT["rate"], declared(**link), motor["hinge_motor_rate"], (AT["torque"] - torque) / 0.02]
     assert [float(e.subs(at)) for e in changed.numeric()] == pytest.approx(expected, rel=1e-9)
+    numbers = {**at, **changed.values()}
+    read = [float(sp.sympify(changed.outputs.get(n, symbol(n))).subs(numbers)) for n in ("angle", "rate")]
+    side = motor.values() if name.endswith("_behind_encoder") else (AT["angle"], AT["rate"])
+    assert read == pytest.approx(list(side), rel=1e-9)
 
 
 def test_parameter_errors_scale_what_they_name():
@@ -317,18 +323,31 @@ def test_refusals_name_what_is_known():
         EFFECTS["coulomb_friction"].apply(pendulum(), "hinge", {"F": 0.1})
 
 
-@pytest.mark.parametrize(
-    ("beside", "says"),
-    [
-        (None, True),
-        (AppliedEffect("torque_speed_limit", "torque", {"T_s": 1.0, "k": 0.5}), False),
-        (AppliedEffect("load_friction", "hinge", {"mu": 0.1}), False),
-    ],
-)
-def test_a_bias_before_what_bends_the_command_is_no_directional_friction(beside, says):
+BESIDE_A_BIAS = [
+    (None, True),
+    (AppliedEffect("input_gain", "torque", {"ratio": 1.2}), True),
+    (AppliedEffect("input_directional_gain", "torque", {"ratio_p": 1.2, "ratio_m": 0.7}), True),
+    (AppliedEffect("input_dead_zone", "torque", {"width": 0.1}), False),
+    (AppliedEffect("input_saturation", "torque", {"limit": 1.0}), False),
+    (AppliedEffect("torque_speed_limit", "torque", {"T_s": 1.0, "k": 0.5}), False),
+    (AppliedEffect("load_friction", "torque", {"mu": 0.1}), False),
+    (AppliedEffect("backlash", "hinge", {"b": 0.1, "I": 0.15}), False),
+]
+
+
+@pytest.mark.parametrize(("beside", "says"), BESIDE_A_BIAS)
+@pytest.mark.parametrize("name", ["directional_friction", "constant_force"])
+def test_a_bias_is_a_force_where_nothing_bends_the_command_after_it(name, beside, says):
     found = [
         AppliedEffect("coulomb_friction", "hinge", {"F_c": 0.1}),
         AppliedEffect("input_bias", "torque", {"bias": 0.05}),
+        *([beside] if beside else []),
     ]
-    same = EFFECTS["directional_friction"].restates(pendulum(), "hinge", found + ([beside] if beside else []))
+    same = EFFECTS[name].restates(pendulum(), "hinge", found)
     assert (same is not None) is says
+    if same is not None:
+        places, values = same
+        other = [a for k, a in enumerate(found) if k not in places] + [AppliedEffect(name, "hinge", values)]
+        for at in ({"rate": -0.6, "torque": 1.9}, {"rate": 0.8, "torque": -0.7}):
+            one, two = (acceleration(apply_effects(pendulum(), effects), **at) for effects in (found, other))
+            assert one == pytest.approx(two, rel=1e-12)

@@ -180,6 +180,20 @@ def test_play_is_named_with_its_width():
 
 
 @pytest.mark.parametrize(
+    ("behind", "name"), [(1.0, "elasticity_behind_encoder"), (0.0, "joint_elasticity")], ids=["motor", "link"]
+)
+def test_an_encoder_on_the_motor_s_side_of_a_spring_is_told_from_one_at_the_link(behind, name):
+    """The same two masses; the reading is the motor's or the link's, and both effects are tried."""
+    tried = ("elasticity_behind_encoder", "joint_elasticity", "viscous_friction", "input_gain")
+    found = diagnosed("motor", {"motor": 0.012, "stiff": 30.0, "soft_c": 0.1, "behind": behind}, 1, tried)
+    assert found.verdict == "attributed"
+    (effect,) = found.effects
+    assert effect.name == name
+    assert effect.parameters["I"].value == pytest.approx(0.012, rel=0.02)
+    assert effect.parameters["k"].value == pytest.approx(30.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
     ("name", "hidden", "inertia"),
     [
         ("joint_elasticity", {"motor": 0.012, "stiff": 30.0, "soft_c": 0.1}, 0.012),

@@ -17,7 +17,7 @@ from simgap.diagnosis.simulation.colour import Colour, whiten
 from simgap.diagnosis.simulation.past import measured_link, measured_speeds, memories
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
-from simgap.diagnosis.simulation.trains import twists
+from simgap.diagnosis.simulation.trains import twists, twists_by_torque
 from simgap.diagnosis.thresholds import LAGS_REMEMBERED
 
 Floats = NDArray[np.float64]
@@ -162,15 +162,24 @@ class Problem:
 
     def states(self, theta: Floats, x0: Floats) -> Floats:
         """Simulated states of all windows: theta, (w, begun) -> (rows, nx)."""
+        return np.ascontiguousarray(self._simulated(theta, x0)[:, : self.model.nx])
+
+    def _simulated(self, theta: Floats, x0: Floats) -> Floats:
+        """The same with the states of motors, (rows, begun)."""
         if any(train.rigid(theta, interval(self.t)) for train in self.model.trains):
-            return np.full((int(self.rows[-1]), self.model.nx), np.nan)
+            return np.full((int(self.rows[-1]), self.model.begun), np.nan)
         level, excess, delay, lag = self._drive(theta)
         w, rows, constants = self.windows, self.rows, self.model.constants_at(theta)
         begin = np.ascontiguousarray(x0[:, : self.model.nx])
         for k, train in enumerate(self.model.trains):
             link = x0[:, [train.position, train.velocity]]
             own = x0[:, self.model.nx + 2 * k : self.model.nx + 2 * k + 2]
-            begin = np.hstack([begin, link + train.swings(theta) * own + self._twists(k, theta)[w.start]])
+            away = train.swings(theta) * own + self._twists(k, theta)[w.start]
+            if train.read_at_motor(theta):  # what was fitted is the motor's
+                begin[:, [train.position, train.velocity]] = link - away
+                begin = np.hstack([begin, link])
+            else:
+                begin = np.hstack([begin, link + away])
         if self.model.remembered:
             begin = np.hstack([begin, self._memories(theta)[w.start]])
         out = np.empty((int(rows[-1]), begin.shape[1]))
@@ -178,7 +187,7 @@ class Problem:
             *self.model.entries, self.t, level, excess, delay, lag, constants, begin, w.first, w.start, w.stop,
             np.ascontiguousarray(rows[:-1]), self.model.speed, self._step(theta), out,
         )  # fmt: skip
-        return np.ascontiguousarray(out[:, : self.model.nx])
+        return np.ascontiguousarray(out[:, : self.model.begun])
 
     def _step(self, theta: Floats) -> float:
         """Longest step, s: shorter where a motor against its link is quick."""
@@ -214,7 +223,11 @@ class Problem:
                         self.model.model.coordinate(train.on), self.model.measured, self.t, self.y, self.firsts
                     )
                 q, v = memo.links[k]
-                twists(self.t, q, v, self._felt(theta, train.inputs), law, self.firsts, out)
+                felt = self._felt(theta, train.inputs)
+                if train.read_at_motor(theta):
+                    out = twists_by_torque(self.t, v, felt, law, self.firsts)
+                else:
+                    twists(self.t, q, v, felt, law[:-1], self.firsts, out)
             memo.twists[key] = out
             while len(memo.twists) > _REMEMBERED:
                 memo.twists.popitem(last=False)
@@ -236,7 +249,7 @@ class Problem:
 
     def predict(self, theta: Floats, x0: Floats) -> Floats:
         """What the measured channels would read: theta, (w, nx) -> (rows, k)."""
-        x = self.states(theta, x0)
+        x = self._simulated(theta, x0)
         out = np.empty((len(x), self.y.shape[1]))
         self.model.read(x, theta, out)
         for fault, column, slot in self.model.reading_faults:

@@ -1,7 +1,8 @@
 """Motors behind coordinates: where they are at the start of a window follows from the motion and the drive before it.
 
-The motor is simulated along each trace with the link as it was measured (smoothed); what is not known is where it was
-at the first sample, taken as where the drive then holds it.
+Where the link is read, the motor is simulated along each trace with it as it was measured (smoothed); what is not known
+is where it was at the first sample, taken as where the drive then holds it. Where the motor is read, the torque that it
+passes on tells where the link is.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Train:
     Attributes:
         on: the coordinate; law: the torque between them, over theta.
         position, velocity: places of the link's states; inputs: columns of what drives the motor.
-        slots: places in theta of its numbers; numbers: theta -> (I, k, c, half, h).
+        slots: places in theta of its numbers; numbers: theta -> those of its law.
     """
 
     on: str
@@ -43,12 +44,16 @@ class Train:
     numbers: Callable[[Floats], Sequence[float]]
 
     def swings(self, theta: Floats) -> bool:
-        """Whether a spring holds the motor, which does not forget how it began; stops make it forget."""
-        return self.numbers(theta)[1] > 0.0
+        """Whether what is not read does not forget how it began: a motor on a spring; a link that nothing reads."""
+        return self.numbers(theta)[1] > 0.0 or self.read_at_motor(theta)
+
+    def read_at_motor(self, theta: Floats) -> bool:
+        """Whether the joint's sensors read the motor, and the link is what has to be inferred."""
+        return self.numbers(theta)[7] > 0.0
 
     def quick(self, theta: Floats) -> float:
         """How fast the motor swings against a link that stands still, 1/s; 0 where there is no motor."""
-        inertia, spring, _, _, stops, _, _ = self.numbers(theta)
+        inertia, spring, _, _, stops, *_ = self.numbers(theta)
         stiffness = spring + stops
         return math.sqrt(stiffness / inertia) if inertia > 0.0 and stiffness > 0.0 else 0.0
 
@@ -84,6 +89,25 @@ def beside_motors(model: SymbolicModel, places: list[tuple[Effect, str]]) -> lis
     for on in dict.fromkeys(on for e, on in places if isinstance(e, DriveTrainEffect)):
         loose = with_motor(loose, on, Law(sp.Integer(1)))
     return [(e, on) for e, on in places if isinstance(e, DriveTrainEffect) or on in e.targets(loose)]
+
+
+def twists_by_torque(t: Floats, v: Floats, u: Floats, law: Floats, firsts: Ints) -> Floats:
+    """Twist of a spring and its rate at every stamp, (n, 2), with the motor as measured: from what it passes on.
+
+    That is the drive less what the motor's inertia takes; a place to begin at, from where windows are fitted.
+
+    Args:
+        t: (n,) s; v: (n,) the motor's speed, smoothed; u: (n,) the drive, held from each stamp on.
+        law: its numbers; firsts: first sample of each trace.
+    """
+    inertia, k, *_ = law
+    out = np.zeros((t.size, 2))
+    for a, b in zip(firsts.tolist(), [*firsts[1:].tolist(), t.size], strict=True):
+        if b - a > 1 and k > 0.0:
+            acting = np.append(u[a], (u[a : b - 1] + u[a + 1 : b]) / 2)
+            out[a:b, 0] = (acting - inertia * np.gradient(v[a:b], t[a:b])) / k
+            out[a:b, 1] = np.gradient(out[a:b, 0], t[a:b])
+    return out
 
 
 @njit(

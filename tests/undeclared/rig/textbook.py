@@ -211,7 +211,7 @@ def two_link() -> Textbook:
     """Two hanging rods, both hinges driven: 1.2 kg, 0.8 m and 0.7 kg, 0.6 m, inertias 0.064 and 0.021 kg m^2.
 
     Factors: `m2` of the mass and the inertia of the second, `c2` of the place of its centre of mass, `i2` of its
-    inertia alone; `payload` is a weight at its tip, kg.
+    inertia alone; `payload` is a weight at its tip, kg, `armature` what the rotor adds at the elbow, kg m^2.
     """
     m1, m2, l1, c1, l2, i1 = 1.2, 0.7, 0.8, 0.4, 0.6, 0.064
 
@@ -223,7 +223,8 @@ def two_link() -> Textbook:
         j2 = 0.021 * r.get("m2", 1.0) * r.get("i2", 1.0) + rod * (middle - c2) ** 2 + tip * (l2 - c2) ** 2
         alpha, beta, delta = i1 + m1 * c1**2 + b * l1**2, b * l1 * c2, j2 + b * c2**2
         c, s = np.cos(q2), np.sin(q2)
-        mass = np.array([[alpha + delta + 2 * beta * c, delta + beta * c], [delta + beta * c, delta]])
+        rotor = r.get("armature", 0.0)
+        mass = np.array([[alpha + delta + 2 * beta * c, delta + beta * c], [delta + beta * c, delta + rotor]])
         turn = np.array([beta * s * (2 * v1 * v2 + v2**2), -beta * s * v1**2])
         low = b * GRAVITY * c2 * np.sin(q1 + q2)
         weight = np.array([(m1 * c1 + b * l1) * GRAVITY * np.sin(q1) + low, low])
