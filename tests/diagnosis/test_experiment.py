@@ -245,7 +245,7 @@ def test_a_shorter_recording_is_proposed_where_it_is_enough_and_the_longer_one_i
     assert whole.longest is None
     assert len(advice.proposal.best.u) < len(asked.t)
     assert advice.longest.sure == whole.proposal.sure >= advice.proposal.sure >= 0.95
-    assert f"{advice.bench.t[-1]:.3g} s are enough: 12 s would make it" in paragraph(asked, advice, {"u": "N"}, "a.csv")
+    assert f"{advice.bench.t[-1]:.3g} s are enough; 12 s would make it" in paragraph(asked, advice, {"u": "N"}, "a.csv")
     assert "are enough" not in paragraph(asked, whole, {"u": "N"}, "a.csv")
 
 

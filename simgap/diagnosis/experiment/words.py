@@ -83,24 +83,34 @@ def _certainty(advice: Advice) -> str:
 
 
 def _besides_them(advice: Advice) -> str:
-    """What else the recording would show."""
+    """What else the recording would show, and what a longer one would."""
     text = (
         "Another effect beside them, no larger than these recordings leave it, would be named with a probability of "
         f"{_percent(advice.proposal.shown)}."
     )
-    return f"{text} {lengths_in_words(advice)}".rstrip()
+    if advice.longest is None:
+        return text
+    short, long = _seconds(advice)
+    chances = f"{_percent(advice.longest.sure)} and {_percent(advice.longest.shown)}"
+    return f"{text} {short} are enough; {long} would make it {chances}."
 
 
 def lengths_in_words(advice: Advice) -> str:
-    """What a longer recording would give, where a shorter one is enough; else nothing."""
-    whole = advice.longest
-    if whole is None or whole.best is None:
-        return ""
-    step = float(advice.bench.t[1] - advice.bench.t[0])
-    return (
-        f"{advice.bench.t[-1]:.3g} s are enough: {step * (len(whole.best.u) - 1):.3g} s would make it "
-        f"{_percent(whole.sure)} and {_percent(whole.shown)}."
-    )
+    """Lines over the picture: how sure one will be by the length that is proposed, and by the longest."""
+    if len(advice.known.rivals) == 1:
+        return "what to play"
+    short, long = _seconds(advice)
+    now, whole = advice.proposal, advice.longest
+    rows = [(short, now)] if whole is None else [(short, now), (long, whole)]
+    each = [f"{s}: told apart with {_percent(p.sure)}, another effect named with {_percent(p.shown)}" for s, p in rows]
+    return "\n".join(each)
+
+
+def _seconds(advice: Advice) -> tuple[str, str]:
+    """How long the proposed recording is, and the longest that was tried."""
+    t, whole = advice.bench.t, (advice.longest or advice.proposal).best
+    assert whole is not None
+    return f"{t[-1] - t[0]:.3g} s", f"{(t[1] - t[0]) * (len(whole.u) - 1):.3g} s"
 
 
 def _percent(probability: float) -> str:
