@@ -8,7 +8,7 @@ diagnosis cannot tell its answer from others, or is wrong, one more recording is
 the same length; with the same kind of multisine as long as the first recording. Each is diagnosed together with the
 first. Settled is a diagnosis whose answer is what was hidden (or moves the plant exactly as that does) and that lists
 no other one. Of each plant records are made until there are so many confusions, whatever comes of them. Writes
-benchmarks/results/next_experiment/PLANT.json, and next_experiment.md of all that are there.
+benchmarks/results/next_experiment/PLANT.json, and next_experiment.md of all that are there (`--plants` alone: no more).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -84,15 +85,23 @@ def table(made: dict[str, Any]) -> str:
         "by a random one of 4 s",
     )  # fmt: skip
     lines += ["", "| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    for word, wanted, key in (
-        ("among what was left open", True, "probability"), ("not among it", False, "shown"),
-    ):  # fmt: skip
-        of = [r for r in rows if r["right_among_them"] == wanted]
+    kinds: tuple[tuple[str, Callable[[dict[str, Any]], bool]], ...] = (
+        ("it was among what was left open", lambda r: r["right_among_them"]),
+        ("it was not", lambda r: not r["right_among_them"]),
+        ("dry friction, alone or beside something", _dry),
+        ("no dry friction", lambda r: not _dry(r)),
+    )
+    for word, wanted in kinds:
+        of = [r for r in rows if wanted(r)]
         if of:
-            told = 100 * float(np.mean([r[key] for r in of]))
+            told = 100 * float(np.mean([r["probability" if r["right_among_them"] else "shown"] for r in of]))
             counts = " | ".join(str(sum(r[k] for r in of)) for k in KINDS)
             lines.append(f"| {word} | {len(of)} | {told:.1f} % | {counts} |")
     return "\n".join(lines) + "\n"
+
+
+def _dry(row: dict[str, Any]) -> bool:
+    return any(name == "coulomb_friction" for name, _ in row["hidden"])
 
 
 def main() -> None:
@@ -114,11 +123,17 @@ def main() -> None:
                 print(json.dumps(rows[-1]), flush=True)
                 _write(plant, {"tried": tried, "rows": rows})
         print(f"{plant}: {tried} records, {len(rows)} left something open", flush=True)
+    _write_table()
 
 
 def _write(plant: str, made: dict[str, Any]) -> None:
     folder = RESULTS / "next_experiment"
     (folder / f"{plant}.json").write_text(json.dumps(made, indent=1) + "\n")
+    _write_table()
+
+
+def _write_table() -> None:
+    folder = RESULTS / "next_experiment"
     there = {p: json.loads(f.read_text()) for p in PLANTS if (f := folder / f"{p}.json").is_file()}
     (RESULTS / "next_experiment.md").write_text(table(there))
 

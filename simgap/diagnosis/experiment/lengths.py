@@ -42,9 +42,9 @@ def windows_to_come(record: Record, settings: DiagnosisSettings, t: Floats) -> t
 def as_usable(record: Record, settings: DiagnosisSettings, t: Floats, count: int) -> bool:
     """Whether so many samples of a recording t (n,) s are in each of the folds that the whole of it is in.
 
-    Of confusions on a pendulum and on a cart with a pole none of 5 was settled by less than a window, 13 of 17 by 1 to
-    1.4 windows and 18 of 18 by 2.8 and more, the first to be in three folds (benchmarks/next_experiment.py, seeds 20000
-    on): what is found on one fold is not confirmed on another that shows something else.
+    Of confusions on a pendulum, an oscillator and a cart with a pole 0 of 6 were settled by less than a window, 13 of
+    17 by 1 to 1.4 windows and 29 of 31 by 2.8 and more, the first to be in three folds (benchmarks/next_experiment.py,
+    seeds 20000 on): what is found on one fold is not confirmed on another that shows something else.
     """
     try:
         (_, few), (_, whole) = (_to_come(record, settings, part) for part in (t[:count], t))
