@@ -1,19 +1,12 @@
-"""The study of the next experiment on other plants than the pendulum of `next_experiment.py`.
+"""Confusions for the study of the next experiment: small first recordings that leave several explanations open.
 
-    python benchmarks/next_experiment_plants.py [--plants dc_motor oscillator cart_pole two_link] [--cpu-s 180]
-
-The plants are those of tests/undeclared/rig/textbook.py, moved by SciPy from their equations of motion. Each hides one
-effect or two, drawn at random, in a recording of 4 s with small inputs; where that leaves something open one more of
-4 s is made as proposed, and one with a random multisine of up to the same inputs. What counts is as in
-`next_experiment.py`. Each plant's rows are kept in benchmarks/results/next_experiment_plants.json when they are there.
+A pendulum, moved by fine steps that share no code with the fit, and the plants of tests/undeclared/rig/textbook.py,
+moved by SciPy from their equations of motion. Each hides one effect or two, drawn at random.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,25 +15,64 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
-RESULTS = Path(__file__).parent / "results"
-sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
-
-from next_experiment import open_sets, settled  # noqa: E402
+sys.path[:0] = [str(ROOT)]
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
-from simgap.diagnosis.experiment.ask import Question, ask  # noqa: E402
+from simgap.diagnosis.experiment.ask import Question  # noqa: E402
 from simgap.diagnosis.experiment.waves import random_wave  # noqa: E402
 from simgap.diagnosis.reading.record import Record, Trace  # noqa: E402
-from simgap.diagnosis.result import DiagnosisSettings  # noqa: E402
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings  # noqa: E402
 from simgap.geometry import Box  # noqa: E402
+from simgap.model.symbolic import SymbolicModel  # noqa: E402
 from tests.undeclared.nominals import nominal  # noqa: E402
+from tests.undeclared.plant import pendulum  # noqa: E402
+from tests.undeclared.rig import pendulum as swing  # noqa: E402
 from tests.undeclared.rig.textbook import PLANTS, Hidden, Textbook, _moved  # noqa: E402
 
-FIRST_SEED, SECONDS = 7000, 4.0
-EFFECTS = ("viscous_friction", "coulomb_friction", "quadratic_drag", "spring", "input_gain", "input_bias",
-           "parameter_error")  # fmt: skip
+SECONDS = 4.0
+"""Of the first recording, and of the longest next one."""
 Key = tuple[str, str]
-Size = Callable[[float], dict[str, dict[str, float]]]
+Keys = frozenset[Key]
+Size = Callable[[float], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """What a first recording left open.
+
+    Attributes:
+        plant, seed: which; truth: what was hidden; before: the answer.
+        question: as `simgap next` asks it; play: inputs (n, m) -> the recording that comes of them.
+    """
+
+    plant: str
+    seed: int
+    truth: Keys
+    before: Diagnosis
+    question: Question
+    play: Callable[[str, np.ndarray], Trace]
+
+    def settled(self, found: Diagnosis) -> bool:
+        """Whether the answer is what was hidden, up to exact equals, and nothing else is listed."""
+        return settled(found, self.truth)
+
+    def diagnosed(self, more: Trace) -> Diagnosis:
+        """The new recording before the first."""
+        q = self.question
+        return diagnose(q.model, Record((more, *q.record.traces), q.record.measured, q.record.inputs), q.settings)
+
+
+def settled(found: Diagnosis, truth: Keys) -> bool:
+    """Whether the answer is what was hidden, up to exact equals, and nothing else is listed."""
+    answer = frozenset((e.name, e.on) for e in found.effects)
+    sets = [(frozenset((e.name, e.on) for e in a.effects), a.exact) for a in found.alternatives]
+    equal = truth == answer or any(keys == truth and exact for keys, exact in sets)
+    return equal and all(exact for _, exact in sets)
+
+
+def open_sets(found: Diagnosis) -> tuple[Any, ...]:
+    """The answer and what cannot be told from it, exact equals aside: no recording tells these."""
+    return (found.applied, *(a.effects for a in found.alternatives if not a.exact))[:4]
 
 
 @dataclass(frozen=True)
@@ -87,6 +119,76 @@ STUDIES = {
     }),
 }  # fmt: skip
 
+EFFECTS = ("viscous_friction", "coulomb_friction", "quadratic_drag", "spring", "input_gain", "input_bias",
+           "parameter_error")  # fmt: skip
+SWING_EFFECTS = (
+    "viscous_friction", "coulomb_friction", "quadratic_drag", "spring", "cubic_spring", "gravity_tilt", "input_gain",
+    "input_bias", "parameter_error", "input_dead_zone",
+)  # fmt: skip
+SWING: dict[Key, Size] = {  # numbers of the rig for a size between 0 and 1
+    ("viscous_friction", "hinge"): lambda s: {"b": 0.02 + 0.15 * s},
+    ("coulomb_friction", "hinge"): lambda s: {"F_c": 0.02 + 0.15 * s},
+    ("quadratic_drag", "hinge"): lambda s: {"c": 0.02 + 0.1 * s},
+    ("spring", "hinge"): lambda s: {"k": 0.2 + 0.8 * s},
+    ("gravity_tilt", "plant"): lambda s: {"tilt": 0.01 + 0.05 * s},
+    ("input_bias", "torque"): lambda s: {"bias": 0.05 + 0.3 * s},
+    ("input_gain", "torque"): lambda s: {"gain": 0.8 + 0.15 * s},
+    ("parameter_error", "rod.com"): lambda s: {"com": 0.5 * (1.03 + 0.1 * s)},
+}
+SWING_SIGMA, SWING_TOP = 1e-3, 6.0
+
+
+def confusion(plant: str, seed: int) -> Confusion | None:
+    """One record of a plant; None where it leaves nothing open."""
+    return _swing(seed) if plant == "pendulum" else _textbook(plant, seed)
+
+
+def _picked(of: dict[Key, Size], rng: np.random.Generator) -> list[Key]:
+    return [list(of)[k] for k in rng.choice(len(of), size=int(rng.integers(1, 3)), replace=False)]
+
+
+def _swing(seed: int) -> Confusion | None:
+    rng = np.random.default_rng(seed)
+    keys, numbers = _picked(SWING, rng), dict[str, float]()
+    for key in keys:
+        numbers |= SWING[key](float(rng.uniform()))
+    hidden = swing.Hidden(rig=numbers)
+
+    def play(name: str, u: np.ndarray, noise: np.random.Generator) -> Trace:
+        x = swing.move(hidden, u[:, 0], np.zeros(2))
+        y = x[:, :1] + hidden.offset + SWING_SIGMA * noise.standard_normal((len(u), 1))
+        return Trace(name, np.arange(len(u)) / swing.RATE, y, u)
+
+    t = np.arange(int(SECONDS * swing.RATE) + 1) / swing.RATE
+    small = float(np.exp(rng.uniform(np.log(0.05), np.log(0.4))))
+    first = play("first", swing.multisine(rng, len(t), swing.RATE, top=small)[:, None], rng)
+    settings = DiagnosisSettings(effects=SWING_EFFECTS, max_effects=2, budget_s=60.0)
+    record = Record((first,), ("angle",), ("torque",))
+    limits = Box([-6.0, -20.0], [6.0, 20.0]), np.zeros(1), np.full(1, SWING_TOP)
+    return _asked("pendulum", seed, frozenset(keys), pendulum(), record, settings, t, limits, play)
+
+
+def _textbook(plant: str, seed: int) -> Confusion | None:
+    book, study, model = PLANTS[plant](), STUDIES[plant], nominal(plant)
+    rng = np.random.default_rng([seed, *plant.encode()])
+    keys, told = _picked(study.hidden, rng), dict[str, dict[str, float]]()
+    for key in keys:
+        for kind, numbers in study.hidden[key](float(rng.uniform())).items():
+            told[kind] = told.get(kind, {}) | numbers
+    hidden, top = Hidden(**told), np.array(study.top)
+
+    def play(name: str, u: np.ndarray, noise: np.random.Generator) -> Trace:
+        return recorded(book, name, hidden, u, noise)
+
+    t = np.arange(round(SECONDS * book.rate) + 1) / book.rate
+    small = float(np.exp(rng.uniform(np.log(0.02), np.log(0.15))))
+    first = play("first", small * top * random_wave(t, len(top), rng).u, rng)
+    settings = DiagnosisSettings(effects=EFFECTS, max_effects=2, budget_s=60.0)
+    reach = np.array(study.reach)
+    limits = Box(-reach, reach), np.zeros(len(top)), top
+    record = Record((first,), book.measured, book.inputs)
+    return _asked(plant, seed, frozenset(keys), model, record, settings, t, limits, play)
+
 
 def recorded(book: Textbook, name: str, hidden: Hidden, u: np.ndarray, rng: np.random.Generator) -> Trace:
     """The plant under these inputs (n, m) from rest, its readings with noise."""
@@ -96,86 +198,17 @@ def recorded(book: Textbook, name: str, hidden: Hidden, u: np.ndarray, rng: np.r
     return Trace(name, t, x[:, read] + np.asarray(book.sigma) * rng.standard_normal((len(t), len(read))), acted)
 
 
-def one(plant: str, seed: int) -> dict[str, Any] | None:
-    """One confusion, opened twice; None where the first recording leaves nothing open."""
-    book, study, model = PLANTS[plant](), STUDIES[plant], nominal(plant)
-    rng = np.random.default_rng([seed, *plant.encode()])
-    picked = [list(study.hidden)[k] for k in rng.choice(len(study.hidden), size=int(rng.integers(1, 3)), replace=False)]
-    told: dict[str, dict[str, float]] = {}
-    for key in picked:
-        for kind, numbers in study.hidden[key](float(rng.uniform())).items():
-            told[kind] = told.get(kind, {}) | numbers
-    hidden, truth, top = Hidden(**told), frozenset(picked), np.array(study.top)
-    t = np.arange(round(SECONDS * book.rate) + 1) / book.rate
-    small = float(np.exp(rng.uniform(np.log(0.02), np.log(0.15))))
-    trace = recorded(book, "first", hidden, small * top * random_wave(t, len(top), rng).u, rng)
-    settings = DiagnosisSettings(effects=EFFECTS, max_effects=2, budget_s=60.0)
-    before = diagnose(model, Record((trace,), book.measured, book.inputs), settings)
+def _asked(
+    plant: str, seed: int, truth: Keys, model: SymbolicModel, record: Record, settings: DiagnosisSettings,
+    t: np.ndarray, limits: tuple[Box, np.ndarray, np.ndarray],
+    play: Callable[[str, np.ndarray, np.random.Generator], Trace],
+) -> Confusion | None:  # fmt: skip
+    before = diagnose(model, record, settings)
     if not before.effects or settled(before, truth) or len(open_sets(before)) < 2:
         return None
-    reach = np.array(study.reach)
-    question = Question(
-        model, Record((trace,), book.measured, book.inputs), settings, dict(before.sigma), open_sets(before), t,
-        np.zeros(len(book.states)), Box(-reach, reach), np.zeros(len(top)), top,
+    rest = np.zeros(len(model.state_names))
+    question = Question(model, record, settings, dict(before.sigma), open_sets(before), t, rest, *limits)
+    return Confusion(
+        plant, seed, truth, before, question,
+        lambda name, u: play(name, u, np.random.default_rng([seed, 7])),
     )  # fmt: skip
-    begun = time.process_time()
-    advice = ask(question, np.random.default_rng(1))
-    row: dict[str, Any] = {
-        "plant": plant, "seed": seed, "hidden": sorted(map(list, truth)),
-        "open": [r.label for r in advice.known.rivals], "probability": advice.proposal.sure,
-        "cpu_s": time.process_time() - begun,
-    }  # fmt: skip
-    best = advice.proposal.best
-    waves = {"proposed": None if best is None else best.u, "random": top * random_wave(t, len(top), rng).u}
-    for name, u in waves.items():
-        row[name] = False
-        if u is not None:
-            more = recorded(book, name, hidden, u, np.random.default_rng([seed, 7]))
-            after = diagnose(model, Record((trace, more), book.measured, book.inputs), settings)
-            row[name] = settled(after, truth)
-            row[f"{name}_answer"] = [sorted([e.name, e.on] for e in after.effects), len(after.alternatives)]
-    return row
-
-
-def table(plants: dict[str, Any]) -> str:
-    """Markdown, one plant a row."""
-    heads = (
-        "plant", "records", "that left something open", "settled by the proposed recording", "by a random one",
-        "sure of 90 % and more", "of these settled", "CPU s, median",
-    )  # fmt: skip
-    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    for plant, made in plants.items():
-        rows = made["rows"]
-        sure = [r for r in rows if r["probability"] >= 0.9]
-        spent = f"{np.median([r['cpu_s'] for r in rows]):.1f}" if rows else ""
-        lines.append(
-            f"| {plant} | {made['tried']} | {len(rows)} | {sum(r['proposed'] for r in rows)} | "
-            f"{sum(r['random'] for r in rows)} | {len(sure)} | {sum(r['proposed'] for r in sure)} | {spent} |"
-        )
-    return "\n".join(lines) + "\n"
-
-
-def main() -> None:
-    """Make confusions on each plant until its time is spent, and write the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--plants", nargs="*", default=list(STUDIES), choices=list(STUDIES))
-    parser.add_argument("--cpu-s", type=float, default=180.0, help="CPU seconds a plant, after which no more is begun")
-    arguments = parser.parse_args()
-    path = RESULTS / "next_experiment_plants.json"
-    for plant in arguments.plants:
-        begun, rows, tried = time.process_time(), list[dict[str, Any]](), 0
-        while time.process_time() - begun < arguments.cpu_s:
-            row = one(plant, FIRST_SEED + tried)
-            tried += 1
-            if row is not None:
-                rows.append(row)
-                print(json.dumps(row), flush=True)
-            known = json.loads(path.read_text()) if path.is_file() else {}
-            known[plant] = {"tried": tried, "rows": rows}
-            path.write_text(json.dumps(known, indent=1) + "\n")
-            path.with_suffix(".md").write_text(table(known))
-        print(f"{plant}: {tried} records, {len(rows)} left something open", flush=True)
-
-
-if __name__ == "__main__":
-    main()

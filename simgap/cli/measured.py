@@ -58,7 +58,7 @@ def next_experiment(
     case: CasePath,
     found: Annotated[Path, typer.Argument(help="Folder of a diagnosis of it.", show_default=False)],
     out: Annotated[Path, typer.Option(help="Folder for the results.", callback=new_folder)] = Path("next"),
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="How long the recording may be, s.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="How long the recording is, s.")] = None,
     start: Annotated[str, typer.Option(help="State at its first sample, such as q=0.5,v=0.")] = "",
     log: Log = None,
 ) -> None:

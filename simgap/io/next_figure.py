@@ -22,6 +22,7 @@ class Proposed:
         labels: of the rivals; readings: of each, (n, k); measured: names of the k columns.
         missed: (n, k) what the closest other one would miss, fitted again, in units of the noise; None for one alone.
         pair: the right one and the one that misses.
+        title: how sure one will be, and by how long a recording.
     """
 
     t: Floats
@@ -32,6 +33,7 @@ class Proposed:
     measured: Sequence[str]
     missed: Floats | None
     pair: tuple[int, int]
+    title: str = "what to play"
 
 
 def next_figure(p: Proposed, units: Mapping[str, str]) -> Any:
@@ -43,6 +45,7 @@ def next_figure(p: Proposed, units: Mapping[str, str]) -> Any:
     for j, name in enumerate(p.inputs):
         axes[0].step(p.t, p.u[:, j], where="post", lw=1.2, color=COLOURS[j % len(COLOURS)], label=name)
     axes[0].set_ylabel(axis_label(p.inputs[0], units) if len(p.inputs) == 1 else "inputs")
+    axes[0].set_title(p.title)
     if len(p.inputs) > 1:
         axes[0].legend(loc="upper right", ncols=4)
     for k, (label, y) in enumerate(zip(p.labels, p.readings, strict=True)):

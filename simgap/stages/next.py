@@ -11,10 +11,11 @@ import numpy as np
 
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import mended
-from simgap.diagnosis.experiment.ask import Advice, Question, ask
+from simgap.diagnosis.experiment.ask import ENOUGH, Advice, Question, ask
+from simgap.diagnosis.experiment.lengths import windows_to_come
 from simgap.diagnosis.experiment.rivals import Explained, library_names
 from simgap.diagnosis.experiment.verify import missed
-from simgap.diagnosis.experiment.words import paragraph
+from simgap.diagnosis.experiment.words import lengths_in_words, paragraph
 from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
@@ -46,7 +47,8 @@ def run(
 
     Args:
         case_path: the case that was diagnosed; found: the folder with `diagnosis.json`.
-        seconds: how long the recording may be; that of the longest so far (20 s at most) if not given.
+        seconds: how long the recording is; as short as is enough if not given, and no longer than the longest so far
+            (20 s at most).
         start: states at its first sample; 0 (or what X has nearest to it) where not given.
 
     Returns:
@@ -82,13 +84,14 @@ def _question(
     conditions = tuple(dict.fromkeys(tuple(t.u[0, len(model.inputs) :].tolist()) for t in record.traces))
     settings = DiagnosisSettings(
         window_s=section.window_s, horizon_s=section.horizon_s, held_out_traces=reading.held_out,
-        held_out_share=section.held_out.fraction,
+        held_out_share=section.held_out.fraction, effects=section.effects,
     )  # fmt: skip
     record = mended(conditioned(model, names), record, replace(settings, effects=library_names(sets)))[0]
     allowed, middle, reach = _limits(context, record)
     return Question(
-        conditioned(model, names), record, settings, dict(document["noise"]), sets, _stamps(context, record, seconds),
-        _start(context, model.state_names, allowed, start), allowed, middle, reach, conditions, dict(context.units),
+        conditioned(model, names), record, settings, dict(document["noise"]), sets,
+        _stamps(context, record, settings, seconds), _start(context, model.state_names, allowed, start), allowed,
+        middle, reach, conditions, seconds is None, dict(context.units),
     )  # fmt: skip
 
 
@@ -140,20 +143,21 @@ def _limits(context: Context, record: Record) -> tuple[Box, Floats, Floats]:
     return Box(ends[:, 0], ends[:, 1]), span.mean(axis=1), 0.5 * (span[:, 1] - span[:, 0])
 
 
-def _stamps(context: Context, record: Record, seconds: float | None) -> Floats:
+def _stamps(context: Context, record: Record, settings: DiagnosisSettings, seconds: float | None) -> Floats:
+    """Of the longest recording that may be proposed; of the one that is, where its length is given."""
     domain = context.case.domain
     steps = np.concatenate([np.diff(t.t) for t in record.traces])
     dt = domain.tau if domain is not None else float(np.median(steps))
     length = seconds if seconds is not None else min(LONGEST_S, max(t.duration for t in record.traces))
     count = round(length / dt) + 1
-    window = (context.case.measured or MeasuredSection()).window_s
-    if not 2.0 * window <= length or count > MOST_SAMPLES:
+    if count > MOST_SAMPLES:
         raise UserError(
-            f"a recording of {length:.3g} s at {1 / dt:.4g} Hz is too {'short' if length < 2 * window else 'long'}",
-            key="--seconds", remedy=f"Give at least two windows, {2 * window:.3g} s, and at most "
-            f"{MOST_SAMPLES * dt:.3g} s.",
+            f"a recording of {length:.3g} s at {1 / dt:.4g} Hz is too long", key="--seconds",
+            remedy=f"Give at most {MOST_SAMPLES * dt:.3g} s.",
         )  # fmt: skip
-    return np.asarray(dt * np.arange(count))
+    t = np.asarray(dt * np.arange(count))
+    windows_to_come(record, settings, t)  # or it says why the diagnosis could not use it
+    return t
 
 
 def _start(context: Context, names: tuple[str, ...], allowed: Box, given: Mapping[str, float]) -> Floats:
@@ -162,6 +166,19 @@ def _start(context: Context, names: tuple[str, ...], allowed: Box, given: Mappin
         raise UserError(f"{unknown} are no states", key="--start", remedy=f"States: {list(names)}.")
     own = {n: float(np.clip(0.0, lo, hi)) for n, lo, hi in zip(context.states, allowed.lo, allowed.hi, strict=True)}
     return np.array([given.get(n, own.get(n, 0.0)) for n in names])
+
+
+def _lengths(question: Question, advice: Advice) -> dict[str, Any]:
+    """How long it is, what was asked of it, and what the longest one would give."""
+    if len(advice.known.rivals) == 1 or advice.proposal.best is None:
+        return {"seconds": float(advice.bench.t[-1])}
+    whole = advice.longest or advice.proposal
+    return {
+        "seconds": float(advice.bench.t[-1]),
+        "asked": ENOUGH if question.brief else None,
+        "shown": advice.proposal.shown,
+        "longest": {"seconds": float(question.t[-1]), "probability": whole.sure, "shown": whole.shown},
+    }
 
 
 def _write(context: Context, question: Question, advice: Advice, out_dir: Path) -> dict[str, Any]:
@@ -174,6 +191,7 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
         "tried": advice.proposal.tried,
         "outside": advice.proposal.left,
         "probability": advice.proposal.sure if len(rivals) > 1 else None,
+        **_lengths(question, advice),
         "remedy": None if advice.remedy is None else advice.remedy.plain(),
         "input": None if best is None else INPUT,
         "conditions": dict(zip(question.model.conditions, advice.bench.held, strict=True)),
@@ -182,7 +200,7 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
     if best is not None:
         rows = [",".join(["t", *names])]
         rows += [
-            ",".join(f"{v:.9g}" for v in (t, *u)) for t, u in zip(question.t, best.u[:, : len(names)], strict=True)
+            ",".join(f"{v:.9g}" for v in (t, *u)) for t, u in zip(advice.bench.t, best.u[:, : len(names)], strict=True)
         ]
         write_text(out_dir / INPUT, "\n".join(rows) + "\n")
         pair, left = (0, 0), None
@@ -195,8 +213,8 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
         else:
             content["standard_errors"] = best.d.tolist()
         shown = Proposed(
-            question.t, best.u[:, : len(names)], names, content["rivals"], best.readings, question.record.measured,
-            left, pair,
+            advice.bench.t, best.u[:, : len(names)], names, content["rivals"], best.readings, question.record.measured,
+            left, pair, lengths_in_words(advice),
         )  # fmt: skip
         with style.figure_style():
             figure = next_figure(shown, context.units)

@@ -65,6 +65,14 @@ def test_the_proposed_recording_tells_what_the_first_could_not(tmp_path):
     assert table["t"][-1] == pytest.approx(6.0)
     assert np.abs(table["u"]).max() <= 3.0
 
+    brief = stage.run(case, tmp_path / "found", tmp_path / "brief")  # no length given: as short as is enough
+    assert 2.0 < brief["seconds"] < brief["longest"]["seconds"] == pytest.approx(7.99)
+    assert brief["probability"] >= brief["asked"] == 0.95
+    assert brief["shown"] <= brief["longest"]["shown"]
+    assert f"{brief['seconds']:.3g} s are enough; 7.99 s would make it" in brief["paragraph"]
+    assert said["asked"] is None
+    assert said["seconds"] == said["longest"]["seconds"] == pytest.approx(6.0)
+
     second = play(tmp_path / "second.csv", table["u"], 1)
     then = diagnosis.run(case, [small, second], tmp_path / "settled")
     assert then["verdict"] == "attributed"
@@ -85,5 +93,5 @@ def test_the_proposed_recording_tells_what_the_first_could_not(tmp_path):
             stage.run(case, tmp_path / "bad", tmp_path / "none")
     with pytest.raises(UserError, match="no states"):
         stage.run(case, tmp_path / "found", tmp_path / "none", start={"angle": 1.0})
-    with pytest.raises(UserError, match="too short"):
-        stage.run(case, tmp_path / "found", tmp_path / "none", seconds=0.5)
+    with pytest.raises(UserError, match="would use nothing"):
+        stage.run(case, tmp_path / "found", tmp_path / "none", seconds=0.2)

@@ -17,10 +17,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgap.diagnosis.reading.encoder import weights
 from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import Windows, split_windows
+from simgap.diagnosis.reading.windows import Windows
 from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
@@ -52,7 +53,7 @@ class Bench:
 
     Attributes:
         model: with the effects of all rivals; sigma: (k,) noise of the measured states.
-        t: (n,) s; window_s: of the fit; h_max: longest integration step, s.
+        t: (n,) s; windows: of them, as the fit will cut them; tells: (w,) which it looks at; h_max: longest step, s.
         start: (nx,) state at the first sample; allowed: states that the plant may come to.
         middle, reach: (m,) of the inputs, or of those that are no known condition.
         held: values of the known conditions, after the inputs.
@@ -63,7 +64,8 @@ class Bench:
     model: SuperModel
     sigma: Floats
     t: Floats
-    window_s: float
+    windows: Windows
+    tells: NDArray[np.bool_]
     h_max: float
     start: Floats
     allowed: Box
@@ -74,6 +76,11 @@ class Bench:
     counted: int = 0
     steps: Floats = field(default_factory=lambda: np.zeros(0))
     shared: Floats = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def compared(self) -> int:
+        """How many numbers of the recording to come are compared."""
+        return self.windows.pick(self.tells).samples * len(self.sigma)
 
     def input(self, wave: Floats) -> Floats:
         """A wave (n, m), cut at the ends of the range, as the plant feels it, conditions behind it: (n, m + c)."""
@@ -101,17 +108,16 @@ class Bench:
         left = linear.rest - 2.0 * float(linear.gradient @ step) + float(step @ gram @ step)
         return max(left, 0.0) / self.excess
 
-    def tells(self, states: Floats, readings: Floats, u: Floats, own: Rival) -> Floats:
+    def errors(self, states: Floats, readings: Floats, u: Floats, own: Rival) -> Floats:
         """(p,) standard errors of a rival's own parameters after such a recording, with those at hand."""
         problem, x0 = self.recorded(states, readings, u)
         directions = [slot_direction(problem, own.theta, k, h) for k, h in zip(own.slots, own.steps, strict=True)]
         gram = linearise(problem, own.theta, x0, directions).gram + own.information
         return np.asarray(np.sqrt(np.diag(np.linalg.pinv(gram, hermitian=True)) * self.excess))
 
-    def recorded(self, states: Floats, readings: Floats, u: Floats) -> tuple[Problem, Floats]:
-        """The recording to come, without noise, in windows, and the states (w, nx) at their starts."""
-        record = Record((self._trace(u, readings),), self.model.measured, self.model.model.input_names)
-        windows = split_windows(record, self.window_s)
+    def recorded(self, states: Floats, readings: Floats, u: Floats, whole: bool = False) -> tuple[Problem, Floats]:
+        """The recording to come, without noise, in windows that tell (or all), and the states (w, nx) they begin at."""
+        windows = self.windows if whole else self.windows.pick(self.tells)
         return self._problem(u, readings, windows), np.ascontiguousarray(states[windows.start])
 
     def _problem(self, u: Floats, y: Floats, windows: Windows) -> Problem:
@@ -129,7 +135,7 @@ def margins(d: Floats, rivals: Sequence[Rival], bench: Bench) -> Floats:
     BIC of B must exceed that of A by `AMBIGUOUS`; the difference of their chi^2 has mean D and variance 4 D, and that
     of the parameters that one has more. d: (r, r) with D(A, B) at [A, B].
     """
-    size = math.log(max(bench.counted + len(bench.t) * len(bench.sigma), 2))
+    size = math.log(max(bench.counted + bench.compared, 2))
     more = np.array([[a.count - b.count for b in rivals] for a in rivals], dtype=np.float64)
     spread = np.sqrt(4.0 * d + 2.0 * np.maximum(np.abs(more), 1.0))
     z = (d - AMBIGUOUS - more * size) / spread

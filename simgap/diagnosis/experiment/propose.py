@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from simgap.diagnosis.experiment.bench import Bench, Rival, margins
+from simgap.diagnosis.experiment.beside import Beside
 from simgap.diagnosis.experiment.waves import Wave, waves
 from simgap.excitation import multisine
 from simgap.geometry import Floats
@@ -32,6 +33,7 @@ class Try:
         name: of its family; wave: (n, m); u: (n, m + c) as the plant feels it.
         score: what is made large; d: (r, r) of `Bench.parts`, with the answer alone its standard errors (p,).
         states, readings: of each rival, (n, nx) and (n, k).
+        hidden: (e, e + 1) of `Beside.told`; None where nothing is sought beside.
     """
 
     name: str
@@ -41,6 +43,15 @@ class Try:
     d: Floats
     states: tuple[Floats, ...]
     readings: tuple[Floats, ...]
+    hidden: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Counted:
+    """Pairs that some input tells: of the rivals (r, r), and of what may hide beside the answer (e, e + 1)."""
+
+    rivals: NDArray[np.bool_]
+    hidden: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +62,8 @@ class Proposal:
         best: the try; bench: the place of its bench among those given.
         tried: how many there were; left: how many would have left the range of the plant.
         sure: the least probability, over the pairs that count, that the right one is told from the other.
-        counted: (r, r) the pairs that some input tells apart; all, where none does.
+        shown: the share of what may hide beside the answer that the recording would show and name.
+        counted: the pairs that some input tells apart; all rivals, where none does.
     """
 
     best: Try | None
@@ -59,12 +71,13 @@ class Proposal:
     tried: int
     left: int
     sure: float
-    counted: NDArray[np.bool_]
+    shown: float
+    counted: Counted
 
     def closest(self, rivals: Sequence[Rival], bench: Bench) -> tuple[int, int]:
         """The pair that the best input tells least surely: the right one and the other."""
         assert self.best is not None
-        z = np.where(self.counted, margins(self.best.d, rivals, bench), np.inf)
+        z = np.where(self.counted.rivals, margins(self.best.d, rivals, bench), np.inf)
         a, b = np.unravel_index(int(np.argmin(z)), z.shape)
         return int(a), int(b)
 
@@ -75,64 +88,87 @@ class Proposal:
 
     def alike(self) -> list[tuple[int, int]]:
         """Pairs that no input that was tried tells apart."""
-        return [(a, b) for a in range(len(self.counted)) for b in range(a) if not self.counted[a, b]]
+        told = self.counted.rivals
+        return [(a, b) for a in range(len(told)) for b in range(a) if not told[a, b]]
 
 
 def propose(
     benches: Sequence[Bench], rivals: Sequence[Rival], rng: np.random.Generator,
     tell: Callable[[str], None] = lambda words: None, few: bool = False,
+    beside: Beside | None = None, counted: Counted | None = None,
 ) -> Proposal:  # fmt: skip
     """Try every family on each bench (one for each known condition), and improve the best ones.
 
     Args:
         rivals: two or more to be told apart, or one whose numbers are to be told better.
         few: one size of each family and no improvement.
+        beside: what may hide beside the first of them.
+        counted: the pairs that count; those that some input tells apart if not given.
     """
     found: list[tuple[int, Try]] = []
     count = left = 0
     for k, bench in enumerate(benches):
         for wave in _sized(bench, rng, SIZES[:1] if few else SIZES):
             count += 1
-            attempt = _fitting(bench, rivals, wave)
+            attempt = _fitting(bench, rivals, wave, beside)
             if attempt is None:
                 left += 1
             else:
                 found.append((k, attempt))
         tell(f"{count} inputs tried")
     if not found:
-        return Proposal(None, 0, count, left, 0.0, np.ones((len(rivals), len(rivals)), dtype=bool))
-    counted = _told(found, rivals, benches)
-    found = [(k, replace(a, score=_score(a.d, rivals, benches[k], counted, a.score))) for k, a in found]
+        nothing = Counted(np.ones((len(rivals), len(rivals)), dtype=bool), np.zeros((0, 1), dtype=bool))
+        return Proposal(None, 0, count, left, 0.0, 0.0, nothing)
+    counted = counted or _told(found, rivals, benches)
+    found = [(k, replace(a, score=_score(a, rivals, benches[k], counted))) for k, a in found]
     found.sort(key=lambda pair: -pair[1].score)
     best = found[:BEST]
     for k in range(0 if few else ROUNDS):
-        if sure(best[0][1].d, rivals, benches[best[0][0]], counted) >= SURE:
+        if best[0][1].score >= SURE * (1.0 + (beside is not None)):
             break
         where, parent = best[k % len(best)]
-        attempt = tried(benches[where], rivals, _changed(parent, best[0][1], benches[where].t, rng))
+        attempt = tried(benches[where], rivals, _changed(parent, best[0][1], benches[where].t, rng), beside)
         count += 1
         if attempt is not None:
-            attempt = replace(attempt, score=_score(attempt.d, rivals, benches[where], counted, attempt.score))
+            attempt = replace(attempt, score=_score(attempt, rivals, benches[where], counted))
         if attempt is not None and attempt.score > parent.score:
             best[k % len(best)] = where, attempt
             best.sort(key=lambda pair: -pair[1].score)
     where, top = best[0]
-    return Proposal(top, where, count, left, sure(top.d, rivals, benches[where], counted), counted)
+    certain = sure(top.d, rivals, benches[where], counted)
+    return Proposal(top, where, count, left, certain, shown(top, counted), counted)
 
 
-def _told(found: Sequence[tuple[int, Try]], rivals: Sequence[Rival], benches: Sequence[Bench]) -> NDArray[np.bool_]:
-    """(r, r) pairs that some input tells more likely than not, whichever of the two is right; all, where none is."""
+def _told(found: Sequence[tuple[int, Try]], rivals: Sequence[Rival], benches: Sequence[Bench]) -> Counted:
+    """Pairs that some input tells more likely than not, whichever is right; all rivals, where none is."""
     best = np.full((len(rivals), len(rivals)), -np.inf)
     for k, a in found if len(rivals) > 1 else ():
         z = margins(a.d, rivals, benches[k])
         best = np.maximum(best, np.minimum(z, z.T))
     told = best > 0.0
-    return told if np.any(told & ~np.eye(len(rivals), dtype=bool)) else np.ones_like(told)
+    told = told if np.any(told & ~np.eye(len(rivals), dtype=bool)) else np.ones_like(told)
+    hidden = [a.hidden for _, a in found if a.hidden is not None]
+    return Counted(told, np.max(hidden, axis=0) > 0.5 if hidden else np.zeros((0, 1), dtype=bool))
 
 
-def _score(d: Floats, rivals: Sequence[Rival], bench: Bench, counted: NDArray[np.bool_], alone: float) -> float:
-    """What is made large: the least margin of the pairs that count; of one explanation alone what it had."""
-    return alone if len(rivals) == 1 else float(np.where(counted, margins(d, rivals, bench), np.inf).min())
+def _score(a: Try, rivals: Sequence[Rival], bench: Bench, counted: Counted) -> float:
+    """What is made large: how sure the pairs that count are told, and what would show beside the answer."""
+    if len(rivals) == 1:
+        return a.score
+    z = _least(a.d, rivals, bench, counted)
+    return float(norm.cdf(z)) + min(z, 0.0) + shown(a, counted)
+
+
+def _least(d: Floats, rivals: Sequence[Rival], bench: Bench, counted: Counted) -> float:
+    return float(np.where(counted.rivals, margins(d, rivals, bench), np.inf).min())
+
+
+def shown(a: Try, counted: Counted) -> float:
+    """The share of what may hide beside the answer that would show and be named; 1 where nothing can."""
+    if a.hidden is None or not counted.hidden.any():
+        return 1.0
+    least = np.where(counted.hidden, a.hidden, 1.0).min(axis=1)
+    return float(np.mean(least[counted.hidden.any(axis=1)]))
 
 
 def _sized(bench: Bench, rng: np.random.Generator, sizes: Sequence[float]) -> Iterator[Wave]:
@@ -141,17 +177,17 @@ def _sized(bench: Bench, rng: np.random.Generator, sizes: Sequence[float]) -> It
             yield Wave(wave.name, size * wave.u)
 
 
-def _fitting(bench: Bench, rivals: Sequence[Rival], wave: Wave) -> Try | None:
+def _fitting(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside | None) -> Try | None:
     """A try, made smaller while a rival leaves its range; None if it does at every size."""
     for _ in range(HALVINGS + 1):
-        attempt = tried(bench, rivals, wave)
+        attempt = tried(bench, rivals, wave, beside)
         if attempt is not None:
             return attempt
         wave = replace(wave, u=0.5 * wave.u)
     return None
 
 
-def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave) -> Try | None:
+def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave, beside: Beside | None = None) -> Try | None:
     """How far an input parts the rivals; None if one of them leaves the range of the plant."""
     u = bench.input(wave.u)
     moved: list[tuple[Floats, Floats]] = []
@@ -162,7 +198,7 @@ def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave) -> Try | None:
     states, readings = tuple(m[0] for m in moved), tuple(m[1] for m in moved)
     if len(rivals) == 1:
         (only,) = rivals
-        errors = bench.tells(states[0], readings[0], u, only)
+        errors = bench.errors(states[0], readings[0], u, only)
         before = np.sqrt(np.diag(np.linalg.pinv(only.information, hermitian=True)) * bench.excess)
         score = float(np.min(before / np.maximum(errors, 1e-300)))  # the number that gains least
         return Try(wave.name, wave.u, u, score, errors, states, readings)
@@ -171,7 +207,10 @@ def tried(bench: Bench, rivals: Sequence[Rival], wave: Wave) -> Try | None:
         for b in range(len(rivals)):
             if a != b:
                 d[a, b] = bench.parts(states[a], readings[a], u, rivals[b])
-    return Try(wave.name, wave.u, u, float(margins(d, rivals, bench).min()), d, states, readings)
+    hidden = None
+    if beside is not None:
+        hidden = beside.told(beside.missed(bench, states[0], readings[0], u), bench)
+    return Try(wave.name, wave.u, u, float(margins(d, rivals, bench).min()), d, states, readings, hidden)
 
 
 def _changed(parent: Try, other: Try, t: Floats, rng: np.random.Generator) -> Wave:
@@ -190,6 +229,6 @@ def _changed(parent: Try, other: Try, t: Floats, rng: np.random.Generator) -> Wa
     return Wave(parent.name, np.concatenate([parent.wave[:half], other.wave[half:]]))
 
 
-def sure(d: Floats, rivals: Sequence[Rival], bench: Bench, counted: NDArray[np.bool_]) -> float:
+def sure(d: Floats, rivals: Sequence[Rival], bench: Bench, counted: Counted) -> float:
     """The least probability, over the pairs that count, that the right one is told from the other; 1 for one alone."""
-    return 1.0 if len(rivals) == 1 else float(norm.cdf(_score(d, rivals, bench, counted, 0.0)))
+    return 1.0 if len(rivals) == 1 else float(norm.cdf(_least(d, rivals, bench, counted)))

@@ -14,7 +14,7 @@ from simgap.geometry import Floats
 
 def missed(bench: Bench, best: Try, rivals: Sequence[Rival], right: int, wrong: int) -> Floats:
     """Residuals over the noise, (n, k), of the wrong one on the recording to come alone, if the right one is right."""
-    problem, x0 = bench.recorded(best.states[right], best.readings[right], best.u)
+    problem, x0 = bench.recorded(best.states[right], best.readings[right], best.u, whole=True)
     other = rivals[wrong]
     ends = fit(problem, other.theta, x0, other.slots, dict(zip(other.slots, other.steps, strict=True)))
     left = np.full_like(best.readings[right], np.nan)

@@ -33,7 +33,7 @@ def paragraph(question: Question, advice: Advice, units: Mapping[str, str], file
 
 
 def _recording(question: Question, advice: Advice, units: Mapping[str, str], file: str) -> str:
-    best, t = advice.proposal.best, question.t
+    best, t = advice.proposal.best, advice.bench.t
     assert best is not None
     own = len(question.middle)
     peaks = [
@@ -53,7 +53,8 @@ def _recording(question: Question, advice: Advice, units: Mapping[str, str], fil
     rate = 1.0 / float(t[1] - t[0])
     return (
         f"Play {file} ({best.name}, improved from there; {t[-1] - t[0]:.3g} s at {rate:.4g} Hz, "
-        f"{joined(peaks)}) from {start}{under}, record it, and diagnose it together with what there is."
+        f"{joined(peaks)}) from {start}{under}, record it, and diagnose it together with what there is, the new file "
+        "first."
     )
 
 
@@ -62,12 +63,12 @@ def _certainty(advice: Advice) -> str:
     assert best is not None
     a, b = advice.proposal.closest(rivals, advice.bench)
     pair = f"if {rivals[a].label} is right, {rivals[b].label} is expected to miss by {number(best.d[a, b], 3)} in χ²"
-    chance = f"{100 * min(advice.proposal.sure, 0.999):.3g} %"
+    chance = _percent(advice.proposal.sure)
     if advice.proposal.sure >= WANTED:
         equal = [f"{rivals[i].label} and {rivals[j].label}" for i, j in advice.proposal.alike()]
         text = (
             f"Then {'the others' if equal else 'they'} are told apart with a probability of at least {chance} (the "
-            f"closest pair: {pair}), given the measured noise and that one of them is right."
+            f"closest pair: {pair}), given the measured noise and that one of them is right. {_besides_them(advice)}"
         )
         if not equal:
             return text
@@ -78,15 +79,49 @@ def _certainty(advice: Advice) -> str:
     )
     if advice.remedy is None:
         return f"{text} They act alike on what is measured here; take whichever is simpler to mend."
-    then = 100 * min(advice.remedy.sure, 0.999)
-    return f"{text} Instead {advice.remedy.sentence}: then the probability is {then:.3g} %."
+    return f"{text} Instead {advice.remedy.sentence}: then the probability is {_percent(advice.remedy.sure)}."
+
+
+def _besides_them(advice: Advice) -> str:
+    """What else the recording would show, and what a longer one would."""
+    text = (
+        "Another effect beside them, no larger than these recordings leave it, would be named with a probability of "
+        f"{_percent(advice.proposal.shown)}."
+    )
+    if advice.longest is None:
+        return text
+    short, long = _seconds(advice)
+    chances = f"{_percent(advice.longest.sure)} and {_percent(advice.longest.shown)}"
+    return f"{text} {short} are enough; {long} would make it {chances}."
+
+
+def lengths_in_words(advice: Advice) -> str:
+    """Lines over the picture: how sure one will be by the length that is proposed, and by the longest."""
+    if len(advice.known.rivals) == 1:
+        return "what to play"
+    short, long = _seconds(advice)
+    now, whole = advice.proposal, advice.longest
+    rows = [(short, now)] if whole is None else [(short, now), (long, whole)]
+    each = [f"{s}: told apart with {_percent(p.sure)}, another effect named with {_percent(p.shown)}" for s, p in rows]
+    return "\n".join(each)
+
+
+def _seconds(advice: Advice) -> tuple[str, str]:
+    """How long the proposed recording is, and the longest that was tried."""
+    t, whole = advice.bench.t, (advice.longest or advice.proposal).best
+    assert whole is not None
+    return f"{t[-1] - t[0]:.3g} s", f"{(t[1] - t[0]) * (len(whole.u) - 1):.3g} s"
+
+
+def _percent(probability: float) -> str:
+    return f"{100 * min(probability, 0.999):.3g} %"
 
 
 def _besides(advice: Advice) -> str:
     """What tells those apart that no input does."""
     if advice.remedy is None:
         return ": take whichever is simpler to mend"
-    return f"; to tell these, {advice.remedy.sentence} (probability {100 * min(advice.remedy.sure, 0.999):.3g} %)"
+    return f"; to tell these, {advice.remedy.sentence} (probability {_percent(advice.remedy.sure)})"
 
 
 def _intervals(advice: Advice) -> str:
