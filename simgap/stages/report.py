@@ -174,7 +174,7 @@ def _inside(
     if found is None or found.transitions is None or later.states != context.states:
         return {}
     document, rows = read_json(found.document), read_parquet(found.transitions)
-    noise = document["noise"] | ((document["remainder"] or {}).get("estimated") or {})
+    noise = document["noise"] | ((document.get("remainder") or {}).get("estimated") or {})
     sides = {"before": (context, gap, False), "after": (later, load_gap(files.gap, later).function, True)}
     return {
         side: share_inside(own, rows, own.plant.sampled, bound, noise, late)
