@@ -27,13 +27,13 @@ def _swinging(n: int = 200) -> tuple[Problem, np.ndarray]:
 def test_a_step_that_was_taken_is_not_simulated_again(monkeypatch):
     problem, x0 = _swinging()
     asked: list[bytes] = []
-    plain = Problem.states
+    plain = Problem._simulated
 
     def counted(self, theta, begin):
         asked.append(begin.tobytes())
         return plain(self, theta, begin)
 
-    monkeypatch.setattr(Problem, "states", counted)
+    monkeypatch.setattr(Problem, "_simulated", counted)
     ends = refits.refit(problem, problem.model.null, x0)
     np.testing.assert_allclose(ends.x0, [[0.9, 1.5]], atol=1e-5)
     assert len(asked) > 8  # several steps
