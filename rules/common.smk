@@ -74,7 +74,7 @@ wildcard_constraints:
     state="[^/]+",
     shard="[0-9]+",
     kind="nominal|careful|gap",
-    depth="audit|audit-deep",
+    tier="|first/|full/|deep/",
 
 
 def reads(stage):
@@ -105,6 +105,11 @@ def gap_folder(wildcards):
 def long_first(wildcards):
     """Priority: a case that remembers earlier inputs has long jobs one after the other; those of other cases fill the gaps."""
     return 10 if remembers(case_of(wildcards)) else 0
+
+
+def page_first(wildcards):
+    """Priority of what a first page needs: the first case of a run has one before another begins."""
+    return 20 if wildcards.case == CASES[0] else long_first(wildcards)
 
 
 # Priority of what nothing depends on: it fills the cores that are left at the end.

@@ -1,7 +1,8 @@
 # Controllers for the model with and without its gap, the closed loop that tells them apart, the adversary, the recording.
 
 
-DEEP = 10  # times the budget of a plain run
+# Where the results stand of a run with other numbers of trials than a plain one: `snakemake full`, `snakemake audit_deep`.
+TRIALS = {"": "plain", "full/": "full", "deep/": "deep"}
 
 
 def gap_option(wildcards, input):
@@ -41,7 +42,7 @@ rule synthesis:
         "results/{case}/logs/synthesis-{kind}.log",
     benchmark:
         "results/{case}/benchmarks/synthesis-{kind}.tsv"
-    priority: long_first
+    priority: page_first
     threads: 2
     resources:
         mem_mb=2000,
@@ -66,13 +67,13 @@ rule validation:
         careful=careful_file("controller.npz"),
         gap=lambda w: f"{gap_folder(w)}/gap.json",
     output:
-        summary="results/{case}/validation/validation.json",
-        traces="results/{case}/validation/traces.parquet",
+        summary="results/{case}/{tier}validation/validation.json",
+        traces="results/{case}/{tier}validation/traces.parquet",
     log:
-        "results/{case}/logs/validation.log",
+        "results/{case}/{tier}logs/validation.log",
     benchmark:
-        "results/{case}/benchmarks/validation.tsv"
-    priority: long_first
+        "results/{case}/{tier}benchmarks/validation.tsv"
+    priority: page_first
     threads: 2
     resources:
         mem_mb=3000,
@@ -82,11 +83,13 @@ rule validation:
         reads=reads("validation"),
         code=code("validation"),
         careful=lambda w, input: flagged("--careful", input.careful),
+        trials=lambda w: TRIALS[w.tier],
     message:
-        "{wildcards.case}: both controllers in closed loop, {threads} processes"
+        "{wildcards.case}: both controllers in closed loop, {params.trials} trials, {threads} processes"
     shell:
         "simgap validation {params.case:q} --nominal {input.nominal:q} --robust {input.robust:q} --gap {input.gap:q}"
-        " {params.careful:q} --out {output.summary:q} --traces {output.traces:q} --workers {threads} --log {log:q}"
+        " {params.careful:q} --out {output.summary:q} --traces {output.traces:q} --trials {params.trials}"
+        " --workers {threads} --log {log:q}"
 
 
 rule audit:
@@ -98,12 +101,12 @@ rule audit:
         fresh=lambda w: f"results/{simulated(w.case, 'fresh')}/fresh/samples.parquet",
         after=ancient("results/{case}/validation/validation.json"),
     output:
-        counts="results/{case}/{depth}/audit.json",
-        margins="results/{case}/{depth}/margins.parquet",
+        counts="results/{case}/{tier}audit/audit.json",
+        margins="results/{case}/{tier}audit/margins.parquet",
     log:
-        "results/{case}/logs/{depth}.log",
+        "results/{case}/{tier}logs/audit.log",
     benchmark:
-        "results/{case}/benchmarks/{depth}.tsv"
+        "results/{case}/{tier}benchmarks/audit.tsv"
     priority: long_first
     threads: 2
     resources:
@@ -111,18 +114,17 @@ rule audit:
         runtime=60,
     params:
         case=lambda w: case_path(w.case),
-        witness=lambda w: f"results/{w.case}/{w.depth}/witness.json",
-        times=lambda w: DEEP if w.depth == "audit-deep" else 1,
+        witness=lambda w: f"results/{w.case}/{w.tier}audit/witness.json",
+        trials=lambda w: TRIALS[w.tier],
         reads=reads("audit"),
         code=code("audit"),
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
     message:
-        "{wildcards.case}: an adversary against bound and controller ({wildcards.depth}), {threads} processes"
+        "{wildcards.case}: an adversary against bound and controller, {params.trials} trials, {threads} processes"
     shell:
         "simgap audit {params.case:q} --gap {input.gap:q} --controller {input.robust:q} {params.shards:q}"
         " --fresh {input.fresh:q} --out {output.counts:q} --margins {output.margins:q} --witness {params.witness:q}"
-        " --times {params.times}"
-        " --workers {threads} --log {log:q}"
+        " --trials {params.trials} --workers {threads} --log {log:q}"
 
 
 def own_shards(wildcards):

@@ -43,7 +43,7 @@ rule scp:
         "results/{case}/logs/scp-{point}-{state}.log",
     benchmark:
         "results/{case}/benchmarks/scp-{point}-{state}.tsv"
-    priority: long_first
+    priority: page_first
     resources:
         mem_mb=2000,
         runtime=30,
@@ -72,7 +72,7 @@ rule lipschitz:
         "results/{case}/logs/lipschitz-{point}-{state}.log",
     benchmark:
         "results/{case}/benchmarks/lipschitz-{point}-{state}.tsv"
-    priority: long_first
+    priority: page_first
     resources:
         mem_mb=2000,
         runtime=30,
@@ -106,7 +106,7 @@ rule gap:
         "results/{case}/logs/gap-{point}.log",
     benchmark:
         "results/{case}/benchmarks/gap-{point}.tsv"
-    priority: long_first
+    priority: page_first
     resources:
         mem_mb=2000,
         runtime=30,

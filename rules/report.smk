@@ -9,11 +9,28 @@ TEMPLATES = digest(
 )
 INDEX = "results/index.html"
 PRINTED = "configs/paper/printed.yaml"
+FIRST = "first/"  # a page of bound, controller and closed loop; the adversary and the measured data follow
+PAGES = {
+    "": "the page",
+    FIRST: "a first page, audit pending",
+    "full/": "the page of the full run",
+}
+
+
+def page_priority(wildcards):
+    """A first page before all else that is ready to run; the others fill the cores that are left at the end."""
+    return 50 if wildcards.tier == FIRST else LAST
 
 
 def pages(case):
     """What a person looks at; what was checked before anything else first."""
-    names = ("check/check.json", "report.html", "summary.json", "trace/trace.rrd")
+    names = (
+        "check/check.json",
+        "first/report.html",
+        "report.html",
+        "summary.json",
+        "trace/trace.rrd",
+    )
     return [f"results/{case}/{name}" for name in names]
 
 
@@ -46,18 +63,41 @@ def final_results(case):
     )
 
 
+def full_results(case):
+    """Everything of a plain run, and the pages with the numbers of trials of a full one."""
+    also = [f"results/{case}/full/report.html"] if controlled(case) else []
+    more = (
+        [f"results/{case}/corrected/full/report.html"]
+        if also and diagnosed(case)
+        else []
+    )
+    return [*final_results(case), *also, *more]
+
+
 def gap_files(wildcards):
-    """The bounds in the table of eps; a corrected case has its own point alone."""
-    corrected = wildcards.case != base(wildcards.case)
+    """The case's own bound; on the page of a full run the table of eps, but for a corrected case."""
+    table = wildcards.case == base(wildcards.case) and wildcards.tier == "full/"
     own = [own_point(case_of(wildcards))]
-    points = own if corrected else sweep_points(wildcards.case)
+    points = sweep_points(wildcards.case) if table else own
     return [f"results/{wildcards.case}/gap/{point}/gap.json" for point in points]
+
+
+def trial_file(name):
+    """A result of this page's trials; the first page shows those of the plain run."""
+    return lambda w: f"results/{w.case}/{'' if w.tier == FIRST else w.tier}{name}"
+
+
+def audit_file(name):
+    """A file of the adversary, for which the first page does not wait."""
+    return lambda w: [] if w.tier == FIRST else f"results/{w.case}/{w.tier}audit/{name}"
 
 
 def measured_file(name):
     """A file of the diagnosis, if the case has recordings; what is left of ones that it had counts no more."""
 
     def path(wildcards):
+        if wildcards.tier == FIRST:
+            return []
         wanted = wildcards.case == base(wildcards.case) and diagnosed(wildcards.case)
         return f"results/{wildcards.case}/diagnosis/{name}" if wanted else []
 
@@ -68,10 +108,13 @@ def corrected_file(name):
     """The corrected case and its results, to stand beside the first ones."""
 
     def path(wildcards):
-        if wildcards.case != base(wildcards.case) or not diagnosed(wildcards.case):
+        own = wildcards.case == base(wildcards.case) and wildcards.tier != FIRST
+        if not own or not diagnosed(wildcards.case):
             return []
         bound = Path(gap_folder(wildcards)).name
-        return f"results/{wildcards.case}/{name.format(bound=bound)}"
+        return (
+            f"results/{wildcards.case}/{name.format(bound=bound, tier=wildcards.tier)}"
+        )
 
     return path
 
@@ -85,6 +128,8 @@ def twin_file(wildcards):
 def report_options(wildcards, input):
     """The files that only some cases have, each with its flag."""
     flags = {
+        "audit": "--audit",
+        "margins": "--margins",
         "diagnosis": "--diagnosis",
         "transitions": "--transitions",
         "twin": "--twin",
@@ -108,41 +153,41 @@ rule report:
         nominal_summary="results/{case}/synthesis/nominal/synthesis.json",
         robust="results/{case}/synthesis/gap/controller.npz",
         robust_summary="results/{case}/synthesis/gap/synthesis.json",
-        validation="results/{case}/validation/validation.json",
-        traces="results/{case}/validation/traces.parquet",
-        audit="results/{case}/audit/audit.json",
-        margins="results/{case}/audit/margins.parquet",
+        validation=trial_file("validation/validation.json"),
+        traces=trial_file("validation/traces.parquet"),
+        audit=audit_file("audit.json"),
+        margins=audit_file("margins.parquet"),
         twin=twin_file,
         diagnosis=measured_file("diagnosis.json"),
         transitions=measured_file("transitions.parquet"),
         corrected=corrected_file("diagnosis/corrected_case.yaml"),
         corrected_gap=corrected_file("corrected/gap/{bound}/gap.json"),
-        corrected_summary=corrected_file("corrected/summary.json"),
+        corrected_summary=corrected_file("corrected/{tier}summary.json"),
         corrected_nominal=corrected_file("corrected/synthesis/nominal/controller.npz"),
         corrected_robust=corrected_file("corrected/synthesis/gap/controller.npz"),
         printed=PRINTED if Path(PRINTED).is_file() else [],
         case=correction,
     output:
         page=report(
-            "results/{case}/report.html",
+            "results/{case}/{tier}report.html",
             caption="../reports/captions/page.rst",
             category="{case}",
             labels={"what": "the whole page"},
         ),
-        summary="results/{case}/summary.json",
-        picture="results/{case}/picture.png",
+        summary="results/{case}/{tier}summary.json",
+        picture="results/{case}/{tier}picture.png",
         figures=report(
-            directory("results/{case}/figures"),
+            directory("results/{case}/{tier}figures"),
             patterns=["{name}.svg", "{name}.png"],
             caption="../reports/captions/figure.rst",
             category="{case}",
             labels={"what": "{name}"},
         ),
     log:
-        "results/{case}/logs/report.log",
+        "results/{case}/{tier}logs/report.log",
     benchmark:
-        "results/{case}/benchmarks/report.tsv"
-    priority: LAST
+        "results/{case}/{tier}benchmarks/report.tsv"
+    priority: page_priority
     resources:
         mem_mb=1500,
         runtime=10,
@@ -153,14 +198,15 @@ rule report:
         templates=TEMPLATES,
         gaps=lambda w, input: flagged("--gap", input.gaps),
         more=report_options,
+        which=lambda w: PAGES[w.tier],
     message:
-        "{wildcards.case}: the page"
+        "{wildcards.case}: {params.which}"
     shell:
         "simgap report {params.case:q} {params.gaps:q} --samples {input.samples:q}"
         " --nominal {input.nominal:q} --nominal-summary {input.nominal_summary:q}"
         " --robust {input.robust:q} --robust-summary {input.robust_summary:q}"
         " --validation {input.validation:q} --traces {input.traces:q}"
-        " --audit {input.audit:q} --margins {input.margins:q} {params.more:q}"
+        " {params.more:q}"
         " --picture {output.picture:q} --figures {output.figures:q}"
         " --out {output.page:q} --summary {output.summary:q} --log {log:q}"
 

@@ -29,7 +29,7 @@ rule check:
         "results/{case}/logs/check.log",
     benchmark:
         "results/{case}/benchmarks/check.tsv"
-    priority: 100
+    priority: lambda w: 100 if w.case == CASES[0] else 15
     resources:
         mem_mb=500,
         runtime=5,
@@ -52,7 +52,7 @@ rule grid:
         "results/{case}/logs/grid-{point}.log",
     benchmark:
         "results/{case}/benchmarks/grid-{point}.tsv"
-    priority: long_first
+    priority: page_first
     resources:
         mem_mb=500,
         runtime=5,
@@ -79,7 +79,7 @@ rule rollouts:
         "results/{case}/logs/rollouts-{point}-{shard}.log",
     benchmark:
         "results/{case}/benchmarks/rollouts-{point}-{shard}.tsv"
-    priority: long_first
+    priority: page_first
     resources:
         mem_mb=1500,
         runtime=120,
@@ -107,7 +107,7 @@ rule fresh:
         "results/{case}/logs/fresh.log",
     benchmark:
         "results/{case}/benchmarks/fresh.tsv"
-    priority: long_first
+    priority: page_first
     threads: ONE_OR_TWO
     resources:
         mem_mb=1500,
@@ -131,6 +131,7 @@ rule borders:
         "results/{case}/logs/borders-{point}.log",
     benchmark:
         "results/{case}/benchmarks/borders-{point}.tsv"
+    priority: page_first
     resources:
         mem_mb=1500,
         runtime=30,
@@ -167,6 +168,7 @@ rule calibration:
         "results/{case}/logs/calibration.log",
     benchmark:
         "results/{case}/benchmarks/calibration.tsv"
+    priority: page_first
     threads: ONE_OR_TWO
     resources:
         mem_mb=1500,

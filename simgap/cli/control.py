@@ -8,6 +8,9 @@ from typing import Annotated
 import typer
 
 from simgap.cli.options import CasePath, Log, Out, Shards, app, new_file, start_log
+from simgap.config.trials import Trials
+
+TrialsOption = Annotated[Trials, typer.Option(help="How many, where the case does not say it.")]
 
 
 @app.command()
@@ -52,6 +55,7 @@ def validation(
     out: Out,
     traces: Annotated[Path, typer.Option(help="File for the traces that are kept (Parquet).")],
     careful: Annotated[Path | None, typer.Option(help="Controller of the model that minds the path.")] = None,
+    trials: TrialsOption = Trials.PLAIN,
     workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
     log: Log = None,
 ) -> None:
@@ -59,7 +63,7 @@ def validation(
     from simgap.stages import validation as stage
 
     start_log(log)
-    stage.run(case, nominal, robust, bound, out, traces, workers, log, careful)
+    stage.run(case, nominal, robust, bound, out, traces, workers, log, careful, trials)
 
 
 @app.command()
@@ -72,7 +76,7 @@ def audit(
     out: Out,
     margins: Annotated[Path, typer.Option(help="File for the margins of every cell (Parquet).")],
     witness: Annotated[Path, typer.Option(help="File for what breaks the promise, if anything does (JSON).")],
-    times: Annotated[int, typer.Option(min=1, help="Times the budget of the case.")] = 1,
+    trials: TrialsOption = Trials.PLAIN,
     workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
     log: Log = None,
 ) -> None:
@@ -81,7 +85,7 @@ def audit(
 
     start_log(log)
     files = stage.Inputs(bound, controller, rollouts, fresh)
-    stage.run(case, files, stage.Outputs(out, margins, witness), workers, log, times)
+    stage.run(case, files, stage.Outputs(out, margins, witness), workers, log, trials)
 
 
 @app.command()

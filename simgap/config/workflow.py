@@ -25,7 +25,9 @@ class WorkflowConfig(Section):
     rig_folder: str = Field("configs/rigs", description="Folder of the rigs that stand in for hardware.")
     sweep_folder: str = Field("configs/sweeps", description="Folder of sweep files.")
     cases: list[str] = Field(min_length=1, description="Cases of the run, by the names of their files.")
-    sweeps: dict[str, Sweep] = Field(default_factory=dict, description="More points, by case.")
+    sweeps: dict[str, Sweep] = Field(
+        default_factory=dict, description="More points, by case, for the table of eps of a full run."
+    )
 
 
 def workflow_config(content: Mapping[str, Any]) -> WorkflowConfig:

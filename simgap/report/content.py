@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from simgap.config.trials import Trials
+from simgap.gap.fresh_check import clopper_pearson_upper
 from simgap.gap.outside import Outside
 from simgap.gap.tiers import PROVEN
 from simgap.io.traces import CAREFUL, NOMINAL, ROBUST, SIMULATOR
@@ -75,12 +77,13 @@ def verdict(m: Material) -> dict[str, Any]:
         "little": little,
         "robust": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
         f"{robust['steps_outside_gamma']:,} of {robust['steps']:,} steps outside gamma.",
+        "sample": _sample(m),
         "nominal": f"Nominal-only controller: {_violations(nominal, steps)}.",
         "careful": _careful(m),
         "arrival": _arrival(m),
         "winning": f"The gap-aware controller wins {_won(m, ROBUST)} of the {words.allowed} with the gap taken into "
         f"account; the nominal model alone would promise {_won(m, NOMINAL)}.{_own_share(m)}",
-        "adversary": adversary.sentence(m),
+        "adversary": adversary.sentence(m) or "The adversary has not been here yet: audit pending.",
         "tolerated": m.gap.get("fresh", {}).get("violations", 0),
         "outside": str(Outside(**worst)) if (worst := m.gap.get("fresh", {}).get("outside")) else "",
     }
@@ -133,6 +136,19 @@ def _violations(tally: Mapping[str, Any], steps: float) -> str:
     median = tally.get("median_steps_until_violation")
     # a run that never got there is counted at its end, which tells nothing
     return text + (f", half of these within {median:,.0f} steps" if median and median < steps else "")
+
+
+def _sample(m: Material) -> str:
+    """What the number of runs alone says, whatever bound and controller rest on, and what more would."""
+    tally, section = m.validation["controllers"][ROBUST][SIMULATOR], m.context.case.validation
+    given = len(section.first) if section is not None else 0
+    bad, drawn = tally["runs_that_violated_it"], tally["runs"] - given
+    if drawn < 1:
+        return ""
+    share = f"{drawn:,} drawn starts: at most {clopper_pearson_upper(drawn, min(bad, drawn)):.2g} of such starts fail"
+    full = section.count(Trials.FULL) - given if section is not None else 0
+    more = f"; a full run makes it {clopper_pearson_upper(full, 0):.1g}" if full > drawn and not bad else ""
+    return f"{share}, with 95 % confidence{more}."
 
 
 def _arrival(m: Material) -> str:

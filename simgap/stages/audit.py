@@ -18,6 +18,7 @@ from simgap.attack.share import Searched
 from simgap.attack.starts import beginnings
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
 from simgap.config.audit import AuditSection
+from simgap.config.trials import Trials
 from simgap.errors import BrokenPromise
 from simgap.gap.function import GapFunction
 from simgap.gap.steps.samples import motion_of
@@ -60,9 +61,14 @@ class Outputs:
 
 
 def run(
-    case_path: Path, inputs: Inputs, out: Outputs, workers: int = 2, engine_log: Path | None = None, times: int = 1
+    case_path: Path,
+    inputs: Inputs,
+    out: Outputs,
+    workers: int = 2,
+    engine_log: Path | None = None,
+    trials: Trials = Trials.PLAIN,
 ) -> None:
-    """Attack with `times` the budget of the case, count, and write what was found.
+    """Attack with the budget of the case, count, and write what was found.
 
     Raises:
         BrokenPromise: one broken run, whatever the case tolerates; one step of the simulator outside gamma, unless it
@@ -79,7 +85,7 @@ def run(
     with scratch(out.counts.parent / TABLES) as folder:
         with context.blame():
             shared, margins = _shared(context, bound.function, inputs.controller, folder)
-        jobs = _jobs(context, section, bound, shared, known, times)
+        jobs = _jobs(context, section, bound, shared, known, trials)
         with engine_pool(workers, engine_log) as pool:
             parts = _done(pool, jobs)
     found = Searched.joined([part for part, _ in parts])
@@ -153,10 +159,10 @@ def _known(context: Context, bound: SavedGap, inputs: Inputs) -> tuple[Any, ...]
 
 
 def _jobs(
-    context: Context, section: AuditSection, bound: SavedGap, ground: _Ground, known: tuple[Any, ...], times: int
+    context: Context, section: AuditSection, bound: SavedGap, ground: _Ground, known: tuple[Any, ...], trials: Trials
 ) -> list[Job]:
     """The parts; what is known goes to them in turns."""
-    evaluations, steps = (times * n for n in section.budget(context.case.hidden_state is not None))
+    evaluations, steps = section.budget(context.case.hidden_state is not None, trials)
     return [
         Job(
             case=context.case,

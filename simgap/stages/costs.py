@@ -179,7 +179,10 @@ def _control(context: Context, rollout: float, begun: float) -> Iterator[StageCo
         "synthesis", cells * inputs * rows, of, seconds, BYTES + a_cell * cells, "synthesis.cells",
     )  # fmt: skip
     if case.validation is not None and case.simulator is not None:
-        steps, ends = 2 * case.validation.starts * case.validation.steps, not _holds(case)
+        steps, ends = (
+            (case.validation.count() + case.validation.baseline_count()) * case.validation.steps,
+            not _holds(case),
+        )
         yield StageCost(
             "validation", steps, "closed-loop steps" + " at most" * ends, begun + 2 * START + steps * (rollout + LOOP),
             2 * BYTES,

@@ -5,15 +5,17 @@ Both controllers begin at the same states, so that what tells their runs apart i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.config.trials import Trials
 from simgap.config.validation import ValidationSection
 from simgap.errors import UserError
 from simgap.geometry import Floats, points_of_cells
-from simgap.io.traces import CAREFUL, NOMINAL, ROBUST
+from simgap.io.traces import ROBUST
 from simgap.stages.context import Context
 from simgap.synthesis.controller import Controller
 
@@ -25,37 +27,36 @@ class Starts(NamedTuple):
     numbers: NDArray[np.int64]
 
 
-def starts(context: Context, section: ValidationSection, controller: Controller) -> Floats:
-    """`validation.starts` states of the winning domain, those of `validation.first` in front: (n, nx).
+def starts(context: Context, section: ValidationSection, controller: Controller, count: int) -> Floats:
+    """`count` states of the winning domain, those of `validation.first` in front: (n, nx).
 
     Raises:
         UserError: a given start that does not name every state, or lies outside X or outside the winning domain.
     """
     given = [given_start(context, controller, number, named) for number, named in enumerate(section.first)]
-    drawn = draw_starts(controller, max(section.starts - len(given), 0), section.seed)
+    drawn = draw_starts(controller, max(count - len(given), 0), section.seed)
     return np.concatenate([np.array(given).reshape(-1, len(context.states)), drawn])
 
 
 def starts_by_kind(
     context: Context,
     section: ValidationSection,
-    nominal: Controller,
     robust: Controller,
-    careful: Controller | None = None,
+    others: Mapping[str, Controller],
+    trials: Trials = Trials.PLAIN,
 ) -> dict[str, Starts]:
-    """Starts of the gap-aware controller, and those of them that each of the others wins too.
+    """Starts of the gap-aware controller, and the first of them that each of the others wins too.
 
     One that wins none of them begins in its own winning domain.
 
     Raises:
         UserError: as `starts` does.
     """
-    own = starts(context, section, robust)
-    others = {NOMINAL: nominal} | ({CAREFUL: careful} if careful is not None else {})
+    own, most = starts(context, section, robust, section.count(trials)), section.baseline_count(trials)
     begin = {ROBUST: Starts(own, np.arange(len(own)))}
     for kind, other in others.items():
-        shared = np.flatnonzero(other.contains(own))
-        apart = starts(context, section, other) if not len(shared) else own[:0]
+        shared = np.flatnonzero(other.contains(own))[:most]
+        apart = starts(context, section, other, most) if not len(shared) else own[:0]
         begin[kind] = Starts(own[shared], shared) if len(shared) else Starts(apart, len(own) + np.arange(len(apart)))
     return begin
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from simgap.closed_loop import Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
+from simgap.config.trials import Trials
 from simgap.errors import BrokenPromise
 from simgap.geometry import Floats
 from simgap.io.controller_file import load_controller_of
@@ -46,10 +47,12 @@ def run(
     workers: int = 2,
     engine_log: Path | None = None,
     careful: Path | None = None,
+    trials: Trials = Trials.PLAIN,
 ) -> None:
     """Run both controllers from the same starts, audit every step, keep a few traces.
 
     Args:
+        trials: how many starts, where the case does not say it.
         careful: a controller of the nominal model that minds the path between samples, to run too; no trace is kept.
 
     Raises:
@@ -67,7 +70,8 @@ def run(
     paths = {NOMINAL: nominal, ROBUST: robust} | ({CAREFUL: careful} if careful is not None else {})
     controllers = {kind: load_controller_of(path, context) for kind, path in paths.items()}
     with context.blame():
-        begin = starts_by_kind(context, section, controllers[NOMINAL], controllers[ROBUST], controllers.get(CAREFUL))
+        others = {kind: one for kind, one in controllers.items() if kind != ROBUST}
+        begin = starts_by_kind(context, section, controllers[ROBUST], others, trials)
     for kind, controller in controllers.items():
         with context.blame():
             monitor = specification.monitor(space, controller.solution)
@@ -88,7 +92,8 @@ def run(
                 continue
             parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in kept.items()]
     write_parquet(traces, pa.concat_tables(parts).unify_dictionaries())
-    write_json(out, {"starts": section.starts, "steps": section.steps, "controllers": tallies, "provenance": record})
+    counts = {"trials": trials.value, "starts": section.count(trials), "steps": section.steps}
+    write_json(out, counts | {"controllers": tallies, "provenance": record})
     keep_promise(tallies[ROBUST][SIMULATOR], tolerated(context.case))
 
 

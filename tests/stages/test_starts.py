@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from simgap.config.audit import AuditSection
+from simgap.config.trials import Trials
 from simgap.config.validation import ValidationSection
 from simgap.geometry import Box, Grid, points_of_cells
 from simgap.specifications.solution import Solution
@@ -68,12 +70,32 @@ def test_both_controllers_begin_at_the_same_states():
     context, section = SimpleNamespace(states=("a", "b")), ValidationSection(starts=300, steps=1)
     left = np.arange(GRID.size) < GRID.size // 2
     for nominal, shared in ((checkerboard(), checkerboard() & left), (left, left)):
-        begin = starts_by_kind(context, section, controller(nominal), controller(left))
+        begin = starts_by_kind(context, section, controller(left), {"nominal": controller(nominal)}, Trials.FULL)
         assert controller(left).contains(begin["gap"].x).all()
         assert begin["gap"].numbers.tolist() == list(range(300))
         both = controller(shared).contains(begin["gap"].x)
         np.testing.assert_array_equal(begin["nominal"].x, begin["gap"].x[both])
         np.testing.assert_array_equal(begin["nominal"].x, begin["gap"].x[begin["nominal"].numbers])
-    apart = starts_by_kind(context, section, controller(~left), controller(left))
+    apart = starts_by_kind(context, section, controller(left), {"nominal": controller(~left)}, Trials.FULL)
     assert controller(~left).contains(apart["nominal"].x).all()
     assert apart["nominal"].numbers.tolist() == list(range(300, 600))
+
+
+def test_a_plain_run_takes_fewer_starts_than_a_full_one_and_fewer_still_to_compare_with():
+    everywhere = controller(np.ones(GRID.size, bool))
+    context, section = SimpleNamespace(states=("a", "b")), ValidationSection(steps=1)
+    plain = starts_by_kind(context, section, everywhere, {"nominal": everywhere})
+    full = starts_by_kind(context, section, everywhere, {"nominal": everywhere}, Trials.FULL)
+    assert [len(plain[kind].x) for kind in ("gap", "nominal")] == [300, 200]
+    assert [len(full[kind].x) for kind in ("gap", "nominal")] == [1000, 1000]
+    given = starts_by_kind(context, ValidationSection(starts=7, steps=1), everywhere, {"nominal": everywhere})
+    assert [len(given[kind].x) for kind in ("gap", "nominal")] == [7, 7]  # what a case says is done
+
+
+def test_the_adversary_has_the_budget_of_its_run_unless_the_case_says_it():
+    assert AuditSection().budget(histories=False) == (200_000, 20_000)
+    assert AuditSection().budget(False, Trials.FULL) == (1_000_000, 100_000)
+    assert AuditSection().budget(True, Trials.FULL) == (30_000, 10_000)
+    given = AuditSection(evaluations=5, steps=400_000)
+    assert given.budget(True, Trials.FULL) == (5, 400_000)
+    assert given.budget(True, Trials.DEEP) == (300_000, 400_000)
