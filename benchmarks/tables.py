@@ -298,7 +298,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "strange": ("strange.json", strange),
     "drive_library": ("drive_library.json", drive_library),
     "faults": ("fuzz.json", faults),
-    "suprema": ("../../results/pendulum/summary.json", suprema),
+    "suprema": ("../../results/pendulum/full/summary.json", suprema),
 }
 
 

@@ -112,6 +112,12 @@ def page_first(wildcards):
     return 20 if wildcards.case == CASES[0] else long_first(wildcards)
 
 
+def cores(wildcards):
+    """Threads of a job that can use two: beside other cases the first page never waits until both cores are free."""
+    early = wildcards.case == CASES[0] and not wildcards.get("tier")
+    return 1 if early and len(CASES) > 1 else 2
+
+
 # Priority of what nothing depends on: it fills the cores that are left at the end.
 LAST = -10
 

@@ -43,7 +43,7 @@ rule synthesis:
     benchmark:
         "results/{case}/benchmarks/synthesis-{kind}.tsv"
     priority: page_first
-    threads: 2
+    threads: cores
     resources:
         mem_mb=2000,
         runtime=30,
@@ -74,7 +74,7 @@ rule validation:
     benchmark:
         "results/{case}/{tier}benchmarks/validation.tsv"
     priority: page_first
-    threads: 2
+    threads: cores
     resources:
         mem_mb=3000,
         runtime=60,
