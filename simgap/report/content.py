@@ -145,10 +145,14 @@ def _sample(m: Material) -> str:
     bad, drawn = tally["runs_that_violated_it"], tally["runs"] - given
     if drawn < 1:
         return ""
-    share = f"{drawn:,} drawn starts: at most {clopper_pearson_upper(drawn, min(bad, drawn)):.2g} of such starts fail"
+    share = f"Of starts drawn like these at most {_at_most(drawn, min(bad, drawn))} fail, with 95 % confidence"
     full = section.count(Trials.FULL) - given if section is not None else 0
-    more = f"; a full run makes it {clopper_pearson_upper(full, 0):.1g}" if full > drawn and not bad else ""
-    return f"{share}, with 95 % confidence{more}."
+    return share + (f"; a full run makes it {_at_most(full, 0)}." if full > drawn and not bad else ".")
+
+
+def _at_most(n: int, bad: int) -> str:
+    """The upper bound of a share, rounded up to a tenth of a per cent."""
+    return f"{math.ceil(1000.0 * clopper_pearson_upper(n, bad)) / 10.0:g} %"
 
 
 def _arrival(m: Material) -> str:

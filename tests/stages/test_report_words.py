@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+from simgap.config.validation import ValidationSection
 from simgap.gap.tiers import PROVEN, deterministic_tier
 from simgap.report import content, tables
 from simgap.report.content import little_won, unproven
@@ -77,3 +78,21 @@ def test_a_table_is_signed_where_its_sides_differ():
 
     assert tables.is_signed(table([[-1.0, -2.0]], [[1.0, 3.0]]))
     assert not tables.is_signed(table([[-1.0, -2.0]], [[1.0, 2.0]]))
+
+
+def test_the_headline_says_what_its_number_of_runs_excludes():
+    def page(runs: int, bad: int, first: int = 0, starts: int | None = None) -> SimpleNamespace:
+        section = ValidationSection(starts=starts, first=({},) * first)
+        tally = {"runs": runs, "runs_that_violated_it": bad}
+        case = SimpleNamespace(validation=section)
+        return SimpleNamespace(
+            context=SimpleNamespace(case=case), validation={"controllers": {"gap": {"simulator": tally}}}
+        )
+
+    plain = content._sample(page(300, 0))
+    assert "at most 1 % fail" in plain  # 1 - 0.05^(1/300) = 0.9936 %
+    assert plain.endswith("a full run makes it 0.3 %.")  # 0.2992 %
+    assert content._sample(page(1000, 0)) == "Of starts drawn like these at most 0.3 % fail, with 95 % confidence."
+    assert "full run" not in content._sample(page(20, 0, starts=20))  # a full run takes no more than the case says
+    assert "at most 14 %" in content._sample(page(21, 0, first=1, starts=21))  # 13.91 %: a given start is not drawn
+    assert "at most 2.1 %" in content._sample(page(300, 2))  # 0.0209: rounded up
