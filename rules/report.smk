@@ -140,7 +140,8 @@ def report_options(wildcards, input):
         "corrected_nominal": "--corrected-nominal",
         "corrected_robust": "--corrected-robust",
     }
-    return [
+    later = flagged("--later", "../report.html") if wildcards.tier == FIRST else []
+    return later + [
         word for name, flag in flags.items() for word in flagged(flag, input.get(name))
     ]
 

@@ -52,6 +52,7 @@ def report(
     printed: Annotated[Path | None, typer.Option(help="Values that the paper prints (YAML).")] = None,
     audit: Annotated[Path | None, typer.Option(help="audit.json")] = None,
     margins: Annotated[Path | None, typer.Option(help="Margins of every cell (Parquet).")] = None,
+    later: Annotated[str | None, typer.Option(help="The page, seen from this one, that waits for all of it.")] = None,
     log: Log = None,
 ) -> None:
     """Write the page of a case: pictures, tables and what the guarantee rests on."""
@@ -60,11 +61,12 @@ def report(
     start_log(log)
     controllers, syntheses = stage.by_kind(nominal, robust), stage.by_kind(nominal_summary, robust_summary)
     measured = stage.Measured(diagnosis, transitions) if diagnosis is not None else None
-    later = stage.corrected_files(corrected, corrected_gap, corrected_summary, corrected_nominal, corrected_robust)
+    repaired = stage.corrected_files(corrected, corrected_gap, corrected_summary, corrected_nominal, corrected_robust)
     given = stage.Inputs(
-        gaps, samples, controllers, syntheses, validation, traces, measured, later, printed, audit, margins, twin
+        gaps, samples, controllers, syntheses, validation, traces, measured, repaired, printed, audit, margins, twin
     )
-    stage.run(case, given, out, summary, picture, figures)
+    stage.run(case, given, out, summary, picture, figures, later)
+    typer.echo(f"Ready to open: {out}")
 
 
 @app.command()

@@ -83,7 +83,7 @@ def verdict(m: Material) -> dict[str, Any]:
         "arrival": _arrival(m),
         "winning": f"The gap-aware controller wins {_won(m, ROBUST)} of the {words.allowed} with the gap taken into "
         f"account; the nominal model alone would promise {_won(m, NOMINAL)}.{_own_share(m)}",
-        "adversary": adversary.sentence(m) or "The adversary has not been here yet: audit pending.",
+        "adversary": adversary.sentence(m),
         "tolerated": m.gap.get("fresh", {}).get("violations", 0),
         "outside": str(Outside(**worst)) if (worst := m.gap.get("fresh", {}).get("outside")) else "",
     }

@@ -104,11 +104,13 @@ def run(
     figures_out: Path,
     picture: Path | None = None,
     folder: Path | None = None,
+    later: str | None = None,
 ) -> None:
     """Read the results of a case, write its page and its summary.
 
     Args:
-        picture: file for a small PNG that stands for the case; folder: place for the figures of the page as files.
+        picture: file for a small PNG that stands for the case; folder: place for the figures of the page as files;
+            later: the page, seen from this one, that will have what this one did not wait for.
 
     Raises:
         UserError: a result that is missing or damaged.
@@ -118,7 +120,7 @@ def run(
     record = provenance("report", material.context.case, material.context.folder)
     said = content(material)
     drawn = draw(material)
-    page = render(TEMPLATE, figures=drawn.markup, notes=drawn.notes, provenance=record, **said)
+    page = render(TEMPLATE, figures=drawn.markup, notes=drawn.notes, later=later, provenance=record, **said)
     if folder is not None:
         for name, data in drawn.files.items():
             write_bytes(folder / name, data)
