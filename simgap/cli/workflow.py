@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import subprocess
 import sys
@@ -14,13 +13,16 @@ from typing import Annotated
 import typer
 import yaml
 
+from simgap import reading
 from simgap.cli.options import CasePath, app, new_folder, values_of
 from simgap.errors import SimgapError, UserError
-from simgap.io.atomic import host, write_text
+from simgap.io.atomic import host, no_links_below, write_text
+from simgap.io.documents import read_json
 from simgap.io.follow import RUN
+from simgap.io.run_lock import LINKED
 from simgap.io.runs_here import runs_in
 
-PACKAGE = Path(__file__).resolve().parents[1]
+PACKAGE = reading.real(Path(__file__)).parents[1]
 
 
 PARTLY = (
@@ -97,8 +99,8 @@ def _refuse_beside(names: set[str]) -> None:
 def _tell_verdict(name: str) -> None:
     """What the page of a case says first, and where it is."""
     summary, page = Path("results") / name / "summary.json", Path("results") / name / "report.html"
-    if summary.is_file() and page.is_file():
-        verdict = json.loads(summary.read_text())["verdict"]
+    if reading.is_file(summary) and reading.is_file(page):
+        verdict = read_json(summary)["verdict"]
         typer.echo("\n".join([f"{name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
 
 
@@ -179,7 +181,7 @@ def tutorial(
             raise UserError("is there already, and stays as it is", file=out / name, remedy="Take an empty folder.")
     for name in ("rod.urdf", "swings.csv"):
         with atomic(out / name) as temporary:
-            temporary.write_bytes((source / name).read_bytes())
+            temporary.write_bytes(reading.read_bytes(source / name))
     typer.echo("Wrote rod.urdf and swings.csv. Next: simgap new rod --urdf rod.urdf")
 
 
@@ -227,6 +229,7 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
     text = yaml.safe_dump(about | {"cases": list(cases)})
     # Beside what Snakemake keeps, under a name that says what is in it: a run that is killed leaves no other file.
     config = Path(".snakemake/simgap") / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.yaml"
+    no_links_below(config.parents[1], LINKED)
     write_text(config, text)
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
     command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
