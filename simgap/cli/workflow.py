@@ -15,6 +15,7 @@ import yaml
 
 from simgap import reading
 from simgap.cli.options import CasePath, app, new_folder, values_of
+from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
 from simgap.io.atomic import host, no_links_below, write_text
 from simgap.io.documents import read_json
@@ -60,8 +61,8 @@ def run(
     files = [path for path in cases if not str(path).startswith("-")]
     if not files:
         raise UserError("no case is given", remedy="Name one or more case files, such as robot.yaml.")
-    for path in files:
-        name = load_case(path).name
+    loaded = [load_case(path) for path in files]
+    for path, name in zip(files, (case.name for case in loaded), strict=True):
         if path.name != f"{name}.yaml":
             raise UserError(
                 f"the case is called '{name}', its file is not", file=path, key="name",
@@ -75,8 +76,8 @@ def run(
         _refuse_beside({path.stem for path in files})
     snakemake(folder, [path.stem for path in files], cores, options)
     if whole:
-        for path in files:
-            _tell_verdict(path.stem)
+        for case in loaded:
+            _tell_verdict(case)
 
 
 def looks_on(options: Sequence[str]) -> bool:
@@ -96,12 +97,31 @@ def _refuse_beside(names: set[str]) -> None:
             )
 
 
-def _tell_verdict(name: str) -> None:
-    """What the page of a case says first, and where it is."""
-    summary, page = Path("results") / name / "summary.json", Path("results") / name / "report.html"
-    if reading.is_file(summary) and reading.is_file(page):
-        verdict = read_json(summary)["verdict"]
-        typer.echo("\n".join([f"{name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
+def _tell_verdict(case: Case) -> None:
+    """What the page of a case says first, and where it is.
+
+    Raises:
+        WorkflowFailed: a run that has ended well without it.
+    """
+    folder, controlled = Path("results") / case.name, case.synthesis is not None and bool(case.gap or case.hidden_state)
+    page = require_made(folder / ("report.html" if controlled else "check/check.json"))
+    if controlled:
+        verdict = read_json(folder / "summary.json")["verdict"]
+        typer.echo("\n".join([f"{case.name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
+
+
+def require_made(result: Path) -> Path:
+    """The result for which a run was made.
+
+    Raises:
+        WorkflowFailed: it is not there.
+    """
+    if not reading.is_file(result):
+        raise WorkflowFailed(
+            f"the run says that it ended well and has not made {result}. Leave out options and profiles of Snakemake "
+            "that keep it from computing"
+        )
+    return result
 
 
 @app.command()
@@ -231,9 +251,13 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
     config = Path(".snakemake/simgap") / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.yaml"
     no_links_below(config.parents[1], LINKED)
     write_text(config, text)
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
+    # Nothing of this folder is run or obeyed: no module beside the case is imported, no profile beside it is read.
+    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
     command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
-    process = subprocess.Popen([*command, *options], env=os.environ | {RUN: f"{host()}:{os.getpid()}"})
+    if not any(word.startswith("--workflow-profile") for word in options):
+        command += ["--workflow-profile", str(workflow_file("profiles/default"))]
+    environment = os.environ | {RUN: f"{host()}:{os.getpid()}", "PYTHONSAFEPATH": "1"}
+    process = subprocess.Popen([*command, *options], env=environment)
     interrupted = False
     while True:
         try:
