@@ -20,9 +20,10 @@ from simgap.gap.points import (
     remembers,
     shard_count,
 )
-from simgap.io.atomic import host
-from simgap.io.run_lock import join
+from simgap.io.atomic import host, no_links_below
+from simgap.io.run_lock import LINKED, join
 from simgap.io.runs_here import announce
+from simgap.reading import is_file
 from simgap.provenance import (
     code_digest,
     digest,
@@ -42,10 +43,6 @@ os.environ.update(
     **{RUN: f"{host()}:{os.getpid()}"},
 )
 
-# A run that was killed leaves Snakemake's locks: they go where no run is alive that could hold them.
-if workflow.is_main_process and join(Path(), workflow.snakemake_tmp_dir):
-    sys.stderr.write("simgap: removed the locks of a run that was killed\n")
-
 
 def told(error):
     """A person's mistake as one line and status 2; Snakemake would wrap it in places of these files."""
@@ -60,6 +57,19 @@ except SimgapError as error:
 
 CASE_FOLDER = Path(SETTINGS.case_folder)
 CASES = SETTINGS.cases
+
+# Logs, benchmarks and Snakemake's own records are opened where they stand: nothing there may lead elsewhere.
+if workflow.is_main_process:
+    try:
+        no_links_below(Path(".snakemake"), LINKED)
+        for name in (*CASES, "sweeps"):
+            no_links_below(Path("results") / name)
+    except SimgapError as error:
+        told(error)
+
+# A run that was killed leaves Snakemake's locks: they go where no run is alive that could hold them.
+if workflow.is_main_process and join(Path(), workflow.snakemake_tmp_dir):
+    sys.stderr.write("simgap: removed the locks of a run that was killed\n")
 
 # Runs of other cases may be at work here. What they and this one would both write, the page of all cases, is then written
 # when this run has ended well (rules/report.smk), and Snakemake has no reason to refuse it.
@@ -79,11 +89,17 @@ wildcard_constraints:
 
 def reads(stage):
     """What the stage reads of the case, as a hash for `params`."""
-    return lambda wildcards: sections_digest(
-        case_of(wildcards),
-        sections_of(stage, case_of(wildcards)),
-        folder_of(wildcards.case),
-    )
+
+    def hashed(wildcards):
+        case = case_of(wildcards)
+        try:
+            return sections_digest(
+                case, sections_of(stage, case), folder_of(wildcards.case)
+            )
+        except SimgapError as error:
+            told(error)
+
+    return hashed
 
 
 def code(stage, case=None):

@@ -34,13 +34,14 @@ def own_recordings(case):
     They are parameters and no inputs: a person's file name may hold braces, which Snakemake takes for wildcards.
     """
     measured = case_of(case).measured
-    files = [
-        path
-        for _, path in matching(
-            CASE_FOLDER, measured.files if measured is not None else ()
-        )
-    ]
-    return {str(path): file_digest(path) if path.is_file() else None for path in files}
+    names = measured.files if measured is not None else ()
+    try:
+        return {
+            str(path): file_digest(path) if is_file(path) else None
+            for _, path in matching(CASE_FOLDER, names)
+        }
+    except SimgapError as error:
+        told(error)
 
 
 def rig_recordings(wildcards):

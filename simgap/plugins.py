@@ -18,6 +18,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any
 
+from simgap import reading
 from simgap.errors import UserError
 
 BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
@@ -163,12 +164,12 @@ def _beside(name: str, folder: Path | None) -> type[Any]:
     file, _, attribute = name.rpartition(":")
     if folder is None:
         raise UserError(f"'{_short(name)}' is a file, but there is no case for it to stand beside")
-    path = (folder / file).resolve()
-    if not path.is_relative_to(folder.resolve()):
+    path = reading.real(folder / file)
+    if not path.is_relative_to(reading.real(folder)):
         raise UserError(f"the plug-in file '{_short(file)}' lies outside the case's folder", remedy="Put it beside it.")
-    if not path.is_file():
+    if not reading.is_file(path):
         raise UserError("the plug-in file does not exist", file=path, remedy="Put it beside the case.")
-    content = path.read_bytes()
+    content = reading.read_bytes(path)
     if (path, content) not in _FILES:
         log.warning("plug-in file %s is code and runs with your rights", path)
     return _of(_module(path, content), attribute, name)

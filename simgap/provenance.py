@@ -16,7 +16,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from simgap import plugins
+from simgap import plugins, reading
 from simgap.config.case import Case
 from simgap.config.function_file import FunctionFile
 from simgap.config.model_files import named_by, named_files
@@ -58,7 +58,7 @@ def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
         if key in ("urdf", "mjcf") and isinstance(value, str):
             files[key] = value
         for key, path in files.items():
-            if (folder / path).is_file():
+            if reading.is_file(folder / path):
                 content[f"{section}: {'bytes' if key == 'urdf' else key}"] = file_digest(folder / path)
                 named = named_by(folder / path) if key.endswith(("urdf", "mjcf")) else ()
                 content |= {f"{section}: {key}: {name}": file_digest(place) for name, place in named}
@@ -98,7 +98,7 @@ def _of_engine(stage: str, case: Case) -> tuple[str, ...]:
 
 def file_digest(path: Path) -> str:
     """A short hash of a file's bytes."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    return reading.sha256(path)[:16]
 
 
 def code_digest(stage: str, case: Case | None = None, folder: Path = Path()) -> str:
@@ -141,11 +141,11 @@ def _sources(group: str, name: str, folder: Path) -> dict[str, str]:
     file = plugins.source(plugins.find(group, name, folder))
     if file is None:
         return {}
-    content = file.read_bytes()
+    content = reading.read_bytes(file)
     known = _graph().modules
     modules = {m for name in _imported(content) if name in known for m in closure(name)}
     named = folder / name.rpartition(":")[0]  # it may take its class from another file
-    own = {"named": file_digest(named)} if ".py:" in name and named.is_file() else {}
+    own = {"named": file_digest(named)} if ".py:" in name and reading.is_file(named) else {}
     return {"": hashlib.sha256(content).hexdigest(), **own, **_modules(modules)}
 
 

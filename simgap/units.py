@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,11 @@ class Affine:
 
 _PLAIN = frozenset({"1", "", "rad", "rad/s", "m", "m/s", "m/s^2", "s", "kg", "kg*m^2", "N", "N*m", "N*m*s/rad"})
 """Known without pint, which takes half a second to load."""
+LONGEST, MOST_POWER = 60, 9
+"""Characters of a unit, and the power of a name in it."""
+_FACTOR = r"\(*(?:1|(?!\d)[\w%°]+)\)*(?:\s*(?:\^|\*\*)\s*(?:-?\d(?:\.\d{1,2})?|\(-?\d(?:\.\d{1,2})?\)))?\)*"
+_WRITTEN = re.compile(rf"\s*{_FACTOR}(?:(?:\s*[*/·]\s*|\s+){_FACTOR})*\s*")
+"""Names and 1, products, quotients, powers of one digit. pint computes what stands there: 9**9**9 never ends."""
 _FORCES = {"rad": "N*m", "1": "N*m", "": "N*m", "m": "N"}
 
 
@@ -37,9 +43,16 @@ def _parsed(unit: str) -> Any:
     if unit.strip() in ("", "1"):
         return registry.dimensionless
     try:
-        return registry.parse_units(unit.replace("·", "*"))
+        if len(unit) > LONGEST or not _WRITTEN.fullmatch(unit):
+            raise ValueError(unit)
+        found = registry.parse_units(unit.replace("·", "*"))
+        if any(abs(power) > MOST_POWER for power in found._units.values()):
+            raise ValueError(unit)
+        return found
     except Exception:  # pint raises tokenizer, attribute, value and type errors for a misspelt unit
-        raise UserError(f"'{unit}' is not a unit", remedy="Write units like rad, deg/s, N*m, m/s^2, ms.") from None
+        raise UserError(
+            f"'{excerpt(unit, LONGEST)}' is not a unit", remedy="Write units like rad, deg/s, N*m, m/s^2, ms."
+        ) from None
 
 
 def check_unit(unit: str, key: str) -> None:

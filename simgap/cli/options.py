@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from simgap.errors import UserError
+from simgap.io.atomic import new_log, not_linked
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -28,10 +29,11 @@ def _writable(path: Path | None, key: str, folder: bool) -> Path | None:
     Nothing is made: the nearest folder that is there takes a file without a name.
 
     Raises:
-        UserError: a file where a folder is needed or the other way round, or a folder that takes no files.
+        UserError: a link, a file where a folder is needed or the other way round, or a folder that takes no files.
     """
     if path is None:
         return None
+    not_linked(path)
     if path.is_dir() and not folder:
         raise UserError("is a folder, a file is to be written", file=path, key=key, remedy="Give another name.")
     if path.exists() and not path.is_dir() and folder:
@@ -87,8 +89,7 @@ def start_log(path: Path | None) -> None:
 
         handler: logging.Handler = RichHandler(console=Console(stderr=True), show_path=False)
     else:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("")
+        new_log(path)
         handler = _LogFile(path, mode="a")  # engines append to the same file
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
     logger = logging.getLogger("simgap")

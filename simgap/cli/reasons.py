@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from simgap import reading
+
 _FAILED = re.compile(r"^Error in rule ([^:]+):$", re.MULTILINE)
 _LOG = re.compile(r"^    log: ([^,\n]+?)(?: \(check log file|,|$)", re.MULTILINE)
 _ERROR = re.compile(r"^\S+ \S+ ERROR (.+)$", re.MULTILINE)
@@ -44,6 +46,6 @@ def _reason(block: str, folder: Path) -> str:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(errors="replace")
+        return reading.read_text(path, errors="replace")
     except OSError:
         return ""

@@ -23,7 +23,7 @@ def sweep(
 
     Other options, such as --dry-run, --unlock or --keep-going, are handed to Snakemake.
     """
-    from simgap.cli.workflow import looks_on, snakemake
+    from simgap.cli.workflow import looks_on, require_made, snakemake
     from simgap.stages.sweep import checked_points
 
     words = [str(file), *context.args]
@@ -35,6 +35,7 @@ def sweep(
     target = f"results/sweeps/{path.stem}/report.html"
     snakemake(base.parent, [base.stem], cores, [*words, "--", target], path.parent)
     if not looks_on(words):
+        require_made(Path(target))
         typer.echo(f"{path.stem}: {len(points)} points. Page: {target}, table: {Path(target).parent}/table.parquet")
 
 

@@ -15,6 +15,7 @@ from typing import Annotated
 
 import typer
 
+from simgap import reading
 from simgap.cli.options import app, new_file
 from simgap.errors import UserError
 
@@ -44,7 +45,7 @@ def view(
     if picture is not None:
         _take(words, picture)
         return
-    others = [str(p) for p in (what / name for name in RECORDINGS) if p.is_file() and p != file]
+    others = [str(p) for p in (what / name for name in RECORDINGS) if reading.is_file(p) and p != file]
     typer.echo(f"Opening {file}" + (f" (there is also {', '.join(others)})" if others else ""))
     raise typer.Exit(_until_closed(words))
 
@@ -55,10 +56,10 @@ def recording_of(what: Path) -> Path:
     Raises:
         UserError: none is there.
     """
-    if what.suffix == ".rrd" and what.is_file():
+    if what.suffix == ".rrd" and reading.is_file(what):
         return what
     folder = what if what.is_dir() else what.parent
-    found = next((folder / name for name in RECORDINGS if (folder / name).is_file()), None)
+    found = next((folder / name for name in RECORDINGS if reading.is_file(folder / name)), None)
     if found is None or not what.exists():
         raise UserError(
             "no recording here" if what.exists() else "does not exist", file=what,
@@ -75,7 +76,7 @@ def displayed() -> bool:
 def command(file: Path, web: bool) -> Sequence[str]:
     """What opens a recording, in a window or in the browser."""
     viewer = Path(sys.executable).with_name("rerun")
-    shown = [str(viewer) if viewer.is_file() else "rerun", str(file), "--bind", LOOPBACK, "--port", "auto"]
+    shown = [str(viewer) if reading.is_file(viewer) else "rerun", str(file), "--bind", LOOPBACK, "--port", "auto"]
     return [*shown, "--web-viewer"] if web else shown
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import subprocess
 import sys
@@ -14,13 +13,17 @@ from typing import Annotated
 import typer
 import yaml
 
+from simgap import reading
 from simgap.cli.options import CasePath, app, new_folder, values_of
+from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
-from simgap.io.atomic import host, write_text
+from simgap.io.atomic import host, no_links_below, write_text
+from simgap.io.documents import read_json
 from simgap.io.follow import RUN
+from simgap.io.run_lock import LINKED
 from simgap.io.runs_here import runs_in
 
-PACKAGE = Path(__file__).resolve().parents[1]
+PACKAGE = reading.real(Path(__file__)).parents[1]
 
 
 PARTLY = (
@@ -58,8 +61,8 @@ def run(
     files = [path for path in cases if not str(path).startswith("-")]
     if not files:
         raise UserError("no case is given", remedy="Name one or more case files, such as robot.yaml.")
-    for path in files:
-        name = load_case(path).name
+    loaded = [load_case(path) for path in files]
+    for path, name in zip(files, (case.name for case in loaded), strict=True):
         if path.name != f"{name}.yaml":
             raise UserError(
                 f"the case is called '{name}', its file is not", file=path, key="name",
@@ -73,8 +76,8 @@ def run(
         _refuse_beside({path.stem for path in files})
     snakemake(folder, [path.stem for path in files], cores, options)
     if whole:
-        for path in files:
-            _tell_verdict(path.stem)
+        for case in loaded:
+            _tell_verdict(case)
 
 
 def looks_on(options: Sequence[str]) -> bool:
@@ -94,12 +97,31 @@ def _refuse_beside(names: set[str]) -> None:
             )
 
 
-def _tell_verdict(name: str) -> None:
-    """What the page of a case says first, and where it is."""
-    summary, page = Path("results") / name / "summary.json", Path("results") / name / "report.html"
-    if summary.is_file() and page.is_file():
-        verdict = json.loads(summary.read_text())["verdict"]
-        typer.echo("\n".join([f"{name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
+def _tell_verdict(case: Case) -> None:
+    """What the page of a case says first, and where it is.
+
+    Raises:
+        WorkflowFailed: a run that has ended well without it.
+    """
+    folder, controlled = Path("results") / case.name, case.synthesis is not None and bool(case.gap or case.hidden_state)
+    page = require_made(folder / ("report.html" if controlled else "check/check.json"))
+    if controlled:
+        verdict = read_json(folder / "summary.json")["verdict"]
+        typer.echo("\n".join([f"{case.name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
+
+
+def require_made(result: Path) -> Path:
+    """The result for which a run was made.
+
+    Raises:
+        WorkflowFailed: it is not there.
+    """
+    if not reading.is_file(result):
+        raise WorkflowFailed(
+            f"the run says that it ended well and has not made {result}. Leave out options and profiles of Snakemake "
+            "that keep it from computing"
+        )
+    return result
 
 
 @app.command()
@@ -179,7 +201,7 @@ def tutorial(
             raise UserError("is there already, and stays as it is", file=out / name, remedy="Take an empty folder.")
     for name in ("rod.urdf", "swings.csv"):
         with atomic(out / name) as temporary:
-            temporary.write_bytes((source / name).read_bytes())
+            temporary.write_bytes(reading.read_bytes(source / name))
     typer.echo("Wrote rod.urdf and swings.csv. Next: simgap new rod --urdf rod.urdf")
 
 
@@ -227,10 +249,15 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
     text = yaml.safe_dump(about | {"cases": list(cases)})
     # Beside what Snakemake keeps, under a name that says what is in it: a run that is killed leaves no other file.
     config = Path(".snakemake/simgap") / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.yaml"
+    no_links_below(config.parents[1], LINKED)
     write_text(config, text)
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
+    # Nothing of this folder is run or obeyed: no module beside the case is imported, no profile beside it is read.
+    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
     command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
-    process = subprocess.Popen([*command, *options], env=os.environ | {RUN: f"{host()}:{os.getpid()}"})
+    if not any(word.startswith("--workflow-profile") for word in options):
+        command += ["--workflow-profile", str(workflow_file("profiles/default"))]
+    environment = os.environ | {RUN: f"{host()}:{os.getpid()}", "PYTHONSAFEPATH": "1"}
+    process = subprocess.Popen([*command, *options], env=environment)
     interrupted = False
     while True:
         try:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from simgap import reading
 from simgap.config.case import Case
 from simgap.config.function_file import KEY, FunctionFile
 from simgap.config.plugged import used
@@ -31,13 +32,13 @@ def copied_plugins(case: Case, source: Path, folder: Path) -> tuple[CopiedPlugin
     A plug-in file may only stand beside the case that names it, so its path cannot be rewritten. The new name holds a
     hash of the content: it overwrites no other file, and an edited plug-in gets another name.
     """
-    if source.resolve() == folder.resolve():
+    if reading.real(source) == reading.real(folder):
         return ()
     copies = []
     for plugin in used(case):
         file, _, attribute = plugin.name.rpartition(":")
         if file.endswith(".py"):
-            content = (source / file).read_bytes()
+            content = reading.read_bytes(source / file)
             new = f"{Path(file).stem}-{hashlib.sha256(content).hexdigest()[:12]}.py"
             copies.append(CopiedPlugin(tuple(plugin.place.split(".")), plugin.tag, f"{new}:{attribute}", new, content))
     return (*copies, *_function(case, source))
@@ -57,7 +58,7 @@ def _function(case: Case, source: Path) -> tuple[CopiedPlugin, ...]:
             f"the simulator's file imports {', '.join(p.name for p in found.neighbours)}, which would not stand beside "
             "a corrected case", file=found.path, key=KEY, remedy="Put what it needs into the one file.",
         )  # fmt: skip
-    content = found.path.read_bytes()
+    content = reading.read_bytes(found.path)
     new = f"{found.path.stem}-{hashlib.sha256(content).hexdigest()[:12]}.py"
     return (CopiedPlugin(("simulator",), "function", f"{new}:{found.name}", new, content),)
 

@@ -7,11 +7,11 @@ tree. The neighbours count as part of it, so that editing one makes again what t
 from __future__ import annotations
 
 import ast
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from simgap import reading
 from simgap.errors import UserError, excerpt
 
 KEY = "simulator.function"
@@ -37,10 +37,10 @@ class FunctionFile:
             raise UserError(
                 f"'{excerpt(named)}' names no function", key=KEY, remedy="Write file.py:name, such as my_sim.py:step."
             )
-        path = (folder / file).resolve()
-        if not path.is_relative_to(folder.resolve()):
+        path = reading.real(folder / file)
+        if not path.is_relative_to(reading.real(folder)):
             raise UserError(f"'{excerpt(file)}' lies outside the case's folder", key=KEY, remedy="Put it beside it.")
-        if not path.is_file():
+        if not reading.is_file(path):
             raise UserError(
                 "the file of the function does not exist", file=path, key=KEY, remedy="Put it beside the case."
             )
@@ -54,7 +54,7 @@ class FunctionFile:
 
     def digests(self) -> dict[str, str]:
         """A short hash of the file and of each neighbour that it imports, however indirectly, by name."""
-        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest()[:16] for path in sorted(_closure(self.path))}
+        return {path.name: reading.sha256(path)[:16] for path in sorted(_closure(self.path))}
 
     @property
     def neighbours(self) -> tuple[Path, ...]:
@@ -78,10 +78,10 @@ def _imported(path: Path) -> Iterator[Path]:
         names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
         for name in names:
             beside = path.parent / name.partition(".")[0]
-            if beside.with_suffix(".py").is_file():
-                yield beside.with_suffix(".py").resolve()
-            if (beside / "__init__.py").is_file():
-                yield from (inner.resolve() for inner in sorted(beside.rglob("*.py")))
+            if reading.is_file(beside.with_suffix(".py")):
+                yield reading.real(beside.with_suffix(".py"))
+            if reading.is_file(beside / "__init__.py"):
+                yield from (reading.real(inner) for inner in sorted(beside.rglob("*.py")))
 
 
 def _defined(path: Path) -> set[str]:
@@ -99,7 +99,7 @@ def _defined(path: Path) -> set[str]:
 
 def _tree(path: Path) -> ast.Module:
     try:
-        return ast.parse(path.read_bytes(), filename=path.name)
+        return ast.parse(reading.read_bytes(path), filename=path.name)
     except (SyntaxError, ValueError) as error:
         line = getattr(error, "lineno", None)
         raise UserError(

@@ -15,6 +15,7 @@ from yaml.constructor import ConstructorError
 from yaml.parser import ParserError
 from yaml.scanner import ScannerError
 
+from simgap import reading
 from simgap.errors import UserError, excerpt
 
 LARGEST = 1_000_000
@@ -63,10 +64,7 @@ def read_yaml(path: Path) -> Any:
         UserError: a file that is missing, no text, no YAML, too large or too deep, or that has a key twice.
     """
     try:
-        data = path.read_bytes()
-        if len(data) > LARGEST:
-            raise UserError(f"has {len(data)} bytes; the most are {LARGEST}", file=path, remedy="Give a case file.")
-        text = data.decode("utf-8-sig")
+        text = reading.read_bytes(path, LARGEST).decode("utf-8-sig")
         return plain_content(text)
     except FileNotFoundError:
         where = "" if path.is_absolute() else f" below {Path.cwd()}"

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from simgap import reading
+
 KEYS = ("urdf", "mjcf", "fmu")
 """Keys of `plant`, of `simulator` and of the engine that it is a twin of."""
 
@@ -28,6 +30,9 @@ def named_by(model: Path) -> Iterator[tuple[str, Path]]:
 
     In a URDF `package://` means the folder above its own. An MJCF file is read with all that it includes, and its files
     are told by their place beside it. What is no XML names none; whoever loads it says why.
+
+    Raises:
+        UserError: a file that `reading` does not open.
     """
     root = _root(model)
     if root is None:
@@ -38,14 +43,14 @@ def named_by(model: Path) -> Iterator[tuple[str, Path]]:
     for name in dict.fromkeys(e.get("filename") for e in root.iter()):
         scheme, _, rest = (name or "").rpartition("://")
         base, own = (model.parent.parent, rest.partition("/")[2]) if scheme == "package" else (model.parent, rest)
-        if name and own and (base / own).is_file():
+        if name and own and reading.is_file(base / own):
             yield name, base / own
 
 
 def _root(path: Path) -> ElementTree.Element | None:
     try:
-        return ElementTree.parse(path).getroot()
-    except ElementTree.ParseError:
+        return reading.read_xml(path)
+    except reading.NotXml:
         return None
 
 
@@ -55,7 +60,7 @@ def _named_by_mjcf(model: Path, root: ElementTree.Element) -> Iterator[tuple[str
     That is beside the file that names them, beside the model, and in the folders of <compiler>; with `strippath` there
     by the last part of the name alone.
     """
-    folders, waiting, seen = [model.parent], [(model, root)], {model.resolve()}
+    folders, waiting, seen = [model.parent], [(model, root)], {reading.real(model)}
     read: list[ElementTree.Element] = []
     while waiting:
         path, own = waiting.pop()
@@ -65,8 +70,8 @@ def _named_by_mjcf(model: Path, root: ElementTree.Element) -> Iterator[tuple[str
             if element.tag not in ("include", "model"):
                 continue
             for place in (base / str(element.get("file")) for base in (model.parent, path.parent)):
-                if place.is_file() and place.resolve() not in seen:
-                    seen.add(place.resolve())
+                if reading.is_file(place) and reading.real(place) not in seen:
+                    seen.add(reading.real(place))
                     yield os.path.relpath(place, model.parent), place
                     found = _root(place)
                     waiting += [] if found is None else [(place, found)]
@@ -75,8 +80,8 @@ def _named_by_mjcf(model: Path, root: ElementTree.Element) -> Iterator[tuple[str
     folders += [base / name for name in sorted(asked) for base in tuple(folders)]
     for name in dict.fromkeys(v for own in read for e in own.iter() for k, v in e.items() if k.startswith("file")):
         for place in dict.fromkeys(base / part for base in folders for part in (name, Path(name).name)):
-            if place.is_file() and place.resolve() not in seen:
-                seen.add(place.resolve())
+            if reading.is_file(place) and reading.real(place) not in seen:
+                seen.add(reading.real(place))
                 yield os.path.relpath(place, model.parent), place
 
 

@@ -12,6 +12,7 @@ from itertools import combinations
 
 import sympy as sp
 
+from simgap import reading
 from simgap.effects import effect
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
@@ -56,7 +57,7 @@ def _stops(context: Context) -> list[sp.Expr]:
     return [
         symbol(places[joint]) - sp.Float(end)
         for file in sorted(files)
-        if (context.folder / file).is_file()
+        if reading.is_file(context.folder / file)
         for joint, ends in joint_stops(context.folder / file, list(places)).items()
         for end in ends
     ]

@@ -1,4 +1,7 @@
-"""Files appear whole or not at all; what a killed process left half-written is removed by the next writer."""
+"""Files appear whole or not at all; what a killed process left half-written is removed by the next writer.
+
+Nothing is written through a link: a folder may come from a stranger, and its links lead to files of others.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,19 @@ import os
 import platform
 import re
 import signal
+import stat
 import tempfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from simgap import reading
+from simgap.errors import UserError
+
 KILL_AT = "SIMGAP_KILL_AT"
 """Environment variable, for tests alone: the number of the place in a write at which the process group is killed."""
+_REMOVE = "Remove it, or name the place that it leads to."
 _passed = itertools.count(1)
 
 
@@ -24,7 +32,7 @@ def atomic(path: Path) -> Iterator[Path]:
 
     Its bytes are on the disk before it takes the name: a machine that dies leaves the old file or the new one.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    not_linked(path).parent.mkdir(parents=True, exist_ok=True)
     _remove_abandoned(path)
     handle, name = tempfile.mkstemp(prefix=f".{path.stem}.{host()}-{os.getpid()}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
@@ -42,6 +50,52 @@ def atomic(path: Path) -> Iterator[Path]:
         _may_be_killed()
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def not_linked(path: Path) -> Path:
+    """The path, if neither it nor a folder on the way to it is a link; of an absolute one, what lies below this folder.
+
+    Raises:
+        UserError: a link.
+    """
+    own = Path(os.path.relpath(path)) if path.is_absolute() and path.is_relative_to(Path.cwd()) else path
+    for place in (own, *(() if own.is_absolute() else own.parents)):
+        if place.is_symlink():
+            raise UserError("is a link, and nothing is written through one", file=place, remedy=_REMOVE)
+    return path
+
+
+def no_links_below(folder: Path, but: Collection[str] = ()) -> None:
+    """Refuse a folder to which another program is to write where one of its entries leads to what lies elsewhere.
+
+    Args:
+        folder: may be missing; but: names of folders in it that are not looked at.
+
+    Raises:
+        UserError: a link, a benchmark that has a second name, or what is neither a file nor a folder.
+    """
+    for above, folders, files in os.walk(not_linked(folder)):
+        if Path(above) == folder:
+            folders[:] = [name for name in folders if name not in but]
+        for place in (Path(above, name) for name in (*folders, *files)):
+            about = not_linked(place).lstat()
+            twice = about.st_nlink > 1 and place.suffix == ".tsv"  # Snakemake opens them where they stand
+            if twice or not stat.S_ISREG(about.st_mode) | stat.S_ISDIR(about.st_mode):
+                problem = "is one file under two names" if twice else "is neither a file nor a folder"
+                raise UserError(f"{problem}, and results go there", file=place, remedy=_REMOVE)
+
+
+def new_log(path: Path) -> None:
+    """An empty file, in the place of one that is there; a device, such as /dev/null, stays.
+
+    Raises:
+        UserError: as `not_linked`, and a pipe.
+    """
+    not_linked(path).parent.mkdir(parents=True, exist_ok=True)
+    if not path.is_char_device():
+        if reading.is_file(path):
+            path.unlink()
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666))
 
 
 def _may_be_killed(half: Path | None = None) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap import reading
 from simgap.errors import UserError
 from simgap.gap.closed_form import ClosedFormGap
 from simgap.gap.forms import Form
@@ -220,5 +221,4 @@ def _write_table(path: Path, table: NDArray[Any]) -> str:
     with atomic(path) as temporary:
         with Path(temporary).open("wb") as stream:
             np.lib.format.write_array(stream, np.ascontiguousarray(table), allow_pickle=False)
-        with Path(temporary).open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
+        return reading.sha256(temporary)

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap import reading
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.io.atomic import atomic
@@ -79,7 +80,7 @@ def load_controller(path: Path | str) -> Controller:
 
 def _load(path: Path | str, whole: bool) -> Controller:
     try:
-        with Path(path).open("rb") as stream, zipfile.ZipFile(stream) as archive:
+        with reading.opened(Path(path)) as stream, zipfile.ZipFile(stream) as archive:
             require_room(sum(entry.file_size for entry in archive.infolist()))
             names = [name.removesuffix(".npy") for name in archive.namelist()]
             require({*names} >= _NEEDED and ("mask" in names) != ("chosen" in names), "parts of it are missing")

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pcsv
 
+from simgap import reading
 from simgap.errors import UserError
 
 _SHEET = ("is a spreadsheet, not text", "Export the sheet as CSV in UTF-8.")
@@ -60,12 +61,12 @@ def _first_lines(path: Path, file: str) -> tuple[int, str, str, list[str]]:
     """Number of lines up to the first that is neither blank nor '#', the last '#' line, that line, some lines below."""
     comment = ""
     try:
-        with path.open(encoding="utf-8-sig") as stream:
-            for k, line in enumerate(stream):
-                if line.startswith("#"):
-                    comment = line.strip()
-                elif line.strip():
-                    return k + 1, comment, line.rstrip("\r\n"), list(islice(stream, 64))
+        stream = reading.lines(path, file)
+        for k, line in enumerate(stream):
+            if line.startswith("#"):
+                comment = line.strip()
+            elif line.strip():
+                return k + 1, comment, line.rstrip("\r\n"), list(islice(stream, 64))
     except UnicodeDecodeError:
         raise not_text(path, file) from None
     raise UserError("is empty", file=file, remedy="Check the recording.")
@@ -73,7 +74,7 @@ def _first_lines(path: Path, file: str) -> tuple[int, str, str, list[str]]:
 
 def not_text(path: Path, file: str) -> UserError:
     """What to say of a file that is not UTF-8 text, by how it begins."""
-    with path.open("rb") as stream:
+    with reading.opened(path) as stream:
         start = stream.read(16)
     problem, remedy = next(
         (said for magic, said in _OTHERS.items() if start.startswith(magic)),
@@ -100,14 +101,15 @@ def read_csv_columns(path: Path, layout: CsvLayout, columns: list[str], types: M
 
 
 def _read(path: Path, layout: CsvLayout, columns: list[str], types: dict[str, Any]) -> Any:
-    table = pcsv.read_csv(
-        path,
-        read_options=pcsv.ReadOptions(skip_rows=layout.skip, column_names=list(layout.header)),
-        parse_options=pcsv.ParseOptions(delimiter=layout.delimiter),
-        convert_options=pcsv.ConvertOptions(
-            include_columns=columns, column_types=types, decimal_point=layout.decimal, strings_can_be_null=False
-        ),
-    )
+    with reading.opened(path) as stream:
+        table = pcsv.read_csv(
+            stream,
+            read_options=pcsv.ReadOptions(skip_rows=layout.skip, column_names=list(layout.header)),
+            parse_options=pcsv.ParseOptions(delimiter=layout.delimiter),
+            convert_options=pcsv.ConvertOptions(
+                include_columns=columns, column_types=types, decimal_point=layout.decimal, strings_can_be_null=False
+            ),
+        )
     if layout.decimal == ",":  # text that is converted later must use the point
         for k, name in enumerate(table.column_names):
             if pa.types.is_string(table.column(k).type):
@@ -118,14 +120,13 @@ def _read(path: Path, layout: CsvLayout, columns: list[str], types: dict[str, An
 def _ragged(path: Path, layout: CsvLayout, file: str) -> UserError:
     """The first row whose number of cells is not that of the header."""
     want, row = len(layout.header), 0
-    with path.open(encoding="utf-8-sig", errors="replace") as stream:
-        for k, line in enumerate(stream):
-            if k < layout.skip or not line.strip():
-                continue
-            row += 1
-            cells = line.rstrip("\r\n").count(layout.delimiter) + 1
-            if cells != want:
-                commas = layout.delimiter == "," and row == 1
-                remedy = "Write decimals with points, or put semicolons between columns." if commas else "Mend the row."
-                return UserError(f"row {row} has {cells} cells where the header has {want}", file=file, remedy=remedy)
+    for k, line in enumerate(reading.lines(path, file, errors="replace")):
+        if k < layout.skip or not line.strip():
+            continue
+        row += 1
+        cells = line.rstrip("\r\n").count(layout.delimiter) + 1
+        if cells != want:
+            commas = layout.delimiter == "," and row == 1
+            remedy = "Write decimals with points, or put semicolons between columns." if commas else "Mend the row."
+            return UserError(f"row {row} has {cells} cells where the header has {want}", file=file, remedy=remedy)
     return UserError("has rows of different lengths", file=file, remedy="Export it again.")

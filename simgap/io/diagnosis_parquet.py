@@ -8,6 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.io import checksum
 from simgap.io.unpacked import require_room, table_size
@@ -20,10 +21,16 @@ def is_parquet(path: Path) -> bool:
     if path.suffix.lower() in (".parquet", ".pq", ".parq"):
         return True
     try:
-        with path.open("rb") as stream:
+        with reading.opened(path) as stream:
             return stream.read(4) == _MAGIC
     except OSError as error:
         raise UserError(f"cannot be read: {error.strerror}", file=path) from None
+
+
+def parquet_schema(path: Path) -> Any:
+    """Names, types and units of all columns."""
+    with reading.opened(path) as stream:
+        return pq.read_schema(stream)
 
 
 def parquet_header(path: Path, file: str) -> tuple[str, ...]:
@@ -32,12 +39,12 @@ def parquet_header(path: Path, file: str) -> tuple[str, ...]:
     Raises:
         UserError: a file that is damaged or was changed, or two columns of one name.
     """
-    if checksum.holds(path.read_bytes()) is False:  # one that simgap wrote; those of others carry none
+    if checksum.holds(reading.read_bytes(path)) is False:  # one that simgap wrote; those of others carry none
         raise UserError(
             "was changed after it was written: its checksum does not fit", file=file, remedy="Make it again."
         )
     try:
-        names = tuple(pq.read_schema(path).names)
+        names = tuple(parquet_schema(path).names)
     except (pa.ArrowException, OSError, UnicodeDecodeError):
         raise _damaged(file) from None
     twice = sorted({n for n in names if names.count(n) > 1})
@@ -53,11 +60,13 @@ def read_parquet_columns(path: Path, columns: list[str], file: str) -> Any:
         UserError: a file that is damaged or too large.
     """
     try:
-        require_room(table_size(pq.read_metadata(path), len(columns)))
-        kinds = {field.name: field.type for field in pq.read_schema(path) if field.name in columns}
+        with reading.opened(path) as stream:
+            require_room(table_size(pq.read_metadata(stream), len(columns)))
+        kinds = {field.name: field.type for field in parquet_schema(path) if field.name in columns}
         # A text that every row repeats is read once: a small file may say that it is gigabytes.
         words = [name for name, kind in kinds.items() if pa.types.is_string(kind) or pa.types.is_large_string(kind)]
-        return pq.read_table(path, columns=columns, partitioning=None, read_dictionary=words)
+        with reading.opened(path) as stream:
+            return pq.read_table(stream, columns=columns, partitioning=None, read_dictionary=words)
     except UserError as error:
         raise UserError(error.problem, file=file, remedy=error.remedy) from None
     except (pa.ArrowException, OSError, UnicodeDecodeError):

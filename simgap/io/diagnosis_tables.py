@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -10,12 +9,12 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
+from simgap import reading
 from simgap.diagnosis.reading.table import Floats, RawTable, no_time_column
 from simgap.errors import UserError, excerpt
 from simgap.io.diagnosis_csv import CsvLayout, csv_layout, read_csv_columns
-from simgap.io.diagnosis_parquet import is_parquet, parquet_header, read_parquet_columns
+from simgap.io.diagnosis_parquet import is_parquet, parquet_header, parquet_schema, read_parquet_columns
 from simgap.io.json_samples import is_json
 from simgap.io.json_tables import json_header, read_json_table
 from simgap.io.mcap_messages import is_mcap
@@ -41,10 +40,10 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
     file = name or str(path)
     _refuse_no_file(path, file)
     if is_mcap(path):
-        return _whole(read_mcap(path, list(wanted), file, _sha256(path)), path, file)
+        return _whole(read_mcap(path, list(wanted), file, reading.sha256(path)), path, file)
     if is_json(path):
-        return _whole(read_json_table(path, list(wanted), time, trace, file, _sha256(path)), path, file)
-    parquet, sha256 = is_parquet(path), _sha256(path)
+        return _whole(read_json_table(path, list(wanted), time, trace, file, reading.sha256(path)), path, file)
+    parquet, sha256 = is_parquet(path), reading.sha256(path)
     layout = None if parquet else csv_layout(path, file)
     header = parquet_header(path, file) if layout is None else layout.header
     if time not in header:
@@ -73,7 +72,7 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
 
 def _whole(raw: RawTable, path: Path, file: str) -> RawTable:
     """What was read, if the file is still the same."""
-    if _sha256(path) != raw.sha256:
+    if reading.sha256(path) != raw.sha256:
         raise UserError("was changed while it was read", file=file, remedy="Wait until it is written, then run again.")
     return raw
 
@@ -95,7 +94,7 @@ def read_header(path: Path, file: str) -> tuple[tuple[str, ...], dict[str, str]]
         return json_header(path, file), {}
     if not is_parquet(path):
         return csv_layout(path, file).header, {}
-    header, schema = parquet_header(path, file), pq.read_schema(path)
+    header, schema = parquet_header(path, file), parquet_schema(path)
     return header, {n: unit for n in header if (unit := _unit(schema.field(n), file)) is not None}
 
 
@@ -104,7 +103,7 @@ def _refuse_no_file(path: Path, file: str) -> None:
         bags = any(path.glob("*.mcap"))  # as `ros2 bag record` leaves them
         remedy = f"Give the files in it: {file}/*.mcap." if bags else _GIVE
         raise UserError("is a folder, not a file", file=file, remedy=remedy)
-    if not path.is_file():
+    if not reading.is_file(path):
         raise UserError("no such file", file=file, remedy=_GIVE)
 
 
@@ -193,11 +192,3 @@ def _unit(field: Any, file: str) -> str | None:
         raise UserError(
             f"the unit of column '{field.name}' is not UTF-8 text", file=file, remedy="Write it as text, such as rad."
         ) from None
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while block := stream.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()

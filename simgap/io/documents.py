@@ -11,11 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.io.atomic import write_text
+from simgap.io.unpacked import JSON_HELD
 
 CHECKSUM = "checksum"
 REMEDY = "Delete it and run again: it is remade."
+MOST = reading.MOST // JSON_HELD
+"""Bytes of a result: what it takes once it is read is a quarter of the machine's memory."""
 
 
 def _plain(value: Any) -> Any:
@@ -52,7 +56,7 @@ def read_json(path: Path) -> dict[str, Any]:
         UserError: missing, damaged, edited or foreign file.
     """
     try:
-        content = json.loads(path.read_bytes().decode(), object_pairs_hook=_distinct,
+        content = json.loads(reading.read_bytes(path, MOST).decode(), object_pairs_hook=_distinct,
                              parse_constant=_no_constant, parse_float=_finite)  # fmt: skip
     except FileNotFoundError:
         raise UserError("the file does not exist", file=path, remedy="Run the stage that makes it.") from None

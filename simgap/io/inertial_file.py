@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from simgap import reading
 from simgap.geometry import Floats
 from simgap.model.tree import symmetric
 
@@ -20,7 +21,7 @@ def with_inertial(source: Path, folder: Path, inertial: Mapping[str, Floats]) ->
 
     Links on fixed joints to them weigh nothing in it. Paths of meshes hold from `folder`.
     """
-    robot = ElementTree.parse(source).getroot()
+    robot = reading.read_xml(source)
     ends = [(j.find("parent"), j.find("child"), j.get("type")) for j in robot.findall("joint")]
     fixed = {c.get("link"): p.get("link") for p, c, kind in ends if kind == "fixed" and p is not None and c is not None}
     for link in robot.findall("link"):

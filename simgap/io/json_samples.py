@@ -13,13 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Never
 
+from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.io.diagnosis_csv import not_text
-from simgap.io.unpacked import require_room
+from simgap.io.unpacked import JSON_HELD, require_room
 
-HELD = 30  # bytes in memory for one of the text: lists of the shortest objects take 20 to 30
 _MOST_PARTS = 64
 """Entries of a list within a sample that become columns; longer ones (pictures, scans) are none. Judgement."""
+MOST = reading.MOST // JSON_HELD
+"""Characters of a line."""
 _SHAPE = 'Write a list of objects, one a sample: [{"t": 0.0, "q": 0.1}, ...].'
 _WRITTEN = "Mend it there, or export it again."
 
@@ -50,7 +52,7 @@ def is_json(path: Path) -> bool:
     if suffix in (".json", ".jsonl", ".ndjson"):
         return True
     try:
-        with path.open("rb") as stream:
+        with reading.opened(path) as stream:
             start = stream.read(64).removeprefix(codecs.BOM_UTF8).lstrip()
     except OSError as error:
         raise UserError(f"cannot be read: {error.strerror}", file=path) from None
@@ -71,18 +73,16 @@ def read_samples(path: Path, file: str) -> Samples:
 def _are_lines(path: Path, file: str) -> bool:
     """Whether the first line is a value of its own and others follow it; what the file is called does not matter."""
     try:
-        with path.open(encoding="utf-8-sig") as stream:
-            written = (line for line in stream if line.strip())
-            first, more = next(written, ""), next(written, None) is not None
-        require_json_room(len(first) * HELD, file)
+        written = (line for line in reading.lines(path, file, MOST) if line.strip())
+        first, more = next(written, ""), next(written, None) is not None
         return more and json.loads(first) is not None
     except (ValueError, RecursionError):  # no text, or no JSON: the document says where
         return False
 
 
 def _document(path: Path, file: str) -> Any:
-    require_json_room(path.stat().st_size * HELD, file)
-    content = path.read_bytes()
+    require_json_room(path.stat().st_size * JSON_HELD, file)
+    content = reading.read_bytes(path)
     if not content.strip():
         raise UserError("is empty", file=file, remedy="Check the recording.")
     try:
@@ -94,14 +94,12 @@ def _document(path: Path, file: str) -> Any:
 def _line_values(path: Path, file: str) -> Iterator[tuple[int, Any]]:
     """Number of a line that is not blank, and what it says."""
     try:
-        with path.open(encoding="utf-8-sig") as stream:
-            for number, line in enumerate(stream, 1):
-                if line.strip():
-                    require_json_room(len(line) * HELD, file)
-                    try:
-                        yield number, _parsed(line, file, path)
-                    except json.JSONDecodeError as error:
-                        raise _malformed(error, file, number) from None
+        for number, line in enumerate(reading.lines(path, file, MOST), 1):
+            if line.strip():
+                try:
+                    yield number, _parsed(line, file, path)
+                except json.JSONDecodeError as error:
+                    raise _malformed(error, file, number) from None
     except UnicodeDecodeError:
         raise not_text(path, file) from None
 

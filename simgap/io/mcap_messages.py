@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
+from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.io.unpacked import require_room
 
@@ -25,7 +26,7 @@ _DAMAGED = "Copy it again, or mend it (`mcap recover`)."
 def is_mcap(path: Path) -> bool:
     """Whether a file begins as MCAP files do."""
     try:
-        with path.open("rb") as stream:
+        with reading.opened(path) as stream:
             return stream.read(len(MAGIC)) == MAGIC
     except OSError as error:
         raise UserError(f"cannot be read: {error.strerror}", file=path) from None
@@ -137,7 +138,7 @@ def opened_bag(path: Path, file: str) -> Iterator[Bag]:
             remedy="Install it: pip install 'simgap[mcap]'.",
         ) from None  # fmt: skip
     try:
-        with path.open("rb") as stream:
+        with reading.opened(path) as stream:
             summary = make_reader(stream, validate_crcs=True).get_summary()
             if summary is None:
                 raise UserError("has no summary: its recording was cut off", file=file, remedy=_DAMAGED)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap import reading
 from simgap.config.load import load_case
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
@@ -72,7 +73,7 @@ def _from_urdf(path: Path) -> Any:
     """
     mujoco = _mujoco()
     try:
-        return mujoco.MjSpec.from_file(str(path.resolve()))
+        return mujoco.MjSpec.from_file(str(reading.real(path)))
     except ValueError as error:
         raise UserError(f"MuJoCo does not take the file: {error}", file=path, remedy=REMEDY) from None
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
+from simgap import reading
 from simgap.config.load import load_case
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
@@ -40,8 +41,7 @@ def export_model(case: Path | str, out: Path | str) -> None:
     plant = PlantModel.of(section, case.parent)
     _ = plant.corrected  # refuses what does not fit the plant
     source = case.parent / section.plant.urdf
-    tree = ElementTree.parse(source)
-    robot = tree.getroot()
+    robot = reading.read_xml(source)
     for k, effect in enumerate(plant.effects):
         write = _WRITERS.get(effect.name)
         if write is None or not write(robot, effect):

@@ -8,12 +8,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from simgap import reading
 from simgap.diagnosis.verdict.words import phrase
 from simgap.errors import UserError
 from simgap.notation import number, pretty_unit
 
 STYLE = "style.css"
-_PACKAGED, _CHECKOUT = (Path(__file__).resolve().parents[k] / n for k, n in ((1, "templates"), (2, "reports")))
+_PACKAGED, _CHECKOUT = (reading.real(Path(__file__)).parents[k] / n for k, n in ((1, "templates"), (2, "reports")))
 
 
 def folder() -> Path:
@@ -28,7 +29,7 @@ def need_template(template: str) -> None:
         UserError: one of them is not there.
     """
     for name in (template, STYLE):
-        if not (folder() / name).is_file():
+        if not reading.is_file(folder() / name):
             raise UserError(
                 "the template of the page is missing", file=folder() / name, remedy="Install simgap again, whole."
             )
@@ -57,7 +58,7 @@ def render(template: str, **content: Any) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "unit": pretty_unit, "phrase": phrase, "described": described}
-    style = Markup((folder() / STYLE).read_text())  # quotes of font names must stay quotes
+    style = Markup(reading.read_text(folder() / STYLE))  # quotes of font names must stay quotes
     return environment.get_template(template).render(style=style, **content)
 
 

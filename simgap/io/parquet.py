@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
 from simgap.io import checksum
@@ -47,7 +48,7 @@ def write_parquet(path: Path, content: pa.Table) -> None:
         with pq.ParquetWriter(temporary, content.schema, compression="zstd") as writer:
             writer.write_table(content)
             writer.add_key_value_metadata({checksum.KEY: checksum.ZEROS})
-        data = temporary.read_bytes()
+        data = reading.read_bytes(temporary)
         found = checksum.stated(data)
         if found is None:
             raise RuntimeError("Parquet files are laid out in another way than this version of simgap knows")
@@ -63,7 +64,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         UserError: missing, truncated, changed or foreign file.
     """
     try:
-        data = path.read_bytes()
+        data = reading.read_bytes(path)
         if not checksum.holds(data):
             raise pa.ArrowInvalid("its checksum is missing or does not fit its content")
         source = pq.ParquetFile(pa.BufferReader(data))

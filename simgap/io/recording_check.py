@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from simgap import reading
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Floats
 from simgap.io.recording_content import curves
@@ -26,7 +27,7 @@ def read_curves(path: Path) -> dict[str, tuple[Floats, Floats]]:
 
     from rerun.chunk import RrdReader
 
-    if not path.is_file():
+    if not reading.is_file(path):
         raise UserError("the file does not exist", file=path, remedy="Run the trace stage.")
     try:
         with warnings.catch_warnings():

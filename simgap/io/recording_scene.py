@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from simgap import reading
 from simgap.geometry import Box, Floats
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
@@ -35,7 +35,7 @@ def log_scene(recording: Any, content: Content) -> None:
 
 def robot_name(urdf: Path) -> str:
     """What the URDF calls its robot."""
-    return ET.parse(urdf).getroot().get("name", "")
+    return reading.read_xml(urdf).get("name", "")
 
 
 def _joints(recording: Any, content: Content, scene: JointScene) -> None:
@@ -60,7 +60,7 @@ def stance(scene: JointScene) -> tuple[Floats, Floats, float]:
     axis = np.asarray(joints[0].axis if joints else (0.0, 1.0, 0.0), dtype=float)
     along = axis if abs(axis[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
     across = np.cross(along, [0.0, 0.0, 1.0])
-    document = ET.parse(scene.urdf).getroot()
+    document = reading.read_xml(scene.urdf)
     reach = sum(float(np.linalg.norm(_reach(document, j.child_link))) for j in joints)
     return along / np.linalg.norm(along), across / np.linalg.norm(across), max(reach, 0.1)
 
@@ -69,7 +69,7 @@ def _limits(recording: Any, content: Content, scene: JointScene, prefix: str, of
     """For one joint: the ends of the safe set as thin lines from the joint to the end of the link."""
     import rerun as rr
 
-    tree = ET.parse(scene.urdf).getroot()
+    tree = reading.read_xml(scene.urdf)
     name, j = next(iter(scene.joints.items()))
     joint = _tree(scene.urdf, "limits").get_joint_by_name(name)
     if joint is None or joint.joint_type not in ("revolute", "continuous"):
@@ -120,7 +120,7 @@ def _place(recording: Any, urdf: Path, prefix: str, colour: list[int]) -> Any:
 
     tree = _tree(urdf, prefix)
     tree.log_urdf_to_recording(recording=recording)
-    links = {link.get("name"): link for link in ET.parse(urdf).getroot().findall("link")}
+    links = {link.get("name"): link for link in reading.read_xml(urdf).findall("link")}
     for name, link in links.items():
         paths = tree.get_visual_geometry_paths(tree.get_link_by_name(name))
         for path, visual in zip(paths, link.findall("visual"), strict=False):

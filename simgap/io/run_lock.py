@@ -18,6 +18,8 @@ from tempfile import gettempdir
 
 from simgap.io.atomic import host
 
+LINKED = ("conda", "conda-archive", "shadow", "singularity")
+"""Folders of `.snakemake` in which Snakemake itself makes links."""
 _HELD: list[int] = []
 """Open descriptors: they carry the locks until this process ends."""
 
@@ -31,7 +33,7 @@ def join(folder: Path, temporary: Path | None = None) -> bool:
     kept = folder / ".snakemake"
     try:
         kept.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(kept / "simgap.lock", os.O_RDWR | os.O_CREAT, 0o666)
+        descriptor = os.open(kept / "simgap.lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
     except OSError:
         return False  # Snakemake says what is wrong with the folder
     _HELD.append(descriptor)

@@ -16,6 +16,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from simgap import reading
 from simgap.io.atomic import host
 
 RUNS = Path(".snakemake/simgap/runs")
@@ -51,7 +52,8 @@ def announce(folder: Path, cases: Sequence[str], command: str) -> list[Run]:
     own = Run(list(cases), os.getpid(), platform.node(), time.strftime("%Y-%m-%d %H:%M:%S"), command)
     with suppress(OSError):  # a folder that takes no file or no lock: Snakemake says what is wrong with it
         (folder / RUNS).mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(folder / RUNS / f"{host()}-{own.process}.json", os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o666)
+        path = folder / RUNS / f"{host()}-{own.process}.json"
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o666)
         _HELD.append(descriptor)
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         os.write(descriptor, json.dumps(asdict(own)).encode())
@@ -69,7 +71,7 @@ def runs_in(folder: Path) -> list[Run]:
 def _read(path: Path) -> Run | None:
     """The run of a file; None where it is gone, or the file no such file (a stranger may have written it)."""
     try:
-        with path.open() as stream:
+        with reading.opened_text(path) as stream:
             alive: bool | None = True
             try:
                 fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)

@@ -6,6 +6,8 @@ import os
 import re
 from pathlib import Path
 
+from simgap import reading
+
 LINE = "spent %.2f s of CPU time, with its processes"
 _SPENT = re.compile(r"INFO spent (\d+\.\d+) s of CPU time, with its processes$", re.MULTILINE)
 
@@ -19,7 +21,7 @@ def spent() -> float:
 def spent_by(log: Path) -> float | None:
     """CPU seconds that the last line of a log of a stage tells of; None where there is no such log, or no such line."""
     try:
-        found = _SPENT.findall(log.read_text(errors="replace"))
+        found = _SPENT.findall(reading.read_text(log, errors="replace"))
     except OSError:
         return None
     return float(found[-1]) if found else None

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from typing import Any
 
 from simgap.errors import UserError
+from simgap.reading import MOST
 
-MOST = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 4
-"""Most bytes that one file may hold unpacked: a quarter of the machine's memory, for readers hold it up to three times
-(measured for controllers: 3.9 times, their own bytes included)."""
+JSON_HELD = 30  # bytes in memory for one of the text: lists of the shortest objects take 20 to 30
 
 
 class TooLarge(UserError):

@@ -26,6 +26,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
+from simgap import reading
 from simgap.cache import cache_folder, kernel_sources
 
 Kernel = Callable[..., Any]
@@ -167,4 +168,4 @@ def _stamp(module: str) -> str:
         raise _NotWritable(module)
     kernels = [getattr(value, "py_func", None) for value in vars(sys.modules[module]).values()]
     others = sorted({k.__module__ for k in kernels if k is not None} - {module})
-    return hashlib.sha256(Path(file).read_bytes() + "".join(map(_stamp, others)).encode()).hexdigest()
+    return hashlib.sha256(reading.read_bytes(Path(file)) + "".join(map(_stamp, others)).encode()).hexdigest()

@@ -17,6 +17,7 @@ from typing import Any
 
 import sympy as sp
 
+from simgap import reading
 from simgap.cache import cache_folder
 from simgap.model.symbolic import symbol
 
@@ -50,7 +51,7 @@ def simplified(matrix: sp.Matrix, how: Callable[[sp.Matrix], sp.Matrix], name: s
 def _read(path: Path) -> sp.Matrix | None:
     """The matrix of a file; None if it is not there, damaged or from another hand."""
     try:
-        digest, body = path.read_text().split("\n", 1)
+        digest, body = reading.read_text(path).split("\n", 1)
         if digest != _digest(body):
             return None
         content = json.loads(body)

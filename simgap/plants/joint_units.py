@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from xml.etree import ElementTree
 
+from simgap import reading
 from simgap.config.plant import PlantSection
 from simgap.errors import UserError
 from simgap.units import require_unit
@@ -21,7 +21,7 @@ def check_joint_units(section: PlantSection, urdf: Path) -> None:
     Raises:
         UserError: naming the key and the joints there are, or the unit that is wanted.
     """
-    robot = ElementTree.parse(urdf).getroot()
+    robot = reading.read_xml(urdf)
     if robot.tag != "robot":
         return
     check_units(section, {str(j.get("name")): str(j.get("type")) for j in robot.findall("joint")}, urdf.name)

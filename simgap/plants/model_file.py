@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from simgap import reading
 from simgap.geometry import Floats
 from simgap.plants.urdf_checks import check_urdf
 
@@ -67,7 +68,7 @@ def read_model_file(path: Path) -> ModelFile:
         UserError: what `check_urdf` refuses.
     """
     check_urdf(path)
-    robot = ElementTree.parse(path).getroot()
+    robot = reading.read_xml(path)
     links = {str(link.get("name")): link for link in robot.findall("link")}
     weighed = {name: _link(link) for name, link in links.items() if link.find("inertial/mass") is not None}
     geared = {str(j.get("name")) for t in robot.findall("transmission") for j in t.findall("joint") if _geared(t)}

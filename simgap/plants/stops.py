@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from xml.etree import ElementTree
+
+from simgap import reading
 
 _STOPPED = ("revolute", "prismatic")
 
@@ -16,7 +17,7 @@ def joint_stops(urdf: Path, joints: Sequence[str]) -> dict[str, tuple[float, ...
     The file is one that `urdf_checks.check_urdf` has taken.
     """
     found = {}
-    for joint in ElementTree.parse(urdf).getroot().findall("joint"):
+    for joint in reading.read_xml(urdf).findall("joint"):
         limit = joint.find("limit")
         if joint.get("name") in joints and joint.get("type") in _STOPPED and limit is not None:
             ends = [float(limit.get(end, "0")) for end in ("lower", "upper")]

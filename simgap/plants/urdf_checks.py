@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from simgap import reading
 from simgap.errors import UserError, excerpt
 
 NUMBERS: Mapping[str, Mapping[str, int]] = {
@@ -79,16 +80,13 @@ def _check_tree(path: Path, joints: Mapping[str, ElementTree.Element]) -> None:
 
 
 def _root(path: Path) -> ElementTree.Element:
-    if not path.is_file():
+    if not reading.is_file(path):
         raise UserError(
             "the model file does not exist",
             file=path,
             remedy="Correct its path (`plant.urdf` of a case, `--urdf` of `simgap new`).",
         )
-    try:
-        robot = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, LookupError, OSError, ValueError) as error:  # the others: unknown encodings
-        raise UserError(f"not well-formed XML: {excerpt(error)}", file=path) from None
+    robot = reading.read_xml(path)
     if robot.tag != "robot":
         raise UserError(f"the root element is <{excerpt(robot.tag, 40)}>, not <robot>", file=path)
     return robot
@@ -143,9 +141,9 @@ def _check_place(path: Path, part: ElementTree.Element, element: ElementTree.Ele
     inside = Path(os.path.abspath(path)).parent.parent
     scheme, _, rest = name.rpartition("://")
     own = rest.partition("/")[2] if scheme == "package" else rest  # the package is the folder above
-    base = inside if scheme == "package" else path.resolve().parent
-    place = (base / own).resolve()
-    if scheme not in ("", "package", "file") or not place.is_relative_to(inside.resolve()):
+    base = inside if scheme == "package" else reading.real(path).parent
+    place = reading.real(base / own)
+    if scheme not in ("", "package", "file") or not place.is_relative_to(reading.real(inside)):
         what, told = f"<{excerpt(element.tag, 40)}> filename", f"'{excerpt(name, 60)}' lies outside the model's folders"
         _refuse(path, part, what, told, f"Put it beside the model, or trust it: set {TRUST}=1.")
 

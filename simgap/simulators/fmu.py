@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
+from simgap import reading
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
@@ -48,8 +49,8 @@ class FmuSettings(EngineSection):
     def _announced(self, info: ValidationInfo) -> FmuSettings:
         """Said where the case is read, and not in the engine's process, whose output goes to a log."""
         folder = (info.context or {}).get("folder")
-        if folder is not None and (folder / self.fmu).resolve() not in _told:
-            _told.add((folder / self.fmu).resolve())
+        if folder is not None and reading.real(folder / self.fmu) not in _told:
+            _told.add(reading.real(folder / self.fmu))
             log.warning("the simulator %s is code and runs with your rights", folder / self.fmu)
         return self
 

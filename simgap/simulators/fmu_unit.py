@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import shutil
 import tempfile
+import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
 from simgap.units import check_unit, require_unit
@@ -20,6 +24,9 @@ from simgap.units import check_unit, require_unit
 KEY = "simulator.fmu"
 PREFIX = "simgap-fmu-"
 REAL = ("Real", "Float64")
+DESCRIPTION = "modelDescription.xml"
+MOST_PARTS, MOST_UNPACKED = 10_000, 2_000_000_000
+"""Of an archive: files, and bytes of them unpacked. Judgement: FMUs of whole vehicles have hundreds of MB."""
 
 
 def _place() -> tuple[Path, int]:
@@ -46,6 +53,40 @@ def _locked(folder: Path) -> int:
     return descriptor
 
 
+def _check_archive(path: Path) -> None:
+    """Refuse what does not unpack into a folder of moderate size.
+
+    Raises:
+        UserError: no archive, one of too many or too large parts, paths that lead out of it, or a description that is
+            too large or has a document type.
+    """
+    try:
+        with reading.opened(path) as stream, zipfile.ZipFile(stream) as archive:
+            entries = archive.infolist()
+            _refuse_archive(path, entries)
+            reading.xml_of(archive.read(DESCRIPTION), path)
+    except (OSError, zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, KeyError, RuntimeError) as error:
+        raise UserError(f"is no FMU: {_said(error)}", file=path, key=KEY) from None
+
+
+def _refuse_archive(path: Path, entries: Sequence[zipfile.ZipInfo]) -> None:
+    out = [e.filename for e in entries if e.filename[:1] in "/\\" or ".." in re.split(r"[/\\]", e.filename)]
+    size = sum(e.file_size for e in entries)
+    described = sum(e.file_size for e in entries if e.filename == DESCRIPTION)
+    problem = (
+        f"'{excerpt(out[0], 60)}' in it leads out of the folder that it is unpacked to"
+        if out
+        else f"holds {len(entries)} parts of {size / 1e9:.3g} GB in all; the most are {MOST_PARTS} and "
+        f"{MOST_UNPACKED / 1e9:.3g} GB"
+        if len(entries) > MOST_PARTS or size > MOST_UNPACKED
+        else f"its {DESCRIPTION} has {described} bytes; the most are {reading.MOST_XML}"
+        if described > reading.MOST_XML
+        else None
+    )
+    if problem:
+        raise UserError(problem, file=path, key=KEY, remedy="Export it again.")
+
+
 class Unit:
     """An FMU for co-simulation."""
 
@@ -63,8 +104,9 @@ class Unit:
             raise UserError(
                 "FMPy is not installed", key="simulator.engine", remedy="Install the extra: simgap[fmu]."
             ) from None
-        if not path.is_file():
+        if not reading.is_file(path):
             raise UserError("the FMU does not exist", file=path, key=KEY, remedy="Correct its path.")
+        _check_archive(path)
         try:
             about = fmpy.read_model_description(str(path))
         except Exception as error:  # FMPy raises what zip, XML and its own checks raise

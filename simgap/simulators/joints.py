@@ -9,6 +9,7 @@ from typing import Any
 
 import sympy as sp
 
+from simgap import reading
 from simgap.config.case import Case
 from simgap.config.plant import AddedEffect
 from simgap.effects import CoordinateEffect, StaticInputEffect, effect
@@ -58,7 +59,7 @@ def joint_plant(case: Case, folder: Path) -> JointPlant:
     file = next((name for name in own if name is not None), plant.urdf)
     if file is None or domain is None:
         raise UserError("the simulator needs a model file and a domain", key="simulator.urdf", remedy="Give both.")
-    if (folder / file).is_file():  # else the engine says so
+    if reading.is_file(folder / file):  # else the engine says so
         check_joint_units(plant, folder / file)
     names = list(plant.states)
     joints = tuple(s.joint for s in plant.states.values() if s.quantity == "position" and s.joint)

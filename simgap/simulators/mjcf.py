@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 import numpy as np
 
+from simgap import reading
 from simgap.config.model_files import named_by
 from simgap.errors import UserError, excerpt
 from simgap.plants.joint_units import check_units
@@ -49,7 +49,7 @@ def read_mjcf(path: Path) -> Any:
     named = dict(named_by(path))
     inside = Path(os.path.abspath(path)).parent.parent
     for name, place in named.items():
-        if not place.resolve().is_relative_to(inside.resolve()) and os.environ.get(TRUST) != "1":
+        if not reading.real(place).is_relative_to(reading.real(inside)) and os.environ.get(TRUST) != "1":
             raise UserError(
                 f"'{excerpt(name, 60)}' lies outside the model's folders", file=path,
                 remedy=f"Put it beside the model, or trust it: set {TRUST}=1.",
@@ -58,9 +58,9 @@ def read_mjcf(path: Path) -> Any:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise UserError(f"MuJoCo does not take it: {excerpt(error, 300)}", file=path, remedy="Correct it.") from None
-    known = {place.resolve() for place in (path, *named.values())}
-    needed = [Path(p) for p in mujoco.mju_getXMLDependencies(str(path)) if Path(p).is_file()]
-    unseen = [p for p in needed if p.resolve() not in known]
+    known = {reading.real(place) for place in (path, *named.values())}
+    needed = [Path(p) for p in mujoco.mju_getXMLDependencies(str(path)) if reading.is_file(Path(p))]
+    unseen = [p for p in needed if reading.real(p) not in known]
     if unseen:
         raise UserError(
             f"it depends on {excerpt(unseen[0], 80)} in a way that is not seen: an edit of it would rerun nothing",
@@ -70,12 +70,9 @@ def read_mjcf(path: Path) -> Any:
 
 
 def _check_root(path: Path) -> None:
-    if not path.is_file():
+    if not reading.is_file(path):
         raise UserError("the model file does not exist", file=path, key=KEY, remedy="Correct its path.")
-    try:
-        root = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, LookupError, OSError, ValueError) as error:
-        raise UserError(f"not well-formed XML: {excerpt(error)}", file=path) from None
+    root = reading.read_xml(path)
     if root.tag != "mujoco":
         raise UserError(
             f"the root element is <{excerpt(root.tag, 40)}>, not <mujoco>", file=path, key=KEY,

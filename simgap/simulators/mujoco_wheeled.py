@@ -10,11 +10,11 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
-from xml.etree import ElementTree
 
 import numpy as np
 from pydantic import Field
 
+from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
@@ -185,7 +185,7 @@ def friction_of(urdf: Path, root: str) -> dict[str, float]:
         UserError: a link that states none (engines would assume different ones), or more than 1.
     """
     found = {}
-    for link in ElementTree.parse(urdf).getroot().findall("link"):
+    for link in reading.read_xml(urdf).findall("link"):
         name, stated = str(link.get("name")), link.find("contact/lateral_friction")
         if name == root or link.find("collision") is None:
             continue

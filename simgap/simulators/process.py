@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from simgap import plugins
+from simgap import plugins, reading
 from simgap.errors import SimgapError
 from simgap.simulators.unnamed import SharedBytes, Tokens, Unnamed
 from simgap.simulators.watched import LOOK, NOTE, Note, grown_too_large, note_in
@@ -31,7 +31,7 @@ def _start(log: str | None, ran: tuple[tuple[Path, bytes], ...], notes: SharedBy
 
     Plug-in files that the parent ran are run here too, before a case that holds their sections is unpickled.
     """
-    target = os.open(log or os.devnull, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    target = os.open(log or os.devnull, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o644)
     for stream, descriptor in ((sys.stdout, 1), (sys.stderr, 2)):
         stream.flush()
         os.dup2(target, descriptor)
@@ -68,7 +68,7 @@ def engine_pool(workers: int = 1, log: Path | None = None) -> Iterator[ProcessPo
         EngineCrash: if a process died, with what it computed, where it is known, and where its last words are.
     """
     notes = SharedBytes(workers * NOTE + 1)
-    begin = (str(log.resolve()) if log else None, plugins.files(), notes, Tokens(1))
+    begin = (str(reading.real(log)) if log else None, plugins.files(), notes, Tokens(1))
     others = set(multiprocessing.active_children())
     # Spawned: a forked engine would share its parent's threads and state.
     with ProcessPoolExecutor(workers, mp_context=Unnamed(), initializer=_start, initargs=begin) as pool:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap import reading
 from simgap.attack.campaign import Campaign
 from simgap.attack.danger import Danger
 from simgap.attack.known import worst_histories, worst_steps
@@ -232,6 +233,6 @@ def _numbered(path: Path, number: int) -> Path:
 
 def _keep(context: Context, case_path: Path, bound: SavedGap, witness: Witness, out: Path) -> None:
     """The witness with its case, from where it lies, and its bound."""
-    where = os.path.relpath(case_path.resolve(), out.resolve().parent)
+    where = os.path.relpath(reading.real(case_path), reading.real(out).parent)
     record = provenance("audit", context.case, context.folder)
     write_json(out, witness.to_json() | {"case": where, "gap": bound.content, "provenance": record})

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from simgap import reading
 from simgap.errors import UserError
 from simgap.gap.points import own_point, remembers
 from simgap.gap.steps.samples import known_gap
@@ -83,7 +84,7 @@ def results_of(folder: Path) -> tuple[Path, Path, Path]:
         UserError: a folder without results, or whose case is not at its place.
     """
     case = Path("configs/cases") / f"{folder.name}.yaml"
-    if not case.is_file():
+    if not reading.is_file(case):
         raise UserError("no case of that name in configs/cases", file=folder, remedy="Give the case file.")
     return of_case(case, folder)
 
@@ -98,6 +99,6 @@ def of_case(case: Path, folder: Path | None = None) -> tuple[Path, Path, Path]:
     results = folder if folder is not None else Path("results") / own.name
     gap, controller = results / "gap" / own_point(own) / "gap.json", results / "synthesis/gap/controller.npz"
     for path in (gap, controller):
-        if not path.is_file():
+        if not reading.is_file(path):
             raise UserError("there is no such result", file=path, remedy="Run the case first.")
     return case, gap, controller

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from simgap import reading
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.gap.points import covering_grid, free_axes, own_point
@@ -161,7 +162,7 @@ def model_file(context: Context) -> ModelFile | None:
         for mesh in file.meshes:
             if mesh.startswith("package://"):
                 continue  # found through the paths of a ROS installation, if at all
-            if not (file.path.parent / mesh.removeprefix("file://")).is_file():
+            if not reading.is_file(file.path.parent / mesh.removeprefix("file://")):
                 raise UserError(
                     "the mesh does not exist", file=file.path, key=f"mesh '{mesh}'", remedy="Correct its path."
                 )

@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from simgap import reading
 from simgap.config.copied_plugins import copied_plugins, renamed
 from simgap.config.load import case_content, parse_case
 from simgap.config.model_files import move_files
@@ -113,7 +114,7 @@ def _plain(a: AppliedEffect) -> dict[str, Any]:
 
 
 def _moved(path: Path, folder: Path) -> str:
-    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    return Path(os.path.relpath(reading.real(path), reading.real(folder))).as_posix()
 
 
 def _header(

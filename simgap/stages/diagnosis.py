@@ -128,7 +128,7 @@ def conclude(
 
 def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> list[Path]:
     if data:
-        return [found for path in data for _, found in matching(Path(), [str(path)])]
+        return [found for path in data for _, found in matching(Path(), [str(path)], typed=True)]
     if not section.files:
         raise UserError(
             "no data are given",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any, NoReturn
-from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from simgap import reading
 from simgap.errors import UserError
 from simgap.simulators.drive_trial import Drive
 from simgap.simulators.surprises import Finding
@@ -123,7 +123,7 @@ def _off(drive: Drive, section: Any) -> list[Finding]:
 
 def wheel_fault(urdf: Path, joint: str) -> tuple[str, str] | None:
     """What of a wheel's file keeps it from rolling along x: the key and the remedy; None if nothing is seen."""
-    robot = ElementTree.parse(urdf).getroot()
+    robot = reading.read_xml(urdf)
     own = next(part for part in robot.findall("joint") if part.get("name") == joint)
     _, axis = axle(own)
     if abs(axis[1]) < 1.0 - ALIGNED:

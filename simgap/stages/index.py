@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from simgap import reading
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.documents import read_json
@@ -43,7 +44,7 @@ def _row(path: Path, out: Path) -> dict[str, Any]:
     }
     row["diagnosed"] = (folder / "diagnosis/report.html").as_posix() if row["diagnosis"] is not None else None
     later, row["corrected"] = path.parent / "corrected/summary.json", None
-    if row["diagnosed"] and later.is_file():
+    if row["diagnosed"] and reading.is_file(later):
         row["corrected"] = _figures(later) | {
             "page": (folder / "corrected/report.html").as_posix(),
             "case_file": (folder / "diagnosis/corrected_case.yaml").as_posix(),
@@ -66,4 +67,6 @@ def _figures(path: Path) -> dict[str, Any]:
 
 def _picture(path: Path) -> str | None:
     """A PNG as an address that carries it, so that the page stands alone; None if there is none."""
-    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}" if path.is_file() else None
+    if not reading.is_file(path):
+        return None
+    return f"data:image/png;base64,{base64.b64encode(reading.read_bytes(path)).decode()}"

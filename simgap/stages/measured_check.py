@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from simgap import reading
 from simgap.config.measured import MeasuredSection
 from simgap.config.recordings import matching
 from simgap.diagnosis.reading.channels import Channel, measured_columns
@@ -53,7 +54,7 @@ def named_files(context: Context, section: MeasuredSection) -> list[Path]:
     """
     found = matching(context.folder, section.files)
     for k, path in found:
-        if not path.is_file():
+        if not reading.is_file(path):
             raise UserError(
                 f"{'is a folder' if path.is_dir() else 'there is no file'}: '{section.files[k]}'",
                 file=context.path, key=f"measured.files.{k}",

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from simgap import reading
 from simgap.config.measured import ColumnMap, MeasuredSection
 from simgap.diagnosis.reading.channels import Channel, measured_columns
 from simgap.diagnosis.reading.column_words import column_words
@@ -62,7 +63,7 @@ def load_reading(
 
 def display_name(path: Path, relative_to: Path) -> str:
     """How results call a file: its path relative to the case, so that they are the same on every machine."""
-    return Path(os.path.relpath(path.resolve(), relative_to.resolve())).as_posix()
+    return Path(os.path.relpath(reading.real(path), reading.real(relative_to))).as_posix()
 
 
 def channels_of(model: SymbolicModel, section: MeasuredSection, case: str | None = None) -> tuple[Channel, ...]:

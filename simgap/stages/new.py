@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap import reading
 from simgap.config.load import load_case, parse_case
 from simgap.config.load_yaml import plain_content
 from simgap.errors import UserError
@@ -77,7 +78,7 @@ def _of_urdf(
     tell: Callable[[str], None], note: Callable[[str], None], seconds: float,
 ) -> str:  # fmt: skip
     file = read_model_file(urdf)
-    written = Path(os.path.relpath(urdf.resolve(), out.resolve())).as_posix()
+    written = Path(os.path.relpath(reading.real(urdf), reading.real(out))).as_posix()
     wheels = wheels_of(urdf) if inputs is None else None
     if wheels is not None:
         note(

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from simgap import reading
 from simgap.geometry import Floats
 from simgap.io.pages import text
 
@@ -37,7 +38,7 @@ def wheels_of(urdf: Path) -> Wheels | None:
     They are `continuous` joints of one link that turn about one horizontal axis, at mirrored places along it, each with
     a round collision shape. A robot that is welded to a link `world` does not drive.
     """
-    robot = ElementTree.parse(urdf).getroot()
+    robot = reading.read_xml(urdf)
     if any(link.get("name") == "world" for link in robot.findall("link")):
         return None
     radii = {str(link.get("name")): _radius(link) for link in robot.findall("link")}
@@ -52,7 +53,7 @@ def case_of_wheels(name: str, urdf: Path, written: str, wheels: Wheels) -> str:
     Args:
         written: the path of the file as the case has it.
     """
-    robot = ElementTree.parse(urdf).getroot()
+    robot = reading.read_xml(urdf)
     mass = sum(float(m.get("value", "0")) for m in robot.iterfind("link/inertial/mass"))
     limits = [j.find("limit") for j in robot.findall("joint") if j.get("name") in (wheels.left, wheels.right)]
     efforts = [float(own.get("effort", "0")) for own in limits if own is not None]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap import reading
 from simgap.attack.memory import REST, class_bounds
 from simgap.attack.witness import SIMULATOR as ON_SIMULATOR
 from simgap.attack.witness import STEP, Witness
@@ -38,7 +39,7 @@ def run(path: Path, out: Path | None = None, engine_log: Path | None = None) -> 
     data = read_json(path)
     if "case" not in data or "gap" not in data:
         raise UserError("not a witness", file=path, remedy="Give a witness.json that the audit wrote.")
-    context = Context.load((path.parent / str(data["case"])).resolve())
+    context = Context.load(reading.real(path.parent / str(data["case"])))
     witness = Witness.from_json(data, len(context.states), len(context.inputs))
     gap = from_json(data["gap"])
     states = witness.states

@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from simgap.io.atomic import not_linked
+
 TERMINATED = 128 + signal.SIGTERM
 
 
@@ -20,7 +22,7 @@ def scratch(folder: Path) -> Iterator[Path]:
     Nobody can clean up after SIGKILL; what is then left lies where the next run of the same stage removes it.
     """
     shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    not_linked(folder).mkdir(parents=True)
     try:
         with _ended_by(signal.SIGTERM):
             yield folder

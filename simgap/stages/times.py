@@ -10,6 +10,7 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
+from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.io.spent import spent_by
 
@@ -42,7 +43,7 @@ def job_times(results: Path) -> list[JobTime]:
 
 def _one(results: Path, path: Path) -> JobTime:
     try:
-        with path.open(newline="") as stream:
+        with reading.opened_text(path, newline="") as stream:
             row = list(csv.DictReader(stream, delimiter="\t"))[-1]
         wall, cpu, memory = (_number(row[key]) for key in ("s", "cpu_time", "max_rss"))
         ended = path.stat().st_mtime
@@ -53,7 +54,7 @@ def _one(results: Path, path: Path) -> JobTime:
     told = spent_by(path.parents[1] / "logs" / f"{path.stem}.log")
     cpu = cpu if told is None else told
     case = path.parents[1].relative_to(results)
-    return JobTime(str(case) if case.parts else results.resolve().name, path.stem, wall, cpu, memory * 2**20, ended)
+    return JobTime(str(case) if case.parts else reading.real(results).name, path.stem, wall, cpu, memory * 2**20, ended)
 
 
 def _number(text: str) -> float:

@@ -54,7 +54,16 @@ def test_other_options_go_to_snakemake(asked, words):
 
 
 def test_what_was_made_is_said_at_the_end(asked):
+    Path("results/sweeps/fine").mkdir(parents=True)
+    Path("results/sweeps/fine/report.html").touch()
     assert "fine: 2 points. Page: results/sweeps/fine/report.html" in typed("fine.yaml", axes=AXES).output
+
+
+def test_a_run_that_ends_well_without_its_page_is_an_error(asked):
+    assert isinstance(typed("fine.yaml", axes=AXES).exception, workflow.WorkflowFailed)
+    done = CliRunner().invoke(workflow.app, ["run", "rod.yaml"])
+    assert isinstance(done.exception, workflow.WorkflowFailed)
+    assert "has not made results/rod/check/check.json" in str(done.exception)
 
 
 def test_a_point_that_costs_too_much_is_told_with_its_values_before_any_runs(asked):
