@@ -146,8 +146,8 @@ def _check_header(header: dict[str, Any], states: list[str], inputs: list[str]) 
     names = set(states + inputs)
     if not states or len(names) < len(states + inputs) or not all(isinstance(name, str) for name in names):
         raise Malformed("its states and inputs need a name each, and no two the same")
-    if any(name.startswith(OWN) for name in names):
-        raise Malformed(f"no name begins with {OWN!r}")
+    if any(name.startswith(OWN) or not name.isprintable() for name in names):
+        raise Malformed(f"no name begins with {OWN!r} or has characters that cannot be printed")
     said = header["not_covered"]
     if not isinstance(said, list) or not all(isinstance(text, str) for text in said):
         raise Malformed("its 'not_covered' is no list of sentences")

@@ -7,6 +7,7 @@ from boxes import cell_ends
 from certificate import Certificate
 from expressions import exact
 from regions import along, cells_in, forbidden
+from repeats import unrepeated
 
 CHUNK = 2**20  # nodes at a time
 
@@ -16,7 +17,8 @@ class Rejected(Exception):
 
 
 def check_sets(c: Certificate) -> None:
-    """Every promised cell has an input and is where it should be, no other node has one; the bound holds everywhere.
+    """Every promised cell has an input and is where it should be, no other node has one; the bound holds everywhere,
+    and what is said to wrap around repeats itself.
 
     Raises:
         Rejected: naming the first cell that is not.
@@ -37,6 +39,9 @@ def check_sets(c: Certificate) -> None:
             raise Rejected(f"the grid leaves the domain of the bound along {s}")
         if c.periodic[j] and (a, b) != (c.lo[j], c.hi[j]):
             raise Rejected(f"the grid is periodic along {s} and not all of it")
+    found = unrepeated(c)
+    if found is not None:
+        raise Rejected(found)
     if c.reach is None:
         _check_safe(c)
     else:

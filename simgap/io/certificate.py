@@ -134,6 +134,9 @@ def header(what: Certified) -> dict[str, Any]:
         )  # fmt: skip
     states, grid, known = bound.domain.states, solution.grid, what.known
     not_covered = [HARDWARE] if known is not None else [BLACK_BOX, HARDWARE]
+    for j in sorted(grid.periodic):
+        same = f"That states {grid.box.hi[j] - grid.box.lo[j]:g} apart along {states[j]} are one and the same"
+        not_covered.append(same + (", and the black box repeats itself so." if known is None else "."))
     return {
         "format": FORMAT,
         "version": VERSION,

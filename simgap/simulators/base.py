@@ -73,6 +73,8 @@ class Engine(Simulator):
     """The keys of the case's section `simulator`."""
     distributions: ClassVar[tuple[str, ...]] = ()
     """Installed distributions that results depend on, such as ("mujoco",); their versions enter every hash."""
+    of_a_person: ClassVar[bool] = False
+    """Whether a built-in engine runs code of a person, which is tried as that of a plug-in is (`simulators.probe`)."""
     file_traits: ClassVar[FileTraits | None] = None
     """What it does with a URDF in silence; None for an engine that loads none."""
 

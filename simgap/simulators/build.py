@@ -10,6 +10,7 @@ from simgap.config.case import Case
 from simgap.effects import EFFECTS, check_listed, effect
 from simgap.errors import UserError
 from simgap.simulators.base import Engine, Simulator
+from simgap.simulators.probe import probed
 from simgap.simulators.watched import Watch, watched
 
 
@@ -21,9 +22,13 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
     """
     kind, section = _engine(case, folder), case.simulator
     simulator = kind.build(case, folder)
-    if section is None or section.engine in plugins.BUILT_IN["engines"]:
+    if section is None:
         return simulator
-    return watched(simulator, Watch(section.engine, list(case.plant.states), list(case.plant.inputs), section.timeout))
+    built_in = section.engine in plugins.BUILT_IN["engines"]
+    if not built_in:
+        names = list(case.plant.states), list(case.plant.inputs)
+        simulator = watched(simulator, Watch(section.engine, *names, section.timeout))
+    return simulator if built_in and not kind.of_a_person else probed(simulator, case)
 
 
 def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:

@@ -19,11 +19,8 @@ from simgap.simulators.fmu_unit import Unit
 if TYPE_CHECKING:
     from simgap.config.case import Case
 
-REPEATED = 8
-"""Roll-outs that are made again in reverse order, and continued, before the first ones are believed."""
-STARTS, REMEMBERS = 1e-9, 1e-6
-"""Largest relative deviation of a start from the state that was set, and of a second step from one that begins where
-the first ended. The former is rounding, the latter leaves room for a solver of variable step; both are judgement."""
+STARTS = 1e-9
+"""Largest relative deviation of a start from the state that was set: rounding; judgement."""
 KEY = "simulator.fmu"
 log = logging.getLogger("simgap.code")
 _told: set[Path] = set()
@@ -56,10 +53,11 @@ class FmuSettings(EngineSection):
 
 
 class FmuEngine(Engine):
-    """`f_hat` by an FMU: each roll-out begins with a reset; that x is all of its state is tried, and refused if not."""
+    """`f_hat` by an FMU: each roll-out begins with a reset."""
 
     Settings = FmuSettings
     distributions = ("fmpy",)
+    of_a_person = True
 
     def __init__(self, unit: Unit, names: tuple[list[str], list[str]], section: FmuSettings, tau: float) -> None:
         """Roll-outs of `unit`; `names` are those of states and inputs."""
@@ -70,7 +68,7 @@ class FmuEngine(Engine):
         self._states = [named[name] for name in names[0]]
         self._inputs = [named[name] for name in names[1]]
         self._starts = [section.starts.get(name, named[name]) for name in names[0]]
-        self._parameters, self._tried = section.parameters, False
+        self._parameters = section.parameters
 
     @classmethod
     def build(cls, case: Case, folder: Path) -> FmuEngine:
@@ -132,40 +130,6 @@ class FmuEngine(Engine):
             self._unit.step(self._time, self._step)
             self._time += self._step
         return self._unit.read(self._states)
-
-    def rollouts(self, x: Floats, u: Floats) -> Floats:
-        """One step from each state: (n, nx), (n, nu) -> (n, nx).
-
-        Raises:
-            UserError: an FMU whose answer depends on what ran before, or on more than x and u.
-        """
-        if not self._tried and len(x):
-            self._tried = True
-            spread = np.linspace(0, len(x) - 1, min(REPEATED, len(x))).astype(int)  # the first lie in one corner of X
-            self._try(x[spread], u[spread])
-        return super().rollouts(x, u)
-
-    def _try(self, x: Floats, u: Floats) -> None:
-        first = super().rollouts(x, u)
-        again = super().rollouts(x[::-1], u[::-1])[::-1]
-        if not np.array_equal(first, again):
-            raise UserError(
-                "the FMU answers the same call in two ways: something outlives its reset", key=KEY,
-                remedy="Export it without states outside the model, or as engine: python.",
-            )  # fmt: skip
-        for k in range(len(x)):
-            self.reset(x[k])
-            middle, other = self.advance(u[k]), u[(k + len(u) // 2) % len(u)]
-            onward = self.advance(other)
-            self.reset(middle)
-            off = np.abs(onward - self.advance(other)) > REMEMBERS * np.maximum(1.0, np.abs(onward))
-            if off.any():
-                name = self._names[0][int(np.argmax(off))]
-                raise UserError(
-                    f"the FMU has more state than the case: a second step moves {name} otherwise than a step that "
-                    "begins where the first ended", key="plant.states",
-                    remedy="Give all of its states, or export it without filters and delays.",
-                )  # fmt: skip
 
     def close(self) -> None:
         """Free the FMU and what was unpacked of it."""

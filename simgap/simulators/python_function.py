@@ -9,18 +9,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from simgap.config.function_file import KEY, FunctionFile
+from simgap.config.function_file import FunctionFile
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.simulators.function_process import FunctionProcess
 from simgap.simulators.map_engine import MapEngine
+from simgap.simulators.probe import at_call
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
 
-REPEATED = 8
-"""Calls that are made again in reverse order at the first roll-out: what differs then depends on what ran before it."""
 log = logging.getLogger("simgap.code")
 _told: set[Path] = set()
 
@@ -64,12 +63,12 @@ class PythonEngine(MapEngine):
 
     Settings = PythonSettings
     engine = "python function"
+    of_a_person = True
 
     def __init__(self, process: FunctionProcess, names: tuple[list[str], list[str]], substeps: int) -> None:
         """Calls go to `process`; `names` are those of states and inputs."""
         self.nx, self.nu = len(names[0]), len(names[1])
         self._process, self._names, self._substeps = process, names, substeps
-        self._repeated = False
 
     @classmethod
     def build(cls, case: Case, folder: Path) -> PythonEngine:
@@ -92,12 +91,8 @@ class PythonEngine(MapEngine):
         """One step from each state: (n, nx), (n, nu) -> (n, nx).
 
         Raises:
-            UserError: a call that fails, ends its process, takes too long or gives no finite state, with its x and u; a
-                function that answers the same call in two ways.
+            UserError: a call that fails, ends its process, takes too long or gives no finite state, with its x and u.
         """
-        if not self._repeated and len(x):
-            self._repeated = True
-            self._repeat(x[:REPEATED], u[:REPEATED])
         for _ in range(self._substeps):
             x = self._checked(x, u)
         return x
@@ -112,23 +107,9 @@ class PythonEngine(MapEngine):
             raise self._process.fault(f"gives {values}", self._said(x[k], u[k]))
         return following
 
-    def _repeat(self, x: Floats, u: Floats) -> None:
-        first = self._checked(x, u)
-        again = self._checked(x[::-1].copy(), u[::-1].copy())[::-1]
-        differs = np.flatnonzero((first != again).any(axis=1))
-        if differs.size:
-            k = int(differs[0])
-            raise UserError(
-                f"the function answers the same call in two ways, {self._said(x[k], u[k])}: it keeps a state or draws "
-                "random numbers",
-                key=KEY,
-                remedy="Make its result depend on x, u and tau alone: put hidden states at rest, fix a seed in it.",
-            )
-
     def _said(self, x: Any, u: Any) -> str:
         """A call in words."""
-        pairs = [*zip(self._names[0], x, strict=True), *zip(self._names[1], u, strict=True)]
-        return "at " + ", ".join(f"{name} = {float(value):.9g}" for name, value in pairs)
+        return at_call(self._names, x, u)
 
     def close(self) -> None:
         """End the function's process."""

@@ -21,11 +21,10 @@ import numpy as np
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.simulators.base import PathSimulator, Simulator
+from simgap.simulators.probe import at_call
 
 KEY = "simulator"
 REMEDY = "Correct the engine, or leave what it cannot do out of domain.X and domain.U."
-AGAIN = 4
-"""Rows of every block of roll-outs that are computed once more, in reverse order: a result must not depend on when."""
 NOTE = 4096
 """Bytes in which a process notes the call that it is in."""
 LOOK = 1.0
@@ -116,9 +115,7 @@ class Watch:
 
     def at(self, x: Floats | None, u: Floats) -> str:
         """A call in words."""
-        pairs = [] if x is None else list(zip(self.states, x, strict=False))
-        pairs += list(zip(self.inputs, u, strict=False))
-        return "at " + ", ".join(f"{name} = {float(value):.9g}" for name, value in pairs)
+        return at_call((self.states, self.inputs), x, u)
 
     def state(self, result: Any, x: Floats | None, u: Floats) -> Floats:
         """The result of a step as (nx,), refused if it is none."""
@@ -152,28 +149,15 @@ def watched(engine: Simulator, watch: Watch) -> Simulator:
         return following
 
     def rollouts_watched(x: Floats, u: Floats) -> Floats:
-        def block(a: Floats, b: Floats) -> Floats:
-            if len(a) == 0 or type(engine).rollouts is Simulator.rollouts:  # a step at a time, each watched
-                return np.asarray(rollouts(a, b), dtype=np.float64)
-            rows = np.asarray(watch.call(f"in {len(a)} roll-outs from {watch.at(a[0], b[0])}",
-                                         lambda: rollouts(a, b), len(a)), dtype=np.float64)  # fmt: skip
-            if rows.shape != (len(a), len(watch.states)):
-                raise watch.fault(f"gives an array {rows.shape}", a[0], b[0])
-            for k in np.flatnonzero(~np.isfinite(rows).all(axis=1))[:1]:
-                watch.state(rows[k], a[k], b[k])
-            return rows
-
-        following = block(x, u)
-        chosen = np.unique(np.linspace(0, len(x) - 1, AGAIN).astype(int))[::-1] if len(x) else np.empty(0, int)
-        again = block(x[chosen], u[chosen])
-        for k, row in zip(chosen, again, strict=True):
-            if not np.array_equal(row, following[k]):
-                raise UserError(
-                    f"the engine '{watch.name}' answers the same call in two ways, {watch.at(x[k], u[k])}",
-                    key=KEY,
-                    remedy="Make a reset leave nothing of what ran before, and fix every seed in it.",
-                )
-        return following
+        if len(x) == 0 or type(engine).rollouts is Simulator.rollouts:  # a step at a time, each watched
+            return np.asarray(rollouts(x, u), dtype=np.float64)
+        what = f"in {len(x)} roll-outs from {watch.at(x[0], u[0])}"
+        rows = np.asarray(watch.call(what, lambda: rollouts(x, u), len(x)), dtype=np.float64)
+        if rows.shape != (len(x), len(watch.states)):
+            raise watch.fault(f"gives an array {rows.shape}", x[0], u[0])
+        for k in np.flatnonzero(~np.isfinite(rows).all(axis=1))[:1]:
+            watch.state(rows[k], x[k], u[k])
+        return rows
 
     own.reset, own.advance, own.rollouts = reset_watched, advance_watched, rollouts_watched
     if isinstance(engine, PathSimulator):

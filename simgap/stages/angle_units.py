@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 import sympy as sp
@@ -12,6 +12,7 @@ from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.model.symbolic import symbol
 from simgap.plants.model_file import FileJoint
+from simgap.simulators.build import closed_form
 from simgap.simulators.surprises import Finding
 from simgap.stages.context import Context
 from simgap.stages.costs import StageCost, affordable
@@ -22,9 +23,9 @@ ROUND, LEAST, LARGE = 5.0, 10.0, 100.0
 a half in rad), and the size beyond which any number is said. Judgement; an angle may wind: it is said, not refused."""
 BEYOND = 3.0
 """How many times an end of X is its joint's limit, beyond which a unit is wrong, if degrees would fit. Judgement."""
-DRAWN, SAME = 50, 1e-4
-"""Places where rates are compared with those a width of X further on, and how much of their size they may differ:
-what four decimals of pi leave is a tenth of it, 3.14 for pi sixteen times as much."""
+DRAWN, SAME = 50, 1e-9
+"""Places where rates are compared with those a width of X further on, and how much of their size they may differ: pi as
+a double leaves 1e-16 of it, four decimals of pi leave 1e-5, and what is proven on X would not hold a turn away."""
 
 
 def in_degrees(context: Context, joints: Mapping[str, FileJoint]) -> list[Finding]:
@@ -80,32 +81,39 @@ def _angle(context: Context, joints: Mapping[str, FileJoint], name: str) -> Find
 
 
 def refuse_seams(context: Context) -> None:
-    """Refuse a state that is said to wrap around where the nominal model is not the same a width of X further on.
+    """Refuse a state said to wrap around where model or known simulator differ a width of X further on.
 
     Raises:
         UserError: with the state, and what its X has to be for an angle in rad.
     """
     if context.case.domain is None or not context.periodic:
         return
-    if not context.plant.declared.derived or context.plant.sampled.operations > LONGEST_RULE:
-        return
-    for name, apart in _across(context):
+    declared = context.plant.declared
+    if declared.derived and context.plant.sampled.operations <= LONGEST_RULE:
+        _refuse_seams(context, "model's rates", declared.numeric())
+    simulator = None if context.case.simulator is None else closed_form(context.case, context.folder)
+    if simulator is not None:
+        steps = [e - symbol(s) for e, s in zip(simulator, context.states, strict=True)]
+        _refuse_seams(context, "simulator's steps", steps)
+
+
+def _refuse_seams(context: Context, whose: str, exprs: Sequence[sp.Expr]) -> None:
+    for name, apart in _across(context, exprs):
         if apart > SAME:
             lo, hi = context.domain.X[name]
             angle = context.units[name] == "rad"
             raise UserError(
-                f"wraps around, yet the model's rates differ by {apart:.2g} of their size after the {hi - lo:.5g} of X",
+                f"wraps around, yet the {whose} differ by {apart:.2g} of their size after the {hi - lo:.5g} of X",
                 key=f"domain.X.{name}",
                 remedy=(f"Give a full turn in rad, such as [{-math.pi}, {math.pi}]" if angle else "Give it one period")
                 + f", or take {name} out of domain.periodic.",
             )
 
 
-def _across(context: Context) -> Iterator[tuple[str, float]]:
-    """For each state that wraps: by how much rates change a width of X further on, as a share of the largest."""
-    model, box = context.plant.declared, context.box
-    symbols = [symbol(v.name) for v in (*model.states, *model.inputs)]
-    rows = sp.lambdify(symbols, model.numeric(), modules="numpy")
+def _across(context: Context, exprs: Sequence[sp.Expr]) -> Iterator[tuple[str, float]]:
+    """For each state that wraps: by how much expressions change a width of X further on, as a share of the largest."""
+    box = context.box
+    rows = sp.lambdify([symbol(name) for name in (*context.states, *context.inputs)], exprs, modules="numpy")
     rng = np.random.default_rng(0)
     x = box.lo + (box.hi - box.lo) * rng.random((DRAWN, len(context.states)))
     u = context.input_set[rng.integers(len(context.input_set), size=DRAWN)]

@@ -61,6 +61,7 @@ def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, L
 
     simulator = make_simulator(case, folder)
     try:
+        simulator.rollouts(x[:1], u[:1])  # at the first of them a person's code is tried, which takes longer
         count, size, passed, used, least = 0, 1, 0.0, 0.0, math.inf
         while passed < TRIED or (count < FEWEST and passed < 10 * TRIED):
             rows = np.arange(count, count + size) % len(x)

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -38,24 +39,29 @@ U = np.linspace(-1.2, 1.2, 5)[:, None]
 SHAPE = (32, 30)
 
 
-@pytest.fixture(scope="module")
-def made():
+def pendulum(periodic=(), safe=None, shape=SHAPE):
     """A small pendulum, its proven bound and its invariant set."""
     x, u = (symbol("x1"), symbol("x2")), (symbol("u"),)
     model = NominalModel(x, u, tuple(parse(t, NAMES) for t in NOMINAL), 0.05)
     known = ClosedFormGap.of([parse(t, NAMES) for t in SIMULATOR], model)
-    box, safe = Box([-0.2, -0.5], [0.2, 0.5]), {"x1": (-0.1, 0.2), "x2": (-0.5, 0.5)}
-    grid = Grid(box, [20, 50])
+    box = Box([-0.2, -0.5], [0.2, 0.5])
+    grid = Grid(box, [20, 50], periodic)
     points, inputs = np.repeat(grid.centres(), len(U), axis=0), np.tile(U, (grid.size, 1))
     simulator = NominalModel(x, u, tuple(parse(t, NAMES) for t in SIMULATOR), 0.05)
     d = (simulator.step(points, inputs) - model.step(points, inputs)).reshape(grid.size, len(U), 2)
-    samples = GapSamples(grid, U, d, ("x1", "x2"), ("u",), known=known)
+    samples = GapSamples(grid, U, d, ("x1", "x2"), ("u",), periodic=periodic, known=known)
     basis = Expressions(terms=("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1"))
     bound = fit_gap(samples, GapSettings(basis=basis, extreme_value=False)).function
-    specification, space = Invariance(kind="invariance", safe=safe), Space(("x1", "x2"), box)
-    solution = synthesise(Problem(model, specification, space, SHAPE, U, bound.kernel()))
+    specification = Invariance(kind="invariance", safe={"x1": (-0.2, 0.2), "x2": (-0.5, 0.5)} | (safe or {}))
+    space = Space(("x1", "x2"), box, periodic)
+    solution = synthesise(Problem(model, specification, space, shape, U, bound.kernel()))
     units = {"x1": "rad", "x2": "rad/s", "u": "N*m"}
     return Certified("small", units, model, bound, known, solution, U, ["u"], specification.region(space))
+
+
+@pytest.fixture(scope="module")
+def made():
+    return pendulum(safe={"x1": (-0.1, 0.2)})
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +92,10 @@ def test_a_true_certificate_is_accepted_in_both_arithmetics(certificate, made):
     assert (status, "ACCEPTED" in words) == (0, True), words
     assert f"{int(made.solution.winning.sum()):,} of {np.prod(SHAPE):,} cells" in words
     assert f"{int(np.bitwise_count(made.solution.mask).sum()):,} pairs" in words
-    assert "not covered: What happens between" in words
+    header = json.loads((certificate / "certificate.json").read_text())
+    assert [line for line in words.splitlines() if line.startswith("not covered")] == [
+        f"not covered: {text}" for text in header["not_covered"]
+    ]
     assert made.solution.fraction > 0.3
 
 
@@ -211,6 +220,68 @@ def test_a_box_that_ends_on_the_border_of_a_losing_cell_touches_it(tmp_path):
     assert "cell (2,) with input 0" not in words
 
 
+@pytest.mark.parametrize("black", [True, False])
+def test_a_step_that_does_not_repeat_is_not_taken_for_one_that_wraps_around(tmp_path, black):
+    """The sine of x1 is another one after .4: a controller that keeps every cell keeps nothing."""
+    made = pendulum(periodic=(0,), shape=(16, 30))
+    assert made.solution.fraction == 1.0
+    write_certificate(tmp_path / "false", replace(made, known=None) if black else made, {})
+    status, words = run(tmp_path / "false", "--exact", "0")
+    assert (status, words) == (1, "REJECTED: the map of x2 is not shown to repeat along x1 every 0.4\n")
+
+
+@pytest.mark.parametrize(
+    ("ends", "simulated", "words"),
+    [
+        ((0.0, 1.0), None, "states 1 apart along x are one and the same, and the black box repeats itself so."),
+        ((-np.pi, np.pi), ["sin", "x"], "states 6.28319 apart along x are one and the same."),
+        ((-np.pi, np.pi), ["sin", ["*", "1/3", "x"]], "REJECTED: the simulator of x is not shown to repeat along x"),
+    ],
+)
+def test_on_a_circle_equations_repeat_and_what_is_one_state_is_said(checker, tmp_path, capsys, ends, simulated, words):
+    """Whatever the header says of it: nothing."""
+    ends, step = [end.hex() for end in ends], ["+", "x", (0.3).hex()]
+    more = {"grid": {"lo": ends[:1], "hi": ends[1:], "cells": [4], "periodic": [True]}, "not_covered": []}
+    more |= {"domain": {"x": ends}, "safe": {"x": ends}}
+    simulator = ["+", step, ["*", (0.1).hex(), simulated]] if simulated else None
+    line(tmp_path / "line", step, (0.2).hex(), (-0.2).hex(), simulator, **more)
+    change(tmp_path / "line", winning=np.ones(4, np.uint8), inputs=np.ones((4, 1), np.uint8))
+    status, said = checker([str(tmp_path / "line")]), capsys.readouterr().out
+    assert status == int(words.startswith("REJECTED"))
+    assert words in said
+    assert ("which is a black box" in said) == (simulated is None)
+
+
+@pytest.mark.parametrize(
+    ("text", "by"),
+    [
+        ("x1 + 0.05*x2 - 0.7*sin(x1)", 1), ("cos(2*x1)/(2 + sin(x1 + u))", 0), ("3*x1 - abs(cos(x1))^3", 3),
+        ("max(x1, x1 + x2)", 1), ("sin(x1 + x2*cos(x1))*x2", 0), ("x2*(x1 - (x1 + u))", 0), ("x1/2", 0.5),
+        ("x1*x2", None), ("sin(x1/2)", None), ("x1^2", None), ("abs(x1)", None), ("1/(9 + x1)", None),
+        ("max(x1, x2)", None), ("sin(1.0001*x1)", None), ("sin(x1*x2)", None), ("cos(x1^2)", None),
+    ],
+)  # fmt: skip
+def test_how_far_an_expression_moves_after_a_turn_is_what_its_values_say(arithmetics, text, by):
+    import repeats
+    import sympy as sp
+
+    e, turn, rng = (
+        sp.sympify(text.replace("^", "**"), locals={n: symbol(n) for n in NAMES}),
+        2 * np.pi,
+        np.random.default_rng(5),
+    )
+    found = repeats.moved(prefix(e), {"x1": Fraction(turn), "x2": Fraction(0), "u": Fraction(0)})
+    at = rng.uniform(-1, 1, (50, 3))
+    value = sp.lambdify([symbol(n) for n in NAMES], e, "numpy")
+    apart = value(*(at + np.array([turn, 0, 0])).T) - value(*at.T)
+    if by is None:
+        assert found is None
+        assert np.ptp(apart) > 1e-6
+    else:
+        assert found == Fraction(turn) * Fraction(by)
+        assert np.abs(apart - by * turn).max() < 1e-12
+
+
 def nested(depth):
     return "x" if depth == 0 else ["+", nested(depth - 1)]
 
@@ -238,6 +309,7 @@ def without(key):
         (lambda head: head.update(kind="reach_stay"), "of the kind 'reach_stay', which this checker does not know"),
         (lambda head: head.update(kind="reach_avoid"), "'levels.npy'"),
         (lambda head: head.update(inputs=[{"name": "*a0", "unit": "m"}]), "no name begins with '*'"),
+        (lambda head: head.update(inputs=[{"name": "u\nACCEPTED", "unit": "m"}]), "cannot be printed"),
     ],
 )
 def test_a_malformed_header_is_one_line_and_unreadable(checker, tmp_path, capsys, edit, words):
@@ -391,8 +463,6 @@ def test_ranges_hold_the_values(arithmetics, text):
 
 
 def test_what_a_certificate_does_not_cover_is_refused_in_one_line(made, tmp_path):
-    from dataclasses import replace
-
     from simgap.gap.cells import CellGap
 
     blocks = CellGap(made.bound.domain, (), (), (), np.zeros(0), np.zeros(0), np.zeros((2, 2)))

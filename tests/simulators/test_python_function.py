@@ -62,6 +62,13 @@ BROKEN = {
     "words": ("def step(x, u, tau):\n    return 'a'", ["gives 'a', which is no array of numbers"]),
     "memory": ("n = [0]\ndef step(x, u, tau):\n    n[0] += 1\n    return x + n[0]",
                ["answers the same call in two ways"]),
+    "relay": ("on = [0]\ndef step(x, u, tau):\n    on[0] = 1 if x[0] > 0.5 else 0 if x[0] < -0.5 else on[0]\n"
+              "    return x + tau * on[0]", ["answers the same call in two ways", "plant.states", "hidden_state"]),
+    "input before": ("before = [0.0]\ndef step(x, u, tau):\n    x = x + tau * before[0]\n    before[0] = u[0]\n"
+                     "    return x",
+                     ["answers the same call in two ways"]),
+    "clock": ("import time\nbegun = time.monotonic()\ndef step(x, u, tau):\n"
+              "    return x * (1 + (time.monotonic() - begun > 0.04))", ["reads a clock"]),
     "import": ("import nothing_there\ndef step(x, u, tau):\n    return x", ["cannot be imported: ModuleNotFoundError"]),
 }  # fmt: skip
 
@@ -114,3 +121,18 @@ def test_a_corrected_case_takes_the_file_along(tmp_path):
     assert copy.key == "function"
     assert copy.named == f"{copy.file}:step"
     assert copy.content == GOOD.encode()
+
+
+def test_a_function_that_begins_to_drift_later_is_refused_when_it_does(tmp_path):
+    drifts = "n = [0]\ndef step(x, u, tau):\n    n[0] += 1\n    return x + max(0, n[0] - 2000)"
+    path = written(tmp_path, drifts)
+    simulator = make_simulator(load_case(path), path.parent)
+    rng = np.random.default_rng(3)
+    x, u = rng.uniform(-1, 1, (900, 2)), np.zeros((900, 1))
+    try:
+        assert np.array_equal(simulator.rollouts(x, u), x)
+        simulator.rollouts(x, u)
+        with pytest.raises(UserError, match="in two ways"):
+            simulator.rollouts(x, u)
+    finally:
+        simulator.close()

@@ -1,0 +1,38 @@
+"""Changed certificates: none that is false is accepted; 300 of them, of four kinds, in benchmarks/tampering.py."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import tampering
+
+
+@pytest.fixture(scope="module")
+def cart(tmp_path_factory):
+    return tampering.originals(tmp_path_factory.mktemp("certificates"), ("cart",))
+
+
+def test_a_true_certificate_is_accepted_and_no_point_refutes_it(cart):
+    status, false, words = tampering.judged(cart["cart"], np.arange(0), np.random.default_rng(1))
+    assert (status, false) == (0, None), words
+
+
+def test_no_changed_certificate_is_accepted_and_false(cart):
+    rows = tampering.attack(cart, range(40), say=lambda text: None)
+    assert not [row for row in rows if row["checker"] == "accepted" and row["false"]]
+    assert sum(row["checker"] == "rejected" and row["false"] is not None for row in rows) >= 20
+    assert len({row["false"] for row in rows}) >= 4
+
+
+def test_the_attack_finds_a_checker_that_believes_what_is_said_to_wrap_around(cart, monkeypatch):
+    import sets
+
+    monkeypatch.setattr(sets, "unrepeated", lambda c: None)
+    monkeypatch.setattr(tampering, "CHANGES", (tampering._wrapped,))
+    rows = tampering.attack(cart, range(12), say=lambda text: None)
+    assert [
+        row for row in rows if row["checker"] == "accepted" and row["false"] == "a step to where nothing is promised"
+    ]
