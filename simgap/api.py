@@ -1,7 +1,7 @@
 """What `import simgap` offers beyond readers of single files: the calls that take paths and return values.
 
-Every one raises `UserError` for a person's mistake, one line with file, key and remedy, and `BrokenPromise` for a
-guarantee that does not hold.
+Every one raises `UserError` for a person's mistake, one line with file, key and remedy, `BrokenPromise` for a
+guarantee that does not hold, and `EngineCrash` where a simulator's process died. None of them needs a `__main__` guard.
 """
 
 from __future__ import annotations
@@ -51,18 +51,21 @@ def check(case: Path | str) -> Checked:
     return _check.run(Path(case))
 
 
-def diagnose(case: Path | str, data: Sequence[Path | str] = (), out: Path | str = "diagnosis") -> dict[str, Any]:
+def diagnose(
+    case: Path | str, data: Path | str | Sequence[Path | str] = (), out: Path | str = "diagnosis"
+) -> dict[str, Any]:
     """Find what the nominal model lacks, from recordings: -> the content of `diagnosis.json`.
 
     Args:
         case: case file; a nominal model is enough.
-        data: CSV, Parquet, JSON or MCAP files; those of the case if none is given.
+        data: CSV, Parquet, JSON or MCAP files, or one; those of the case if none is given.
         out: folder for page, corrected case, recording and pictures.
 
     Raises:
         UserError: whatever is wrong with case or data.
     """
-    return _diagnosis.run(Path(case), [Path(file) for file in data], Path(out))
+    files = [data] if isinstance(data, Path | str) else data
+    return _diagnosis.run(Path(case), [Path(file) for file in files], Path(out))
 
 
 def new_case(name: str, urdf: Path | str | None = None, folder: Path | str = ".") -> Path:

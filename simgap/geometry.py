@@ -10,9 +10,32 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 
 Floats = NDArray[np.float64]
+
+
+def rows(*groups: tuple[ArrayLike, Sequence[object]]) -> tuple[Floats, ...]:
+    """Points that belong together, each list with the names of its columns: -> arrays (n, names), one n for all.
+
+    A single point is one row.
+
+    Raises:
+        UserError: no such list, or more points in one than in another.
+    """
+    found = []
+    for points, names in groups:
+        try:
+            array = np.ascontiguousarray(np.atleast_2d(np.asarray(points, dtype=np.float64)))
+        except (TypeError, ValueError):
+            raise UserError(f"points are rows of numbers, not {excerpt(repr(points), 60)}") from None
+        if array.ndim != 2 or array.shape[1] != len(names):
+            told = f"{len(names)} numbers ({', '.join(map(str, names))})"
+            raise UserError(f"points are rows of {told}, not an array of shape {np.shape(points)}")
+        found.append(array)
+    if len({len(own) for own in found}) > 1:
+        raise UserError(f"points that belong together are {' and '.join(str(len(own)) for own in found)} in number")
+    return tuple(found)
 
 
 def _frozen(values: ArrayLike) -> Floats:

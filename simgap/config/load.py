@@ -16,12 +16,13 @@ from simgap.config.words import told
 from simgap.errors import UserError, excerpt
 
 
-def load_case(path: Path) -> Case:
+def load_case(path: Path | str) -> Case:
     """Read a case file.
 
     Raises:
         UserError: missing file, broken YAML, unknown, missing or wrong key.
     """
+    path = Path(path)
     return parse_case(case_content(path), path)
 
 

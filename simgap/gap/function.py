@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from simgap.gap.forms import MARGIN
 from simgap.gap.periodic import parts, periodic_kernel
 from simgap.gap.tiers import Tier
-from simgap.geometry import Box, Floats
+from simgap.geometry import Box, Floats, rows
 
 Kernel = Callable[[Floats, Floats, Floats, Floats, Floats], None]
 
@@ -140,26 +140,35 @@ class GapFunction(ABC):
     def _content(self) -> dict[str, Any]:
         """What `to_json` adds to domain and tiers; holds `kind`."""
 
-    def box_bounds(self, xlo: Floats, xhi: Floats, u: Floats) -> tuple[Floats, Floats]:
+    def box_bounds(self, xlo: ArrayLike, xhi: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats]:
         """Infimum of lo and supremum of hi over boxes: (n, nx), (n, nx), (n, nu) -> (n, nx), (n, nx).
 
         (-inf, inf) for a box that is not inside the domain.
+
+        Raises:
+            UserError: rows of another size, or not as many of one as of another.
         """
+        states, inputs = self.domain.states, self.domain.inputs
+        xlo, xhi, u = rows((xlo, states), (xhi, states), (u, inputs))
         lo, hi = np.full(xlo.shape, np.inf), np.full(xhi.shape, -np.inf)
         box = self.domain.box
-        for rows, a, b in parts(xlo, xhi, box, self.domain.wrapping):
-            if len(rows) == 0:
+        for of, a, b in parts(xlo, xhi, box, self.domain.wrapping):
+            if len(of) == 0:
                 continue
             inner_lo = np.clip(self.domain.pinned(a), box.lo, box.hi)
             inner_hi = np.clip(self.domain.pinned(b), box.lo, box.hi)
-            low, high = self._box_bounds(inner_lo, inner_hi, u[rows])
-            lo[rows], hi[rows] = np.minimum(lo[rows], low), np.maximum(hi[rows], high)
+            low, high = self._box_bounds(inner_lo, inner_hi, u[of])
+            lo[of], hi[of] = np.minimum(lo[of], low), np.maximum(hi[of], high)
         outside = self.domain.outside(xlo, xhi)
         lo[outside], hi[outside] = -np.inf, np.inf
         return lo, hi
 
-    def bounds(self, x: Floats, u: Floats) -> tuple[Floats, Floats]:
-        """lo and hi at points: (n, nx), (n, nu) -> (n, nx), (n, nx), outward rounded."""
+    def bounds(self, x: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats]:
+        """lo and hi at points: (n, nx), (n, nu) -> (n, nx), (n, nx), outward rounded.
+
+        Raises:
+            UserError: as `box_bounds`.
+        """
         return self.box_bounds(x, x, u)
 
     def bounds_after(self, x: Floats, u: Floats, previous: NDArray[np.int64]) -> tuple[Floats, Floats]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
 import sympy as sp
+from numpy.typing import ArrayLike
 
-from simgap.geometry import Floats
+from simgap.geometry import Floats, rows
 from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
 from simgap.model.kept import kept
 from simgap.model.runge_kutta import RungeKutta
@@ -101,23 +101,26 @@ class NominalModel:
     def _axes(self, expr: sp.Expr) -> frozenset[int]:
         return frozenset(j for j, s in enumerate(self.x) if s in expr.free_symbols)
 
-    def step(self, x: Floats, u: Floats) -> Floats:
-        """f on arrays: (n, nx), (n, nu) -> (n, nx)."""
-        return _over_points(self.kernel)(_rows(x), _rows(u), self.nx)
+    def step(self, x: ArrayLike, u: ArrayLike) -> Floats:
+        """f on arrays: (n, nx), (n, nu) -> (n, nx).
 
-    def enclosure(self, lo: Floats, hi: Floats, u: Floats) -> tuple[Floats, Floats]:
+        Raises:
+            UserError: rows of another size, or not as many of one as of the other.
+        """
+        return _over_points(self.kernel)(*rows((x, self.x), (u, self.u)), self.nx)
+
+    def enclosure(self, lo: ArrayLike, hi: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats]:
         """f over boxes: (n, nx), (n, nx), (n, nu) -> two (n, nx), rounded outward."""
-        return _over_boxes(self.interval_kernel)(_rows(lo), _rows(hi), _rows(u), self.nx)
+        return _over_boxes(self.interval_kernel)(*self._boxes(lo, hi, u), self.nx)
 
-    def jacobian_enclosure(self, lo: Floats, hi: Floats, u: Floats) -> tuple[Floats, Floats]:
+    def jacobian_enclosure(self, lo: ArrayLike, hi: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats]:
         """df_i/dx_j over boxes: (n, nx), (n, nx), (n, nu) -> two (n, nx, nx), rounded outward."""
-        low, high = _over_boxes(self.jacobian_interval_kernel)(_rows(lo), _rows(hi), _rows(u), self.nx**2)
+        low, high = _over_boxes(self.jacobian_interval_kernel)(*self._boxes(lo, hi, u), self.nx**2)
         shape = (-1, self.nx, self.nx)
         return low.reshape(shape), high.reshape(shape)
 
-
-def _rows(a: Floats | Sequence[Sequence[float]]) -> Floats:
-    return np.ascontiguousarray(np.atleast_2d(np.asarray(a, dtype=np.float64)))
+    def _boxes(self, lo: ArrayLike, hi: ArrayLike, u: ArrayLike) -> tuple[Floats, ...]:
+        return rows((lo, self.x), (hi, self.x), (u, self.u))
 
 
 @cache

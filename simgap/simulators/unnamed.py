@@ -1,4 +1,4 @@
-"""What processes share without a name in the system: locks and memory of which a killed run leaves nothing.
+"""Fresh processes, and what they share without a name in the system: locks and memory of which a killed run leaves nothing.
 
 The semaphores of `multiprocessing` stand in /dev/shm until a process of its own removes them, and SIGKILL of a group of
 processes, as by a batch system, ends that one too. What stands here ends with the last process that holds it.
@@ -6,13 +6,14 @@ processes, as by a batch system, ends that one too. What stands here ends with t
 
 from __future__ import annotations
 
+import io
 import mmap
 import os
 import select
 import time
 import weakref
-from multiprocessing import reduction
-from multiprocessing.context import SpawnContext, assert_spawning
+from multiprocessing import popen_spawn_posix, reduction, resource_tracker, spawn, util
+from multiprocessing.context import SpawnContext, SpawnProcess, assert_spawning, set_spawning_popen
 from typing import Any
 
 
@@ -100,8 +101,54 @@ class SharedBytes:
         self._hold(state[0].detach(), state[1])
 
 
+class _Started(popen_spawn_posix.Popen):
+    """A process that is told what `multiprocessing` tells it, but for the caller's `__main__`, which it never imports.
+
+    So a script needs no guard: it would run once more in each process. Nothing is imported from the current folder
+    (`-P`) before the caller's own path is there.
+    """
+
+    _fds: list[int]
+
+    def _launch(self, process_obj: Any) -> None:
+        tracker: int = resource_tracker.getfd()  # type: ignore[assignment]
+        told = spawn.get_preparation_data(process_obj._name)
+        told = {key: value for key, value in told.items() if not key.startswith("init_main")}
+        content = io.BytesIO()
+        set_spawning_popen(self)
+        try:
+            reduction.dump(told, content)
+            reduction.dump(process_obj, content)
+        finally:
+            set_spawning_popen(None)
+        (alive, held), (read, write) = os.pipe(), os.pipe()  # the first is closed by the process when it ends
+        try:
+            command = spawn.get_command_line(tracker_fd=tracker, pipe_handle=read)
+            passed = [*self._fds, tracker, read, held]
+            self.pid = util.spawnv_passfds(os.fsencode(command[0]), [command[0], "-P", *command[1:]], passed)
+        finally:
+            self.sentinel = alive
+            self.finalizer = util.Finalize(self, _close, (alive, write))
+            _close(read, held)
+        with open(write, "wb", closefd=False) as pipe:
+            pipe.write(content.getbuffer())
+
+
+def _close(*descriptors: int) -> None:
+    for descriptor in descriptors:
+        os.close(descriptor)
+
+
+class _Worker(SpawnProcess):
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:
+        return _Started(process_obj)
+
+
 class Unnamed(SpawnContext):
-    """Fresh processes, and queues between them whose locks have no name."""
+    """Fresh processes that import nothing of the caller's script, and queues between them whose locks have no name."""
+
+    Process = _Worker
 
     def Lock(self) -> Any:
         """A lock."""

@@ -23,7 +23,7 @@ from simgap.diagnosis.result import Diagnosis
 from simgap.diagnosis.thresholds import CLEARLY_NEARER, FOLLOWS, MOST_FOLLOWED
 from simgap.diagnosis.verdict.followed import Followed, followed, stray
 from simgap.effects import AppliedEffect, effect
-from simgap.errors import SimgapError
+from simgap.errors import UserError
 from simgap.notation import joined, number
 from simgap.simulators.base import Engine
 from simgap.simulators.process import run_in_processes
@@ -101,6 +101,7 @@ def measured_out(
 
     Raises:
         UserError: as `acted_out`.
+        EngineCrash: a simulator whose process died.
     """
     told, case = acted_out(context, section, found.applied), context.case
     if told is None or section.rig == "simulator" or section.into_simulator is not None:
@@ -111,7 +112,7 @@ def measured_out(
     sets = _sets(able, told.effects)
     try:
         errors = _errors(context, found, names[0], sets, engine_log)
-    except SimgapError as error:
+    except UserError as error:  # a process that died is no answer
         log.warning("the simulator cannot follow the recordings: %s", error)
         return told
     return _judged(told, sets, errors) if errors else told

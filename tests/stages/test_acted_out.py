@@ -20,6 +20,7 @@ from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.followed import followed, stray
 from simgap.effects import AppliedEffect
 from simgap.plants.plant_model import PlantModel
+from simgap.simulators.process import EngineCrash
 from simgap.stages import acted_out
 from simgap.stages import diagnosis as stage
 from simgap.stages.acted_out import ActedOut
@@ -106,6 +107,17 @@ def test_a_program_that_cannot_act_them_out_stays_as_it_is_and_that_is_said(tmp_
     assert len(case.plant.effects) == 1
     assert "It cannot act out coulomb friction" in text
     assert content["simulator"]["effects"] == []
+
+
+def test_a_simulator_whose_process_died_ends_the_diagnosis(tmp_path, monkeypatch):
+    """Without its simulator the corrected case would be another one, and nobody told."""
+
+    def died(*_, **__):
+        raise EngineCrash("an engine process ended: it died")
+
+    monkeypatch.setattr(acted_out, "run_in_processes", died)
+    with pytest.raises(EngineCrash):
+        concluded(tmp_path, TWIN + HARDWARE % "")
 
 
 def test_without_a_simulator_nothing_is_said(tmp_path):
