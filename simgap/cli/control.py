@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from simgap.cli.options import CasePath, Log, Out, Shards, app, new_file, start_log
+from simgap.cli.terminal import say
 
 
 @app.command()
@@ -93,4 +94,4 @@ def replay(
     from simgap.stages import replay as stage
 
     start_log(None)
-    typer.echo(stage.run(witness, out))
+    say(stage.run(witness, out))

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from simgap.cli.terminal import Lines, console, say
 from simgap.errors import UserError
 
 app = typer.Typer(
@@ -82,15 +83,15 @@ class _LogFile(logging.FileHandler):
 def start_log(path: Path | None) -> None:
     """Send this package's log to a file, or to stderr for a person at the keyboard."""
     if path is None:
-        from rich.console import Console
         from rich.logging import RichHandler
 
-        handler: logging.Handler = RichHandler(console=Console(stderr=True), show_path=False)
+        handler: logging.Handler = RichHandler(console=console(stderr=True), show_path=False)
+        handler.setFormatter(Lines("%(message)s"))
     else:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("")
         handler = _LogFile(path, mode="a")  # engines append to the same file
-        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+        handler.setFormatter(Lines("%(asctime)s %(levelname)s %(message)s"))
     logger = logging.getLogger("simgap")
     logger.handlers, logger.propagate = [handler], False
     logger.setLevel(logging.INFO)
@@ -98,7 +99,7 @@ def start_log(path: Path | None) -> None:
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"simgap {metadata.version('simgap')}")
+        say(f"simgap {metadata.version('simgap')}")
         raise typer.Exit
 
 

@@ -15,6 +15,7 @@ import typer
 import yaml
 
 from simgap.cli.options import CasePath, app, new_folder, values_of
+from simgap.cli.terminal import say
 from simgap.errors import SimgapError, UserError
 from simgap.io.atomic import host, write_text
 from simgap.io.follow import RUN
@@ -99,7 +100,7 @@ def _tell_verdict(name: str) -> None:
     summary, page = Path("results") / name / "summary.json", Path("results") / name / "report.html"
     if summary.is_file() and page.is_file():
         verdict = json.loads(summary.read_text())["verdict"]
-        typer.echo("\n".join([f"{name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
+        say("\n".join([f"{name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
 
 
 @app.command()
@@ -128,7 +129,7 @@ def new(
     with progress("reading the model") as tell:
         path = stage.run(name, urdf, out, named, values_of(at, "--at"), tell, notes.append, seconds)
     for line in [*notes, f"Wrote {path}. Next: simgap check {path}, then simgap run {path}"]:
-        typer.echo(line)
+        say(line)
 
 
 @app.command()
@@ -143,9 +144,9 @@ def propose(
 
     with progress("building the nominal model") as tell:
         found = stage.run(case, values_of(at, "--at"), tell, seconds)
-    typer.echo(found.block())
+    say(found.block())
     for doubt in filter(None, (found.small, found.doubtful)):
-        typer.echo(doubt, err=True)
+        say(doubt, err=True)
 
 
 @app.command()
@@ -161,9 +162,9 @@ def refine(
 
     with progress("building the nominal model") as tell:
         found = stage.run(case, samples, tell)
-    typer.echo(found.block())
+    say(found.block())
     for name, then in found.then.items():
-        typer.echo(f"# {name}: within a cell the bound loses {then:.2g} on average, now {found.now[name]:.2g}")
+        say(f"# {name}: within a cell the bound loses {then:.2g} on average, now {found.now[name]:.2g}")
 
 
 @app.command()
@@ -180,7 +181,7 @@ def tutorial(
     for name in ("rod.urdf", "swings.csv"):
         with atomic(out / name) as temporary:
             temporary.write_bytes((source / name).read_bytes())
-    typer.echo("Wrote rod.urdf and swings.csv. Next: simgap new rod --urdf rod.urdf")
+    say("Wrote rod.urdf and swings.csv. Next: simgap new rod --urdf rod.urdf")
 
 
 def workflow_file(name: str) -> Path:
