@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from simgap.notation import one_line
+
 MOST_ECHOED = 120
 """Characters of a person's input that a message repeats."""
 _LONGEST = 600  # of one part of a message; a last resort against parts that were not cut before
@@ -33,7 +35,7 @@ class UserError(SimgapError):
         text = f"{where}: {problem}" if where else problem
         if remedy:
             text = f"{text.rstrip('.')}. {excerpt(remedy, _LONGEST)}"
-        super().__init__(_one_line(text))
+        super().__init__(one_line(text))
 
 
 class BrokenPromise(SimgapError):
@@ -43,7 +45,7 @@ class BrokenPromise(SimgapError):
 
     def __init__(self, problem: str, remedy: str | None = None) -> None:
         text = f"{problem.rstrip('.')}. {remedy}" if remedy else problem
-        super().__init__(_one_line(text))
+        super().__init__(one_line(text))
 
 
 def excerpt(value: object, longest: int = MOST_ECHOED) -> str:
@@ -51,9 +53,3 @@ def excerpt(value: object, longest: int = MOST_ECHOED) -> str:
     text = str(value)
     half = (longest - 5) // 2
     return text if len(text) <= longest else f"{text[:half]} ... {text[-half:]}"
-
-
-def _one_line(text: str) -> str:
-    """Spaces for line breaks, and no character that would move the cursor of a terminal."""
-    joined = " ".join(text.split())
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in joined)

@@ -1,12 +1,27 @@
-"""Numbers, units and lists as people read them, one way everywhere: pages, figures, recordings, messages."""
+"""Numbers, units, lists and names as people read them, one way everywhere: pages, figures, recordings, messages."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+_RARE = re.compile(r"[^\n\t -~]")
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+def printable(text: str) -> str:
+    r"""Text out of somebody's file, for a terminal, a page or a picture; line breaks and tabs stay.
+
+    What would move a cursor, turn the direction of writing, or is no character at all is written out: ESC is `\x1b`.
+    """
+    return _RARE.sub(lambda c: c[0] if c[0].isprintable() else c[0].encode("unicode_escape").decode(), text)
+
+
+def one_line(text: str) -> str:
+    """Printable, with spaces for line breaks."""
+    return printable(" ".join(text.split()))
 
 
 def superscript(digits: str) -> str:

@@ -1,8 +1,12 @@
 """Split conformal prediction: how far scores of held-out samples reach with a stated coverage.
 
 Of n exchangeable scores the k-th smallest, k = ceil((n + 1) level), is not exceeded by a further one with probability
-at least `level`. Sources: Vovk, Gammerman and Shafer (2005), Algorithmic Learning in a Random World; Lei et al. (2018),
-Distribution-Free Predictive Inference for Regression.
+at least `level`. Scores that depend on each other come in pieces (blocks of a run, or whole runs): if the pieces are
+exchangeable, each score of a piece of N weighs 1 / ((m + 1) N), m of them in all, and what reaches `level` is not
+exceeded by a random score of a further piece with that probability, however scores depend within a piece. A piece a
+score is the first rule. Sources: Vovk, Gammerman and Shafer (2005), Algorithmic Learning in a Random World; Lei et al.
+(2018), Distribution-Free Predictive Inference for Regression; Lee, Barber and Willett (2023), Distribution-Free
+Inference with Hierarchical Data.
 """
 
 from __future__ import annotations
@@ -10,14 +14,32 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgap.geometry import Floats
 
+_ROUNDING = 1e-12  # of sums of weights
 
-def reach(scores: Floats, level: float) -> float:
-    """The k-th smallest of the scores (n,); infinite if there are too few for this level."""
-    rank = _rank(len(scores), level)
-    return float(np.partition(scores, rank - 1)[rank - 1]) if rank <= len(scores) else math.inf
+
+def reach(scores: Floats, level: float, piece: NDArray[np.int64] | None = None) -> float:
+    """The smallest score that the weights of those up to it bring to `level`; infinite if there are too few pieces.
+
+    Args:
+        scores: (n,); piece: (n,) to which of the pieces each belongs; each by itself if not given.
+    """
+    if piece is None:
+        rank = _rank(len(scores), level)
+        return float(np.partition(scores, rank - 1)[rank - 1]) if rank <= len(scores) else math.inf
+    _, own, sizes = np.unique(piece, return_inverse=True, return_counts=True)
+    order = np.argsort(scores)
+    weights = np.cumsum(1.0 / sizes[own][order]) / (len(sizes) + 1)
+    rank = int(np.searchsorted(weights, level - _ROUNDING))
+    return float(scores[order[rank]]) if rank < len(scores) else math.inf
+
+
+def attained(pieces: int, level: float) -> float:
+    """What so many independent pieces leave of a level: the largest score of m holds with m / (m + 1)."""
+    return level if pieces >= fewest(level) else pieces / (pieces + 1)
 
 
 def fewest(level: float) -> int:

@@ -16,9 +16,11 @@ from simgap.cli import control, gap, measured, pages, sweeps, tools, view, workf
 from simgap.cli.announce import announce_code
 from simgap.cli.lean import without_pandas
 from simgap.cli.options import app
+from simgap.cli.terminal import say
 from simgap.errors import SimgapError, excerpt
 from simgap.io.follow import follow_the_run
 from simgap.io.spent import LINE, spent
+from simgap.notation import one_line
 
 __all__ = ["app", "main"]
 
@@ -41,19 +43,19 @@ def main(arguments: list[str] | None = None) -> None:
     except SimgapError as error:
         if _logs_to_a_file():
             logging.getLogger("simgap").error("%s", error)
-        sys.stderr.write(f"simgap: {error}\n")
+        say(f"simgap: {error}", err=True)
         status = error.exit_status
     except OSError as error:
-        sys.stderr.write(f"simgap: {_of_the_system(error)}\n")
+        say(f"simgap: {one_line(_of_the_system(error))}", err=True)
         status = 1
     except MemoryError:
-        sys.stderr.write("simgap: the memory of this machine does not suffice; `simgap check CASE` says what does\n")
+        say("simgap: the memory of this machine does not suffice; `simgap check CASE` says what does", err=True)
         status = 1
     except _USAGE as error:
-        sys.stderr.write(f"simgap: {error} (simgap --help lists what there is)\n")
+        say(one_line(f"simgap: {error} (simgap --help lists what there is)"), err=True)
         status = 2
     except (typer.Abort, KeyboardInterrupt):
-        sys.stderr.write("simgap: interrupted\n")
+        say("simgap: interrupted", err=True)
         status = 130
     except Exception:  # a fault of simgap's own: whoever reads the log of the stage finds it there
         if _logs_to_a_file():

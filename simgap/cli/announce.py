@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-import sys
+
+from simgap.cli.terminal import say
 
 CODE = "simgap.code"
 """The logger of plug-ins, functions and FMUs: what it tells goes to the log of a stage like all else."""
@@ -13,7 +14,7 @@ class _ToStderr(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         above = logging.getLogger("simgap").handlers
         if all(isinstance(handler, logging.NullHandler) for handler in above):
-            sys.stderr.write(f"Note: {record.getMessage()}\n")
+            say(f"Note: {record.getMessage()}", err=True)
 
 
 def announce_code() -> None:

@@ -21,14 +21,12 @@ def show(console: Console, checked: Checked, case: Path) -> None:
     for what, cells in checked.cells.items():
         console.print(f"cells of the {what}: {', '.join(f'{name} {count}' for name, count in cells.items())}")
     for finding in checked.findings:
-        console.print(
-            f"{finding.key}: {finding.problem}. {finding.remedy}", soft_wrap=True, highlight=False, markup=False
-        )
+        console.print(f"{finding.key}: {finding.problem}. {finding.remedy}", soft_wrap=True, highlight=False)
     if checked.compared and not checked.findings:
         console.print("Nothing in the model file that the engine drops or changes.")
     if not checked.costs:
         console.print(
             "Nothing here is to be computed but a diagnosis: there is no `domain:` with a simulator or a controller.",
-            soft_wrap=True, highlight=False, markup=False,
+            soft_wrap=True, highlight=False,
         )  # fmt: skip
-    console.print(conclusion(checked, case), soft_wrap=True, highlight=False, markup=False)
+    console.print(conclusion(checked, case), soft_wrap=True, highlight=False)

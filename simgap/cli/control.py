@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from simgap.cli.options import CasePath, Log, Out, Shards, app, new_file, start_log
+from simgap.cli.terminal import say
 from simgap.config.trials import Trials
 
 TrialsOption = Annotated[Trials, typer.Option(help="How many, where the case does not say it.")]
@@ -97,4 +98,4 @@ def replay(
     from simgap.stages import replay as stage
 
     start_log(None)
-    typer.echo(stage.run(witness, out))
+    say(stage.run(witness, out))

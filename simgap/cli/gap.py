@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from simgap.cli.options import Borders, CasePath, Grid, Log, Out, Shards, State, app, new_file, new_folder, start_log
+from simgap.cli.terminal import console
 
 
 @app.command()
@@ -18,17 +19,16 @@ def check(
     log: Log = None,
 ) -> None:
     """Check a case before anything runs: model file, engine, cells, and what every stage will cost."""
-    from rich.console import Console
-
     from simgap.cli.checked import show
+    from simgap.cli.progress import progress
     from simgap.stages import check as stage
 
     start_log(log)
     if log is None:  # the findings are shown below
         logging.getLogger("simgap").setLevel(logging.ERROR)
-    with Console(stderr=True).status("reading the case") as status:  # in a terminal alone
-        checked = stage.run(case, out, log, status.update)
-    show(Console(), checked, case)
+    with progress("reading the case") as tell:
+        checked = stage.run(case, out, log, tell)
+    show(console(), checked, case)
 
 
 @app.command()

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from simgap.cli.options import CasePath, Log, Out, app, new_folder, start_log, values_of
+from simgap.cli.terminal import say
 from simgap.errors import UserError
 
 
@@ -31,8 +32,6 @@ def diagnose(
     log: Log = None,
 ) -> None:
     """Find the physical effect that the nominal model lacks, from recordings."""
-    from rich.console import Console
-
     from simgap.cli.progress import progress
     from simgap.stages import diagnosis as stage
 
@@ -50,7 +49,7 @@ def diagnose(
         raise
     first, *rest = result.get("sentences", [result["sentence"]])
     for line in (f"{result['verdict']}: {first}", *rest, *result["columns"], f"Report: {out / 'report.html'}"):
-        Console().print(line, soft_wrap=True, highlight=False, markup=False)
+        say(line)
 
 
 @app.command("next")
@@ -63,8 +62,6 @@ def next_experiment(
     log: Log = None,
 ) -> None:
     """Propose the recording that separates what a diagnosis could not tell apart."""
-    from rich.console import Console
-
     from simgap.cli.progress import progress
     from simgap.stages import next as stage
 
@@ -72,4 +69,4 @@ def next_experiment(
     with progress("starting") as tell:
         result = stage.run(case, found, out, seconds, values_of(start, "--start"), tell)
     for line in (result["paragraph"], f"Picture: {out / 'next.png'}" if result["input"] else ""):
-        Console().print(line, soft_wrap=True, highlight=False, markup=False)
+        say(line)

@@ -11,6 +11,7 @@ from typing import Annotated
 
 import typer
 
+from simgap.cli.terminal import Lines, console, say
 from simgap.errors import UserError
 from simgap.io.atomic import new_log, not_linked
 
@@ -84,14 +85,14 @@ class _LogFile(logging.FileHandler):
 def start_log(path: Path | None) -> None:
     """Send this package's log to a file, or to stderr for a person at the keyboard."""
     if path is None:
-        from rich.console import Console
         from rich.logging import RichHandler
 
-        handler: logging.Handler = RichHandler(console=Console(stderr=True), show_path=False)
+        handler: logging.Handler = RichHandler(console=console(stderr=True), show_path=False)
+        handler.setFormatter(Lines("%(message)s"))
     else:
         new_log(path)
         handler = _LogFile(path, mode="a")  # engines append to the same file
-        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+        handler.setFormatter(Lines("%(asctime)s %(levelname)s %(message)s"))
     logger = logging.getLogger("simgap")
     logger.handlers, logger.propagate = [handler], False
     logger.setLevel(logging.INFO)
@@ -99,7 +100,7 @@ def start_log(path: Path | None) -> None:
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"simgap {metadata.version('simgap')}")
+        say(f"simgap {metadata.version('simgap')}")
         raise typer.Exit
 
 

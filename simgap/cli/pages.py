@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from simgap.cli.options import CasePath, Log, Out, app, new_folder, start_log
+from simgap.cli.terminal import say
 
 
 @app.command()
@@ -66,7 +67,7 @@ def report(
         gaps, samples, controllers, syntheses, validation, traces, measured, repaired, printed, audit, margins, twin
     )
     stage.run(case, given, out, summary, picture, figures, later)
-    typer.echo(f"Ready to open: {out}")
+    say(f"Ready to open: {out}")
 
 
 @app.command()

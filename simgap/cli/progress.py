@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+from simgap.cli.terminal import console, say
+from simgap.notation import printable
 
 EVERY_S = 30.0
 
@@ -13,13 +15,12 @@ EVERY_S = 30.0
 @contextmanager
 def progress(first: str) -> Iterator[Callable[[str], None]]:
     """Gives what is to be told of progress, in words; it goes to stderr."""
-    from rich.console import Console
-    from rich.markup import escape
+    from rich.text import Text
 
-    console = Console(stderr=True)
-    if console.is_terminal:
-        with console.status(escape(first)) as status:
-            yield lambda words: status.update(escape(words))
+    terminal = console(stderr=True)
+    if terminal.is_terminal:
+        with terminal.status(Text(first)) as status:
+            yield lambda words: status.update(Text(printable(words)))
         return
     said = time.monotonic()
 
@@ -27,7 +28,6 @@ def progress(first: str) -> Iterator[Callable[[str], None]]:
         nonlocal said
         if time.monotonic() - said >= EVERY_S:
             said = time.monotonic()
-            sys.stderr.write(f"{words}\n")
-            sys.stderr.flush()
+            say(words, err=True)
 
     yield tell

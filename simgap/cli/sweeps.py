@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from simgap.cli.options import Log, Out, app, new_file, start_log
+from simgap.cli.terminal import say
 from simgap.errors import UserError
 
 SweepPath = Annotated[Path, typer.Argument(help="Sweep file (YAML).", show_default=False)]
@@ -36,7 +37,7 @@ def sweep(
     snakemake(base.parent, [base.stem], cores, [*words, "--", target], path.parent)
     if not looks_on(words):
         require_made(Path(target))
-        typer.echo(f"{path.stem}: {len(points)} points. Page: {target}, table: {Path(target).parent}/table.parquet")
+        say(f"{path.stem}: {len(points)} points. Page: {target}, table: {Path(target).parent}/table.parquet")
 
 
 @app.command()

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from simgap.cli.options import Log, Out, app, new_file, new_folder, start_log
+from simgap.cli.terminal import console, say
 
 
 @app.command()
@@ -23,7 +24,7 @@ def paper(
     from simgap.stages import paper as stage
 
     start_log(log)
-    typer.echo(table(stage.run(folder, pendulum, out, workers, log)))
+    say(table(stage.run(folder, pendulum, out, workers, log)))
 
 
 @app.command()
@@ -32,7 +33,7 @@ def effects(case: Annotated[Path | None, typer.Argument(help="Case file; lists w
     from simgap.stages.effects import listing
 
     start_log(None)
-    typer.echo(listing(case))
+    say(listing(case))
 
 
 @app.command()
@@ -62,12 +63,10 @@ def times(
     results: Annotated[Path, typer.Argument(help="Folder of results, or of one case.")] = Path("results"),
 ) -> None:
     """Show where the time of a run went: every job with its wall time, CPU time and memory, the costliest first."""
-    from rich.console import Console
-
     from simgap.cli.timed import show
     from simgap.stages.times import job_times
 
-    show(Console(), job_times(results))
+    show(console(), job_times(results))
 
 
 @app.command()
@@ -89,7 +88,7 @@ def export(
         export_controller(controller, out)
         cells, size = len(controller.choice), out.stat().st_size
         held = f"; compiled, its table takes {2 * cells:,}, 2 for each of {cells:,} cells" if out.suffix == ".h" else ""
-        typer.echo(f"Wrote {out}, {size:,} bytes{held}.")
+        say(f"Wrote {out}, {size:,} bytes{held}.")
 
 
 @app.command()

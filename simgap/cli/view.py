@@ -17,6 +17,7 @@ import typer
 
 from simgap import reading
 from simgap.cli.options import app, new_file
+from simgap.cli.terminal import say
 from simgap.errors import UserError
 
 RECORDINGS = ("trace/trace.rrd", "trace.rrd", "residual.rrd", "diagnosis/residual.rrd")
@@ -40,13 +41,13 @@ def view(
     file = recording_of(what)
     words = command(file, web or not displayed()) if picture is None else pictured(file, picture)
     if only_print:
-        typer.echo(shlex.join(words))
+        say(shlex.join(words))
         return
     if picture is not None:
         _take(words, picture)
         return
     others = [str(p) for p in (what / name for name in RECORDINGS) if reading.is_file(p) and p != file]
-    typer.echo(f"Opening {file}" + (f" (there is also {', '.join(others)})" if others else ""))
+    say(f"Opening {file}" + (f" (there is also {', '.join(others)})" if others else ""))
     raise typer.Exit(_until_closed(words))
 
 

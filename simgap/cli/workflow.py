@@ -15,6 +15,7 @@ import yaml
 
 from simgap import reading
 from simgap.cli.options import CasePath, app, new_folder, values_of
+from simgap.cli.terminal import say
 from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
 from simgap.io.atomic import host, no_links_below, write_text
@@ -107,7 +108,7 @@ def _tell_verdict(case: Case) -> None:
     page = require_made(folder / ("report.html" if controlled else "check/check.json"))
     if controlled:
         verdict = read_json(folder / "summary.json")["verdict"]
-        typer.echo("\n".join([f"{case.name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
+        say("\n".join([f"{case.name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
 
 
 def require_made(result: Path) -> Path:
@@ -150,7 +151,7 @@ def new(
     with progress("reading the model") as tell:
         path = stage.run(name, urdf, out, named, values_of(at, "--at"), tell, notes.append, seconds)
     for line in [*notes, f"Wrote {path}. Next: simgap check {path}, then simgap run {path}"]:
-        typer.echo(line)
+        say(line)
 
 
 @app.command()
@@ -165,9 +166,9 @@ def propose(
 
     with progress("building the nominal model") as tell:
         found = stage.run(case, values_of(at, "--at"), tell, seconds)
-    typer.echo(found.block())
+    say(found.block())
     for doubt in filter(None, (found.small, found.doubtful)):
-        typer.echo(doubt, err=True)
+        say(doubt, err=True)
 
 
 @app.command()
@@ -183,9 +184,9 @@ def refine(
 
     with progress("building the nominal model") as tell:
         found = stage.run(case, samples, tell)
-    typer.echo(found.block())
+    say(found.block())
     for name, then in found.then.items():
-        typer.echo(f"# {name}: within a cell the bound loses {then:.2g} on average, now {found.now[name]:.2g}")
+        say(f"# {name}: within a cell the bound loses {then:.2g} on average, now {found.now[name]:.2g}")
 
 
 @app.command()
@@ -202,7 +203,7 @@ def tutorial(
     for name in ("rod.urdf", "swings.csv"):
         with atomic(out / name) as temporary:
             temporary.write_bytes(reading.read_bytes(source / name))
-    typer.echo("Wrote rod.urdf and swings.csv. Next: simgap new rod --urdf rod.urdf")
+    say("Wrote rod.urdf and swings.csv. Next: simgap new rod --urdf rod.urdf")
 
 
 def workflow_file(name: str) -> Path:

@@ -139,6 +139,5 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file atomically."""
-    with atomic(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    """Write a text file atomically; bytes of a file's name that are no UTF-8 become `\\udcff`, as JSON has them."""
+    write_bytes(path, text.encode(errors="backslashreplace"))

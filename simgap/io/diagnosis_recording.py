@@ -12,7 +12,7 @@ from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
 from simgap.io.recording_log import line, recording_file, send
-from simgap.notation import axis_label
+from simgap.notation import axis_label, printable
 
 _LINES = (("measured", style.MEASURED_IN_A_VIEWER, 1.5), ("before", style.BEFORE, 3.0), ("after", style.AFTER, 3.0))
 
@@ -50,7 +50,7 @@ def write_recording(
     traces = list(dict.fromkeys(w.trace for w in windows))
     look = _blueprint(traces, measured, inputs, units)
     with recording_file(path, "simgap_diagnosis", _identifier(title), look) as recording:
-        about = rr.TextDocument(ABOUT.format(title=title, sentence=sentence), media_type="text/markdown")
+        about = rr.TextDocument(printable(ABOUT.format(title=title, sentence=sentence)), media_type="text/markdown")
         recording.log("about", about, static=True)
         for trace in traces:
             own = sorted((w for w in windows if w.trace == trace), key=lambda w: float(w.t[0]))
@@ -109,7 +109,7 @@ def _blueprint(traces: Sequence[str], measured: Sequence[str], inputs: Sequence[
             named = axis_label(inputs[0], units) if len(inputs) == 1 else ", ".join(inputs)
             views.append(view(name=f"input {named}", origin=f"/{root}/input"))
         views.append(view(name="1: never fitted, 0: fitted", origin=f"/{root}/never_fitted"))
-        tabs.append(rrb.Vertical(*views, row_shares=[*([3.0] * (len(views) - 1)), 1.0], name=trace))
+        tabs.append(rrb.Vertical(*views, row_shares=[*([3.0] * (len(views) - 1)), 1.0], name=printable(trace)))
     curves = rrb.Tabs(*tabs) if len(tabs) > 1 else tabs[0]
     about = rrb.TextDocumentView(name="What this shows", origin="/about")
     return rrb.Blueprint(

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import io
+import logging
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from simgap.io.atomic import atomic
 from simgap.io.traces import CAREFUL, NOMINAL, ROBUST
+from simgap.notation import one_line, printable, superscript
 from simgap.specifications.picture import Look
 
 # Okabe & Ito (2008), Color Universal Design
@@ -22,6 +24,12 @@ MEASURED_IN_A_VIEWER = "#A7AFBB"  # Rerun's is dark unless told otherwise; this 
 COLOURS = {ROBUST: BLUE, NOMINAL: VERMILLION, CAREFUL: GREEN}  # of the controllers
 SURROUNDINGS = Look(target=(YELLOW, "#B8A800"), obstacle="#3A3F47", border="#3A3F47")
 WIDTH = 8.6  # inches: 12 pt text stays legible at half of a page's width
+
+_TIMES = r"\times"
+_POWER = re.compile(rf"\$\\mathdefault\{{(-?\d*(?:{re.escape(_TIMES)})?)(10)\^\{{(-?\d+)\}}\}}\$")
+"""How matplotlib writes a tick of a logarithmic axis."""
+
+log = logging.getLogger(__name__)
 
 _RC: dict[str, Any] = {
     "figure.dpi": 100,
@@ -47,6 +55,7 @@ _RC: dict[str, Any] = {
     "svg.hashsalt": "simgap",
     "svg.fonttype": "path",
     "figure.constrained_layout.use": True,
+    "text.parse_math": False,  # names of states, columns and files are text, whatever signs they have
 }
 
 
@@ -61,10 +70,36 @@ def figure_style() -> Iterator[None]:
         yield
 
 
+def save(figure: Any, target: Any, **options: Any) -> None:
+    """The one way out of every figure: what it says is text that can be printed."""
+    text_alone(figure)
+    figure.savefig(target, **options)
+
+
+def text_alone(figure: Any) -> None:
+    """Make all that a figure says printable, the powers of ten of its axes without formulas."""
+    from matplotlib.text import Text
+
+    for axes in figure.axes:
+        for ticker in (ticker for axis in (axes.xaxis, axes.yaxis) for ticker in (axis.major, axis.minor)):
+            own = ticker.formatter.format_ticks
+            ticker.formatter.format_ticks = lambda values, own=own: [_label(text) for text in own(values)]
+    for words in figure.findobj(Text):
+        words.set_text(printable(words.get_text()))
+
+
+def _label(text: str) -> str:
+    power = _POWER.fullmatch(text)
+    if power is None:
+        return printable(text)
+    factor, base, exponent = (part or "" for part in power.groups())
+    return f"{factor.replace(_TIMES, '×')}{base}{superscript(exponent)}"
+
+
 def svg_text(figure: Any) -> str:
     """A figure as an SVG element to put into a page; it carries no date, so equal figures are equal text."""
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    save(figure, buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     element = text[text.index("<svg") :]
     return re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', 'width="100%"', element, count=1)
@@ -73,17 +108,30 @@ def svg_text(figure: Any) -> str:
 def save_picture(figure: Any, path: Path) -> None:
     """Write a figure as PNG, atomically and without a date or version."""
     with atomic(path) as temporary:
-        figure.savefig(temporary, format="png", metadata={"Software": None})
+        save(figure, temporary, format="png", metadata={"Software": None})
 
 
 def kept(figure: Any, path: Path) -> str:
     """A figure written as PNG and returned as SVG text, then freed."""
+    text_alone(figure)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once, drawn twice
     save_picture(figure, path)
     text = svg_text(figure)
     close(figure)
     return text
+
+
+def drawn(make: Callable[[], Any], path: Path) -> str:
+    """As `kept`; where a picture cannot be drawn, what stands in its place says so, and nothing else is lost."""
+    from markupsafe import escape
+
+    try:
+        return kept(make(), path)
+    except Exception as error:  # of the libraries: no number and no verdict rests on a picture
+        log.warning("%s could not be drawn: %s", path.name, one_line(f"{type(error).__name__}: {error}"))
+        path.unlink(missing_ok=True)
+        return f'<p class="note">{escape(path.name)} could not be drawn; the log says why.</p>'
 
 
 def close(figure: Any) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from simgap import reading
 from simgap.diagnosis.verdict.words import phrase
 from simgap.errors import UserError
-from simgap.notation import number, pretty_unit
+from simgap.notation import number, pretty_unit, printable
 
 STYLE = "style.css"
 _PACKAGED, _CHECKOUT = (reading.real(Path(__file__)).parents[k] / n for k, n in ((1, "templates"), (2, "reports")))
@@ -46,7 +46,7 @@ def described(picture: str, alt: str) -> str:
 
 
 def render(template: str, **content: Any) -> str:
-    """A page from a template; figures given as SVG text are put in as they are, all else is escaped."""
+    """A page from a template, printable; figures given as SVG text are put in as they are, all else is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -59,7 +59,7 @@ def render(template: str, **content: Any) -> str:
     )
     environment.filters |= {"number": number, "unit": pretty_unit, "phrase": phrase, "described": described}
     style = Markup(reading.read_text(folder() / STYLE))  # quotes of font names must stay quotes
-    return environment.get_template(template).render(style=style, **content)
+    return printable(environment.get_template(template).render(style=style, **content))
 
 
 def text(template: str, **content: Any) -> str:

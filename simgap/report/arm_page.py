@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +33,10 @@ def draw(found: ArmDiagnosis, inputs: Sequence[str], units: Mapping[str, str], f
 
     longest = sorted(found.predictions, key=lambda p: -len(p.t))[:MOST_TRACES]
     with style.figure_style():
-        error = style.kept(torque_error_figure(found, inputs, units), folder / "error.png")
+        error = style.drawn(lambda: torque_error_figure(found, inputs, units), folder / "error.png")
         overlays = [
-            style.kept(torque_figure(p, inputs, units), folder / f"torques-{k + 1}.png") for k, p in enumerate(longest)
+            style.drawn(partial(torque_figure, p, inputs, units), folder / f"torques-{k + 1}.png")
+            for k, p in enumerate(longest)
         ]
     return {"error": error, "overlays": overlays}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -96,14 +97,16 @@ def draw(
 
     with style.figure_style():
         if document["error"]["before"]["horizon_rmse"]:
-            texts["error"] = style.kept(error_figure(document["error"], units), folder / "error.png")
+            texts["error"] = style.drawn(lambda: error_figure(document["error"], units), folder / "error.png")
         for k, o in enumerate(stretches):
-            drawn = style.kept(overlay_figure(o, units), folder / f"measured-{k + 1}.png")
+            drawn = style.drawn(partial(overlay_figure, o, units), folder / f"measured-{k + 1}.png")
             texts["overlays"].append((o.trace, drawn))
         for k, m in enumerate(missing):
-            texts["missing"].append((m.label, style.kept(missing_figure(m), folder / f"residual-{k + 1}.png")))
+            texts["missing"].append(
+                (m.label, style.drawn(partial(missing_figure, m), folder / f"residual-{k + 1}.png"))
+            )
         if document["steps"]:
-            texts["steps"] = style.kept(steps_figure(document["steps"]), folder / "steps.png")
+            texts["steps"] = style.drawn(lambda: steps_figure(document["steps"]), folder / "steps.png")
     return texts
 
 

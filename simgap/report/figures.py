@@ -30,7 +30,7 @@ DPI, SMALL_DPI = 170, 62
 def png(figure: Any, dpi: int) -> bytes:
     """A figure as PNG; without a date, so equal figures are equal bytes."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    style.save(figure, buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
 
 

@@ -79,16 +79,16 @@ def run(
         WindowPrediction(p.trace, True, p.t, p.measured, p.before, p.after, none, np.zeros((len(p.t), 0)))
         for p in found.predictions
     ]
-    write_recording(out_dir / RECORDING, windows, inputs, (), context.units, context.case.name)
-    title = context.case.title or context.case.name
     nothing = [*context.states, *(f"{k}{n}" for k in ("", "late_") for n in context.inputs)]
     columns = {
         n: np.zeros(0) for n in (*nothing, *(f"next_{n}" for n in record.measured))
     }  # none is held against gamma
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, made_of))
-    write_text(out_dir / PAGE, page(content, title, draw(found, inputs, context.units, out_dir)))
     write_json(out_dir / JSON, content)
+    title = context.case.title or context.case.name
+    write_text(out_dir / PAGE, page(content, title, draw(found, inputs, context.units, out_dir)))
+    write_recording(out_dir / RECORDING, windows, inputs, (), context.units, context.case.name)
     tell(f"{content['verdict']}: {content['sentence']}")
     return content
 

@@ -16,6 +16,7 @@ from simgap.config.load import case_content, parse_case
 from simgap.config.model_files import move_files
 from simgap.diagnosis.verdict.remainder_use import RemainderUse
 from simgap.effects import AppliedEffect, effect
+from simgap.notation import one_line
 from simgap.plants.plant_model import PlantModel
 from simgap.stages.acted_out import ActedOut
 from simgap.stages.augmentation import augment, plan
@@ -138,4 +139,4 @@ def _header(
         )
     elif applied:
         lines.append("The effects found in the recordings are below plant.effects.")
-    return "".join(f"# {' '.join(line.split())}\n" for line in (*lines, *words))
+    return "".join(f"# {one_line(line)}\n" for line in (*lines, *words))

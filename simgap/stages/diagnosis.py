@@ -198,7 +198,7 @@ def _write(
     paths: Sequence[Path],
     out_dir: Path,
 ) -> None:
-    """All files; the document last, so that where it stands the others do."""
+    """All files; first what holds the answer, its document the last of them, then what shows it."""
     record, title = reading.record, context.case.title or context.case.name
     model, shifts = corrected
     sigma = np.array([found.sigma[s] for s in record.measured])
@@ -211,10 +211,6 @@ def _write(
     text = corrected_case(
         context.path, target, found.applied, paths, section.rig, content["sentence"], use, simulated=simulated
     )
-    figures = draw(content, stretches, lacking, out_dir)
-    write_text(out_dir / PAGE, page(content, title, figures))
-    names = (record.measured, inputs, context.units, context.case.name)
-    write_recording(out_dir / RECORDING, windows, *names, content["sentence"])
     noise = {s: found.sigma[s] for s in record.measured}
     columns = transition_columns(context, found.windows, noise, model, shifts, _as_declared(context, model))
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
@@ -224,3 +220,6 @@ def _write(
             temporary.write_bytes(plugin.content)
     write_text(target, text)
     write_json(out_dir / JSON, content)
+    write_text(out_dir / PAGE, page(content, title, draw(content, stretches, lacking, out_dir)))
+    names = (record.measured, inputs, context.units, context.case.name)
+    write_recording(out_dir / RECORDING, windows, *names, content["sentence"])

@@ -27,7 +27,7 @@ def _units(kind: Effect, model: SymbolicModel | None, found: Sequence[str]) -> l
 def listing(case_path: Path | None) -> str:
     """The table of effects; with a case those that it can have, their targets, why not the others, its parameters."""
     buffer = io.StringIO()
-    console = Console(file=buffer, width=160)
+    console = Console(file=buffer, width=160, markup=False, emoji=False)
     model = None
     if case_path is not None:
         context = Context.load(case_path)

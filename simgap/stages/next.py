@@ -185,6 +185,7 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
     out_dir.mkdir(parents=True, exist_ok=True)
     text = paragraph(question, advice, context.units, str(out_dir / INPUT))
     best, rivals, names = advice.proposal.best, advice.known.rivals, context.inputs
+    shown: Proposed | None = None
     content: dict[str, Any] = {
         "paragraph": text,
         "rivals": [r.label for r in rivals],
@@ -216,10 +217,9 @@ def _write(context: Context, question: Question, advice: Advice, out_dir: Path) 
             advice.bench.t, best.u[:, : len(names)], names, content["rivals"], best.readings, question.record.measured,
             left, pair, lengths_in_words(advice),
         )  # fmt: skip
-        with style.figure_style():
-            figure = next_figure(shown, context.units)
-            style.save_picture(figure, out_dir / PICTURE)
-            style.close(figure)
     content["provenance"] = provenance("next", context.case, context.folder, {"inputs": SEED})
     write_json(out_dir / JSON, content)
+    if shown is not None:
+        with style.figure_style():
+            style.drawn(lambda: next_figure(shown, context.units), out_dir / PICTURE)
     return content

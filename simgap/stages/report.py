@@ -119,6 +119,7 @@ def run(
     material = read(case_path, inputs)
     record = provenance("report", material.context.case, material.context.folder)
     said = content(material)
+    write_json(figures_out, summary(material, said) | {"provenance": record})
     drawn = draw(material)
     page = render(TEMPLATE, figures=drawn.markup, notes=drawn.notes, later=later, provenance=record, **said)
     if folder is not None:
@@ -127,7 +128,6 @@ def run(
     if picture is not None:
         write_bytes(picture, drawn.picture)
     write_text(out, page)
-    write_json(figures_out, summary(material, said) | {"provenance": record})
     log.info("page of %d kB", len(page) // 1024)
 
 

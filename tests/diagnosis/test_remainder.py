@@ -1,6 +1,7 @@
 """The conformal bound covers fresh transitions as often as it says, and shrinks when the model is right."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,10 @@ def test_the_corrected_model_needs_a_smaller_bound(plant):
     assert r.after["v"] < 0.7 * r.before["v"]
     assert r.after["v"] < 6 * 1e-2  # noise at both ends: sqrt(2) sigma, and its largest of many
     assert "at least 90 %" in r.statement
+    assert r.confidence == 0.9
+    assert 9 <= r.pieces <= 57
+    assert f"57 held-out transitions, which are {r.pieces} independent pieces" in r.statement
+    assert "of one run: how another differs is not known" in r.statement
     assert r.unbounded == ()
     # noise alone: two readings each, and both channels at once inside with probability 0.9
     reach = np.sqrt(2.0) * norm.ppf(0.5 + np.sqrt(0.9) / 2)
@@ -89,3 +94,18 @@ def test_delay_and_lag_become_shifts(plant):
     same, shifts = plant.corrected_by(applied)
     assert shifts == pytest.approx({"u": 0.03})
     assert same.state_names == plant.corrected.state_names
+
+
+def test_a_run_that_moves_otherwise_is_one_piece(plant):
+    """Two recordings of which one is shaken are two pieces, and leave two thirds of the confidence."""
+    calm, rough = example.record(seed=3), example.record(seed=4)
+    noise = 4.0 * example.SIGMA * np.random.default_rng(5).standard_normal(rough.traces[0].y.shape)
+    (trace,) = rough.traces
+    shaken = replace(rough, traces=(replace(trace, y=trace.y + noise),))
+    windows = example.windows(calm) + tuple(replace(w, trace="rough") for w in example.windows(shaken))
+    corrected, shifts = plant.corrected_by(FOUND)
+    r = bound_remainder(windows, SIGMA, (plant.corrected, corrected), shifts, 0.05, 0.9)
+    assert (r.pieces, r.runs, r.by_run, r.confidence) == (2, 2, True, pytest.approx(2 / 3))
+    assert "at least 66.6 % (of 90 % asked for, which takes 9 pieces)" in r.statement
+    assert "2 runs, one piece each because they differ" in r.statement
+    assert r.inside == 1.0

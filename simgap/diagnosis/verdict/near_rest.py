@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.diagnosis.reading.table import Floats
-from simgap.split_conformal import fewest, reach
+from simgap.split_conformal import attained, fewest, reach
 
 _SHARES = np.arange(0.05, 0.65, 0.05)
 """Of the fitted transitions, the shares that may be slow."""
+_OUTWARD = 1.0 + 4.0 * np.finfo(np.float64).eps  # a score is a quotient: its residual is not left outside
 _WORTH = 0.9
 """The mean bound over X falls to this share at least, or one class is kept: two need twice the held-out data."""
 
@@ -35,33 +36,44 @@ class NearRest:
 
 @dataclass(frozen=True, eq=False)
 class Sizes:
-    """Transitions: sizes of their residuals (n, k), and for each velocity of a coordinate its size at their start."""
+    """Transitions: sizes of their residuals (n, k), for each velocity of a coordinate its size at their start, and to
+    which independent piece they belong, (n,); each is one by itself where that is not given."""
 
     residual: Floats
     speed: Mapping[str, Floats]
+    piece: NDArray[np.int64] | None = None
 
     def part(self, which: NDArray[np.bool_]) -> Sizes:
         """Some of them."""
-        return Sizes(self.residual[which], {n: v[which] for n, v in self.speed.items()})
+        piece = None if self.piece is None else self.piece[which]
+        return Sizes(self.residual[which], {n: v[which] for n, v in self.speed.items()}, piece)
+
+    @property
+    def count(self) -> int:
+        """How many independent pieces they are."""
+        return len(self.residual) if self.piece is None else len(np.unique(self.piece))
 
     def enough(self, level: float) -> bool:
-        """Whether a quantile of this level is finite."""
+        """Whether they would suffice for a quantile of this level, were each a piece by itself."""
         return len(self.residual) >= fewest(level)
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Bounds (k,) below and above a speed; own: whether held-out transitions of its class set the first."""
+    """Bounds (k,) below and above a speed; own: whether held-out transitions of its class set the first; pieces: how
+    many independent ones of the class that has fewer set them."""
 
     velocity: str
     below: float
     slow: Floats
     fast: Floats
     own: bool
+    pieces: int
 
 
 def bound(fitted: Sizes, fresh: Sizes, level: float) -> Floats:
-    """The split-conformal bound of residuals, (k,): all states at once inside with this probability.
+    """The split-conformal bound of residuals, (k,): all states at once inside with this probability, or with what the
+    number of pieces leaves of it; infinite if even the held-out transitions are fewer than this level asks for.
 
     The score of a transition is the largest share of what the fitted ones leave at this level in a state. The bound is
     never narrower than that of the fitted ones: it covers what a few held-out minutes did not happen to hold.
@@ -69,8 +81,11 @@ def bound(fitted: Sizes, fresh: Sizes, level: float) -> Floats:
     own = fitted if len(fitted.residual) else fresh
     size = np.quantile(own.residual, level, axis=0)
     scale = np.where(size > 0.0, size, 1.0)
-    factors = [reach(np.max(part.residual / scale, axis=1), level) for part in (fresh, own)]
-    return np.asarray(scale * (max(factors) if own.enough(level) else factors[0]), dtype=np.float64)
+    scores = np.max(fresh.residual / scale, axis=1)
+    factors = [reach(scores, attained(fresh.count, level), fresh.piece) if fresh.enough(level) else np.inf]
+    if own.enough(level):
+        factors.append(reach(np.max(own.residual / scale, axis=1), level))
+    return np.asarray(scale * max(factors) * _OUTWARD, dtype=np.float64)
 
 
 def slow_and_fast(fitted: Sizes, fresh: Sizes, level: float, widest: Mapping[str, float]) -> Split | None:
@@ -108,4 +123,5 @@ def _split(fitted: Sizes, fresh: Sizes, level: float, velocity: str, below: floa
     own = slow.enough(level)
     at_rest = bound(near, slow, level) if own else np.maximum(bound(near, near, level), bound(fitted, fresh, level))
     at_rest = np.maximum(at_rest, in_motion)  # what holds near rest stands beside what holds everywhere
-    return Split(velocity, below, at_rest, in_motion, own) if np.any(at_rest > in_motion) else None
+    least = min(slow.count, fast.count) if own else fast.count
+    return Split(velocity, below, at_rest, in_motion, own, least) if np.any(at_rest > in_motion) else None

@@ -13,13 +13,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.near_rest import NearRest, Sizes, bound, slow_and_fast
+from simgap.diagnosis.verdict.pieces import Left, pieces
 from simgap.diagnosis.verdict.transitions import Transitions, force_ratio, held, seen, transitions, within
 from simgap.model.symbolic import SymbolicModel
-from simgap.split_conformal import fewest
+from simgap.split_conformal import attained, fewest
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,8 @@ class Remainder:
     Attributes:
         tau: the step, s.
         level: coverage asked for; count: held-out transitions that set the bound.
+        confidence: what is left of the level; pieces: independent blocks, or runs, of the held-out transitions that it
+            rests on; by_run: whether runs differ, so that they are the pieces; runs: how many were held out.
         before, after: state -> bound under the declared and the corrected model; inf if there are too few transitions.
         rest_before, rest_after: where the velocity is small a wider bound stands beside these; None: nowhere.
         one_step: "before", "after", "noise_floor" -> state -> RMS of the one-step residual on held-out data; the floor
@@ -43,6 +47,10 @@ class Remainder:
     tau: float
     level: float
     count: int
+    confidence: float
+    pieces: int
+    by_run: bool
+    runs: int
     before: Mapping[str, float]
     after: Mapping[str, float]
     rest_before: NearRest | None
@@ -57,7 +65,8 @@ class Remainder:
 
 @dataclass(frozen=True, eq=False)
 class _Bound:
-    """Of one model: state -> bound, state -> RMS on held-out data, bound near rest, the first as (k,), share inside."""
+    """Of one model: state -> bound, state -> RMS on held-out data, bound near rest, the first as (k,), share inside;
+    how many held-out transitions, independent pieces and runs it rests on, and whether runs are the pieces."""
 
     by: Mapping[str, float]
     rms: Mapping[str, float]
@@ -65,6 +74,9 @@ class _Bound:
     limit: Floats
     inside: float
     count: int
+    pieces: int
+    runs: int
+    by_run: bool
 
 
 def bound_remainder(
@@ -108,14 +120,16 @@ def bound_remainder(
     noise = _noise_only(np.array(list(known.sigma.values())), last.limit, level)
     missing = tuple(n for n in models[0].state_names if n not in names)
     finite = all(math.isfinite(v) for v in last.by.values())
-    statement = _statement(level, last.count, step, missing, finite)
+    confidence = attained(last.pieces, level) if finite else 0.0
+    statement = _statement(level, confidence, last, step, missing) if finite else _too_few(last.count, level)
     one_step = {
         "before": first.rms, "after": last.rms, "noise_floor": {n: math.sqrt(2.0) * s for n, s in known.sigma.items()}
     }  # fmt: skip
     return Remainder(
-        step, level, last.count, first.by, last.by, first.rest, last.rest,
+        step, level, last.count, confidence, last.pieces, last.by_run, last.runs,
+        first.by, last.by, first.rest, last.rest,
         dict(zip(names, noise.tolist(), strict=True)), last.inside, {n: known.sigma[n] for n in known.estimated},
-        missing, statement + _derived(known.estimated) + _near_rest(last.rest, level), one_step,
+        missing, statement + _derived(known.estimated) + _near_rest(last.rest, confidence), one_step,
     )  # fmt: skip
 
 
@@ -124,10 +138,10 @@ def _bound(
     X: Mapping[str, tuple[float, float]], declared: Mapping[str, float],
 ) -> _Bound:  # fmt: skip
     plain = [_residuals(part, names, model) for part in parts]
-    fitted, fresh = (
-        Sizes(np.abs(r) / force_ratio(model, part, names, declared), _speeds(part, model))
-        for r, part in zip(plain, parts, strict=True)
-    )
+    forces = [r / force_ratio(model, part, names, declared) for r, part in zip(plain, parts, strict=True)]
+    piece, by_run = _pieces(parts, forces)
+    fitted = Sizes(np.abs(forces[0]), _speeds(parts[0], model))
+    fresh = Sizes(np.abs(forces[1]), _speeds(parts[1], model), piece)
     split = slow_and_fast(fitted, fresh, level, {n: 0.5 * (hi - lo) for n, (lo, hi) in X.items()})
     limit = bound(fitted, fresh, level) if split is None else split.fast
     by, rest = dict(zip(names, limit.tolist(), strict=True)), None
@@ -137,7 +151,30 @@ def _bound(
         slow = fresh.speed[split.velocity] <= split.below
         inside = np.where(slow, np.all(fresh.residual <= split.slow, axis=1), inside)
     rms = dict(zip(names, np.sqrt(np.mean(plain[1] ** 2, axis=0)).tolist(), strict=True))
-    return _Bound(by, rms, rest, limit, float(np.mean(inside)), len(plain[1]))
+    return _Bound(
+        by,
+        rms,
+        rest,
+        limit,
+        float(np.mean(inside)),
+        len(plain[1]),
+        fresh.count if split is None else split.pieces,
+        len(set(parts[1].trace)),
+        by_run,
+    )
+
+
+def _pieces(parts: tuple[Transitions, Transitions], residuals: Sequence[Floats]) -> tuple[NDArray[np.int64], bool]:
+    """To which independent piece each held-out transition belongs; what was fitted helps to see how long one is."""
+    whole, held_out = np.concatenate(residuals), np.repeat([False, True], [len(r) for r in residuals])
+    size = np.sqrt(np.mean(whole**2, axis=0))
+    traces, at = (np.concatenate([getattr(p, n) for p in parts]) for n in ("trace", "at"))
+    _, run = np.unique(traces, return_inverse=True)
+    begin = np.full(run.max() + 1, np.inf)
+    np.minimum.at(begin, run, at)
+    step = np.rint((at - begin[run]) / parts[1].seconds).astype(np.int64)
+    piece, by_run = pieces(Left(whole / np.where(size > 0.0, size, 1.0), run, step, held_out))
+    return piece[held_out], by_run
 
 
 def _speeds(part: Transitions, model: SymbolicModel) -> dict[str, Floats]:
@@ -158,14 +195,14 @@ def _residuals(part: Transitions, names: Sequence[str], model: SymbolicModel) ->
     return part.then - held(model, part)[:, [model.state_names.index(n) for n in names]]
 
 
-def _near_rest(rest: NearRest | None, level: float) -> str:
+def _near_rest(rest: NearRest | None, confidence: float) -> str:
     if rest is None:
         return ""
     words = (
         f" Transitions that begin with |{rest.velocity}| of {rest.below:.3g} at most have a wider bound of their own"
     )
     few = "; too few of them were held out: their bound is that of all, and both together hold with at least "
-    few += f"{200 * level - 100:g} %"
+    few += _percent(2.0 * confidence - 1.0)
     return f"{words}{'' if rest.own else few}."
 
 
@@ -176,13 +213,27 @@ def _derived(names: Sequence[str]) -> str:
     return f" {', '.join(names)} {was} derived from positions by local cubics, an estimate of what was not measured."
 
 
-def _statement(level: float, count: int, step: float, missing: Sequence[str], enough: bool) -> str:
-    if not enough:
-        return f"{count} held-out transitions are too few for {100 * level:g} %: hold out at least {fewest(level)}."
+def _percent(probability: float) -> str:
+    return f"{math.floor(1000.0 * max(probability, 0.0) + 1e-6) / 10.0:g} %"
+
+
+def _too_few(count: int, level: float) -> str:
+    return f"{count} held-out transitions are too few for {100 * level:g} %: hold out at least {fewest(level)}."
+
+
+def _statement(level: float, confidence: float, own: _Bound, step: float, missing: Sequence[str]) -> str:
     rest = f" {', '.join(missing)} was not measured and is not bounded." if missing else ""
+    few = f" (of {100 * level:g} % asked for, which takes {fewest(level)} pieces)" if confidence < level else ""
+    several = "independent pieces" if own.pieces > 1 else "independent piece"
+    pieces = (
+        "runs, one piece each because they differ" if own.by_run else f"{several} as long as what is left remembers"
+    )
+    of = f"one of a further {'run' if own.by_run else 'piece'} that is"
+    one = " They are of one run: how another differs is not known." if own.runs == 1 else ""
     return (
-        f"Split conformal: a further transition over {step:.4g} s, exchangeable with the {count:,} held-out ones, lies "
-        f"within the bound of the model in all measured states at once with probability at least {100 * level:g} %; no "
-        "smaller share of the fitted ones does. Measurement noise is inside the bound. Transitions of one recording "
-        f"are not quite exchangeable, and this is not a bound for every state.{rest}"
+        f"Split conformal: a further transition over {step:.4g} s, {of} exchangeable with these, lies within the bound "
+        "of the model in all measured states at once with probability at least "
+        f"{_percent(confidence)}{few}. It rests on {own.count:,} held-out transitions, which "
+        f"are {own.pieces:,} {pieces}; no smaller share of the fitted ones is inside.{one} Measurement noise is inside "
+        f"the bound. This is not a bound for every state.{rest}"
     )

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import sympy as sp
+from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from simgap.diagnosis.reading.table import Floats
@@ -33,12 +34,15 @@ class Transitions:
         start: (n, states and inputs) where each begins, the states first; the inputs are means over the step.
         then: (n, k) what is measured a step later, under inputs held at these means.
         seconds: length of the step; pieces: into how many an integration takes it.
+        trace: (n,) name of the recording that each is of; at: (n,) when it begins there, s.
     """
 
     start: Floats
     then: Floats
     seconds: float
     pieces: int
+    trace: NDArray[np.str_]
+    at: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +90,13 @@ def transitions(
     """
     names, nx = [*model.state_names, *model.input_names], len(model.state_names)
     begin, end = [np.zeros((0, len(names)))], [np.zeros((0, len(measured)))]
+    traces, stamps = [np.zeros(0, dtype=str)], [np.zeros(0)]
     dt = [float(np.median(np.diff(w.t))) for w in windows]
     samples = int(np.ceil(step / min(dt) * (1 - 1e-9))) if dt else 1
     pieces = max(min(_INNER * samples, _MOST), samples)
     for w in windows:
         at = np.arange(w.t[0], w.t[-1] - step * (1 + 1e-9), step)
+        own = np.full(len(at), w.trace)
         columns = {n: np.interp(at, w.t, w.states[:, i]) for i, n in enumerate(names[:nx])}
         columns |= {n: np.interp(at, w.t, w.measured[:, k]) for k, n in enumerate(measured)}
         columns |= {n: mean_input(w, j, at - late.get(n, 0.0), step) for j, n in enumerate(names[nx:])}
@@ -98,11 +104,14 @@ def transitions(
         then = np.stack([np.interp(at + step, w.t, w.measured[:, k]) for k in range(len(measured))], axis=1)
         if samples > 1 and len(at):
             true = _integrated(model, start[:, :nx], _commands(w, at, model, late), step, pieces)
-            moved = true - held(model, Transitions(start, then, step, pieces))
+            moved = true - held(model, Transitions(start, then, step, pieces, own, at))
             then = then - moved[:, [model.state_names.index(n) for n in measured]]
         begin.append(start)
         end.append(then)
-    return Transitions(np.concatenate(begin), np.concatenate(end), step, pieces)
+        traces.append(own)
+        stamps.append(at)
+    whole = (np.concatenate(parts) for parts in (traces, stamps))
+    return Transitions(np.concatenate(begin), np.concatenate(end), step, pieces, *whole)
 
 
 def held(model: SymbolicModel, part: Transitions) -> Floats:
@@ -122,7 +131,8 @@ def within(part: Transitions, model: SymbolicModel, X: Mapping[str, tuple[float,
         for at in (part.start, end):
             column = at[:, model.state_names.index(name)]
             kept &= (column >= lo) & (column <= hi)
-    return replace(part, start=part.start[kept], then=part.then[kept])
+    rows = {n: getattr(part, n)[kept] for n in ("start", "then", "trace", "at")}
+    return replace(part, **rows)
 
 
 def force_ratio(

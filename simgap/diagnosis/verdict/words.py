@@ -135,7 +135,9 @@ def _covered(remainder: Mapping[str, Any] | None) -> str:
     if remainder is None:
         return ""
     if remainder["bounded"]:
-        return "; its one-step part is bounded into gamma"
+        left = 100.0 * remainder["confidence"]
+        few = f", with a confidence of {left:.0f} %" if remainder["confidence"] < remainder["level"] else ""
+        return f"; its one-step part is bounded into gamma{few}"
     return f"; it is not bounded into gamma: {remainder['reason']}"
 
 
