@@ -103,7 +103,7 @@ def file_digest(path: Path) -> str:
 
 def code_digest(stage: str, case: Case | None = None, folder: Path = Path()) -> str:
     """A hash of the code that a stage runs for a case: its import closure and the plug-ins that the case uses."""
-    content: dict[str, Any] = _modules(closure(f"simgap.stages.{stage}"))
+    content: dict[str, Any] = module_digests(closure(f"simgap.stages.{stage}"))
     for group, name in plugins_of(stage, case):
         content[f"{group}: {name}"] = digest(_sources(group, name, folder))
     return digest(content)
@@ -137,19 +137,20 @@ def _sources(group: str, name: str, folder: Path) -> dict[str, str]:
     """What a plug-in is made of: its file, and all that this file imports from the package."""
     built_in = plugins.BUILT_IN[group].get(name)
     if built_in is not None:
-        return _modules(closure(built_in.partition(":")[0]))
+        return module_digests(closure(built_in.partition(":")[0]))
     file = plugins.source(plugins.find(group, name, folder))
     if file is None:
         return {}
     content = reading.read_bytes(file)
-    known = _graph().modules
-    modules = {m for name in _imported(content) if name in known for m in closure(name)}
+    known = import_graph().modules
+    modules = {m for name in imported_names(content) if name in known for m in closure(name)}
     named = folder / name.rpartition(":")[0]  # it may take its class from another file
     own = {"named": file_digest(named)} if ".py:" in name and reading.is_file(named) else {}
-    return {"": hashlib.sha256(content).hexdigest(), **own, **_modules(modules)}
+    return {"": hashlib.sha256(content).hexdigest(), **own, **module_digests(modules)}
 
 
-def _modules(names: Iterable[str]) -> dict[str, str]:
+def module_digests(names: Iterable[str]) -> dict[str, str]:
+    """A hash of the source of each module of the package."""
     return {name: _module_digest(name) for name in sorted(names)}
 
 
@@ -159,7 +160,7 @@ def _module_digest(module: str) -> str:
     return file_digest(_file(module))
 
 
-def _imported(source: bytes) -> list[str]:
+def imported_names(source: bytes) -> list[str]:
     """Names of modules, and of what is taken from them, that a file outside the package imports from it."""
     names: list[str] = []
     for node in ast.walk(ast.parse(source)):
@@ -173,14 +174,14 @@ def _imported(source: bytes) -> list[str]:
 @lru_cache(maxsize=256)
 def closure(module: str) -> frozenset[str]:
     """A module of this package and all that it imports from the package, however late; without `UNHASHED`."""
-    graph = _graph()
+    graph = import_graph()
     if module not in graph.modules:
         return frozenset()
     return frozenset({module, *graph.find_upstream_modules(module)} - {"simgap"})
 
 
 @lru_cache(maxsize=1)
-def _graph() -> Any:
+def import_graph() -> Any:
     """The import graph of the package, in 0.2 s; without a cache on disk, which would stand in the user's folder."""
     import grimp
 

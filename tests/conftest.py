@@ -5,6 +5,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tests import stale
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -39,3 +41,40 @@ def vary(tmp_path):
         return path
 
     return make
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--stale", action="store_true", help="of slow tests, only files whose code has changed since they passed"
+    )
+    parser.addoption("--record", action="store_true", help="keep the code with which files of slow tests passed")
+
+
+def pytest_collection_modifyitems(config, items):
+    if not config.getoption("--stale"):
+        return
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    old = slow - stale.stale(slow)
+    config.hook.pytest_deselected(items=[item for item in items if item.path in old])
+    items[:] = [item for item in items if item.path not in old]
+
+
+class Outcomes:
+    """Files of tests by how they ended, for the process that gathers the reports."""
+
+    def __init__(self):
+        self.passed, self.failed = set(), set()
+
+    def pytest_runtest_logreport(self, report):
+        file = ROOT / report.nodeid.partition("::")[0]
+        (self.failed if report.failed else self.passed).add(file)
+
+    def pytest_sessionfinish(self):
+        stale.record(self.passed - self.failed, self.failed)
+
+
+def pytest_configure(config):
+    if config.getoption("--record") and not hasattr(config, "workerinput"):
+        if config.option.keyword or config.option.markexpr != "slow" or config.args != config.getini("testpaths"):
+            raise pytest.UsageError("--record goes with `pytest -m slow` and nothing else")
+        config.pluginmanager.register(Outcomes())

@@ -1,0 +1,75 @@
+"""Which slow tests have to run again: those whose code has changed since they last passed (`pytest -m slow --stale`).
+
+The code of a file of tests is the file, the helpers that it imports, and the import closure in the package of all of
+them, as results of stages know it, with every plug-in; a file that imports nothing of the package starts it as a
+process, and is of all of it. What is not Python (cases, rules, templates, the lock file) counts for every file.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+from simgap import plugins
+from simgap.provenance import UNHASHED, closure, digest, file_digest, import_graph, imported_names, module_digests
+
+TESTS = Path(__file__).parent
+ROOT = TESTS.parent
+PASSED = TESTS / "slow_passed.json"
+"""Digests of the code with which each file of slow tests passed; `--record` writes it."""
+OTHERS = ("configs/**/*", "rules/*", "reports/**/*", "profiles/**/*", "Snakefile", "uv.lock", "docs/tutorial/*")
+
+
+def stale(files: Iterable[Path]) -> set[Path]:
+    """Those of the files of tests that have not passed with the code of today."""
+    known = json.loads(PASSED.read_text()) if PASSED.exists() else {}
+    return {file for file in files if known.get(_name(file)) != made_of(file)}
+
+
+def record(passed: Iterable[Path], failed: Iterable[Path]) -> None:
+    """Keep the digests of files that passed; forget those that did not, and files that are no more."""
+    known = json.loads(PASSED.read_text()) if PASSED.exists() else {}
+    known |= {_name(file): made_of(file) for file in passed}
+    gone = {_name(file) for file in failed} | {name for name in known if not (ROOT / name).exists()}
+    kept = {name: value for name, value in sorted(known.items()) if name not in gone}
+    PASSED.write_text(json.dumps(kept, indent=1) + "\n")
+
+
+def made_of(file: Path) -> str:
+    """A hash of the code of a file of tests."""
+    own, modules, waiting = {}, set[str](), [file]
+    while waiting:
+        path = waiting.pop()
+        if _name(path) in own:
+            continue
+        own[_name(path)] = file_digest(path)
+        for name in imported_names(path.read_bytes()):
+            modules |= closure(name)
+            waiting += _helpers(path, name)
+    found = modules | _plugged() if modules else import_graph().modules
+    return digest([own, module_digests({*found, *UNHASHED}), _others()])
+
+
+def _helpers(path: Path, name: str) -> list[Path]:
+    """The file of a helper that stands beside the tests or is named from the root, if it is one."""
+    relative = Path(*name.split(".")).with_suffix(".py")
+    return [place for place in (path.parent / relative, ROOT / relative) if place.is_file() and TESTS in place.parents]
+
+
+@cache
+def _plugged() -> frozenset[str]:
+    """What no import shows, because it is found by name."""
+    named = (target.partition(":")[0] for group in plugins.BUILT_IN.values() for target in group.values())
+    return frozenset(module for name in named for module in closure(name))
+
+
+@cache
+def _others() -> dict[str, str]:
+    found = (path for pattern in OTHERS for path in sorted(ROOT.glob(pattern)) if path.is_file())
+    return {_name(path): file_digest(path) for path in found}
+
+
+def _name(file: Path) -> str:
+    return file.resolve().relative_to(ROOT).as_posix()
