@@ -115,6 +115,7 @@ class Basis:
         Raises:
             UserError: where a term or one of its first two derivatives is not finite there.
         """
+        second = self.hessians  # refuses a kink before its slopes are asked for
         corners = [*zip(domain.lo, domain.hi, strict=True), *zip(inputs.min(0), inputs.max(0), strict=True)]
         names = (*self.states, *self.inputs)
         box = {symbol(s): (float(lo), float(hi)) for s, (lo, hi) in zip(names, corners, strict=True)}
@@ -123,7 +124,7 @@ class Basis:
         return BasisRanges(
             value=np.array([v.magnitude for v in values]),
             gradient=np.array([[g.pair for g in row] for row in slopes]),
-            hessian=np.array([[[enclose(e, box).magnitude for e in r] for r in rows] for rows in self.hessians]),
+            hessian=np.array([[[enclose(e, box).magnitude for e in r] for r in rows] for rows in second]),
             value_rounding=np.array([v.error for v in values]),
             gradient_rounding=np.array([[g.error for g in row] for row in slopes]),
         )

@@ -118,6 +118,7 @@ class ClosedFormGap:
         Raises:
             UserError: an expression without an interval version, or one that is not bounded on a cell.
         """
+        rounding = self.rounding(i, grid.box.lo, grid.box.hi, inputs)  # first: it names the term that is not bounded
         c, reach = grid.centres(), self.reach(grid)
         groups = (self.x, self.u)
         slopes = compile_interval_kernel([sp.diff(self.d[i], s) for s in self.x], groups)
@@ -128,11 +129,12 @@ class ClosedFormGap:
         centre_lo, centre_hi = values(c, c, inputs, 1)
         if not (np.isfinite(lo).all() and np.isfinite(hi).all()):
             raise UserError(
-                f"the gap of {self.x[i]} is not bounded on X and U", key="simulator", remedy="Use terms that are."
+                f"the gap of {self.x[i]} is not shown to be bounded on X and U",
+                key="simulator",
+                remedy="Write it in terms that are finite everywhere, or set simulator.slopes: sampled.",
             )
         undefined = np.isnan(slope_lo) | np.isnan(slope_hi)
         slope_lo[undefined], slope_hi[undefined] = -np.inf, np.inf
-        rounding = self.rounding(i, grid.box.lo, grid.box.hi, inputs)
         sides = lo[..., 0], hi[..., 0], centre_lo[..., 0], centre_hi[..., 0]
         return CellRanges(slope_lo, slope_hi, *sides, rounding, reach)
 

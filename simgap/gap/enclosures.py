@@ -22,7 +22,7 @@ _UNIT = 2.0**-52  # twice the unit roundoff: covers second-order terms
 _LIBM = 2.0**-49  # library functions, a few units in the last place
 _LITERAL = 2.0**-46  # generated code may print a literal to 15 digits only
 _TINY = 1e-300
-_FINITE = "Use terms that are finite there."
+_FINITE = "Leave out of X where it is not, or write it in terms that are finite everywhere."
 _KNOWN = "Use powers, sin, cos, tan, atan, tanh, exp, log, sqrt."
 
 _MONOTONE_SLOPE = {"sin": 1.0, "cos": 1.0, "tanh": 1.0, "atan": 1.0, "sign": 0.0, "Abs": 1.0}
@@ -55,9 +55,7 @@ def enclose(expr: sp.Expr, box: Mapping[sp.Symbol, tuple[float, float]]) -> Encl
     """
     result = _visit(sp.sympify(expr), box)
     if not (math.isfinite(result.lo) and math.isfinite(result.hi) and math.isfinite(result.error)):
-        raise UserError(
-            f"'{expr}' is not bounded on the state and input sets", remedy="Use terms that are finite there."
-        )
+        raise UserError(f"'{expr}' is not shown to be bounded on the state and input sets", remedy=_FINITE)
     return result
 
 
@@ -128,13 +126,13 @@ def _inverse(e: sp.Expr, a: Enclosure) -> Enclosure:
     lo, hi = interval.iinv.py_func(a.pair)
     nearest = min(abs(a.lo), abs(a.hi)) - a.error
     if not math.isfinite(lo) or nearest <= 0.0:
-        raise UserError(f"'{e}' divides by zero on the state and input sets", remedy="Use terms that are finite there.")
+        raise UserError(f"'{e}' divides by what may be 0 on the state and input sets", remedy=_FINITE)
     return Enclosure(lo, hi, a.error / nearest**2 + _UNIT / nearest)
 
 
 def _sqrt(e: sp.Expr, a: Enclosure) -> Enclosure:
     if a.lo < 0.0:
-        raise UserError(f"'{e}' takes the root of a negative number on the state and input sets")
+        raise UserError(f"'{e}' takes the root of what may be negative on the state and input sets", remedy=_FINITE)
     lo, hi = interval.isqrt.py_func(a.pair)
     error = math.sqrt(a.error) if a.lo <= a.error else a.error / math.sqrt(a.lo - a.error)
     return Enclosure(lo, hi, error + _LIBM * hi)
@@ -152,9 +150,7 @@ def _function(e: sp.Expr, parts: list[Enclosure]) -> Enclosure:
     name = type(e).__name__
     primitive = getattr(interval, "i" + name.lower(), None)
     if primitive is None or len(parts) != 1:
-        raise UserError(
-            f"'{e}' has no interval version", remedy="Use powers, sin, cos, tan, atan, tanh, exp, log, sqrt."
-        )
+        raise UserError(f"'{e}' has no interval version", remedy=_KNOWN)
     a = parts[0]
     lo, hi = (float(v) for v in primitive(a.pair))
     if name == "sign" and a.error > 0.0 and a.lo <= a.error and a.hi >= -a.error:
@@ -168,5 +164,5 @@ def _function(e: sp.Expr, parts: list[Enclosure]) -> Enclosure:
     elif name == "log" and a.lo > a.error:
         slope = 1.0 / (a.lo - a.error)
     else:
-        raise UserError(f"'{e}' is not bounded on the state and input sets")
+        raise UserError(f"'{e}' is not shown to be bounded on the state and input sets", remedy=_FINITE)
     return Enclosure(lo, hi, slope * a.error + _LIBM * max(abs(lo), abs(hi)) + _TINY)

@@ -22,7 +22,7 @@ from simgap.plants.coupling import force_columns
 from simgap.plants.joint_units import check_joint_units
 from simgap.plants.urdf import JointState, load_urdf
 from simgap.plants.urdf_checks import check_urdf
-from simgap.units import check_unit, force_along, require_unit
+from simgap.units import check_unit, dimension, force_along, require_unit
 
 
 def declared_model(section: PlantSection, folder: Path) -> SymbolicModel:
@@ -96,6 +96,12 @@ def _check_units(section: PlantSection, written: SymbolicPlant) -> None:
             check_unit(variable.unit, f"plant.{kind}.{name}.unit")
     for name, parameter in written.parameters.items():
         check_unit(parameter.unit, f"plant.symbolic.parameters.{name}.unit")
+        if parameter.value < 0.0 and dimension(parameter.unit) in map(dimension, ("kg", "kg*m^2")):
+            raise UserError(
+                f"a mass or an inertia of {parameter.value:g} {parameter.unit} is negative",
+                key=f"plant.symbolic.parameters.{name}.value",
+                remedy="No body has one; the sign of a product of inertia belongs into the equations.",
+            )
     for name, c in written.coordinates.items():
         if c.force_unit is not None:
             check_unit(c.force_unit, f"plant.symbolic.coordinates.{name}.force_unit")

@@ -24,7 +24,7 @@ class Invariance(Specification):
 
     kind: Literal["invariance"] = Field(description="Stay in the safe set for ever.")
     safe: dict[str, Interval] = Field(
-        min_length=1, description="For each state the interval to stay in; states not named keep all of X."
+        default_factory=dict, description="For each state the interval to stay in; states not named keep all of X."
     )
 
     on_true_cells: ClassVar[bool] = True
@@ -60,7 +60,8 @@ class Invariance(Specification):
 
     def sentence(self, space: Space) -> str:
         """'stay for ever in ...'."""
-        return "stay for ever in " + ", ".join(space.interval(name, ends) for name, ends in self.safe.items())
+        named = ", ".join(space.interval(name, ends) for name, ends in self.safe.items())
+        return f"stay for ever in {named or 'X'}"
 
     def draw(self, axes: Any, space: Space, shown: tuple[int, int], look: Look) -> None:
         """The border of the safe set."""

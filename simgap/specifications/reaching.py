@@ -17,6 +17,7 @@ from simgap.specifications.regions import (
     Mask,
     cells_meeting,
     cells_within,
+    covered,
     grown,
     inner_box,
     known,
@@ -27,6 +28,7 @@ from simgap.specifications.regions import (
 from simgap.specifications.space import Space
 from simgap.specifications.surroundings import on_floor
 
+NOT_FREE = "every cell of the target is inside an obstacle or too near to one or to a wall"
 RADIUS = 0.15
 """Radius of a footprint to draw where a case gives no clearance."""
 
@@ -76,7 +78,22 @@ class Reaching(Specification):
         bounded = np.isfinite(goal.lo)
         if np.any(bounded & ((goal.lo < within.lo) | (goal.hi > within.hi))):
             raise UserError("the target lies outside the arena", key=f"{KEY}.target", remedy="Move it inside")
+        self._refuse_covered(space, arena)
         return arena
+
+    def _refuse_covered(self, space: Space, arena: Box) -> None:
+        """Refuse a target that has no free state, whatever the cells are."""
+        keep, wraps, goal = space.vector(self.clearance), list(space.wrapping(arena)), self.goal_box(space)
+        lo, hi, period = arena.lo + keep, arena.hi - keep, np.diag(arena.hi - arena.lo)
+        if np.any(lo >= hi):
+            return  # nothing of the arena is left, which is told of the clearance
+        lo[wraps], hi[wraps] = -np.inf, np.inf
+        lo, hi = np.maximum(goal.lo, lo), np.minimum(goal.hi, hi)
+        lo, hi = np.where(np.isfinite(lo), lo, arena.lo), np.where(np.isfinite(hi), hi, arena.hi)
+        shifts = [np.zeros(space.size), *period[wraps], *-period[wraps]]
+        near = [Box(b.lo - keep + s, b.hi + keep + s) for b in self.boxes(space) for s in shifts]
+        if np.any(lo >= hi) or covered(Box(lo, hi), near):
+            raise UserError(NOT_FREE, key=f"{KEY}.target", remedy="Move the target, or lower the clearance")
 
     def on_floor(self, space: Space) -> bool:
         """Whether obstacles and clearance are about x and y alone: swept boxes do not say which headings a path has."""
@@ -136,11 +153,7 @@ class Reaching(Specification):
         free = self.free(game.space, game.grid, game.stray + game.error)
         target = self.goal(game) & free
         if not target.any():
-            raise UserError(
-                "every cell of the target is inside an obstacle or too near to one or to a wall",
-                key=f"{KEY}.target",
-                remedy="Move the target, or lower the clearance",
-            )
+            raise UserError(NOT_FREE, key=f"{KEY}.target", remedy="Move the target, or lower the clearance")
         return target, free
 
     def limits(self, space: Space) -> Box:

@@ -7,7 +7,8 @@ periodic axis a box stands for all its copies, whole periods apart.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 
 import numpy as np
@@ -19,6 +20,7 @@ from simgap.geometry import Box, Floats, Grid
 Mask = NDArray[np.bool_]
 Interval = tuple[float, float]
 SHRINK = 1e-9
+MOST_PARTS = 100_000
 KEY = "synthesis.specification"
 
 
@@ -80,6 +82,22 @@ def unbounded(box: Box, axes: tuple[int, ...]) -> Box:
 def grown(box: Box, by: Floats) -> Box:
     """The box with every face moved outward by `by` (nx,); a negative number moves it inward."""
     return Box(box.lo - by, box.hi + by)
+
+
+def covered(box: Box, by: Sequence[Box]) -> bool:
+    """Whether boxes hold all of a bounded box together: their faces cut it into parts that lie in each or beside it.
+
+    False, too, where there are more than `MOST_PARTS` parts: cells are asked then.
+    """
+    cuts = []
+    for j, (lo, hi) in enumerate(zip(box.lo, box.hi, strict=True)):
+        ends = [lo, hi, *(end for other in by for end in (other.lo[j], other.hi[j]) if lo < end < hi)]
+        faces = np.unique(ends)
+        cuts.append(0.5 * (faces[1:] + faces[:-1]))
+    if not by or math.prod(map(len, cuts)) > MOST_PARTS:
+        return False
+    parts = np.stack(np.meshgrid(*cuts, indexing="ij"), axis=-1).reshape(-1, box.size)
+    return bool(np.any([other.contains(parts) for other in by], axis=0).all())
 
 
 def cells_within(grid: Grid, box: Box) -> Mask:

@@ -226,11 +226,13 @@ def _basis(context: Context) -> None:
     section = context.case.gap
     if section is None or section.bound not in ("scenario", "conformal") or context.case.domain is None:
         return
+    from simgap.gap.forms import widened
     from simgap.gap.linear_fit import listed_basis  # takes a second: only paid by cases that get this far
 
     try:
         free = free_axes(context.case)
-        _ = listed_basis(section.basis, context.states, context.inputs, context.box, free).hessians
+        basis = listed_basis(section.basis, context.states, context.inputs, context.box, free)
+        _ = basis.ranges(widened(context.box), context.input_set)
     except UserError as error:
         raise UserError(error.problem, key=error.key or "gap.basis", remedy=error.remedy) from None
 

@@ -195,7 +195,11 @@ def _control(context: Context, rollout: float, begun: float) -> Iterator[StageCo
         held = 2 * BYTES + (12.0 + packed) * cells
         if not wheeled:
             seconds, held = seconds + MARGIN * cells * inputs, held + MARGIN_BYTES * (1 + len(context.states)) * cells
-        yield StageCost("audit", asked, "steps of an adversary", seconds, held, "audit.evaluations")
+        of_cells = held > 4 * BYTES or seconds > 2 * asked * rollout  # most of it is not for the steps
+        of, key = "steps of an adversary", "audit.evaluations"
+        if of_cells:
+            of, key = f"{of} on {cells:,} cells", "synthesis.cells"
+        yield StageCost("audit", asked, of, seconds, held, key)
 
 
 def _terms(context: Context) -> int:

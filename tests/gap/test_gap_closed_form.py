@@ -205,3 +205,10 @@ def test_what_both_maps_have_below_a_fraction_bar_cancels():
     a, b = (parse(f"{rows[0]} + {more}", ["x1", "x2"]) for more in ("2*x1", "x1 + x1*x2 - x2*x1"))
     other = parse(rows[1], ["x2"])
     assert ClosedFormGap.of([a, other], NominalModel(XS, (), (b, other), 1.0)).d == (XS[0], 0)
+
+
+def test_what_is_not_shown_to_be_bounded_is_named_and_not_said_to_be_unbounded():
+    """sin(20 x) / (20 x) is at most 1, and no enclosure of a quotient says so."""
+    with pytest.raises(UserError, match="'1/x1' divides by what may be 0") as refused:
+        known("1e-4*sin(20*x1)/(20*x1)", "0").ranges(0, GRID, U)
+    assert "write it in terms that are finite everywhere" in refused.value.remedy

@@ -41,6 +41,37 @@ def test_the_floor_is_that_of_a_body_that_drives():
     assert Invariance(kind="invariance", safe={"x": (0, 1)}).plane(FLOOR) is None
 
 
+def test_states_that_a_safe_set_does_not_name_keep_all_of_x():
+    asked = Invariance(kind="invariance")
+    region = asked.region(ANGLE)
+    assert (region.lo.tolist(), region.hi.tolist()) == (ANGLE.box.lo.tolist(), ANGLE.box.hi.tolist())
+    assert asked.sentence(ANGLE) == "stay for ever in X"
+
+
+@pytest.mark.parametrize(
+    ("keys", "free"),
+    [
+        ({"obstacles": [{"x": (2.5, 4), "y": (0, 3)}]}, False),
+        ({"obstacles": [{"x": (2.9, 3.6)}, {"x": (3.5, 4), "y": (1, 3)}, {"x": (3.5, 4), "y": (0, 1)}]}, False),
+        ({"obstacles": [{"x": (2.9, 3.6)}, {"x": (3.5, 4), "y": (1, 3)}, {"x": (3.5, 4), "y": (0, 0.9)}]}, True),
+        ({"obstacles": [{"x": (2.9, 3.4)}, {"x": (3.6, 4)}]}, True),
+        ({"obstacles": [{"x": (2.9, 3.4)}, {"x": (3.6, 4)}], "clearance": {"x": 0.1}}, False),
+        ({"clearance": {"x": 1.0}}, False),
+        ({"clearance": {"x": 0.9}}, True),
+        ({"target": {"t": (3.0, 3.3)}, "obstacles": [{"t": (2.9, 3.2)}, {"t": (-3.1, -2.9)}]}, False),
+        ({"target": {"t": (3.0, 3.3)}, "obstacles": [{"t": (2.9, 3.2)}, {"t": (-3.0, -2.9)}]}, True),
+    ],
+)
+def test_a_target_without_a_free_place_is_refused_before_any_cell_is_made(keys, free):
+    asked = ReachAvoid(kind="reach_avoid", **{"target": {"x": (3, 4)}} | keys)
+    if free:
+        assert asked.region(FLOOR).size == 3
+        return
+    with pytest.raises(UserError, match="every cell of the target is inside an obstacle or too near") as refused:
+        asked.region(FLOOR)
+    assert refused.value.key == "synthesis.specification.target"
+
+
 def test_what_is_drawn():
     import matplotlib.pyplot as plt
 

@@ -200,6 +200,30 @@ def test_a_degree_of_millions_of_terms_is_refused_at_once(tmp_path):
     assert refused.value.key == "gap.basis.degree"
 
 
+@pytest.mark.parametrize(
+    ("term", "words"),
+    [
+        ("max(q, w)", "'max(q, w)' is not twice differentiable"),
+        ("sin(20*q)/(20*q)", "'1/q' divides by what may be 0"),
+        ("log(q)", "'log(q)' is not shown to be bounded"),
+    ],
+)
+def test_a_term_of_a_basis_is_refused_before_the_roll_outs_for_what_it_is(tmp_path, term, words):
+    with pytest.raises(UserError) as refused:
+        check._basis(Context.load(written(tmp_path, case={"gap.basis": [term, 1]})))
+    assert (refused.value.key, words in refused.value.problem) == ("gap.basis", True), str(refused.value)
+
+
+def test_cells_are_told_as_the_cause_of_what_they_cost(tmp_path):
+    """An audit of 400 million cells holds gigabytes, however few steps it makes."""
+    specification = {"kind": "invariance"}
+    for cells, key in ((20_000, "synthesis.cells"), (100, "audit.evaluations")):
+        case = {"synthesis": {"cells": [cells, cells], "specification": specification}, "budget.memory": "1 TiB"}
+        found = {c.stage: c for c in costs.costs(Context.load(written(tmp_path, case=case)), rollout=1e-3)}
+        assert found["audit"].key == key
+    assert found["audit"].of == "steps of an adversary"
+
+
 def test_the_stages_refuse_it_too(tmp_path):
     path = written(tmp_path, case={"grid.eps": 1e-9})
     with pytest.raises(UserError, match="the budget is"):

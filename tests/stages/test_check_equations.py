@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 import sympy as sp
 import yaml
+from little_cart import CASE, write_cart
 
 from simgap.errors import UserError
 from simgap.model.dimensions import rate_mismatch
@@ -124,3 +127,16 @@ def test_dimensions_of_a_rate(text, wrong):
     expr = sp.sympify(text, locals={name: sp.Symbol(name) for name in units})
     told = rate_mismatch(expr, "A", {name: dimension(unit) for name, unit in units.items()})
     assert told.startswith(wrong) if wrong else told == ""
+
+
+def test_a_mass_or_an_inertia_below_zero_is_refused(tmp_path):
+    def loaded(value, unit):
+        plant = {"symbolic": {"parameters": {"J": {"value": value, "unit": unit}}, "dynamics": {"x": "v", "v": "F/J"}}}
+        return Context.load(write_cart(tmp_path, plant=CASE["plant"] | plant)).plant.declared
+
+    for unit in ("kg*m^2", "g", "g*cm^2"):
+        with pytest.raises(UserError, match=f"-0.1 {re.escape(unit)} is negative") as refused:
+            loaded(-0.1, unit)
+        assert refused.value.key == "plant.symbolic.parameters.J.value"
+    assert loaded(0.1, "kg").parameters["J"].value == 0.1
+    assert loaded(-0.1, "N").parameters["J"].value == -0.1
