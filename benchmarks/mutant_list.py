@@ -12,7 +12,21 @@ SETS = ("tests/specifications/test_margins_of_sets.py",)
 BORDERS = ("tests/gap/test_borders.py",)
 RANGES = ("tests/gap/test_gap_ranges.py",)
 SYMMETRY = ("tests/gap/test_symmetry.py",)
-COMPILED = (RANGES, WAVES)
+JUDGE = ("tests/test_judge.py",)
+BESIDE = (
+    "tests/synthesis/test_synthesis_controller.py::test_outside_the_grid_there_is_nothing_though_its_last_cell_wins",
+)
+PLACES = ("tests/specifications/test_sections.py", "tests/specifications/test_surroundings.py")
+TURNS = ("tests/gap/test_gap_periodic.py",)
+PROBE = ("tests/simulators/test_python_function.py",)
+FMU = ("tests/simulators/test_fmu.py::test_state_that_the_case_does_not_have_is_refused",)
+_LINES = "tests/checker/test_checker.py::test_"
+REPEATS = (
+    f"{_LINES}on_a_circle_equations_repeat_and_what_is_one_state_is_said",
+    f"{_LINES}how_far_an_expression_moves_after_a_turn_is_what_its_values_say",
+)
+ROUNDED = (f"{_LINES}rounding_that_is_left_out_of_a_bound_is_found",)
+COMPILED = (RANGES, WAVES, TURNS)
 """Tests whose code asks for compiled kernels: what they call is handed over by address, which Python has none of."""
 
 
@@ -33,7 +47,9 @@ def _of(
     made = []
     for fault in faults:
         own = fault[3] if len(fault) == 4 else tests
-        made.append(Mutant(f"simgap/{file}", fault[0], fault[1], fault[2], own))
+        made.append(
+            Mutant(file if file.startswith("checker/") else f"simgap/{file}", fault[0], fault[1], fault[2], own)
+        )
     return made
 
 
@@ -469,5 +485,116 @@ MUTANTS: list[Mutant] = [
             "parts += []",
         ),
         ("rest is missed by a rounding error", "np.where((left <= 0.0) & (right >= 0.0), 0.0, root)", "root + 1e-18"),
+    ),
+    *_of(
+        "judge.py",
+        JUDGE,
+        ("a level that stays is taken for one that falls", "(after < before)", "(after <= before)"),
+        ("a step is held against the bound after its own input", "[REST, *r.inputs[:-1]]", "[*r.inputs]"),
+        (
+            "a successor is not moved by the turns of its state",
+            "x, following = self.space.unwound(x, following)",
+            "x, _ = self.space.unwound(x, following)",
+        ),
+        ("a state beyond the grid is in its last cell", "(~inside | (cells < 0))[1:]", "(~inside)[1:]"),
+    ),
+    *_of(
+        "synthesis/controller.py",
+        BESIDE,
+        (
+            "a lookup outside the grid is that of the last node",
+            "np.where(rows >= 0, self.choice[rows], -1)",
+            "self.choice[rows]",
+        ),
+        (
+            "what is outside the grid is in the domain of the last cell",
+            "np.where(cells >= 0, self.solution.winning[cells], False)",
+            "self.solution.winning[cells]",
+        ),
+        (
+            "what is outside the grid is in the target of the last cell",
+            "np.where(cells >= 0, ended[cells], False)",
+            "ended[cells]",
+        ),
+        (
+            "a value outside the grid is that of the last node",
+            "np.where(rows >= 0, self.solution.value[rows], -1)",
+            "self.solution.value[rows]",
+        ),
+    ),
+    *_of(
+        "closed_loop.py",
+        BESIDE,
+        (
+            "the loop looks up the last node outside the grid",
+            "int(picked[cell * memory + pending]) if cell >= 0 else -1",
+            "int(picked[cell * memory + pending])",
+        ),
+    ),
+    *_of(
+        "specifications/space.py",
+        PLACES,
+        ("a successor keeps its turns", "return x - turns, following - turns", "return x - turns, following", JUDGE),
+        (
+            "an axis wraps that a region cuts at its upper end",
+            "region.lo[j] == self.box.lo[j] and region.hi[j] == self.box.hi[j]",
+            "region.lo[j] == self.box.lo[j]",
+        ),
+    ),
+    *_of(
+        "specifications/toward.py",
+        PLACES,
+        (
+            "a copy of the target begins at 0",
+            "np.mod(x[:, j] - lo, period) <= hi - lo",
+            "np.mod(x[:, j], period) <= hi - lo",
+        ),
+    ),
+    *_of(
+        "specifications/surroundings.py",
+        PLACES,
+        ("what just touches touches nothing", "np.flatnonzero(clearance <= 0.0)", "np.flatnonzero(clearance < 0.0)"),
+        ("upper walls are not there", "np.minimum(at - self.walls[0], self.walls[1] - at)", "(at - self.walls[0])"),
+        ("an obstacle has no copies a turn away", "for n in (-1.0, 0.0, 1.0)]", "for n in (0.0,)]"),
+        ("a chord is its beginning", "np.linspace(0.0, 1.0, POINTS)", "np.linspace(0.0, 0.0, POINTS)"),
+    ),
+    *_of(
+        "gap/periodic.py",
+        TURNS,
+        (
+            "parts of a box across the seam lose their rounding",
+            "start, end = xlo[j] - back - slack, xhi[j] - back + slack",
+            "start, end = xlo[j] - back, xhi[j] - back",
+        ),
+        (
+            "parts of a box reach beyond X",
+            "a[j], b[j] = max(start, lo[j]), min(end, hi[j])",
+            "a[j], b[j] = start, end",
+        ),
+    ),
+    *_of(
+        "simulators/probe.py",
+        PROBE,
+        ("calls are repeated at once", "time.sleep(PAUSE)", "time.sleep(0.0)"),
+        ("calls are not repeated later", "elif len(x) >= BLOCK:", "elif not tried:"),
+        ("second steps are not tried", "        if self._whole:\n", "        if not self._first.size:\n", FMU),
+    ),
+    *_of(
+        "checker/repeats.py",
+        REPEATS,
+        ("any angle counts as whole turns", "<= ROUNDING * abs(by)", "<= abs(by)"),
+        ("a successor may move by parts of a period", ".denominator == 1)", ".denominator >= 1)"),
+        ("the larger of two moves as the first does", "if len({*parts}) == 1 else None", "if parts else None"),
+        ("a black box is not told", 'unknown = c.header["simulator"] is None', "unknown = False"),
+    ),
+    *_of(
+        "checker/pairs.py",
+        ROUNDED,
+        (
+            "a gap may leave its bound on part of a cell",
+            "sound &= where.range(e)[0] >= 0",
+            "sound &= where.range(e)[1] >= 0",
+        ),
+        ("the same in rational numbers", "any(where.range(e)[0] < 0", "any(where.range(e)[1] < 0"),
     ),
 ]

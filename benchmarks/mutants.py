@@ -90,7 +90,7 @@ def main() -> None:
     rows = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for part in ("simgap", "tests", "configs"):
+        for part in ("simgap", "checker", "tests", "configs"):
             shutil.copytree(ROOT / part, folder / part)
         shutil.copy2(ROOT / "pyproject.toml", folder)
         for tests in sorted({m.tests for m in chosen}):

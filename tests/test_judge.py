@@ -6,6 +6,7 @@ import numpy as np
 import sympy as sp
 
 from simgap.gap.function import GapDomain
+from simgap.gap.previous import PreviousClasses
 from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Box, Grid
 from simgap.judge import LEFT, Judge, strays
@@ -81,6 +82,38 @@ def test_a_run_that_leaves_the_winning_domain_and_comes_back_is_a_violation():
     assert Inside(Box([0.0], [4.0])).judge(run, 3).outcome.kept
     assert strays(solution, run) == 1
     assert strays(solution, Run(x[2:], np.array([1]), False, x[2:])) == 0
+
+
+def test_a_step_that_stays_at_its_level_comes_no_nearer():
+    solution = corridor([5, 4, 3, 2, 1, 0])
+    assert strays(solution, along([1.5, 1.6, 2.5], [0, 1])) == 1
+    assert strays(solution, along([1.5, 1.6, 1.7], [0, 1])) == 2
+
+
+def test_a_step_is_held_against_the_bound_after_the_input_before_it_and_not_its_own():
+    inputs = np.array([[-1.0], [0.0], [1.0]])
+    sizes = np.array([0.1, 0.3, 0.5])[:, None, None] * np.ones((3, 3, 3))  # after -1, after rest or 0, after 1
+    domain = GapDomain(("x", "y", "t"), ("v",), BOX, inputs, (0, 1))
+    bound = BodyFrameGap.of_classes(domain, (), -sizes, sizes, PreviousClasses.of(inputs, (3,)))
+    around = Surroundings.of(SPACE, (), BOX, np.zeros(3))
+    solution = corridor([5, 4, 3, 2, 1, 0])
+    judge = Judge(SPACE, Arriving(SPACE, BOX, around, solution), 20, inputs, model(), bound)
+    # 0.2 m beyond the model in each step: within what may follow rest, 0 and 1, beyond what may follow -1
+    two = [along([1.5, 2.7, 1.9, 3.1], [2, 0, 2]), along([2.5, 1.7, 2.9], [0, 2])]
+    assert judge.audit(two).outside.tolist() == [False, False, True, False, True]
+
+
+def test_a_turn_of_the_heading_is_no_gap_and_a_state_beyond_the_grid_is_nowhere():
+    x = np.array([[1.5, 0.5, PI - 0.1], [2.5, 0.5, PI + 0.05], [3.5, 0.5, PI + 0.05]])
+    around, solution = Surroundings.of(SPACE, (), BOX, np.zeros(3)), corridor([5, 4, 3, 2, 1, 0])
+    judge = Judge(SPACE, Arriving(SPACE, BOX, around, solution), 20, INPUTS, model(), gap(0.2))
+    turned = judge.audit([Run(x + np.array([0.0, 0.0, 2 * PI]), np.array([1, 1]), False, x)])
+    assert not turned.outside.any()
+    assert np.allclose(turned.d, [[0.0, 0.0, 0.15], [0.0, 0.0, 0.0]])
+    grid = Grid(Box([0.0], [4.0]), (4,))
+    every = Solution(grid, np.ones(4, bool), np.full((4, 1), 3, np.uint8), np.ones(4, bool))
+    gone = np.array([[3.5], [4.5]])
+    assert strays(every, Run(gone, np.array([1]), False, gone)) == 1
 
 
 def test_a_held_target_is_never_left():

@@ -234,6 +234,7 @@ def test_a_step_that_does_not_repeat_is_not_taken_for_one_that_wraps_around(tmp_
     ("ends", "simulated", "words"),
     [
         ((0.0, 1.0), None, "states 1 apart along x are one and the same, and the black box repeats itself so."),
+        ((0.0, 1.0), "x", "REJECTED: the simulator of x is not shown to repeat along x every 1"),
         ((-np.pi, np.pi), ["sin", "x"], "states 6.28319 apart along x are one and the same."),
         ((-np.pi, np.pi), ["sin", ["*", "1/3", "x"]], "REJECTED: the simulator of x is not shown to repeat along x"),
     ],

@@ -8,6 +8,7 @@ import sympy as sp
 from pydantic import ValidationError
 from synthesis_plants import constant_gap, pendulum, unicycle
 
+from simgap.closed_loop import scalar_lookup
 from simgap.config.synthesis import SynthesisSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.function import GapDomain
@@ -91,6 +92,22 @@ def test_outside_the_domain_there_is_no_input(controller):
         controller.input([0.0, -0.5])
     assert not controller.contains([[9.0, 9.0]])[0]
     assert controller.lookup([[9.0, 9.0]]).tolist() == [-1]
+
+
+def test_outside_the_grid_there_is_nothing_though_its_last_cell_wins():
+    """An index of -1 is the last one to an array."""
+    value = np.array([3, 2, 1, 0], np.int32)
+    grid, ended = Grid(Box([0.0], [4.0]), (4,)), np.ones(4, bool)
+    mask = np.full((4, 1), 1, np.uint8)
+    own = Controller(
+        np.array([[1.0]]), ("x",), ("u",), Solution(grid, ended, mask, ended, value, ended), "least_effort", {}
+    )
+    at = [[-0.5], [0.5], [3.5], [4.5]]
+    assert own.lookup(at).tolist() == [-1, 0, 0, -1]
+    assert own.contains(at).tolist() == own.in_target(at).tolist() == [False, True, True, False]
+    assert own.value(at).tolist() == [-1, 3, 0, -1]
+    find = scalar_lookup(own)
+    assert [find(np.array(x), 0) for x in at] == [-1, 0, 0, -1]
 
 
 def test_a_missing_or_damaged_file_is_one_line(tmp_path):
