@@ -1,4 +1,4 @@
-"""Folders of `benchmarks/hostile_commands.py` for commands of a fraction of a second; and that what is wrong is found."""
+"""Folders of `benchmarks/hostile_commands.py` for commands of a fraction of a second; what is wrong is found."""
 
 import os
 import signal
