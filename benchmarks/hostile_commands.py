@@ -1,6 +1,6 @@
 """Whole commands in hostile folders, by the thousand: links, pipes, modules, profiles, names, archives, disks, clocks.
 
-    python benchmarks/hostile_commands.py [--count 2000] [--seed 1] [--minutes 1e9] [--folder DIR] [--only NUMBER]
+    python benchmarks/hostile_commands.py [--count 2000] [--first 0] [--seed 1] [--minutes 1e9] [--folder DIR] [--only NUMBER]
 
 Folder n of a seed is made from these two alone (hostile/folders.py), and one command is run in it, in a process of its
 own (hostile/whole.py). A finding is: a traceback, an end by a signal or without a reason in one line, more than 60 s at
@@ -59,6 +59,7 @@ def main() -> None:
     """Try, count, keep."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=2000)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seed", default="1")
     parser.add_argument("--minutes", type=float, default=1e9)
     parser.add_argument("--folder", type=Path, default=Path("/tmp/simgap-hostile"))
@@ -77,7 +78,7 @@ def main() -> None:
     journal = asked.folder / f"tried-{asked.seed}.jsonl"
     done = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []
     ran = {d["number"] for d in done}
-    for number in (k for k in range(asked.count) if k not in ran):
+    for number in (k for k in range(asked.first, asked.count) if k not in ran):
         if time.monotonic() > end:
             break
         done.append(plain(one(number, asked.seed, asked.folder, kept)))

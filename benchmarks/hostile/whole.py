@@ -77,6 +77,7 @@ def one(
     rng = random.Random(f"{seed} {number}")
     words = rng.choices([words for _, words in commands], [weight for weight, _ in commands])[0]
     base = root / f"t{number}"
+    shutil.rmtree(base, ignore_errors=True)  # of a run that was killed
     place = Place(base / rng.choice(FOLDERS), base / "outside", kept)
     folders.whole(place, kept)
     chosen = rng.sample(ingredients, min(len(ingredients), rng.choice((1, 1, 2, 3))))
