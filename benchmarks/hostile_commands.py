@@ -1,6 +1,6 @@
 """Whole commands in hostile folders, by the thousand: links, pipes, modules, profiles, names, archives, disks, clocks.
 
-    python benchmarks/hostile_commands.py [--count 2000] [--first 0] [--seed 1] [--minutes 1e9] [--folder DIR] [--only NUMBER]
+    python benchmarks/hostile_commands.py [--count 2000] [--first 0] [--seed 1] [--minutes M] [--folder DIR] [--only N]
 
 Folder n of a seed is made from these two alone (hostile/folders.py), and one command is run in it, in a process of its
 own (hostile/whole.py). A finding is: a traceback, an end by a signal or without a reason in one line, more than 60 s at
