@@ -34,6 +34,7 @@ _USAGE: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: a person's mistake is one line on stderr and status 2, a broken promise status 1."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # processes of engines and stages import nothing that stands in this folder
     follow_the_run()
     without_pandas()
     logging.getLogger("simgap").addHandler(logging.NullHandler())  # without a log, errors are told once, below
