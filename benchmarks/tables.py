@@ -256,6 +256,7 @@ FAULTS = (
     ("kill", "killed", "not_recovered", "kills of stages (SIGKILL to all processes)", "not taken up to the same bytes"),
     ("storage", "faults", "wrong", "faults of disks, clocks, other programs", "neither one line nor the same bytes"),
     ("fuzz", "inputs", "findings", "hostile and damaged inputs", "neither read nor refused in one line"),
+    ("hostile_commands", "folders", "findings", "whole commands in hostile folders", "broke a promise"),
     ("fuzz_guided", "inputs", "findings", "inputs of a fuzzer that follows lines", "read wrongly"),
     ("reproducible", "files", "differing", "files of a run made again elsewhere", "of other bytes"),
     ("mutants", "mutants", "caught", "mutants of the code", "caught"),

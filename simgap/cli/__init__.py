@@ -7,7 +7,9 @@ import simgap.cli.bytecode  # noqa: F401  (first: the byte code of what follows 
 # isort: split
 import errno
 import logging
+import os
 import sys
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -17,7 +19,8 @@ from simgap.cli.announce import announce_code
 from simgap.cli.lean import without_pandas
 from simgap.cli.options import app
 from simgap.cli.terminal import say
-from simgap.errors import SimgapError, excerpt
+from simgap.errors import SimgapError, UserError, excerpt
+from simgap.io.atomic import not_linked
 from simgap.io.follow import follow_the_run
 from simgap.io.spent import LINE, spent
 from simgap.notation import one_line
@@ -33,11 +36,13 @@ _USAGE: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: a person's mistake is one line on stderr and status 2, a broken promise status 1."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # processes of engines and stages import nothing that stands in this folder
     follow_the_run()
     without_pandas()
     logging.getLogger("simgap").addHandler(logging.NullHandler())  # without a log, errors are told once, below
     announce_code()
     try:
+        _refuse_settings()
         result: Any = app(arguments if arguments is not None else sys.argv[1:], standalone_mode=False)
         status = result if isinstance(result, int) else 0
     except SimgapError as error:
@@ -71,6 +76,20 @@ def main(arguments: list[str] | None = None) -> None:
         logger.propagate = True  # as they were, for who calls this from Python
         logger.setLevel(logging.NOTSET)
     sys.exit(status)
+
+
+def _refuse_settings() -> None:
+    """Refuse a folder whose files would steer the libraries below: results would depend on where they are made.
+
+    Raises:
+        UserError: numba's or Matplotlib's settings, or MuJoCo's log as a link: they are found by their names.
+    """
+    for name, library in ((".numba_config.yaml", "numba"), ("matplotlibrc", "Matplotlib")):
+        if os.path.lexists(name):
+            raise UserError(
+                f"{library} would take its settings from it", file=name, remedy="Move it, or run in another folder."
+            )
+    not_linked(Path("MUJOCO_LOG.TXT"))
 
 
 def _logs_to_a_file() -> bool:

@@ -11,6 +11,7 @@ import typer
 from simgap.cli.options import CasePath, Log, Out, app, new_folder, start_log, values_of
 from simgap.cli.terminal import say
 from simgap.errors import UserError
+from simgap.io.atomic import no_links_below
 
 
 @app.command()
@@ -35,6 +36,8 @@ def diagnose(
     from simgap.cli.progress import progress
     from simgap.stages import diagnosis as stage
 
+    if out != Path():  # before the search, and not when its results are written; beside the case there may be links
+        no_links_below(out)
     journal = log or out / "diagnosis.log"
     start_log(journal)
     out.mkdir(parents=True, exist_ok=True)  # paths of the corrected case begin there

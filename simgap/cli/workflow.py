@@ -257,8 +257,7 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
     command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
     if not any(word.startswith("--workflow-profile") for word in options):
         command += ["--workflow-profile", str(workflow_file("profiles/default"))]
-    environment = os.environ | {RUN: f"{host()}:{os.getpid()}", "PYTHONSAFEPATH": "1"}
-    process = subprocess.Popen([*command, *options], env=environment)
+    process = subprocess.Popen([*command, *options], env=os.environ | {RUN: f"{host()}:{os.getpid()}"})
     interrupted = False
     while True:
         try:

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, WithJsonSchema
 
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 from simgap.units import conversion
 
 
@@ -18,9 +18,13 @@ def _to(unit: str) -> BeforeValidator:
         try:
             return float(number) * (conversion(given, unit).factor if given else 1.0)
         except UserError:
-            raise ValueError(f"'{given}' is no unit that converts to {unit}; write it like '0.005 {unit}'") from None
+            raise ValueError(
+                f"'{excerpt(given, 60)}' is no unit that converts to {unit}; write it like '0.005 {unit}'"
+            ) from None
         except ValueError:
-            raise ValueError(f"'{value}' is not a number with a unit; write it like '0.005 {unit}'") from None
+            raise ValueError(
+                f"'{excerpt(value, 60)}' is not a number with a unit; write it like '0.005 {unit}'"
+            ) from None
 
     return BeforeValidator(read)
 

@@ -40,6 +40,8 @@ def checked_points(path: Path) -> tuple[Path, list[Point]]:
     base, points = base_of(path), points_of_sweep(path)
     for point in points:
         context = Context(point.case, base)
+        if point.case.gap is None and point.case.hidden_state is None:
+            raise UserError("asks for no bound, which is what a sweep is over", file=base, key="gap", remedy="Add it.")
         if point.case.domain is None:
             continue
         try:

@@ -79,3 +79,9 @@ def test_a_file_name_that_is_none_of_a_sweep_is_told_as_that(asked, name):
     assert isinstance(done.exception, UserError)
     assert "Rename it" in str(done.exception)
     assert asked == []
+
+
+def test_a_case_without_a_bound_has_no_sweep(asked):
+    """The workflow ended in an AttributeError."""
+    Path("rod.yaml").write_text(yaml.safe_dump({key: value for key, value in CASE.items() if key != "gap"}))
+    assert "gap: asks for no bound" in str(typed("fine.yaml", axes={"domain.tau": [0.01, 0.02]}).exception)

@@ -69,7 +69,7 @@ def test_a_log_does_not_wait_for_the_reader_of_a_pipe(here):
         start_log(Path("a.log"))
 
 
-@pytest.mark.parametrize("name", ["diagnosis.log", ""])
+@pytest.mark.parametrize("name", ["diagnosis.log", "report.html", "diagnosis.json", ""])
 def test_a_diagnosis_writes_through_none(here, capsys, name):
     """The log was emptied before anything else, with a diagnosis that was refused too."""
     if name:
@@ -80,6 +80,7 @@ def test_a_diagnosis_writes_through_none(here, capsys, name):
     with pytest.raises(SystemExit) as ended:
         main(["diagnose", "cart.yaml", "run.csv"])
     assert ended.value.code == 2
+    assert sorted(os.listdir("diagnosis")) == ([name] if name else sorted(os.listdir("..")))
     assert not [name for name in os.listdir("..") if name.startswith(("diagnosis", "report"))]
     assert capsys.readouterr().err.count("\n") == 1
 

@@ -37,7 +37,7 @@ def command(*words):
 
 def test_modules_and_profiles_beside_the_case_are_left_alone(folder):
     Path("sweep.yaml").write_text("case: bounded.yaml\naxes: {domain.tau: [0.01, 0.02]}\n")
-    for words in (["run", "cart.yaml", "--dry-run"], ["sweep", "sweep.yaml", "--dry-run"]):
+    for words in (["run", "cart.yaml", "--dry-run"], ["sweep", "sweep.yaml", "--dry-run"], ["check", "bounded.yaml"]):
         done = command(*words)
         assert "check" in done.stdout + done.stderr, done.stderr  # the plan: its own profile says quiet: all
     assert not (folder.parent / "ran").exists()
