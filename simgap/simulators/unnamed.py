@@ -1,4 +1,4 @@
-"""Fresh processes, and what they share without a name in the system: locks and memory of which a killed run leaves nothing.
+"""Fresh processes, and what they share without a name in the system: locks and memory that a killed run leaves none of.
 
 The semaphores of `multiprocessing` stand in /dev/shm until a process of its own removes them, and SIGKILL of a group of
 processes, as by a batch system, ends that one too. What stands here ends with the last process that holds it.
