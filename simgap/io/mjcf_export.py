@@ -18,6 +18,7 @@ from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.plants.plant_model import PlantModel
+from simgap.plants.urdf_checks import loading
 
 REMEDY = "Use the case itself, or simgap.load_plant(case).drake_system(), which hold every effect."
 Write = Callable[[Any, AppliedEffect], bool]
@@ -72,10 +73,8 @@ def _from_urdf(path: Path) -> Any:
         UserError: a file that MuJoCo does not take.
     """
     mujoco = _mujoco()
-    try:
+    with loading("MuJoCo", path):
         return mujoco.MjSpec.from_file(str(reading.real(path)))
-    except ValueError as error:
-        raise UserError(f"MuJoCo does not take the file: {error}", file=path, remedy=REMEDY) from None
 
 
 def _on_joint(attribute: str, symbol: str, power: int = 0) -> Write:

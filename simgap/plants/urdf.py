@@ -17,11 +17,11 @@ from typing import Any
 
 import sympy as sp
 
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError
 from simgap.model.simplified import simplified
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
 from simgap.plants import numeric_terms
-from simgap.plants.urdf_checks import check_urdf, root_link
+from simgap.plants.urdf_checks import check_urdf, loading, root_link
 
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")
 _AXES = "xyz"
@@ -98,25 +98,33 @@ def _force_unit(plant: Any, joint: str) -> str:
 
 
 def multibody_plant(path: Path, gravity: tuple[float, float, float]) -> tuple[Any, list[str]]:
-    """Drake's continuous `MultibodyPlant` of a file, its root welded to the world, and its moving joints in order."""
+    """Drake's continuous `MultibodyPlant` of a file, its root welded to the world, and its moving joints in order.
+
+    Raises:
+        UserError: a file that Drake does not take, or a joint other than a hinge or a slide.
+    """
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import MultibodyPlant
 
     logging.getLogger("drake").addFilter(_not_of_friction)
     plant = MultibodyPlant(0.0)
     plant.mutable_gravity_field().set_gravity_vector(list(gravity))
-    try:
+    with loading("Drake", path):
         (model,) = Parser(plant).AddModels(path)
-    except (RuntimeError, ValueError) as error:
-        raise UserError(f"Drake cannot read it: {excerpt(str(error).splitlines()[0], 300)}", file=path) from None
-    root = root_link(path)
-    if root != "world":
-        plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, model))
-    plant.Finalize()
+        root = root_link(path)
+        if root != "world":
+            plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(root, model))
+        plant.Finalize()
     joints = sorted(
         (plant.get_joint(k) for k in plant.GetJointIndices() if plant.get_joint(k).num_velocities()),
         key=lambda joint: joint.velocity_start(),
     )
+    for joint in joints:
+        if joint.type_name() not in ("revolute", "prismatic"):
+            raise UserError(
+                f"joint '{joint.name()}' is of type {joint.type_name()}", file=path,
+                remedy="Hinges (revolute, continuous) and slides (prismatic) are known.",
+            )  # fmt: skip
     return plant, [j.name() for j in joints]
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 from xml.etree import ElementTree
@@ -12,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from simgap import reading
-from simgap.errors import UserError, excerpt
+from simgap.errors import SimgapError, UserError, excerpt
 
 NUMBERS: Mapping[str, Mapping[str, int]] = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -68,15 +69,61 @@ def check_urdf(path: Path) -> None:
         _check_inertia(path, link, name in moving)
 
 
+@contextmanager
+def loading(engine: str, path: Path) -> Iterator[None]:
+    """Around every load of a model file: what an engine has against it is a mistake in the file, told in one line.
+
+    Raises:
+        UserError: whatever the engine raises, with the file and what the engine says of it.
+    """
+    try:
+        yield
+    except SimgapError:
+        raise
+    except Exception as error:
+        said = excerpt(str(error) or type(error).__name__, 300)
+        absent = [n for n in _meshes(path) if "://" not in n and not (path.parent / n).is_file()]
+        lacks = f"; there is no {excerpt(absent[0], 80)}" if absent and absent[0] not in said else ""
+        raise UserError(
+            f"{engine} does not take it: {said.rstrip('.')}{lacks}", file=path, remedy="Correct it."
+        ) from None
+
+
+def _meshes(path: Path) -> list[str]:
+    try:
+        return [str(mesh.get("filename") or mesh.get("file") or "") for mesh in ElementTree.parse(path).iter("mesh")]
+    except (ElementTree.ParseError, LookupError, OSError, ValueError):
+        return []
+
+
 def _check_tree(path: Path, joints: Mapping[str, ElementTree.Element]) -> None:
-    """A link hangs on one joint: on two it closes a chain, which a URDF cannot say and engines read each its way."""
+    """A link hangs on one joint: on two it closes a chain, which a URDF cannot say and engines read each its way.
+
+    Links that carry each other close one beside the root, on which nothing then hangs them.
+    """
     carried: dict[str, str] = {}
+    above: dict[str, str] = {}
     for name, joint in joints.items():
         child = joint.find("child").get("link", "")  # type: ignore[union-attr]
         if child in carried:
             told = f"joints '{excerpt(carried[child], 40)}' and '{excerpt(name, 40)}' both carry it: a closed chain"
             _refuse(path, joint, f"<child> link '{excerpt(child, 40)}'", told, "Open the chain at one of them.")
         carried[child] = name
+        above[child] = joint.find("parent").get("link", "")  # type: ignore[union-attr]
+    for child in above:
+        link, seen = child, {child}
+        while (link := above.get(link, "")) in above and link not in seen:
+            seen.add(link)
+        if link == child:
+            ring = ", ".join(f"'{excerpt(n, 40)}'" for n in sorted(seen)[:4])
+            told = f"its chain leads back to it: {ring} hang on each other and on no root"
+            _refuse(
+                path,
+                joints[carried[child]],
+                f"<child> link '{excerpt(child, 40)}'",
+                told,
+                "Hang one of them on the root.",
+            )
 
 
 def _root(path: Path) -> ElementTree.Element:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.model.tree import Tree, moved
 from simgap.plants.urdf import multibody_plant
@@ -25,12 +24,6 @@ def load_tree(path: Path, gravity: float = 9.81) -> Tree:
     """
     plant, names = multibody_plant(path, (0.0, 0.0, -gravity))
     joints = [plant.GetJointByName(name) for name in names]
-    for joint in joints:
-        if joint.type_name() not in ("revolute", "prismatic"):
-            raise UserError(
-                f"joint '{joint.name()}' is of type {joint.type_name()}", file=path,
-                remedy="Hinges (revolute, continuous) and slides (prismatic) are known.",
-            )  # fmt: skip
     context = plant.CreateDefaultContext()
     poses = {joint.child_body().name(): _pose(plant, context, joint.child_body()) for joint in joints}
     carried = {body.name(): k for k, j in enumerate(joints) for body in plant.GetBodiesWeldedTo(j.child_body())}

@@ -10,10 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from simgap.config.simulator import EngineSection
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
-from simgap.plants.urdf_checks import check_urdf, root_link
+from simgap.plants.urdf_checks import check_urdf, loading, root_link
 from simgap.simulators.joint_engine import JointEngine
 from simgap.simulators.traits import FileTraits
 
@@ -105,15 +105,13 @@ def _diagram(plant: JointPlant, section: DrakeSettings) -> tuple[Any, Any]:
     bodies.set_discrete_contact_approximation(approximations[section.approximation])
     bodies.SetUseSampledOutputPorts(False)  # its state is then (q, v) alone
     bodies.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -plant.gravity])
-    try:
+    with loading("Drake", plant.file):
         (model,) = Parser(bodies).AddModels(plant.file)
-    except (RuntimeError, ValueError) as error:
-        raise UserError(f"Drake cannot read it: {excerpt(str(error).splitlines()[0], 300)}", file=plant.file) from None
-    root = root_link(plant.file)
-    if root != "world":
-        bodies.WeldFrames(bodies.world_frame(), bodies.GetFrameByName(root, model))
-    bodies.Finalize()
-    return builder.Build(), bodies
+        root = root_link(plant.file)
+        if root != "world":
+            bodies.WeldFrames(bodies.world_frame(), bodies.GetFrameByName(root, model))
+        bodies.Finalize()
+        return builder.Build(), bodies
 
 
 def _moving(bodies: Any) -> dict[str, Any]:

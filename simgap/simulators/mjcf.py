@@ -12,7 +12,7 @@ from simgap import reading
 from simgap.config.model_files import named_by
 from simgap.errors import UserError, excerpt
 from simgap.plants.joint_units import check_units
-from simgap.plants.urdf_checks import TRUST
+from simgap.plants.urdf_checks import TRUST, loading
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
@@ -54,10 +54,8 @@ def read_mjcf(path: Path) -> Any:
                 f"'{excerpt(name, 60)}' lies outside the model's folders", file=path,
                 remedy=f"Put it beside the model, or trust it: set {TRUST}=1.",
             )  # fmt: skip
-    try:
+    with loading("MuJoCo", path):
         model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise UserError(f"MuJoCo does not take it: {excerpt(error, 300)}", file=path, remedy="Correct it.") from None
     known = {reading.real(place) for place in (path, *named.values())}
     needed = [Path(p) for p in mujoco.mju_getXMLDependencies(str(path)) if reading.is_file(Path(p))]
     unseen = [p for p in needed if reading.real(p) not in known]

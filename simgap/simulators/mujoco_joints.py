@@ -13,7 +13,7 @@ from simgap.config.simulator import Damping, EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
-from simgap.plants.urdf_checks import check_urdf
+from simgap.plants.urdf_checks import check_urdf, loading
 from simgap.simulators import mjcf, mjcf_findings, mujoco_divergence
 from simgap.simulators.base import Simulator
 from simgap.simulators.joint_engine import JointEngine
@@ -147,7 +147,8 @@ def _of_urdf(plant: JointPlant, section: MuJoCoSettings) -> Any:
     """MuJoCo's model of a URDF, with the keys of the case in place of what the file says of damping and friction."""
     mujoco = mjcf.installed()
     check_urdf(plant.file)
-    model = mujoco.MjModel.from_xml_path(str(plant.file))
+    with loading("MuJoCo", plant.file):
+        model = mujoco.MjModel.from_xml_path(str(plant.file))
     model.opt.gravity[:] = (0.0, 0.0, -plant.gravity)
     kinds = {"euler": mujoco.mjtIntegrator.mjINT_EULER, "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT}
     model.opt.integrator = kinds.get(section.integrator, mujoco.mjtIntegrator.mjINT_RK4)

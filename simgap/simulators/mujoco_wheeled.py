@@ -18,7 +18,7 @@ from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
-from simgap.plants.urdf_checks import root_link
+from simgap.plants.urdf_checks import loading, root_link
 from simgap.simulators import mujoco_divergence
 from simgap.simulators.wheeled_engine import WheeledEngine, WheeledSettings
 
@@ -151,7 +151,8 @@ def model_of(plant: WheeledPlant, section: MuJoCoWheeledSettings) -> Any:
     """
     import mujoco
 
-    spec = mujoco.MjSpec.from_file(str(plant.urdf))
+    with loading("MuJoCo", plant.urdf):
+        spec = mujoco.MjSpec.from_file(str(plant.urdf))
     spec.compiler.fusestatic = False
     option = spec.option
     option.timestep, option.iterations = plant.tau / section.substeps, section.solver_iterations
@@ -168,7 +169,8 @@ def model_of(plant: WheeledPlant, section: MuJoCoWheeledSettings) -> Any:
         motor.target, motor.trntype, motor.biastype = name, mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtBias.mjBIAS_AFFINE
         motor.gainprm[0], motor.biasprm[2] = section.gain, -section.gain
         motor.forcelimited, motor.forcerange = True, [-section.torque, section.torque]
-    model = spec.compile()
+    with loading("MuJoCo", plant.urdf):
+        model = spec.compile()
     if section.payload:
         body = model.body(root).id
         scale = 1.0 + section.payload / float(model.body_mass[body])

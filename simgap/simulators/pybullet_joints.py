@@ -12,7 +12,7 @@ from simgap.config.simulator import Damping, EngineSection
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
-from simgap.plants.urdf_checks import check_urdf
+from simgap.plants.urdf_checks import check_urdf, loading
 from simgap.simulators.joint_engine import JointEngine
 from simgap.simulators.pybullet_links import links_of, without_mass
 from simgap.simulators.traits import FileTraits
@@ -61,7 +61,8 @@ class PyBulletJoints(JointEngine):
         p.setGravity(0, 0, -plant.gravity, physicsClientId=client)
         p.setTimeStep(plant.tau / section.substeps, physicsClientId=client)
         flags = p.URDF_USE_INERTIA_FROM_FILE if section.inertia == "file" else 0
-        body = p.loadURDF(str(plant.file), useFixedBase=True, flags=flags, physicsClientId=client)
+        with loading("PyBullet", plant.file):
+            body = p.loadURDF(str(plant.file), useFixedBase=True, flags=flags, physicsClientId=client)
         index: dict[str, int] = {}
         for j in range(-1, p.getNumJoints(body, physicsClientId=client)):
             d = section.damping

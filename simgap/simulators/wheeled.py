@@ -15,6 +15,7 @@ import numpy as np
 from simgap.errors import UserError
 from simgap.geometry import Floats
 from simgap.plants.model_file import Link
+from simgap.plants.urdf_checks import loading
 from simgap.simulators.pybullet_links import links_of, without_mass
 from simgap.simulators.wheeled_engine import WheeledEngine, WheeledSettings
 
@@ -68,7 +69,9 @@ class PyBulletWheeled(WheeledEngine):
         )
         floor = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
         p.changeDynamics(floor, -1, lateralFriction=s.floor_friction, restitution=0)
-        body = p.loadURDF(str(self._plant.urdf), [0, 0, s.wheel_radius], flags=p.URDF_USE_INERTIA_FROM_FILE)
+        urdf, place = self._plant.urdf, [0, 0, s.wheel_radius]
+        with loading("PyBullet", urdf):
+            body = p.loadURDF(str(urdf), place, flags=p.URDF_USE_INERTIA_FROM_FILE)
         index = {p.getJointInfo(body, j)[1].decode(): j for j in range(p.getNumJoints(body))}
         for link in range(-1, p.getNumJoints(body)):
             p.changeDynamics(
