@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from typing import Annotated
 import typer
 import yaml
 
+from simgap.cli import start
 from simgap.cli.options import CasePath, app, new_folder, values_of
 from simgap.cli.terminal import say
 from simgap.errors import SimgapError, UserError
@@ -55,8 +57,7 @@ def run(
     """
     from simgap.config.load import load_case
 
-    options = [word for word in (*map(str, cases), *context.args) if word.startswith("-")]
-    files = [path for path in cases if not str(path).startswith("-")]
+    files, options = split([*map(str, cases), *context.args])
     if not files:
         raise UserError("no case is given", remedy="Name one or more case files, such as robot.yaml.")
     for path in files:
@@ -76,6 +77,18 @@ def run(
     if whole:
         for path in files:
             _tell_verdict(path.stem)
+
+
+def split(words: Sequence[str]) -> tuple[list[Path], list[str]]:
+    """Files of a person, and options of Snakemake with their values: words behind an option that name no YAML file."""
+    files, options, behind = list[Path](), list[str](), False
+    for word in words:
+        behind = word.startswith("-") or (behind and not word.endswith((".yaml", ".yml")))
+        if behind:
+            options.append(word)
+        else:
+            files.append(Path(word))
+    return files, options
 
 
 def looks_on(options: Sequence[str]) -> bool:
@@ -229,12 +242,14 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
     # Beside what Snakemake keeps, under a name that says what is in it: a run that is killed leaves no other file.
     config = Path(".snakemake/simgap") / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.yaml"
     write_text(config, text)
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
+    command = [sys.executable, "-P", start.__file__, "--snakefile", str(workflow_file("Snakefile"))]
     command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # it begins so, and frees itself where it is ready
     process = subprocess.Popen([*command, *options], env=os.environ | {RUN: f"{host()}:{os.getpid()}"})
     interrupted = False
     while True:
         try:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             status = process.wait()
         except KeyboardInterrupt:  # Snakemake has it too, and ends its jobs
             interrupted = True
@@ -243,4 +258,6 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
             raise WorkflowFailed(
                 "the run was interrupted. What was finished is kept: the same command goes on from there"
             )
+        if status == start.USAGE:  # told
+            raise typer.Exit(2)
         return status
