@@ -30,11 +30,14 @@ def superscript(digits: str) -> str:
 
 
 def pretty_unit(unit: str) -> str:
-    """A unit as it is printed: 'N*m*s/rad' -> 'N m s/rad', 'kg*m^2' -> 'kg m²'; nothing for a pure number."""
+    """A unit as it is printed: 'N*m*s/rad' -> 'N m s/rad', 'kg*m^2' -> 'kg m²'; nothing for a pure number.
+
+    The units that an effect takes from what it acts on are named: '{force}*s/{position}' -> 'force s/position'.
+    """
     if unit in ("1", ""):
         return ""
     out, k = "", 0
-    text = unit.replace("**", "^")
+    text = unit.replace("**", "^").replace("{", "").replace("}", "")
     while k < len(text):
         if text[k] == "^":
             end = k + 1

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from simgap.cli.quiet import imported
+
+# isort: split
 import simgap.cli.bytecode  # noqa: F401  (first: the byte code of what follows is kept)
 
 # isort: split
@@ -32,6 +35,9 @@ _ROOMS = [module.__name__ for module in (workflow, gap, control, pages, view, me
 app.registered_commands.sort(key=lambda command: _ROOMS.index(getattr(command.callback, "__module__", "")))
 # Typer carries a click of its own; its usage errors are found through one of them.
 _USAGE: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
+
+
+imported()
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -24,14 +24,13 @@ def sweep(
 
     Other options, such as --dry-run, --unlock or --keep-going, are handed to Snakemake.
     """
-    from simgap.cli.workflow import looks_on, require_made, snakemake
+    from simgap.cli.workflow import looks_on, require_made, snakemake, split
     from simgap.stages.sweep import checked_points
 
-    words = [str(file), *context.args]
-    path = next((Path(word) for word in words if not word.startswith("-")), None)
-    if path is None:
-        raise UserError("no sweep file is given", remedy="Name one, such as configs/sweeps/basis.yaml.")
-    words.remove(str(path))
+    files, words = split([str(file), *context.args])
+    if len(files) != 1:
+        raise UserError(f"{len(files) or 'no'} sweep files are given", remedy="Name one, such as sweeps/radii.yaml.")
+    path = files[0]
     base, points = checked_points(path)
     target = f"results/sweeps/{path.stem}/report.html"
     snakemake(base.parent, [base.stem], cores, [*words, "--", target], path.parent)

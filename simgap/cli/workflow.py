@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ import typer
 import yaml
 
 from simgap import reading
+from simgap.cli import start
 from simgap.cli.options import CasePath, app, new_folder, values_of
 from simgap.cli.terminal import say
 from simgap.config.case import Case
@@ -58,8 +60,7 @@ def run(
     """
     from simgap.config.load import load_case
 
-    options = [word for word in (*map(str, cases), *context.args) if word.startswith("-")]
-    files = [path for path in cases if not str(path).startswith("-")]
+    files, options = split([*map(str, cases), *context.args])
     if not files:
         raise UserError("no case is given", remedy="Name one or more case files, such as robot.yaml.")
     loaded = [load_case(path) for path in files]
@@ -79,6 +80,18 @@ def run(
     if whole:
         for case in loaded:
             _tell_verdict(case)
+
+
+def split(words: Sequence[str]) -> tuple[list[Path], list[str]]:
+    """Files of a person, and options of Snakemake with their values: words behind an option that name no YAML file."""
+    files, options, behind = list[Path](), list[str](), False
+    for word in words:
+        behind = word.startswith("-") or (behind and not word.endswith((".yaml", ".yml")))
+        if behind:
+            options.append(word)
+        else:
+            files.append(Path(word))
+    return files, options
 
 
 def looks_on(options: Sequence[str]) -> bool:
@@ -253,14 +266,16 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
     no_links_below(config.parents[1], LINKED)
     write_text(config, text)
     # Nothing of this folder is run or obeyed: no module beside the case is imported, no profile beside it is read.
-    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(workflow_file("Snakefile"))]
+    command = [sys.executable, "-P", start.__file__, "--snakefile", str(workflow_file("Snakefile"))]
     command += ["--configfile", str(config), "--cores", str(cores), "--directory", "."]
     if not any(word.startswith("--workflow-profile") for word in options):
         command += ["--workflow-profile", str(workflow_file("profiles/default"))]
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # it begins so, and frees itself where it is ready
     process = subprocess.Popen([*command, *options], env=os.environ | {RUN: f"{host()}:{os.getpid()}"})
     interrupted = False
     while True:
         try:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             status = process.wait()
         except KeyboardInterrupt:  # Snakemake has it too, and ends its jobs
             interrupted = True
@@ -269,4 +284,6 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
             raise WorkflowFailed(
                 "the run was interrupted. What was finished is kept: the same command goes on from there"
             )
+        if status == start.USAGE:  # told
+            raise typer.Exit(2)
         return status

@@ -20,6 +20,9 @@ COLUMN_BYTES = 512  # what a column of a decoded message may take, beside the to
 _NUMBERS = tuple(f"std_msgs/{way}{kind}" for way in ("msg/", "") for kind in ("Float64", "Float32"))
 _ARRAYS = tuple(f"{name}MultiArray" for name in _NUMBERS)
 _LEAST = 4  # bytes of a packed number
+_DEFINITION = 16_384
+"""Bytes of a type's definition: those that are read have some 3,000 with all their comments, and parsing takes longer
+than it grows (25 s for 300,000 fields)."""
 _DAMAGED = "Copy it again, or mend it (`mcap recover`)."
 
 
@@ -169,6 +172,11 @@ def _topics(summary: Any, file: str) -> tuple[dict[str, str], dict[str, set[int]
             raise UserError(
                 f"'{excerpt(topic, 60)}' is not in messages of ROS 2 (cdr, ros2msg) but in others ({said})", file=file,
                 remedy="Convert it to ROS 2 messages.",
+            )  # fmt: skip
+        if len(schema.data) > _DEFINITION:
+            raise UserError(
+                f"the definition of {schema.name} for '{excerpt(topic, 60)}' has {len(schema.data):,} bytes, more than "
+                f"{_DEFINITION:,}", file=file, remedy="Record it with the definition of ROS 2, or leave the topic out.",
             )  # fmt: skip
         kinds[topic] = schema.name
         channels.setdefault(topic, set()).add(number)

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from simgap.effects import EFFECTS, Effect
 from simgap.model.symbolic import SymbolicModel
+from simgap.notation import pretty_unit
 from simgap.stages.context import Context
 
 
@@ -42,7 +43,8 @@ def listing(case_path: Path | None) -> str:
             continue
         targets = kind.kind if model is None else ", ".join(found)
         for on, units in _units(kind, model, found):
-            symbols = ", ".join(f"{p.symbol} ({p.description}, {units[p.symbol]})" for p in kind.parameters)
+            told = [(p.symbol, filter(None, (p.description, pretty_unit(units[p.symbol])))) for p in kind.parameters]
+            symbols = ", ".join(f"{symbol} ({', '.join(words)})" for symbol, words in told)
             table.add_row(name, on or targets, kind.formula, symbols)
     console.print(table)
     for needs, absent in lacking.items():
@@ -50,7 +52,7 @@ def listing(case_path: Path | None) -> str:
     if model is not None:
         named = Table("parameter", "declared", "unit", box=None, pad_edge=False)
         for parameter in model.named_parameters.values():
-            named.add_row(parameter.name, f"{parameter.value:.6g}", parameter.unit)
+            named.add_row(parameter.name, f"{parameter.value:.6g}", pretty_unit(parameter.unit))
         console.print("\nNamed parameters of the plant (what parameter_error can scale):")
         console.print(named)
     return buffer.getvalue()

@@ -80,7 +80,8 @@ def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]
     """The moving joints in the order of the file, around the positions `at`, 0 where none is given.
 
     Raises:
-        UserError: a file without moving joints, a joint of another kind or without room, a name that is none of them.
+        UserError: a file without moving joints, a joint of another kind or without room, a name that is none of them, a
+            position that the joint does not reach.
     """
     if not joints:
         raise UserError("has no moving joint", file=urdf, remedy="Give the URDF of a robot that moves.")
@@ -90,6 +91,13 @@ def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]
             f"no moving joint is called {', '.join(map(repr, unknown))}", key="--at",
             remedy=f"Moving joints: {', '.join(joints)}.",
         )  # fmt: skip
+    for name, position in at.items():
+        lower, upper = joints[name].range or (-math.inf, math.inf)
+        if not lower <= position <= upper:
+            raise UserError(
+                f"{name}={position:g} is beyond a stop: the joint goes from {lower:g} to {upper:g}", key="--at",
+                remedy="Give a posture within its limits, or correct <limit> in the URDF.",
+            )  # fmt: skip
     axes = []
     for k, (name, joint) in enumerate(joints.items()):
         if joint.kind not in ("revolute", "continuous", "prismatic"):

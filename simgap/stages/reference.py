@@ -8,6 +8,7 @@ from typing import Any
 
 from simgap.config.schema import schema_text
 from simgap.effects import EFFECTS
+from simgap.notation import axis_label
 
 _HEAD = """# Reference
 
@@ -22,7 +23,8 @@ _EFFECTS = """
 ## Effects
 
 What a diagnosis looks for, `plant.effects` adds to the nominal model, and `simulator.effects` to the simulator where it
-can act them out.
+can act them out. In a unit, force and position are those of the coordinate
+(N m and rad, or N and m), input and state those of what the effect acts on.
 
 | effect | on | formula | parameters | source |
 |---|---|---|---|---|
@@ -37,7 +39,9 @@ def reference() -> str:
                    _keys(schema, schema["$defs"], ""))  # fmt: skip
     rows = ""
     for name, kind in EFFECTS.items():
-        numbers = "; ".join(f"`{p.symbol}` {p.description} ({p.unit})" for p in kind.parameters)
+        numbers = "; ".join(
+            f"`{p.symbol}` {axis_label(p.description, {p.description: p.unit})}" for p in kind.parameters
+        )
         rows += f"| `{name}` | {kind.kind} | `{_cell(kind.formula)}` | {_cell(numbers)} | {_cell(kind.source)} |\n"
     return _HEAD + keys + _EFFECTS + rows
 

@@ -59,7 +59,10 @@ def test_errors_of_the_system_and_of_a_command_line(tmp_path, capsys):
 
 
 def test_nothing_else_speaks():
-    """Every line goes through one module: no other prints, echoes, or makes a console of its own."""
+    """Every line goes through one module: no other prints, echoes, or makes a console of its own.
+
+    What starts Snakemake imports nothing of simgap.
+    """
     folder, found = Path(simgap.__file__).parent, []
     for path in sorted(folder.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -67,4 +70,4 @@ def test_nothing_else_speaks():
                 called = ast.unparse(node.func)
                 if called in ("print", "typer.echo", "click.echo", "Console", "sys.stderr.write", "sys.stdout.write"):
                     found.append(f"{path.relative_to(folder)}: {called}")
-    assert found == ["cli/terminal.py: typer.echo", "stages/effects.py: Console"]
+    assert found == ["cli/start.py: sys.stderr.write", "cli/terminal.py: typer.echo", "stages/effects.py: Console"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgap.stages.effects import listing
+from simgap.stages.reference import reference
 
 CASES = Path(__file__).parents[2] / "configs" / "cases"
 
@@ -20,3 +21,12 @@ def test_a_case_lists_what_its_plant_can_have_and_why_not_the_rest():
     arm = listing(CASES / "pendulum.yaml")
     assert "which lacks a planar robot on two driven wheels" in " ".join(arm.split())
     assert "viscous_friction" in arm.split("\nNot on this plant")[0]
+
+
+def test_units_are_words_or_units_and_no_placeholders():
+    every = " ".join(listing(None).split())
+    assert "b (viscous coefficient, force s/position)" in every
+    assert "ratio (true over declared value)" in every
+    assert "{" not in every
+    assert "b (viscous coefficient, N m s/rad)" in " ".join(listing(CASES / "pendulum.yaml").split())
+    assert "{" not in reference().split("## Effects")[1]

@@ -6,6 +6,7 @@ import sys
 import tracemalloc
 from pathlib import Path
 
+import mcap_ros2.decoder
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -17,6 +18,9 @@ from mcap_ros2.writer import Writer
 sys.path.insert(0, str(Path(__file__).parent))
 import diagnosis_example as example
 
+from simgap.cli import main
+from simgap.diagnosis.reading.channels import Channel
+from simgap.diagnosis.reading.traces import ReadingOptions, read_traces
 from simgap.errors import UserError
 from simgap.io.diagnosis_tables import read_header, read_recording
 from simgap.stages import check
@@ -294,3 +298,64 @@ def test_messages_that_overtake_each_other_are_put_in_order(tmp_path):
     again = [("/joint_states", 10**9 * (1 + k % 10), EPOCH + k, {"hinge": 0.0}) for k in range(20)]
     with pytest.raises(UserError, match=r"the clock of '/joint_states' goes back by 9 s.*Cut it there"):
         read(written(tmp_path / "reset.mcap", again), Q)
+
+
+def test_a_definition_of_many_fields_is_refused_before_it_is_parsed(tmp_path, monkeypatch):
+    """300,000 of them took 25 s."""
+    monkeypatch.setattr(mcap_ros2.decoder, "generate_dynamic", lambda *_: pytest.fail("it is parsed"))
+    with (tmp_path / "wide.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start()
+        text = STATES.encode() + b"".join(b"int8 a%d\n" % k for k in range(300_000))
+        schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", text)
+        writer.add_message(writer.register_channel("/joint_states", "cdr", schema), EPOCH, b"\0" * 40, EPOCH)
+        writer.finish()
+    with pytest.raises(
+        UserError, match=r"wide\.mcap: the definition of sensor_msgs/msg/JointState .* bytes, more than"
+    ):
+        read_header(tmp_path / "wide.mcap", "wide.mcap")
+
+
+def test_a_joint_that_a_message_names_twice_is_refused_where_it_is_asked_for(tmp_path):
+    path = tmp_path / "twice.mcap"
+    bag(path, seconds=0.1, names=("gripper", "gripper", "hinge"))
+    with pytest.raises(UserError, match=r"message 1 of '/joint_states' has '/joint_states/gripper/position' twice"):
+        read(path, Q.replace("hinge", "gripper"))
+    assert read(path, Q).rows == 10
+
+
+def test_a_simulated_clock_begins_at_0(tmp_path):
+    at = [k * 10_000_000 for k in range(50)]
+    path = written(tmp_path / "sim.mcap", [("/joint_states", t, EPOCH + t, {"hinge": 0.01 * t}) for t in at])
+    assert list(read(path, Q).time) == at
+    for zeros in ([0], [20], [0, 1, 20]):
+        some = [("/joint_states", 0 if k in zeros else EPOCH + t, EPOCH + t, {"hinge": 0.0}) for k, t in enumerate(at)]
+        first = next((k for k in zeros if k > 1), 0) + 1
+        with pytest.raises(UserError, match=rf"message {first} of '/joint_states' has no stamp in its header, others"):
+            read(written(tmp_path / "some.mcap", some), Q)
+
+
+def test_a_stamp_that_goes_back_is_told(tmp_path):
+    at = [EPOCH + k * 10_000_000 for k in range(100)]
+    back = [*at[:50], at[20] + 1, *at[50:]]
+    messages = [("/joint_states", t, EPOCH + k, {"hinge": 0.0}) for k, t in enumerate(back)]
+    raw = read(written(tmp_path / "back.mcap", messages), Q)
+    assert raw.notes == (
+        "1 of 101 messages of '/joint_states' are stamped before one that was logged earlier, by up to 0.29 s; "
+        "they are put in order",
+    )
+    reading = read_traces([raw], [Channel("q", "rad", False, Q)], ReadingOptions(0.1))
+    assert reading.warnings[0] == f"back.mcap: {raw.notes[0]}"
+    assert read(written(tmp_path / "fine.mcap", messages[:50]), Q).notes == ()
+
+
+def test_names_of_joints_move_no_cursor(tmp_path, capsys):
+    name = "a\x1b[2Jb"
+    path = written(tmp_path / "esc.mcap", [("/t\x1b[31m", EPOCH + k, EPOCH + k, {name: 0.0}) for k in range(3)])
+    case = tmp_path / "case.yaml"
+    case.write_text(example.CASE + MEASURED.replace(Q, "other"))
+    with pytest.raises(SystemExit, match="2"):
+        main(["diagnose", str(case), str(path), "--out", str(tmp_path / "out")])
+    said = "".join(capsys.readouterr())
+    assert r"\x1b[2J" in said
+    assert "\x1b" not in said

@@ -199,6 +199,19 @@ def test_inputs_can_hold_the_plant_and_stop_it(root, tmp_path):
     assert case.domain.U["u"].max < 2.0 * (weight + inertia)
 
 
+@pytest.mark.parametrize(("at", "reached"), [(-12.7, False), (12.6001, False), (12.6, True), (-12.6, True)])
+def test_a_posture_beyond_a_stop_is_refused_and_not_moved_to_it(root, at, reached):
+    urdf = root / "configs/models/pendulum.urdf"
+    joints = read_model_file(urdf).joints
+    (name,) = joints
+    if reached:
+        (axis,) = axes_of(urdf, joints, {name: at})
+        assert axis.centre == at
+        return
+    with pytest.raises(UserError, match=rf"^--at: {name}={at:g} is beyond a stop: the joint goes from -12.6 to 12.6"):
+        axes_of(urdf, joints, {name: at})
+
+
 @pytest.mark.parametrize("limits", [(-0.1, 0.15), (0.4, 0.43), (-3.0, -0.2), (0.0005, 12.0)])
 def test_X_stays_inside_the_range_of_a_joint(root, tmp_path, limits):
     """An engine stops a joint there and the nominal model does not: a new case begins without that finding."""

@@ -25,6 +25,7 @@ class RawTable:
         columns: (n,) finite float64 each.
         labels: (n,) text of the trace column, or None where the file has none.
         units: unit stored with a column in the file.
+        notes: what a person should know of how it was read, in sentences.
     """
 
     file: str
@@ -35,6 +36,7 @@ class RawTable:
     labels: NDArray[np.str_] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     sha256: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def rows(self) -> int:

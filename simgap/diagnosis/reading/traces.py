@@ -112,7 +112,11 @@ def read_traces(tables: Sequence[RawTable], channels: Sequence[Channel], options
         raise _nothing_left(notes, options)
     record = Record(tuple(traces), measured, inputs)
     held = _held_out(origins, options)
-    warnings = [*_warnings(notes), *_uncommon(tables, found, measured)]
+    warnings = [
+        *(f"{t.file}: {note}" for t in tables for note in t.notes),
+        *_warnings(notes),
+        *_uncommon(tables, found, measured),
+    ]
     if not held and (options.held_files or options.held_traces):
         warnings.append(
             "what the case holds out is not among these data (or is all of them): a share of them is held out"
