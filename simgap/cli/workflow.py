@@ -53,6 +53,7 @@ def run(
     context: typer.Context,
     cases: Annotated[list[Path], typer.Argument(help="Case files, all of one folder.", show_default=False)],
     cores: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 2,
+    full: Annotated[bool, typer.Option("--full", help="Also with more trials beside the proofs.")] = False,
 ) -> None:
     """Take cases through every stage that they have sections for; results go to results/ here.
 
@@ -76,10 +77,10 @@ def run(
     whole = not looks_on(options)
     if whole:
         _refuse_beside({path.stem for path in files})
-    snakemake(folder, [path.stem for path in files], cores, options)
+    snakemake(folder, [path.stem for path in files], cores, [*options, "--", "full"] if full else options)
     if whole:
         for case in loaded:
-            _tell_verdict(case)
+            _tell_verdict(case, "full" if full else "")
 
 
 def split(words: Sequence[str]) -> tuple[list[Path], list[str]]:
@@ -111,16 +112,16 @@ def _refuse_beside(names: set[str]) -> None:
             )
 
 
-def _tell_verdict(case: Case) -> None:
+def _tell_verdict(case: Case, trials: str) -> None:
     """What the page of a case says first, and where it is.
 
     Raises:
         WorkflowFailed: a run that has ended well without it.
     """
     folder, controlled = Path("results") / case.name, case.synthesis is not None and bool(case.gap or case.hidden_state)
-    page = require_made(folder / ("report.html" if controlled else "check/check.json"))
+    page = require_made(folder / trials / "report.html" if controlled else folder / "check/check.json")
     if controlled:
-        verdict = read_json(folder / "summary.json")["verdict"]
+        verdict = read_json(page.with_name("summary.json"))["verdict"]
         say("\n".join([f"{case.name}:", *(f"  {line}" for line in verdict), f"  Page: {page}"]))
 
 
