@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import os
 import random
@@ -39,6 +40,7 @@ COMMANDS: Commands = (
 )
 """Each with how often it is drawn."""
 CPU, WALL = 60, 300  # seconds of a command, with its processes: at work, and of the clock
+SAID = 1 << 20  # bytes that a command says at most
 MEMORY = 3 << 30  # bytes that one holds at most
 LONGEST = 1500  # characters of a line that tells why
 
@@ -124,7 +126,12 @@ def _mounted(place: Place, rng: random.Random):
 
 def _run(place: Place, words: tuple[str, ...]) -> tuple[int, str]:
     """Exit status (a signal as its negative number) and what was said, on both streams."""
-    others = [_forked(place, words, f"said{k}") for k in range(2 if place.twice else 1)]
+    # A pipe: a file would be under the limits of the command. It holds more than any command has to say.
+    reader, writer = os.pipe()
+    fcntl.fcntl(reader, fcntl.F_SETPIPE_SZ, SAID)
+    os.set_blocking(reader, False)
+    others = [_forked(place, words, writer) for _ in range(2 if place.twice else 1)]
+    os.close(writer)
     ends = []
     for child in others:
         late = time.monotonic() + WALL
@@ -142,11 +149,15 @@ def _run(place: Place, words: tuple[str, ...]) -> tuple[int, str]:
             os.killpg(child, signal.SIGKILL)
         held = used.ru_maxrss * 1024
         ends.append(os.waitstatus_to_exitcode(status) if held < MEMORY else -1000)
-    said = "".join(p.read_text(errors="surrogateescape") for p in sorted(place.outside.parent.glob("said*")))
-    return min(ends) if min(ends) < 0 else max(ends), said
+    said = b""
+    with contextlib.suppress(BlockingIOError):
+        while piece := os.read(reader, SAID):
+            said += piece
+    os.close(reader)
+    return min(ends) if min(ends) < 0 else max(ends), said.decode(errors="surrogateescape")
 
 
-def _forked(place: Place, words: tuple[str, ...], said: str) -> int:
+def _forked(place: Place, words: tuple[str, ...], output: int) -> int:
     child = os.fork()
     if child:
         return child
@@ -154,7 +165,6 @@ def _forked(place: Place, words: tuple[str, ...], said: str) -> int:
     try:
         os.setsid()
         os.chdir(place.here)
-        output = os.open(place.outside.parent / said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         nowhere = os.open(os.devnull, os.O_RDONLY)
         for old, new in ((nowhere, 0), (output, 1), (output, 2)):
             os.dup2(old, new)
