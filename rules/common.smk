@@ -79,11 +79,12 @@ wildcard_constraints:
 
 def reads(stage):
     """What the stage reads of the case, as a hash for `params`."""
-    return lambda wildcards: sections_digest(
-        case_of(wildcards),
-        sections_of(stage, case_of(wildcards)),
-        folder_of(wildcards.case),
-    )
+
+    def made_of(wildcards):
+        case, folder = read_of(wildcards.case)
+        return sections_digest(case, sections_of(stage, case), folder)
+
+    return made_of
 
 
 def code(stage, case=None):
@@ -91,7 +92,7 @@ def code(stage, case=None):
 
     def made_by(wildcards):
         name = case or wildcards.get("case")
-        of = (case_of(name), folder_of(name)) if name else ()
+        of = read_of(name) if name else ()
         return digest([code_digest(stage, *of), versions(stage, *of)])
 
     return made_by
