@@ -33,8 +33,8 @@ from simgap.gap.steps.tables import AFTER_PREVIOUS, body_samples
 from simgap.gap.symmetry import BodyFrameGap, nominal_motion
 from simgap.geometry import Floats
 from simgap.io.documents import read_json
-from simgap.io.samples import read_columns
 from simgap.stages.context import Context
+from simgap.stages.made import samples_of
 from simgap.stages.synthesis import pose
 from simgap.synthesis.synthesise import Problem, synthesise
 
@@ -134,11 +134,12 @@ def main() -> None:
     model, axes, inputs = context.plant.sampled, pose_axes(context), context.input_set
     centre = 0.5 * (context.box.lo + context.box.hi)
     motion = nominal_motion(model.step, centre, inputs, axes, np.random.default_rng(0))
-    grid = steps_of(context, [read_columns(path[f"shard {k}"]) for k in range(SHARDS)], AFTER_PREVIOUS)
+    shards = [samples_of(context, path[f"shard {k}"], "rollouts") for k in range(SHARDS)]
+    grid = steps_of(context, shards, AFTER_PREVIOUS)
     d = grid.final - motion[grid.m]
     bare = hull(grid.m, d, len(inputs))
     still = d[grid.previous == np.abs(inputs).sum(axis=1).argmin()]
-    fresh_steps = body_samples(context.case, read_columns(path["fresh"]))
+    fresh_steps = body_samples(context.case, samples_of(context, path["fresh"], "fresh"))
     drawn = inputs[fresh_steps.m], fresh_steps.final - motion[fresh_steps.m]
     largest = np.abs(d).max(axis=0)
     rows: dict[str, Any] = {}

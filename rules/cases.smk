@@ -71,12 +71,27 @@ def case_path(name):
 
 
 def correction(wildcards):
-    """A corrected case's file is made by a rule, so it is an input; a case's own file is hashed section by section."""
+    """A file that a rule makes is an input, but what the stages read of it is hashed, as of any case, and not the file.
+
+    Asking the checkpoint has the hashes taken again once the diagnosis has run.
+    """
     if sweep_of(wildcards.case) is not None:
-        return ancient(
-            case_path(wildcards.case)
-        )  # what the stages read of it is hashed
-    return case_path(wildcards.case) if wildcards.case != base(wildcards.case) else []
+        return ancient(case_path(wildcards.case))
+    if wildcards.case == base(wildcards.case):
+        return []
+    made = checkpoints.diagnosis.get(case=base(wildcards.case)).output.corrected
+    return ancient(made)
+
+
+def read_of(name):
+    """What a job reads: the case and its folder; of a corrected case its own file, once there is one."""
+    path = Path(case_path(name))
+    if sweep_of(name) is None and name != base(name) and path.is_file():
+        try:
+            return load_case(path), path.parent
+        except SimgapError:
+            pass  # of an earlier version: the diagnosis makes it again
+    return case_of(name), folder_of(name)
 
 
 def load(name):

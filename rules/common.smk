@@ -91,11 +91,9 @@ def reads(stage):
     """What the stage reads of the case, as a hash for `params`."""
 
     def hashed(wildcards):
-        case = case_of(wildcards)
+        case, folder = read_of(wildcards.case)
         try:
-            return sections_digest(
-                case, sections_of(stage, case), folder_of(wildcards.case)
-            )
+            return sections_digest(case, sections_of(stage, case), folder)
         except SimgapError as error:
             told(error)
 
@@ -107,7 +105,7 @@ def code(stage, case=None):
 
     def made_by(wildcards):
         name = case or wildcards.get("case")
-        of = (case_of(name), folder_of(name)) if name else ()
+        of = read_of(name) if name else ()
         return digest([code_digest(stage, *of), versions(stage, *of)])
 
     return made_by

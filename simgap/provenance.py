@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
@@ -19,9 +19,10 @@ from typing import Any
 from simgap import plugins, reading
 from simgap.config.case import Case
 from simgap.config.function_file import FunctionFile
-from simgap.config.model_files import named_by, named_files
+from simgap.config.model_files import KEYS, named_by
 from simgap.config.plugged import used
-from simgap.config.reads import CLOSED_FORM, EVERY_EFFECT, OWN_FORMAT, READS, TRANSLATED
+from simgap.config.reads import CLOSED_FORM, COPIED, EVERY_EFFECT, OWN_FORMAT, READS, SIMULATED, TRANSLATED
+from simgap.errors import UserError, excerpt
 
 PACKAGE = Path(__file__).parent
 # What the typing of a case file does shows in the sections that are hashed, and what the registry of plug-ins does in
@@ -31,6 +32,8 @@ UNHASHED = (
     "simgap.stages.costs",
 )  # fmt: skip
 # Distributions that any result may depend on; what a plug-in depends on, it declares.
+MOST_TOLD = 3
+"""Keys that a message about another case names."""
 SHARED = ("drake", "numpy", "scipy", "sympy", "numba", "clarabel", "cvxpy")
 
 
@@ -41,36 +44,51 @@ def digest(content: Any) -> str:
 
 
 def sections_digest(case: Case, sections: Iterable[str], folder: Path) -> str:
-    """A hash of what a stage reads: sections by dotted name ('plant.states'), model files by their bytes.
+    """A hash of what a stage reads: `parts_of` together."""
+    return digest(parts_of(case, sections, folder))
 
-    Of 'gap.padding=inflate' no more is read than whether the key has the value.
+
+def parts_of(case: Case, sections: Iterable[str], folder: Path) -> dict[str, str]:
+    """A hash of each key ('domain.tau') of sections by dotted name ('plant.states'), wherever the case stands.
+
+    Files that a key names, with those that they name in turn, and plug-ins beside the case count by their bytes and not
+    by their paths. Of 'gap.padding=inflate' no more is read than whether the key has the value.
     """
-    content: dict[str, Any] = {}
+    found: dict[str, str] = {}
     whole = case.model_dump(mode="json")
     for name in sections:
         section, _, asked = name.partition("=")
         value: Any = whole
         for part in section.split("."):
             value = value.get(part) if isinstance(value, dict) else None
-        content[name] = value == asked if asked else value
-        files = dict(named_files(value)) if isinstance(value, dict) else {}
-        key = section.rpartition(".")[2]
-        if key in ("urdf", "mjcf") and isinstance(value, str):
-            files[key] = value
-        for key, path in files.items():
-            if reading.is_file(folder / path):
-                content[f"{section}: {'bytes' if key == 'urdf' else key}"] = file_digest(folder / path)
-                named = named_by(folder / path) if key.endswith(("urdf", "mjcf")) else ()
-                content |= {f"{section}: {key}: {name}": file_digest(place) for name, place in named}
-        content |= {f"{section}: function": own for own in _functions(value, folder)}
-    return digest(content)
+        if asked:
+            found[name] = digest(value == asked)
+        elif isinstance(value, dict):
+            read = _content("", value, folder)
+            found |= {f"{section}.{key}": digest(own) for key, own in read.items()}
+        else:
+            found[section] = digest(_content(section.rpartition(".")[2], value, folder))
+    return found
 
 
-def _functions(section: Any, folder: Path) -> Iterator[dict[str, str]]:
-    """Hashes of the files of a function that is the simulator, or of what a twin stands for."""
-    for value in (section, section.get("of")) if isinstance(section, dict) else ():
-        if isinstance(value, dict) and value.get("engine") == "python":
-            yield FunctionFile.find(value["function"], folder).digests()
+def _content(key: str, value: Any, folder: Path) -> Any:
+    """What stands below a key, with the bytes of what it names."""
+    if isinstance(value, dict):
+        read = {name: _content(name, own, folder) for name, own in value.items()}
+        if value.get("engine") == "python":
+            function = FunctionFile.find(value["function"], folder)
+            files = function.digests()
+            read["function"] = [files.pop(function.path.name), files, function.name]
+        return read
+    if isinstance(value, list):
+        return [_content("", own, folder) for own in value]
+    file, _, name = value.rpartition(":") if isinstance(value, str) else ("", "", "")
+    if file.endswith(".py") and reading.is_file(folder / file):
+        return [file_digest(folder / file), name]
+    if key in KEYS and isinstance(value, str) and reading.is_file(folder / value):
+        named = named_by(folder / value) if key != "fmu" else ()
+        return [file_digest(folder / value), {name: file_digest(place) for name, place in named}]
+    return value
 
 
 def sections_of(stage: str, case: Case) -> tuple[str, ...]:
@@ -216,16 +234,54 @@ def _version(distribution: str) -> str:
 
 
 def provenance(
-    stage: str, case: Case, folder: Path, seeds: Mapping[str, int] | None = None, **more: Any
+    stage: str, case: Case, folder: Path, seeds: Mapping[str, int] | None = None, rests: Sequence[str] = (), **more: Any
 ) -> dict[str, Any]:
-    """The record that every result carries; it holds no absolute path and no date, so equal runs are equal bytes."""
-    sections = list(sections_of(stage, case))
+    """The record that every result carries; it holds no absolute path and no date, so equal runs are equal bytes.
+
+    Args:
+        rests: further stages on whose results it rests, so that what these read is held against a case as well.
+    """
+    stages = [stage, *rests]
+    parts = _parts_of_stages(stages, case, folder)
     return {
         "stage": stage,
         "case": case.name,
-        "reads": {"sections": sections, "sha256": sections_digest(case, sections, folder)},
+        "reads": {"stages": stages, "sections": parts, "sha256": digest(parts)},
         "code": code_digest(stage, case, folder),
         "versions": {"simgap": _version("simgap"), **versions(stage, case, folder)},
         "seeds": dict(seeds or {}),
         **more,
     }
+
+
+def _parts_of_stages(stages: Iterable[str], case: Case, folder: Path) -> dict[str, str]:
+    return parts_of(case, dict.fromkeys(name for stage in stages for name in sections_of(stage, case)), folder)
+
+
+def require_own(path: Path, record: Any, stages: Sequence[str], case: Case, folder: Path) -> None:
+    """Refuse a result of another case, whatever its name: the keys that it rests on have to be those of this one.
+
+    Points of a sweep and a corrected case share what they have in common, so the name alone decides nothing.
+
+    Args:
+        record: what `provenance` gave; stages: those of which one must have made it.
+
+    Raises:
+        UserError: a result of another stage or of a case whose keys differ, with these.
+    """
+    made, reads = (record.get("stage"), record.get("reads")) if isinstance(record, dict) else (None, None)
+    again = f"Run `simgap {stages[0]}` of this case again."
+    if made not in stages:
+        what = f"not what `{stages[0]}` makes" + (f", but `{excerpt(made, 40)}`" if isinstance(made, str) else "")
+        raise UserError(what, file=path, remedy=again)
+    names, parts = (reads.get("stages"), reads.get("sections")) if isinstance(reads, dict) else (None, None)
+    if not (isinstance(names, list) and isinstance(parts, dict) and set(names) <= set(READS) and made in names):
+        raise UserError("does not say what of a case it was made of", file=path, remedy=again)
+    own = _parts_of_stages(names, case, folder)
+    passed = {"name", *(["plant.effects"] if made in SIMULATED else COPIED if made == "diagnosis" else [])}
+    differing = sorted(key for key in own.keys() | parts.keys() if own.get(key) != parts.get(key))
+    told = [excerpt(key, 60) for key in differing if not passed & {key, key.partition(".")[0]}]
+    if told:
+        rest = f" and {len(told) - MOST_TOLD} more" if len(told) > MOST_TOLD else ""
+        keys = ", ".join(told[:MOST_TOLD]) + rest
+        raise UserError(f"not of this case, which differs in {keys}", file=path, remedy=f"`{made}` read them. {again}")

@@ -49,7 +49,7 @@ READS: Mapping[str, tuple[str, ...]] = {
     "calibration": (*_SIMULATED, "gap.conformal.calibration_samples", "gap.conformal.seed", "hidden_state"),
     "scp": (*_MODEL, *_FIT, *_COUNTED, "hidden_state.classes", "simulator.effects", "simulator.urdf"),  # switching
     "lipschitz": (*_MODEL, "gap.seed", *_EXTREME_VALUE, *_COUNTED),
-    "gap": (*_MODEL, "gap", "hidden_state", "symmetry.tolerance", "simulator"),
+    "gap": (*_MODEL, "gap", "hidden_state", "symmetry", "simulator", "sensing.latency", "sensing.latency_of"),
     "synthesis": ("name", "plant", "domain", "simulator.effects", "synthesis", "sensing"),
     "validation": ("name", "plant", "domain", "simulator", *_JUDGED, "sensing", "validation"),
     "audit": ("name", "plant", "domain", "simulator", *_JUDGED, *_CHAINS, "sensing", "validation.steps", "audit"),
@@ -72,6 +72,15 @@ READS: Mapping[str, tuple[str, ...]] = {
         "sensing",
     ),
 }
+
+COPIED = ("title", "twin", "validation", "audit", "budget")
+"""Sections of which a diagnosis makes no use: it copies them into the corrected case."""
+
+SIMULATED = ("rollouts", "fresh", "calibration", "rig")
+"""Stages that ask the simulator alone: what the nominal model gains from recordings of it leaves them as they are."""
+
+CONTROLLED = ("synthesis", "gap")
+"""Stages on which whatever runs the gap-aware controller rests."""
 
 CLOSED_FORM = ("scp", "lipschitz")
 """Stages that read all of the simulator where its engine may know it in closed form."""

@@ -123,6 +123,7 @@ class CaseNames(Protocol):
     def inputs(self) -> Sequence[str]: ...  # noqa: D102
     @property
     def input_set(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def own(self, path: Path | str, record: Any, *stages: str) -> None: ...  # noqa: D102
 
 
 def load_domain(path: Path | str) -> Controller:
@@ -166,4 +167,5 @@ def _made_for(wanted: CaseNames, found: Controller, path: Path | str) -> Control
             )  # fmt: skip
     if not np.array_equal(found.input_set, wanted.input_set):
         raise UserError(f"the controller of '{made_for}' is of another U than this case has", file=path, remedy=REMEDY)
+    wanted.own(path, found.metadata, "synthesis")
     return found

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.io import checksum
+from simgap.io.parquet import record_of
 from simgap.io.unpacked import require_room, table_size
 
 _MAGIC = b"PAR1"
@@ -51,6 +52,15 @@ def parquet_header(path: Path, file: str) -> tuple[str, ...]:
     if twice:
         raise UserError(f"has two columns named '{excerpt(twice[0], 40)}'", file=file, remedy="Rename one of them.")
     return names
+
+
+def rig_record(path: Path) -> Any:
+    """What a file that `simgap rig` wrote says of its simulator; None of any other, readable or not."""
+    try:
+        record = record_of(pq.read_schema(path)) if is_parquet(path) else None
+    except (pa.ArrowException, OSError, UserError):
+        return None
+    return record if isinstance(record, dict) and record.get("stage") == "rig" else None
 
 
 def read_parquet_columns(path: Path, columns: list[str], file: str) -> Any:

@@ -50,6 +50,7 @@ class CaseDomain(Protocol):
     def box(self) -> Box: ...  # noqa: D102
     @property
     def input_set(self) -> Floats: ...  # noqa: D102
+    def own(self, path: Path | str, record: Any, *stages: str) -> None: ...  # noqa: D102
 
 
 def load_gap(path: Path, case: CaseDomain) -> SavedGap:
@@ -65,9 +66,11 @@ def load_gap(path: Path, case: CaseDomain) -> SavedGap:
         shape = (len(case.input_set), 2)
         count = function.classes.count if isinstance(function, BodyFrameGap) else 1
         by_class = _swept(content, "swept_boxes_by_class", (count, *shape)) if count > 1 else None
-        return SavedGap(function, _swept(content, "swept_boxes", shape), content, by_class)
+        saved = SavedGap(function, _swept(content, "swept_boxes", shape), content, by_class)
     except UserError as error:
         raise UserError(error.problem, file=path, key=error.key, remedy=REMEDY) from None
+    case.own(path, content.get("provenance"), "gap")
+    return saved
 
 
 def _same(found: GapDomain, wanted: CaseDomain) -> None:

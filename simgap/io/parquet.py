@@ -35,6 +35,14 @@ def table(
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
+def record_of(schema: pa.Schema) -> Any:
+    """The provenance of a table; None where it is none."""
+    try:
+        return json.loads((schema.metadata or {}).get(b"provenance", b"null"))
+    except ValueError:
+        return None
+
+
 def _constant(value: Any, rows: int) -> pa.Array:
     if isinstance(value, str):  # a dictionary of one word costs nothing
         return pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int8)), pa.array([value]))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from simgap.gap.points import Columns, Points
 from simgap.geometry import Floats
-from simgap.io.parquet import read_parquet, stack, table, write_parquet
+from simgap.io.parquet import read_parquet, record_of, stack, table, write_parquet
 
+Own = Callable[[Path, Any], None]
 STATES, INPUTS = "states.parquet", "inputs.parquet"
 
 
@@ -26,26 +27,28 @@ def write_points(
         write_parquet(folder / name, table(columns, units, {"point": points.name}, record))
 
 
-def read_points(folder: Path, names: tuple[Sequence[str], Sequence[str]]) -> Points:
-    """What `write_points` wrote.
+def read_points(folder: Path, names: tuple[Sequence[str], Sequence[str]], own: Own) -> Points:
+    """What `write_points` wrote; `own` refuses a record of another case.
 
     Raises:
-        UserError: a missing or damaged file, or columns of another case.
+        UserError: a missing or damaged file, or one of another case.
     """
     found: list[Floats] = []
-    for name, own in zip((STATES, INPUTS), names, strict=True):
-        content = read_parquet(folder / name, [*own, "point"])
-        found.append(stack(content, own))
+    for name, columns in zip((STATES, INPUTS), names, strict=True):
+        content = read_parquet(folder / name, [*columns, "point"])
+        own(folder / name, record_of(content.schema))
+        found.append(stack(content, columns))
     return Points(str(content.column("point")[0]), *found)
 
 
-def read_columns(path: Path, columns: Sequence[str] | None = None) -> Columns:
-    """A table as arrays by column.
+def read_columns(path: Path, own: Own) -> Columns:
+    """A table as arrays by column; `own` refuses a record of another case.
 
     Raises:
-        UserError: a missing or damaged file.
+        UserError: a missing or damaged file, or one of another case.
     """
-    content = read_parquet(path, columns)
+    content = read_parquet(path)
+    own(path, record_of(content.schema))
     return {name: content.column(name).to_numpy() for name in content.column_names}
 
 

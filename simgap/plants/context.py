@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 from simgap.config import context
 from simgap.plants.plant_model import PlantModel
+from simgap.provenance import require_own
 
 
 @dataclass(frozen=True)
@@ -17,3 +20,11 @@ class Context(context.Context):
     def plant(self) -> PlantModel:
         """The nominal model in all its shapes."""
         return PlantModel.of(self.case, self.folder)
+
+    def own(self, path: Path | str, record: Any, *stages: str) -> None:
+        """Refuse a result that one of these stages did not make of this case: `provenance.require_own`.
+
+        Raises:
+            UserError: with the keys that differ.
+        """
+        require_own(Path(path), record, stages, self.case, self.folder)

@@ -19,6 +19,7 @@ from simgap.attack.share import Searched
 from simgap.attack.starts import beginnings
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
 from simgap.config.audit import AuditSection
+from simgap.config.reads import CONTROLLED
 from simgap.config.trials import Trials
 from simgap.errors import BrokenPromise
 from simgap.gap.function import GapFunction
@@ -27,12 +28,12 @@ from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.parquet import table, write_parquet
-from simgap.io.samples import read_columns
 from simgap.io.shared_solution import SharedSolution
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool
 from simgap.stages.attacks import Job, attack
 from simgap.stages.context import Context, log
+from simgap.stages.made import samples_of
 from simgap.stages.margins import margins_of, summary
 from simgap.stages.scratch import scratch
 from simgap.stages.validation import tolerated
@@ -91,7 +92,7 @@ def run(
             parts = _done(pool, jobs)
     found = Searched.joined([part for part, _ in parts])
     loops = {name: Campaign.joined([own[name] for _, own in parts]) for name in (SIMULATOR, DISTURBANCE)}
-    record = provenance("audit", context.case, context.folder, {"audit": section.seed})
+    record = provenance("audit", context.case, context.folder, {"audit": section.seed}, CONTROLLED)
     witnesses = _witnesses(context, found, loops)
     content = counts(found, loops, context.states) | {"margins": summary(context, margins), "provenance": record}
     if isinstance(margins, str):
@@ -153,7 +154,9 @@ def _shared(context: Context, gap: GapFunction, controller: Path, scratch: Path)
 
 def _known(context: Context, bound: SavedGap, inputs: Inputs) -> tuple[Any, ...]:
     """Where searches over the gap begin."""
-    hidden, tables = context.case.hidden_state, [read_columns(path) for path in (*inputs.rollouts, inputs.fresh)]
+    hidden = context.case.hidden_state
+    tables = [samples_of(context, path, "rollouts", "borders") for path in inputs.rollouts]
+    tables.append(samples_of(context, inputs.fresh, "fresh"))
     if hidden is None:
         return worst_steps(context, bound.function, tables)
     return (worst_histories(context, bound.function, motion_of(context), tables, hidden.length),)
@@ -234,5 +237,5 @@ def _numbered(path: Path, number: int) -> Path:
 def _keep(context: Context, case_path: Path, bound: SavedGap, witness: Witness, out: Path) -> None:
     """The witness with its case, from where it lies, and its bound."""
     where = os.path.relpath(reading.real(case_path), reading.real(out).parent)
-    record = provenance("audit", context.case, context.folder)
+    record = provenance("audit", context.case, context.folder, rests=CONTROLLED)
     write_json(out, witness.to_json() | {"case": where, "gap": bound.content, "provenance": record})

@@ -22,6 +22,7 @@ from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder
 from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
 from simgap.errors import UserError
 from simgap.io.atomic import atomic, write_text
+from simgap.io.diagnosis_parquet import rig_record
 from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
 from simgap.io.pages import need_template
@@ -75,6 +76,9 @@ def run(
     context = Context.load(case_path)
     section = context.case.measured or MeasuredSection()
     paths = _paths(context, section, data)
+    for path in paths if section.rig == "simulator" else ():  # of the case's own simulator, as it says
+        if (record := rig_record(path)) is not None:
+            context.own(path, record, "rig")
     with context.blame():
         tree = None if context.plant.declared.derived else context.plant.tree
     if tree is not None:

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 from simgap.gap.steps.gap import Made, gap, seeds
-from simgap.io.documents import read_json, write_json
-from simgap.io.samples import read_columns, write_columns
-from simgap.provenance import provenance, sections_digest, sections_of
+from simgap.io.documents import write_json
+from simgap.io.samples import write_columns
+from simgap.provenance import provenance
 from simgap.stages.context import Context, log
-from simgap.stages.made import Shards, blame_shards, points_of_case
+from simgap.stages.made import Shards, blame_shards, points_of_case, result_of, samples_of
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ def run(case_path: Path, made: Inputs, out: Path, thinned: Path) -> None:
             points,
             by_state(context, "scp", points.name, made.scp),
             by_state(context, "lipschitz", points.name, made.lipschitz),
-            Shards(made.rollouts),
-            read_columns(made.fresh),
-            read_columns(made.calibration) if made.calibration else None,
-            read_columns(made.borders) if made.borders else None,
+            Shards(context, made.rollouts),
+            samples_of(context, made.fresh, "fresh"),
+            samples_of(context, made.calibration, "calibration") if made.calibration else None,
+            samples_of(context, made.borders, "borders") if made.borders else None,
         )
         bound = gap(context, content)
     log.info("%s", bound.check.tier.text)
@@ -70,18 +70,13 @@ def by_state(context: Context, stage: str, point: str, paths: Sequence[Path]) ->
         UserError: a state without a result or with two, a damaged one, or one that was made of something else.
     """
     found: dict[str, Any] = {}
-    sections = sections_of(stage, context.case)
     for path in paths:
-        content = read_json(path)
-        if not isinstance(content, dict) or "state" not in content:
+        content = result_of(context, path, stage)
+        if "state" not in content:
             raise UserError("not the result of one dimension", file=path, remedy="Delete it and run again.")
-        record = content.get("provenance", {})
-        named = context.case.model_copy(update={"name": record.get("case")})
-        wanted = (stage, point, sections_digest(named, sections, context.folder))
-        if (record.get("stage"), record.get("point"), record.get("reads", {}).get("sha256")) != wanted:
-            raise UserError(
-                f"not what `{stage}` makes of this case on the grid {point}", file=path, remedy=f"Run `{stage}` again."
-            )
+        other = content["provenance"].get("point")
+        if other != point:
+            raise UserError(f"of the grid {excerpt(other)}, not {point}", file=path, remedy=f"Run `{stage}` again.")
         if content["state"] in found:
             raise UserError(f"a second result for {content['state']}", file=path, remedy="Give one for each state.")
         found[content["state"]] = content

@@ -26,7 +26,7 @@ def run(case_path: Path, state: str, grid: Path, shards: Sequence[Path], out: Pa
         points = points_of_case(context, grid)
         log.info("%s of %d samples x %d inputs", state, len(points.states), len(points.inputs))
         began = time.perf_counter()
-        found = lipschitz(context, points, Shards(shards), i, room_in(out.parent))
+        found = lipschitz(context, points, Shards(context, shards), i, room_in(out.parent))
     log.info("estimated in %.2f s, roll-outs read and compared with the nominal model", time.perf_counter() - began)
     record = provenance("lipschitz", context.case, context.folder, point=points.name)
     write_json(out, {"state": state, **found.to_json(), "provenance": record})

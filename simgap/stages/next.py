@@ -25,10 +25,11 @@ from simgap.errors import UserError
 from simgap.geometry import Box, Floats
 from simgap.io import figure_style as style
 from simgap.io.atomic import write_text
-from simgap.io.documents import read_json, write_json
+from simgap.io.documents import write_json
 from simgap.io.next_figure import Proposed, next_figure
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
+from simgap.stages.made import result_of
 from simgap.stages.measured_data import load_reading
 
 DIAGNOSIS, INPUT, JSON, PICTURE = "diagnosis.json", "input.csv", "next.json", "next.png"
@@ -64,7 +65,7 @@ def run(
             progress(words)
 
     context = Context.load(case_path)
-    document = read_json(found / DIAGNOSIS)
+    document = result_of(context, found / DIAGNOSIS, "diagnosis")
     with context.blame():
         question = _question(context, document, found, seconds, start or {})
         advice = ask(question, np.random.default_rng(SEED), tell)

@@ -40,6 +40,7 @@ def run(path: Path, out: Path | None = None, engine_log: Path | None = None) -> 
     if "case" not in data or "gap" not in data:
         raise UserError("not a witness", file=path, remedy="Give a witness.json that the audit wrote.")
     context = Context.load(reading.real(path.parent / str(data["case"])))
+    context.own(path, data.get("provenance"), "audit")
     witness = Witness.from_json(data, len(context.states), len(context.inputs))
     gap = from_json(data["gap"])
     states = witness.states

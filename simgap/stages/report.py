@@ -10,7 +10,7 @@ from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
 from simgap.gap.function import GapFunction
 from simgap.io.atomic import write_bytes, write_text
-from simgap.io.controller_file import load_domain, load_domain_of
+from simgap.io.controller_file import load_domain_of
 from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import need_template, render
@@ -23,6 +23,7 @@ from simgap.report.figures import draw
 from simgap.report.material import Corrected, Material
 from simgap.report.measured_share import share_inside
 from simgap.stages.context import Context, log
+from simgap.stages.made import result_of, table_of
 
 TEMPLATE = "report.html.j2"
 
@@ -144,17 +145,17 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         sweep=[g.content for g in bounds],
         gap=gap.content,
         bound=gap.function,
-        samples=read_parquet(inputs.samples),
-        syntheses={kind: read_json(path) for kind, path in inputs.syntheses.items()},
+        samples=table_of(context, inputs.samples, "gap"),
+        syntheses={kind: result_of(context, path, "synthesis") for kind, path in inputs.syntheses.items()},
         controllers={kind: load_domain_of(path, context) for kind, path in inputs.controllers.items()},
-        validation=read_json(inputs.validation),
-        traces=split(read_parquet(inputs.traces), context.states, context.inputs),
-        diagnosis=read_json(found.document) if found is not None else None,
+        validation=result_of(context, inputs.validation, "validation"),
+        traces=split(table_of(context, inputs.traces, "validation"), context.states, context.inputs),
+        diagnosis=result_of(context, found.document, "diagnosis") if found is not None else None,
         corrected=_corrected(context, later, found, gap.function) if later is not None else None,
         printed=printed,
-        audit=read_json(inputs.audit) if inputs.audit is not None else None,
-        margins=read_parquet(inputs.margins) if inputs.margins is not None else None,
-        twin=read_json(inputs.twin) if inputs.twin is not None else None,
+        audit=result_of(context, inputs.audit, "audit") if inputs.audit is not None else None,
+        margins=table_of(context, inputs.margins, "audit") if inputs.margins is not None else None,
+        twin=result_of(context, inputs.twin, "twin") if inputs.twin is not None else None,
     )
 
 
@@ -164,15 +165,15 @@ def _eps(bound: SavedGap) -> float:
 
 
 def _corrected(context: Context, files: CorrectedFiles, found: Measured | None, gap: GapFunction) -> Corrected:
-    controllers = {kind: load_domain(path) for kind, path in files.controllers.items()}
-    return Corrected(read_json(files.summary), controllers, _inside(context, files, found, gap))
+    later = Context.load(files.case)
+    controllers = {kind: load_domain_of(path, later) for kind, path in files.controllers.items()}
+    return Corrected(result_of(later, files.summary, "report"), controllers, _inside(context, later, files, found, gap))
 
 
 def _inside(
-    context: Context, files: CorrectedFiles, found: Measured | None, gap: GapFunction
+    context: Context, later: Context, files: CorrectedFiles, found: Measured | None, gap: GapFunction
 ) -> dict[str, Mapping[str, float] | None]:
     """Measured transitions against both bounds, where the diagnosis kept them."""
-    later = Context.load(files.case)
     if found is None or found.transitions is None or later.states != context.states:
         return {}
     document, rows = read_json(found.document), read_parquet(found.transitions)

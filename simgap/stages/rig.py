@@ -13,6 +13,7 @@ from simgap.errors import UserError
 from simgap.excitation import multisine
 from simgap.geometry import Floats
 from simgap.io.parquet import table, write_parquet
+from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.stages.context import Context, log
 
@@ -53,7 +54,9 @@ def recording(
     for name, sigma in rig.noise.items():
         columns[name] = x[:, context.states.index(name)] + rng.normal(0.0, sigma, len(t))
     columns |= {name: u[:, j] for j, name in enumerate(context.inputs)}
-    return table(columns, context.units | {"t": "s"}, {"trace": number}, {"recorded": "rig"})
+    reads = provenance("rig", context.case, context.folder)["reads"]  # hashes alone, and nothing of what it is made of
+    record = {"recorded": "rig", "stage": "rig", "reads": reads}
+    return table(columns, context.units | {"t": "s"}, {"trace": number}, record)
 
 
 def move(case: Case, folder: Path, u: Floats) -> Floats:

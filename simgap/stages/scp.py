@@ -8,11 +8,10 @@ from pathlib import Path
 
 from simgap.gap.steps.scp import scp
 from simgap.io.documents import write_json
-from simgap.io.samples import read_columns
 from simgap.io.stored import room_in
 from simgap.provenance import provenance
 from simgap.stages.context import Context, log
-from simgap.stages.made import Shards, blame_shards, dimension, points_of_case
+from simgap.stages.made import Shards, blame_shards, dimension, points_of_case, samples_of
 
 
 def run(
@@ -29,8 +28,8 @@ def run(
         points = points_of_case(context, grid)
         log.info("%s of %d samples x %d inputs", state, len(points.states), len(points.inputs))
         began = time.perf_counter()
-        beside = read_columns(borders) if borders is not None else None
-        found = scp(context, points, Shards(shards), i, beside, room_in(out.parent))
+        beside = samples_of(context, borders, "borders") if borders is not None else None
+        found = scp(context, points, Shards(context, shards), i, beside, room_in(out.parent))
     log.info("fitted in %.2f s, roll-outs read and compared with the nominal model", time.perf_counter() - began)
     record = provenance("scp", context.case, context.folder, point=points.name)
     write_json(out, {"state": state, **found.to_json(), "provenance": record})

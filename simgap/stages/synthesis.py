@@ -6,10 +6,12 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from simgap.config.pose import pose_axes
+from simgap.config.reads import CONTROLLED
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Box, Floats
@@ -56,18 +58,18 @@ def run(
         UserError: a specification that does not fit the domain, or that no controller can meet, with the reason.
     """
     context = Context.load(case_path)
+    record = provenance("synthesis", context.case, context.folder, rests=CONTROLLED[1:] if gap_path is not None else ())
     if careful:
         context = minding_the_path(context)
     with context.blame():
         affordable(context, [cost for cost in costs(context) if cost.stage == "synthesis"])
         problem, between = pose(context, gap_path)
         began = time.perf_counter()
-        solution = _solved(context, problem, gap_path, summary, threads)
+        solution = _solved(context, problem, record, summary, threads)
     for name in (EMPTY_FIGURES, "empty.html"):  # of an earlier run that won nothing
         summary.with_name(name).unlink(missing_ok=True)
     log.info("%d of %d cells win (%.4f)", solution.winning.sum(), solution.free.sum(), solution.fraction)
     log.info("synthesis took %.2f s, compilation included", time.perf_counter() - began)
-    record = provenance("synthesis", context.case, context.folder)
     section = context.need(context.case.synthesis, "synthesis")
     names = tuple(context.states), tuple(context.inputs)
     save_controller(Controller(problem.inputs, *names, solution, section.rule, record), out)
@@ -89,7 +91,7 @@ def run(
     write_json(summary, figures)
 
 
-def _solved(context: Context, problem: Problem, gap_path: Path | None, summary: Path, threads: int) -> Solution:
+def _solved(context: Context, problem: Problem, record: dict[str, Any], summary: Path, threads: int) -> Solution:
     """The solution; where there is none, why: as a block of the log, in the summary and on a page beside it.
 
     Raises:
@@ -101,8 +103,7 @@ def _solved(context: Context, problem: Problem, gap_path: Path | None, summary: 
         found = explain(problem, _retimed(context), threads, error.alone)
         for line in found.block():
             log.warning("%s", line)
-        record = provenance("synthesis", context.case, context.folder)
-        model = "with gap" if gap_path is not None else "nominal"
+        model = "with gap" if problem.gap is not None else "nominal"
         figures = {"model": model, "cells": list(problem.cells), "inputs": len(problem.inputs), "winning_cells": 0}
         for file in (summary, summary.with_name(EMPTY_FIGURES)):  # a failed job of the workflow loses its outputs
             write_json(file, {**figures, "empty": found.to_json(), "provenance": record})

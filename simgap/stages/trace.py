@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgap.io.controller_file import load_domain_of
-from simgap.io.parquet import read_parquet
 from simgap.io.recording import write_recording
 from simgap.io.recording_check import verify
 from simgap.io.traces import split
 from simgap.report.recording import recording_content
 from simgap.stages.context import Context, log
+from simgap.stages.made import table_of
 
 
 def run(case_path: Path, nominal: Path, robust: Path, traces_path: Path, out: Path) -> None:
@@ -22,7 +22,7 @@ def run(case_path: Path, nominal: Path, robust: Path, traces_path: Path, out: Pa
     """
     context = Context.load(case_path)
     with context.blame():
-        traces = split(read_parquet(traces_path), context.states, context.inputs)
+        traces = split(table_of(context, traces_path, "validation"), context.states, context.inputs)
         content = recording_content(context, traces, load_domain_of(nominal, context), load_domain_of(robust, context))
     write_recording(out, content)
     count = verify(out, traces, context.states, context.inputs)

@@ -15,13 +15,12 @@ from simgap.gap.points import remembers
 from simgap.gap.steps.tables import stacked
 from simgap.geometry import Floats
 from simgap.io.documents import write_json
-from simgap.io.parquet import read_parquet
-from simgap.io.samples import read_columns
 from simgap.io.traces import SIMULATOR, split
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages.context import Context, log
+from simgap.stages.made import samples_of, table_of
 
 Steps = tuple[Floats, Floats, Floats]
 
@@ -74,8 +73,8 @@ def run(case_path: Path, given: Inputs, out: Path, engine_log: Path | None = Non
             raise UserError(f"{unknown} are no states", key="twin.tolerance", remedy=f"States: {context.states}.")
         other = context.case.model_copy(update={"simulator": section.of})
         parts = {
-            "grid": (_rows(context, path) for path in given.rollouts),
-            "fresh": (_rows(context, path) for path in (given.fresh,)),
+            "grid": (_rows(context, path, "rollouts") for path in given.rollouts),
+            "fresh": (_rows(context, path, "fresh") for path in (given.fresh,)),
             "closed_loop": _loops(context, given.traces) if given.traces is not None else iter(()),
         }
         found, counts, engine = Held(len(context.states)), {}, section.of.engine
@@ -100,15 +99,16 @@ def _again(other: Case, folder: Path, x: Floats, u: Floats, engine_log: Path | N
     return following, engine
 
 
-def _rows(context: Context, path: Path) -> Steps:
-    columns = read_columns(path)
+def _rows(context: Context, path: Path, stage: str) -> Steps:
+    columns = samples_of(context, path, stage)
     after = stacked(columns, [f"next_{name}" for name in context.states])
     return stacked(columns, context.states), stacked(columns, context.inputs), after
 
 
 def _loops(context: Context, path: Path) -> Iterator[Steps]:
     """All steps that the validation kept of its runs in the simulator."""
-    runs = [t for t in split(read_parquet(path), context.states, context.inputs) if t.plant == SIMULATOR]
+    table = table_of(context, path, "validation")
+    runs = [t for t in split(table, context.states, context.inputs) if t.plant == SIMULATOR]
     kept: list[Any] = [(t.x[:-1], t.u[:-1], t.x[1:]) for t in runs if len(t.x) > 1]
     if kept:
         x, u, after = (np.concatenate(column) for column in zip(*kept, strict=True))

@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from simgap.closed_loop import Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
+from simgap.config.reads import CONTROLLED
 from simgap.config.trials import Trials
 from simgap.errors import BrokenPromise
 from simgap.geometry import Floats
@@ -63,7 +64,7 @@ def run(
     with context.blame():
         model, gap = context.plant.sampled, load_gap(gap_path, context).function
         specification, space = specification_of(context.case), Space.of(context.case)
-    record = provenance("validation", context.case, context.folder, {"starts": section.seed})
+    record = provenance("validation", context.case, context.folder, {"starts": section.seed}, CONTROLLED)
     tallies: dict[str, dict[str, Any]] = {}
     parts: list[pa.Table] = []
     shown: dict[int, Verdict] = {}  # by the nominal-only controller's runs in the simulator: the same starts for all

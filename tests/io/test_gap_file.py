@@ -21,7 +21,7 @@ from simgap.stages.context import Context
 from simgap.stages.synthesis import pose
 
 X, U = Box([-1.0, -2.0], [1.0, 2.0]), np.array([[-1.0], [0.0], [1.0]])
-CASE = SimpleNamespace(states=["x", "v"], inputs=["u"], box=X, input_set=U, periodic=())
+CASE = SimpleNamespace(states=["x", "v"], inputs=["u"], box=X, input_set=U, periodic=(), own=print)
 DOMAIN, TIERS = GapDomain(("x", "v"), ("u",), X, U), (Tier(1, "It holds."),)
 
 
@@ -38,7 +38,7 @@ def cells():
 
 
 PLANE = Box([0.0, 0.0, -3.0], [4.0, 4.0, 3.0])
-ROBOT = SimpleNamespace(states=["x", "y", "heading"], inputs=["u"], box=PLANE, input_set=U, periodic=())
+ROBOT = SimpleNamespace(states=["x", "y", "heading"], inputs=["u"], box=PLANE, input_set=U, periodic=(), own=print)
 
 
 def body():

@@ -16,6 +16,7 @@ from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
+from simgap.provenance import provenance
 from simgap.report.scene import limits
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
@@ -49,7 +50,8 @@ def bound(path, out):
     samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), ("x1", "x2"), ("u",))
     terms = ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")
     settings = GapSettings(basis=Expressions(terms=terms), extreme_value=False)
-    write_json(out, fit_gap(samples, settings).function.to_json())
+    record = provenance("gap", context.case, context.folder)
+    write_json(out, fit_gap(samples, settings).function.to_json() | {"provenance": record})
 
 
 def test_one_file_is_a_specification(case, tmp_path):

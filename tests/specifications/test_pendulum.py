@@ -11,6 +11,7 @@ from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
+from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import synthesis, validation
@@ -63,7 +64,8 @@ def bound(path, out):
     d = following - context.plant.sampled.step(x, u)
     samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), ("x1", "x2"), ("u",))
     settings = GapSettings(basis=Expressions(terms=TERMS), extreme_value=False)
-    write_json(out, fit_gap(samples, settings).function.to_json())
+    record = provenance("gap", context.case, context.folder)
+    write_json(out, fit_gap(samples, settings).function.to_json() | {"provenance": record})
     return out
 
 

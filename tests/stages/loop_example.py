@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import yaml
 
+from simgap.config.load import load_case
 from simgap.gap.fit import fit_gap
 from simgap.gap.fresh_check import check_fresh
 from simgap.gap.kinds.expressions import Expressions
@@ -17,11 +18,10 @@ from simgap.geometry import Box, Grid
 from simgap.io.controller_file import save_controller
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
+from simgap.provenance import provenance
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
 
-RECORD = {"stage": "made by hand", "case": "example", "reads": {"sections": [], "sha256": "0"}, "code": "0",
-          "versions": {}, "seeds": {"starts": 1}}  # fmt: skip
 ROBOT = """
 name: robot
 title: A robot among obstacles
@@ -44,6 +44,14 @@ synthesis:
     target: {x: [3, 4], y: [3, 4]}
     clearance: {x: 0.18, y: 0.18}
 """
+
+
+def record(folder, stage):
+    """What the results of a stage say of the case in the folder."""
+    case = folder / "case.yaml"
+    return provenance(stage, load_case(case), folder, {"starts": 1})
+
+
 UNITS = {"pendulum": {"x1": "rad", "x2": "rad/s", "u": "N*m"},
          "robot": {"x": "m", "y": "m", "heading": "rad", "v": "m/s", "w": "rad/s"}}  # fmt: skip
 
@@ -56,8 +64,9 @@ def pendulum(root, folder):
     content.pop("measured", None)
     box, inputs = Box([-0.2, -0.5], [0.2, 0.5]), np.round(np.linspace(-1.2, 1.2, 25), 12)[:, None]
     safe = Box([0.0, -0.5], [0.2, 0.5])
+    path = _case(folder, content)
     _results(folder, "pendulum", box, inputs, safe, Grid(safe, (20, 10), ()), _pendulum_gap, 0.005, 40)
-    return _case(folder, content)
+    return path
 
 
 def robot(folder):
@@ -66,8 +75,9 @@ def robot(folder):
     box = Box([0.0, 0.0, -np.pi], [4.0, 4.0, np.pi])
     values = np.round(np.linspace(-0.2, 0.2, 5), 12)
     inputs = np.stack(np.meshgrid(values, values, indexing="ij"), axis=-1).reshape(-1, 2)
+    path = _case(folder, content)
     _results(folder, "robot", box, inputs, box, Grid(box, (20, 20, 8), (2,)), _robot_gap, 1.0, 30)
-    return _case(folder, content)
+    return path
 
 
 def arguments(folder):
@@ -85,6 +95,7 @@ def arguments(folder):
 
 def _case(folder, content):
     path = folder / "case.yaml"
+    path.parent.mkdir(exist_ok=True)
     path.write_text(yaml.safe_dump(content, sort_keys=False))
     return path
 
@@ -105,7 +116,8 @@ def _results(folder, case, box, inputs, safe, grid, gap, tau, steps):
     _write_gap(folder, box, inputs, states, input_names, gap, UNITS[case])
     tables, tallies = [], {}
     for kind in ("nominal", "gap"):
-        controller = _controller(grid, inputs, states, input_names, kind, box)
+        made = record(folder, "synthesis")
+        controller = _controller(grid, inputs, states, input_names, kind, box, made)
         (folder / kind).mkdir(parents=True)
         save_controller(controller, folder / kind / "controller.npz")
         s = controller.solution
@@ -114,12 +126,12 @@ def _results(folder, case, box, inputs, safe, grid, gap, tau, steps):
             "winning_cells": int(s.winning.sum()),
             "free_cells": int(s.free.sum()), "winning_fraction": s.fraction,
             "winning_fraction_after_inflation": 0.98 if case == "robot" else None,
-            "statistics": {}, "provenance": RECORD})  # fmt: skip
+            "statistics": {}, "provenance": made})  # fmt: skip
         tallies[kind] = {}
         for plant in ("simulator", "nominal model"):
             bad = kind == "nominal" and plant == "simulator"
             tables += [
-                _trace(case, kind, plant, run, safe, inputs, states, input_names, gap, tau, steps, bad)
+                _trace(folder, case, kind, plant, run, safe, inputs, states, input_names, gap, tau, steps, bad)
                 for run in (0, 1)
             ]
             tallies[kind][plant] = {
@@ -130,7 +142,7 @@ def _results(folder, case, box, inputs, safe, grid, gap, tau, steps):
                 tallies[kind][plant]["steps_to_target"] = [28, 30]
     write_parquet(folder / "validation/traces.parquet", pa.concat_tables(tables).unify_dictionaries())
     write_json(folder / "validation/validation.json", {
-        "starts": 2, "steps": steps, "controllers": tallies, "provenance": RECORD})  # fmt: skip
+        "starts": 2, "steps": steps, "controllers": tallies, "provenance": record(folder, "validation")})  # fmt: skip
 
 
 def _write_gap(folder, box, inputs, states, input_names, gap, units):
@@ -146,15 +158,15 @@ def _write_gap(folder, box, inputs, states, input_names, gap, units):
     function = result.function.with_tiers([*result.function.tiers, check.tier])
     fresh = {"samples": 200, "violations": check.violations, "upper": check.upper, "confidence": check.confidence}
     point = {"eps": 0.05} if box.size == 2 else {}  # a robot's bound over histories has none
-    content = result.to_json() | function.to_json() | {**point, "fresh": fresh, "provenance": RECORD}
+    content = result.to_json() | function.to_json() | {**point, "fresh": fresh, "provenance": record(folder, "gap")}
     write_json(folder / "gap.json", content)
     columns = {n: x.reshape(-1, box.size)[:, j] for j, n in enumerate(states)}
     columns |= {n: np.tile(inputs[:, j], grid.size) for j, n in enumerate(input_names)}
     columns |= {f"gap_{n}": d.reshape(-1, box.size)[:, j] for j, n in enumerate(states)}
-    write_parquet(folder / "samples.parquet", table(columns, units, {"case": "example"}, RECORD))
+    write_parquet(folder / "samples.parquet", table(columns, units, {"case": "example"}, record(folder, "gap")))
 
 
-def _controller(grid, inputs, states, input_names, kind, box):
+def _controller(grid, inputs, states, input_names, kind, box, made):
     centres = grid.centres()
     winning = centres[:, 0] + 0.1 * centres[:, 1] > (0.01 if kind == "gap" else -0.01)
     mask = np.packbits(winning[:, None].repeat(len(inputs), axis=1), axis=1, bitorder="little")
@@ -170,11 +182,11 @@ def _controller(grid, inputs, states, input_names, kind, box):
         input_names,
         solution,
         "least_effort",
-        RECORD | {"case": "robot" if box.size == 3 else "pendulum"},
+        made,
     )
 
 
-def _trace(case, kind, plant, run, safe, inputs, states, input_names, gap, tau, steps, bad):
+def _trace(folder, case, kind, plant, run, safe, inputs, states, input_names, gap, tau, steps, bad):
     rng = np.random.default_rng([run, len(kind), len(plant)])
     n = (steps // 2 if bad else steps) + 1
     s = np.linspace(0.0, 1.0, n)[:, None]
@@ -190,7 +202,7 @@ def _trace(case, kind, plant, run, safe, inputs, states, input_names, gap, tau, 
     for prefix, values in (("gap", d), ("lo", d - 1e-3), ("hi", d + 2e-3)):
         columns |= {f"{prefix}_{name}": values[:, j] for j, name in enumerate(states)}
     columns["safe"] = safe.contains(x)
-    return table(columns, UNITS[case], {"case": case, "controller": kind, "plant": plant}, RECORD)
+    return table(columns, UNITS[case], {"case": case, "controller": kind, "plant": plant}, record(folder, "validation"))
 
 
 def read_json(path):

@@ -10,6 +10,7 @@ from simgap.gap.steps.border_rollouts import border_columns
 from simgap.gap.steps.borders import CHECK, FIT, border_states
 from simgap.gap.steps.tables import successor_columns, units
 from simgap.io.samples import write_columns
+from simgap.provenance import provenance
 from simgap.stages import borders, gap, grid, lipschitz, rollouts, scp
 from simgap.stages.context import Context
 
@@ -24,11 +25,11 @@ def roll_out(case: Path, folder: Path, point: str | None = None) -> list[Path]:
     return shards
 
 
-def made_up(context: Context, path: Path, x, u, following, spread=None) -> Path:
-    """Roll-outs that no simulator made."""
+def made_up(context: Context, path: Path, x, u, following, spread=None, stage="rollouts") -> Path:
+    """Roll-outs or fresh samples that no simulator made."""
     constants = {"case": context.case.name, "point": own_point(context.case), "engine": "made up"}
     columns = successor_columns(context.case, x, u, following, spread)
-    write_columns(path, columns, units(context.case), constants, {})
+    write_columns(path, columns, units(context.case), constants, provenance(stage, context.case, context.folder))
     return path
 
 
@@ -38,7 +39,9 @@ def made_up_borders(context: Context, path: Path, gap) -> Path:
     states = {part: border_states(context, point, part).x for part in (FIT, CHECK)}
     x, u = product(np.concatenate([states[FIT], states[CHECK]]), context.input_set)
     following = context.plant.sampled.step(x, u) + gap(x, u)
-    write_columns(path, border_columns(context.case, states, context.input_set, following), units(context.case), {}, {})
+    columns = border_columns(context.case, states, context.input_set, following)
+    record = provenance("borders", context.case, context.folder)
+    write_columns(path, columns, units(context.case), {}, record)
     return path
 
 

@@ -1,5 +1,6 @@
 """The audit from the case to its counts: what holds survives it, what does not is found, kept and shown again."""
 
+import json
 import os
 import pickle
 import signal
@@ -23,10 +24,11 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.steps.tables import successor_columns, units
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import read_parquet
+from simgap.io.parquet import read_parquet, write_parquet
 from simgap.io.recording_check import read_curves
 from simgap.io.samples import write_columns
 from simgap.io.shared_solution import SharedSolution
+from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import audit, replay, synthesis
@@ -55,7 +57,8 @@ def made(root, tmp_path_factory):
     x, u = context.box.sample(rng, 6000), context.input_set[rng.integers(0, len(context.input_set), 6000)]
     ((following, _),) = run_in_processes(roll_out, [(context.case, context.folder, x, u)])
     columns = successor_columns(context.case, x, u, following)
-    write_columns(folder / "fresh.parquet", columns, units(context.case), {"case": "pendulum"}, {})
+    record = provenance("fresh", context.case, context.folder)
+    write_columns(folder / "fresh.parquet", columns, units(context.case), {"case": "pendulum"}, record)
     return folder, context, (x, u, following)
 
 
@@ -72,6 +75,21 @@ def shrunk(folder, out, by):
     content["gap"]["x2"]["upper"]["offset"] -= by
     write_json(out / "gap.json", content)
     return out / "gap.json"
+
+
+def passed_off(folder, out, context):
+    """The same results, as if they were of another case."""
+    out.mkdir()
+    gap, law = read_json(folder / "gap.json"), load_controller(folder / "controller.npz")
+    gap["provenance"], made, drawn = (
+        provenance(stage, context.case, context.folder) for stage in ("gap", "synthesis", "fresh")
+    )
+    write_json(out / "gap.json", gap)
+    save_controller(replace(law, metadata=made), out / "controller.npz")
+    fresh = read_parquet(folder / "fresh.parquet")
+    said = {b"provenance": json.dumps(drawn, sort_keys=True).encode()}
+    write_parquet(out / "fresh.parquet", fresh.replace_schema_metadata(said))
+    return out
 
 
 def test_a_bound_that_holds_survives(made, tmp_path):
@@ -191,8 +209,9 @@ def test_measurements_without_an_input_are_kept_at_the_start_and_on_the_way(made
     case = tmp_path / "pendulum.yaml"
     case.write_text(yaml.safe_dump(content))
     (tmp_path / "witness-7.json").write_text("of an earlier run")
+    mistaken = passed_off(folder, tmp_path / "mistaken", Context.load(case))
     with pytest.raises(BrokenPromise, match=r"witness\.json` shows it, and \d of other kinds beside it"):
-        attack(folder, folder / "gap.json", tmp_path, case=case)
+        attack(mistaken, mistaken / "gap.json", tmp_path, case=case)
     paths = sorted(tmp_path.glob("witness*.json"))
     kept = [read_json(path) for path in paths]
     assert len(kept) == len({(w["kind"], w["plant"], w["end"], len(w["inputs"]) == 0) for w in kept}) > 2

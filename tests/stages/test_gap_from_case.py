@@ -16,9 +16,9 @@ from simgap.gap.steps.samples import check_drawn
 from simgap.gap.steps.scp import scp
 from simgap.geometry import Grid
 from simgap.io.documents import read_json
-from simgap.io.samples import read_columns
 from simgap.stages import fresh, grid
 from simgap.stages.context import Context
+from simgap.stages.made import samples_of
 
 PAPER = ["x1^2", "x2^2", "x1*x2", "x1", "x2", "u", 1]
 BASES = {
@@ -55,11 +55,11 @@ def stage(vary, tmp_path, inputs):
         context = Context.load(path)
         model = context.plant.sampled
         pairs = product(Grid.covering(context.box, EPS).centres(), context.input_set)
-        for name, (x, u) in (("shard", pairs), ("fresh", draw(context.box, context.input_set, 4000, 1))):
-            road.made_up(context, tmp_path / f"{name}.parquet", x, u, model.step(x, u) + known(x, u))
+        for name, (x, u) in (("rollouts", pairs), ("fresh", draw(context.box, context.input_set, 4000, 1))):
+            road.made_up(context, tmp_path / f"{name}.parquet", x, u, model.step(x, u) + known(x, u), stage=name)
         road.made_up_borders(context, tmp_path / "borders.parquet", known)
         grid.run(path, f"eps~{EPS}", tmp_path / "grid")
-        road.bound(path, tmp_path, [tmp_path / "shard.parquet"], tmp_path / "fresh.parquet", tmp_path / "gap.json")
+        road.bound(path, tmp_path, [tmp_path / "rollouts.parquet"], tmp_path / "fresh.parquet", tmp_path / "gap.json")
         return context, read_json(tmp_path / "gap.json")
 
     return run
@@ -198,7 +198,7 @@ def test_samples_outside_the_domain_of_a_bound_are_not_covered_by_it(stage):
 
 def test_borders_of_another_case_or_none_are_refused(vary, tmp_path):
     context = Context.load(vary("pendulum", {"grid.eps": EPS, "gap": QUICK | {"basis": PAPER}}, ("measured",)))
-    table = read_columns(road.made_up_borders(context, tmp_path / "borders.parquet", known))
+    table = samples_of(context, road.made_up_borders(context, tmp_path / "borders.parquet", known), "borders")
     directed_samples(context, f"eps~{EPS}", table, 0)
     other = Context.load(vary("pendulum", {"grid.eps": EPS, "domain.X.x2": [-0.4, 0.5]}, ("measured",)))
     for case, point in ((other, f"eps~{EPS}"), (context, "eps~0.02")):

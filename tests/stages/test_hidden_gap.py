@@ -12,6 +12,7 @@ from simgap.gap.points import Points
 from simgap.gap.steps.tables import step_columns
 from simgap.io.documents import read_json
 from simgap.io.samples import write_columns, write_points
+from simgap.provenance import provenance
 from simgap.simulators.body_samples import REST, BodySamples
 from simgap.stages.context import Context
 
@@ -52,11 +53,12 @@ def again(deviation, n=5, length=4, headings=8):
     return BodySamples(none, flat, np.zeros((len(flat), 4)), none)
 
 
-def write(context, path, parts):
+def write(context, path, parts, stage="rollouts"):
     """A table of steps that no simulator made."""
     tables = [step_columns(context.case, context.input_set, own) | {"part": np.full(len(own.m), name)}
               for name, own in parts.items()]  # fmt: skip
-    write_columns(path, {n: np.concatenate([t[n] for t in tables]) for n in tables[0]}, {}, {}, {})
+    record = provenance(stage, context.case, context.folder)
+    write_columns(path, {n: np.concatenate([t[n] for t in tables]) for n in tables[0]}, {}, {}, record)
 
 
 @pytest.fixture
@@ -79,8 +81,10 @@ def stage(vary, tmp_path):
             tmp_path / "shard.parquet",
             {"after_previous": grid, "sequence": sequences, "history": again(deviation)},
         )
-        write(context, tmp_path / "fresh.parquet", {"sequence": made_up(inputs, 2000, fresh_spread, rng, heading_bias)})
-        write_points(tmp_path / "grid", Points("hidden-state", inputs, inputs), NAMES, {}, {})
+        drawn = {"sequence": made_up(inputs, 2000, fresh_spread, rng, heading_bias)}
+        write(context, tmp_path / "fresh.parquet", drawn, "fresh")
+        record = provenance("grid", context.case, context.folder)
+        write_points(tmp_path / "grid", Points("hidden-state", inputs, inputs), NAMES, {}, record)
         road.bound(path, tmp_path, [tmp_path / "shard.parquet"], tmp_path / "fresh.parquet", tmp_path / "gap.json")
         return context, read_json(tmp_path / "gap.json")
 

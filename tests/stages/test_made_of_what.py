@@ -30,8 +30,12 @@ def test_results_of_this_case_are_taken(results):
 def test_results_of_anything_else_are_refused(results):
     context, other, write = results
     own = write(context, "x1")
-    for foreign in (write(other, "x2"), write(context, "x2", stage="lipschitz"), write(context, "x2", point="eps~0.1")):
-        with pytest.raises(UserError, match="not what `scp` makes of this case") as caught:
+    for foreign, told in (
+        (write(other, "x2"), "differs in gap.padding=inflate"),
+        (write(context, "x2", stage="lipschitz"), "not what `scp` makes, but `lipschitz`"),
+        (write(context, "x2", point="eps~0.1"), "of the grid eps~0.1, not eps~0.0022"),
+    ):
+        with pytest.raises(UserError, match=told) as caught:
             by_state(context, "scp", "eps~0.0022", [own, foreign])
         assert caught.value.file == foreign
     with pytest.raises(UserError, match="a second result for x1"):

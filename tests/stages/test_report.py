@@ -15,7 +15,7 @@ import loop_example as example
 
 from simgap.errors import UserError
 from simgap.io.documents import write_json
-from simgap.io.parquet import write_parquet
+from simgap.io.parquet import table, write_parquet
 from simgap.notation import number
 from simgap.stages import index, report
 from simgap.stages.report import Inputs
@@ -181,7 +181,7 @@ def test_measured_transitions_are_held_against_the_bound_that_was_given(pendulum
     columns = {"x1": start[:, 0], "x2": start[:, 1], "u": np.zeros(50), "late_u": np.zeros(50)}
     columns |= {"next_x1": np.full(50, 0.02), "next_x2": np.full(50, 0.02)}  # the model stays at rest
     write_parquet(tmp_path / "transitions.parquet", pa.table(columns))
-    document = {"noise": {"x1": 1e-4, "x2": 1e-4}}
+    document = {"noise": {"x1": 1e-4, "x2": 1e-4}, "provenance": example.record(folder, "diagnosis")}
     write_json(tmp_path / "diagnosis.json", document)
     arguments = example.arguments(folder)
     shares = {}
@@ -216,12 +216,12 @@ def test_the_adversary_stands_beside_the_random_samples(pendulum, tmp_path):
         "closed_loop": {"simulator": loop, "disturbance": loop | {"steps": 4321}},
         "margins": {"cells": 150, "factor": quantiles, "largest_looked_for": 1e6,
                     "extra": {"x1": quantiles, "x2": quantiles}},
-        "provenance": example.RECORD,
+        "provenance": example.record(folder, "audit"),
     }  # fmt: skip
     rng = np.random.default_rng(0)
     columns = {name: np.where(rng.random(cells) < 0.2, np.nan, 1 + rng.random(cells)).astype(np.float32)
                for name in ("factor", "extra_x1", "extra_x2")}  # fmt: skip
-    write_parquet(tmp_path / "margins.parquet", pa.table(columns))
+    write_parquet(tmp_path / "margins.parquet", table(columns, {}, {}, example.record(folder, "audit")))
 
     def told(content):
         write_json(tmp_path / "audit.json", content)

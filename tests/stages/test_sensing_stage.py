@@ -23,6 +23,7 @@ from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import load_gap
+from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.specifications.base import specification_of
@@ -59,7 +60,8 @@ def bound(path, out):
     samples = GapSamples(grid, context.input_set, d.reshape(grid.size, -1, 2), *names)
     terms = ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")
     settings = GapSettings(basis=Expressions(terms=terms), extreme_value=False)
-    write_json(out, fit_gap(samples, settings).function.to_json())
+    record = provenance("gap", context.case, context.folder)
+    write_json(out, fit_gap(samples, settings).function.to_json() | {"provenance": record})
 
 
 def test_the_promise_holds_for_measurements_a_sample_late(sensed, tmp_path):

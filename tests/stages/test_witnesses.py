@@ -14,6 +14,7 @@ from simgap.gap.symmetry import BodyFrameGap
 from simgap.gap.tiers import Tier
 from simgap.io.documents import write_json
 from simgap.io.recording_check import read_curves
+from simgap.provenance import provenance
 from simgap.simulators.build import make_simulator
 from simgap.stages import replay
 from simgap.stages.attacks import history_question
@@ -43,7 +44,8 @@ def test_a_history_outside_gamma_is_shown_again(root, tmp_path, order):
     assert found.violations > 10
     assert late
     witness = Witness.of_step(late[0]).to_json()
-    write_json(tmp_path / "witness.json", witness | {"case": case.name, "gap": gap.to_json()})
+    record = provenance("audit", context.case, context.folder)
+    write_json(tmp_path / "witness.json", witness | {"case": case.name, "gap": gap.to_json(), "provenance": record})
     shown = replay.run(tmp_path / "witness.json", tmp_path / "seen.rrd")
     assert " *" in shown
     off = float(re.search(r"what the audit saw is (\S+)\.\Z", shown)[1])

@@ -14,6 +14,7 @@ from simgap.gap.symmetry import BodyFrameGap
 from simgap.gap.tiers import Tier
 from simgap.geometry import Box, Grid
 from simgap.io.documents import read_json, write_json
+from simgap.provenance import provenance
 from simgap.stages.context import Context
 from simgap.stages.synthesis import pose
 from simgap.synthesis.bits import unpack
@@ -125,7 +126,9 @@ def saved(context, folder):
     domain = GapDomain(tuple(context.states), tuple(context.inputs), context.box, context.input_set, (0, 1), (2,))
     gap = BodyFrameGap(domain, (Tier(1, "Made up."),), lower, lower + rng.uniform(0.0, 0.03, (count, 3)))
     box = rng.uniform(-0.3, 0.0, (count, 2)), rng.uniform(0.0, 0.3, (count, 2))
-    write_json(folder / "gap.json", gap.to_json() | {"swept_boxes": {"lower": box[0], "upper": box[1]}})
+    record = provenance("gap", context.case, context.folder)
+    more = {"swept_boxes": {"lower": box[0], "upper": box[1]}, "provenance": record}
+    write_json(folder / "gap.json", gap.to_json() | more)
     return folder / "gap.json", gap, box
 
 
