@@ -18,8 +18,7 @@ BESIDE = (
 )
 PLACES = ("tests/specifications/test_sections.py", "tests/specifications/test_surroundings.py")
 TURNS = ("tests/gap/test_gap_periodic.py",)
-PROBE = ("tests/simulators/test_python_function.py",)
-FMU = ("tests/simulators/test_fmu.py::test_state_that_the_case_does_not_have_is_refused",)
+PROBE = ("tests/simulators/test_probe.py",)
 _LINES = "tests/checker/test_checker.py::test_"
 REPEATS = (
     f"{_LINES}on_a_circle_equations_repeat_and_what_is_one_state_is_said",
@@ -577,7 +576,8 @@ MUTANTS: list[Mutant] = [
         PROBE,
         ("calls are repeated at once", "time.sleep(PAUSE)", "time.sleep(0.0)"),
         ("calls are not repeated later", "elif len(x) >= BLOCK:", "elif not tried:"),
-        ("second steps are not tried", "        if self._whole:\n", "        if not self._first.size:\n", FMU),
+        ("second steps are not tried", "        if self._whole:\n", "        if not self._first.size:\n"),
+        ("calls are repeated in the same order", "order = self._rng.permutation(CALLS)", "order = np.arange(CALLS)"),
     ),
     *_of(
         "checker/repeats.py",
