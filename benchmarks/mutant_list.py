@@ -554,7 +554,11 @@ MUTANTS: list[Mutant] = [
         PLACES,
         ("what just touches touches nothing", "np.flatnonzero(clearance <= 0.0)", "np.flatnonzero(clearance < 0.0)"),
         ("upper walls are not there", "np.minimum(at - self.walls[0], self.walls[1] - at)", "(at - self.walls[0])"),
-        ("an obstacle has no copies a turn away", "for n in (-1.0, 0.0, 1.0)]", "for n in (0.0,)]"),
+        (
+            "an obstacle has no copies many turns away",
+            "np.round((at[..., j] - centre) / self.period[j]) * self.period[j]",
+            "np.zeros_like(at[..., j])",
+        ),
         ("a chord is its beginning", "np.linspace(0.0, 1.0, POINTS)", "np.linspace(0.0, 0.0, POINTS)"),
     ),
     *_of(
