@@ -18,8 +18,7 @@ BESIDE = (
 )
 PLACES = ("tests/specifications/test_sections.py", "tests/specifications/test_surroundings.py")
 TURNS = ("tests/gap/test_gap_periodic.py",)
-PROBE = ("tests/simulators/test_python_function.py",)
-FMU = ("tests/simulators/test_fmu.py::test_state_that_the_case_does_not_have_is_refused",)
+PROBE = ("tests/simulators/test_probe.py",)
 _LINES = "tests/checker/test_checker.py::test_"
 REPEATS = (
     f"{_LINES}on_a_circle_equations_repeat_and_what_is_one_state_is_said",
@@ -555,7 +554,11 @@ MUTANTS: list[Mutant] = [
         PLACES,
         ("what just touches touches nothing", "np.flatnonzero(clearance <= 0.0)", "np.flatnonzero(clearance < 0.0)"),
         ("upper walls are not there", "np.minimum(at - self.walls[0], self.walls[1] - at)", "(at - self.walls[0])"),
-        ("an obstacle has no copies a turn away", "for n in (-1.0, 0.0, 1.0)]", "for n in (0.0,)]"),
+        (
+            "an obstacle has no copies many turns away",
+            "np.round((at[..., j] - centre) / self.period[j]) * self.period[j]",
+            "np.zeros_like(at[..., j])",
+        ),
         ("a chord is its beginning", "np.linspace(0.0, 1.0, POINTS)", "np.linspace(0.0, 0.0, POINTS)"),
     ),
     *_of(
@@ -577,7 +580,8 @@ MUTANTS: list[Mutant] = [
         PROBE,
         ("calls are repeated at once", "time.sleep(PAUSE)", "time.sleep(0.0)"),
         ("calls are not repeated later", "elif len(x) >= BLOCK:", "elif not tried:"),
-        ("second steps are not tried", "        if self._whole:\n", "        if not self._first.size:\n", FMU),
+        ("second steps are not tried", "        if self._whole:\n", "        if not self._first.size:\n"),
+        ("calls are repeated in the same order", "order = self._rng.permutation(CALLS)", "order = np.arange(CALLS)"),
     ),
     *_of(
         "checker/repeats.py",

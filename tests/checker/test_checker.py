@@ -202,12 +202,13 @@ def test_rounding_that_is_left_out_of_a_bound_is_found(tmp_path):
         "import certificate, check; c = certificate.read(Path(sys.argv[2]))\n"
         "print([check.fails_exactly(check.Steps(c), k, 0) for k in range(3)])"
     )
-    line(tmp_path / "line", step, (0.3).hex(), simulator=simulator)
-    change(tmp_path / "line", **tables)
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(CHECKER), str(tmp_path / "line")], capture_output=True, text=True, check=False
-    )
-    assert done.stdout.strip() == "[True, True, True]", done.stderr
+    leaves = ["+", step, ["*", (0.1).hex(), "x"]]  # leaves [0, 0.03] on part of the first cells
+    for upper, known, said in ((0.3, simulator, "[True, True, True]"), (0.03, leaves, "[True, True, True]")):
+        line(tmp_path / "line", step, upper.hex(), simulator=known)
+        change(tmp_path / "line", **tables)
+        command = [sys.executable, "-c", code, str(CHECKER), str(tmp_path / "line")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.stdout.strip() == said, done.stderr
 
 
 def test_a_box_that_ends_on_the_border_of_a_losing_cell_touches_it(tmp_path):

@@ -2,6 +2,8 @@
 
 import json
 from dataclasses import replace
+from fractions import Fraction
+from math import floor
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from simgap.gap.function import GapDomain
 from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.load import from_json
+from simgap.gap.periodic import parts
 from simgap.gap.settings import GapSettings
 from simgap.gap.symmetry import BodyFrameGap
 from simgap.gap.tiers import Tier
@@ -123,3 +126,16 @@ def test_the_file_keeps_periodic_axes():
     lo, hi = np.array([[1.0, 1.0, 3.0]]), np.array([[1.1, 1.1, 3.3]])
     for one, other in zip(again.box_bounds(lo, hi, POSES[:1]), function.box_bounds(lo, hi, POSES[:1]), strict=True):
         assert np.array_equal(one, other)
+
+
+def test_the_parts_of_a_box_hold_its_ends_in_exact_arithmetic():
+    box, rng = Box([0.1], [0.8]), np.random.default_rng(6)
+    turn, lo = Fraction(0.8) - Fraction(0.1), Fraction(0.1)
+    start = rng.uniform(-9.0, 9.0, (200, 1))
+    end = start + rng.uniform(0.01, 0.3, start.shape)
+    found = parts(start, end, box, (0,))
+    for k, ends in enumerate(zip(start[:, 0], end[:, 0], strict=True)):
+        own = [(a[i, 0], b[i, 0]) for rows, a, b in found for i in np.flatnonzero(rows == k)]
+        for x in map(Fraction, ends):
+            at = x - floor((x - lo) / turn) * turn
+            assert any(Fraction(a) <= at <= Fraction(b) for a, b in own), (k, float(x))

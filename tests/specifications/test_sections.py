@@ -13,6 +13,7 @@ from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.regions import cells_meeting, cells_within
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
+from simgap.specifications.surroundings import first_touch
 
 FLOOR = Space(("x", "y", "t"), Box([0, 0, -np.pi], [4, 3, np.pi]), (2,), {"x": "m", "y": "m", "t": "rad"}, (0, 1, 2))
 ANGLE = Space(("q", "v"), Box([-np.pi, -2.0], [np.pi, 2.0]), (0,), {"q": "rad", "v": "rad/s"})
@@ -46,6 +47,17 @@ def test_states_that_a_safe_set_does_not_name_keep_all_of_x():
     region = asked.region(ANGLE)
     assert (region.lo.tolist(), region.hi.tolist()) == (ANGLE.box.lo.tolist(), ANGLE.box.hi.tolist())
     assert asked.sentence(ANGLE) == "stay for ever in X"
+
+
+@pytest.mark.parametrize(("ends", "wraps"), [((-np.pi, np.pi), (0,)), ((-np.pi, 1.0), ()), ((-1.0, np.pi), ())])
+def test_an_axis_wraps_where_a_region_takes_all_of_it(ends, wraps):
+    assert ANGLE.wrapping(Box([ends[0], -1.0], [ends[1], 1.0])) == wraps
+
+
+def test_what_just_touches_touches():
+    assert first_touch(np.array([1.0, 0.5, 0.0, 1.0])) == 2
+    assert first_touch(np.array([0.0, 0.5])) == 1  # a start that touches ends in its first step
+    assert first_touch(np.array([1.0, 1e-300])) is None
 
 
 @pytest.mark.parametrize(
