@@ -78,8 +78,7 @@ def one(
     """Prepare folder `number`, run a command in it, and judge."""
     rng = random.Random(f"{seed} {number}")
     words = rng.choices([words for _, words in commands], [weight for weight, _ in commands])[0]
-    base = root / f"t{number}"
-    shutil.rmtree(base, ignore_errors=True)  # of a run that was killed
+    base = root / f"t{number}-{os.getpid()}"  # a run that was killed may have left another
     place = Place(base / rng.choice(FOLDERS), base / "outside", kept)
     folders.whole(place, kept)
     chosen = rng.sample(ingredients, min(len(ingredients), rng.choice((1, 1, 2, 3))))
