@@ -43,7 +43,8 @@ NO_MORE_THAN_NOISE = 0.999
 `HELD_OUT_QUALITY`): a short fold scatters by more than the second allows."""
 
 BLOCK_SPANS = 1.0
-"""Errors ahead are scored in blocks of so many spans of a prediction, its look back included."""
+"""Errors ahead are scored in blocks of so many spans of a prediction, its look back included. Judgement: on two runs of
+a motor-driven rod blocks twice and three times as long made intervals 9 to 31 % wider."""
 
 PLAUSIBLE_RATIO = 5.0
 """Off the noise floor, a gain or property further from its declared value than this factor absorbs, not explains."""
