@@ -28,8 +28,8 @@ MEANING = {
         "of them."
     ),
     "partial": (
-        "The effects have their physical sign, agree between folds and surely lower the error ahead, by a tenth or more, "
-        "on data that were never fitted; the noise floor is not reached."
+        "The effects have their physical sign, agree between folds and surely lower the error ahead, by a tenth or "
+        "more, on data that were never fitted; the noise floor is not reached."
     ),
     "unexplained": (
         "No set of effects reaches the noise floor or surely predicts better what was never fitted. The "
