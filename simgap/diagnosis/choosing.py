@@ -13,12 +13,11 @@ from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import on_all
 from simgap.diagnosis.search.watch import Stopped
 from simgap.diagnosis.seek import Searched
-from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
 from simgap.diagnosis.verdict.judge import chi2_dof, real
-from simgap.diagnosis.verdict.transfer import Carried, Trial, transferable
+from simgap.diagnosis.verdict.transfer import Carried, transferable, trials
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +61,10 @@ def chosen(parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried:
     if found.members and not at_floor:
         together = math.ceil((settings.horizon_s + 0.5 * settings.window_s) / settings.window_s)
         most = min(settings.max_effects, settings.most_off_floor)
-        trial = Trial(coarse(parts.fit), coarse(parts.choose, JUDGED_ROWS, together), settings.horizon_s)
         try:
-            stopped = bool(search.watch.stopped)
-            carried = None if stopped else transferable(search, sparse, found, trial, most)
+            if not search.watch.stopped:
+                each = trials(known, together)
+                carried = transferable(search, sparse, found, each, settings.horizon_s, most)
         except Stopped:
             carried = None
         except KeyboardInterrupt:

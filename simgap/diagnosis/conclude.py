@@ -75,6 +75,7 @@ def conclude(
         after=judged(known, kept.fit, held, horizon),
         floor=_floor(known, held, horizon),
         excess_share=seen.evidence.share if named else 1.0,
+        explained_error=seen.evidence.gain.share if named and not chosen.at_floor else None,
         sigma=dict(zip(record.measured, map(float, known.sigma), strict=True)),
         candidates=answer.candidate_scores(search, empty, chosen.barred),
         collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.result import Concentrated
 from simgap.diagnosis.search.explanations import Explanation
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import HELD_OUT_QUALITY, LEAPS_ANYHOW
-from simgap.diagnosis.verdict.concentration import concentrated, elsewhere
+from simgap.diagnosis.verdict.concentration import concentrated
 from simgap.diagnosis.verdict.judge import Evidence, HeldOut, chi2_dof, excess_share, folds_agree, judge, needed
+from simgap.diagnosis.verdict.score import gained
 from simgap.diagnosis.verdict.steadier import steadier
 from simgap.diagnosis.verdict.transfer import independent_share
 
@@ -46,10 +49,10 @@ def confirmed(parts: Parts, chosen: Chosen, names: Sequence[str], horizon_s: flo
 def _judged(parts: Parts, chosen: Chosen, names: Sequence[str], old: HeldOut, horizon_s: float) -> Confirmed:
     new = judge(parts.confirm, chosen.kept.fit.theta, horizon_s)
     where = concentrated(parts.confirm, names, old, new)
-    return Confirmed(chosen, old, new, where, _evidence(parts, chosen, old, new, where))
+    return Confirmed(chosen, old, new, where, _evidence(parts, chosen, old, new))
 
 
-def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, new: HeldOut, where: Concentrated | None) -> Evidence:
+def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, new: HeldOut) -> Evidence:
     known, confirm = parts.known, parts.confirm
     found, full, agree = chosen.kept, chosen.full, chosen.agree
     share = excess_share(old, new, known.sigma)
@@ -60,4 +63,7 @@ def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, new: HeldOut, where: C
     elif chosen.at_floor and (len(found.members) > LEAPS_ANYHOW or (found.members and not sure)):
         agree = folds_agree(known, found, full.steps, 1.0)
     before, after = (chi2_dof(known, at) for at in (chosen.base, found.fit))
-    return Evidence(before, after, old, new, share, agree, wanted, elsewhere(where))
+    here, carried = (old.errors.density(), new.errors.density()), chosen.carried
+    chose = (np.zeros(0), np.zeros(0)) if carried is None else (carried.declared, carried.predicted)
+    whole = gained(*(np.concatenate(each) for each in zip(chose, here, strict=True)))
+    return Evidence(before, after, old, new, share, whole, gained(*here).matters, agree, wanted)

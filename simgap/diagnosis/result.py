@@ -239,6 +239,8 @@ class Diagnosis:
         before, after: error of the declared and of the corrected model.
         floor: what a perfect model would show with this noise (chi2_dof and held_out_ratio are 1).
         excess_share: excess of E(h) over the floor, after over before (1 if there was none).
+        explained_error: off the noise floor, the share of the error's scale that goes on data which the effects were
+            not fitted to, by the log density of the errors, and the ends of its 95 % interval; else None.
         sigma: noise of each measured state.
         candidates: every effect tried.
         steps: from the model as declared to the set that was chosen, one effect at a time; a last one takes none, if
@@ -281,3 +283,4 @@ class Diagnosis:
     unconfirmed: tuple[str, ...] = ()
     faint_memory: tuple[str, ...] = ()
     at_most: int | None = None
+    explained_error: tuple[float, float, float] | None = None

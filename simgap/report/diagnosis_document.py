@@ -36,6 +36,7 @@ NUMBER_FROM = {
     "verdict": ("fit", "choose", "confirm"),
     "error": ("confirm",),
     "explained_share": ("confirm",),
+    "explained_error": ("fit", "choose", "confirm"),
     "nearest.explained_share": ("confirm",),
     "left_over.share": ("confirm",),
     "concentrated": ("confirm",),
@@ -91,6 +92,7 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
     """How far the answer goes: shares, what is left, what cannot be told apart."""
     return {
         "explained_share": 1.0 - found.excess_share,
+        "explained_error": _explained(found.explained_error),
         "fit_quality": {
             "chi2_dof": {"before": found.before.chi2_dof, "after": found.after.chi2_dof},
             "held_out_ratio": {"before": found.before.held_out_ratio, "after": found.after.held_out_ratio},
@@ -111,6 +113,11 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
             for c in found.collinear
         ],
     }
+
+
+def _explained(share: tuple[float, float, float] | None) -> dict[str, Any] | None:
+    """Off the noise floor: the share of the error's scale that goes, with its interval."""
+    return None if share is None else {"share": share[0], "ci95": list(share[1:])}
 
 
 def _nearest(n: Nearest | None) -> dict[str, Any] | None:

@@ -29,11 +29,11 @@ MEANING = {
         "of them."
     ),
     "partial": (
-        "The effects have their physical sign, agree between folds and take away at least half of the excess error on "
-        "data that were never fitted; the noise floor is not reached."
+        "The effects have their physical sign, agree between folds and surely lower the error ahead, by a tenth or "
+        "more, on data that were never fitted; the noise floor is not reached."
     ),
     "unexplained": (
-        "No set of effects reaches the noise floor or halves the excess error on data that were never fitted. The "
+        "No set of effects reaches the noise floor or surely predicts better what was never fitted. The "
         "corrected case is the case as it was."
     ),
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +17,7 @@ from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.diagnosis.verdict.judge import Evidence, HeldOut, verdict
+from simgap.diagnosis.verdict.score import Errors, Gain
 from simgap.effects import EFFECTS
 from simgap.effects.quoted import Quoted
 from tests.diagnosis.plants import block, point_pendulum
@@ -98,16 +98,21 @@ def test_an_interval_that_contains_no_effect_is_seen(name, on, values, errors, g
     assert bool(vanishing(problem, (member,), at, np.array(errors), 1000)) == gone
 
 
+def _asked() -> tuple[HeldOut, Evidence]:
+    none = Errors(np.zeros((1, 1)), np.zeros(1, dtype=np.int64))
+    held = HeldOut(np.zeros((1, 2)), np.ones(1), 1.0, 100.0, 100, np.ones(1), None, none)
+    return held, Evidence(50.0, 1.0, held, held, 0.01, Gain(1.0, 0.1), borne_out=True, agree=True, needed=True)
+
+
 def test_a_fit_that_has_not_settled_is_no_more_than_partial():
     compiled = cached_supermodel(point_pendulum(1.0, 0.5, 1.0 / 3.0), ("angle",), NAMED)
     at = Fit(compiled.null, np.zeros((1, 2)), (0,), 1.0, np.eye(1), (), True)
     found = Explanation((compiled.candidates[0],), at, 1.0, True)
-    held = HeldOut(np.zeros((1, 2)), np.ones(1), 1.0, 100.0, 100, np.ones(1), None)
-    asked = Evidence(before=50.0, after=1.0, declared=held, corrected=held, share=0.01, agree=True, needed=True)
+    _, asked = _asked()
     unsettled = replace(found, fit=replace(at, converged=False))
     assert verdict(found, asked) == "attributed"
     assert verdict(unsettled, asked) == "partial"
-    assert verdict(unsettled, replace(asked, share=math.inf)) == "unexplained"
+    assert verdict(unsettled, replace(asked, gain=Gain(1.0, 1.1))) == "unexplained"
 
 
 @pytest.mark.parametrize("changed", [{"needed": False}, {"corrected": 1.2}])
@@ -116,8 +121,7 @@ def test_what_confirms_must_ask_for_every_effect_and_be_down_to_its_noise(change
     found = Explanation(
         (compiled.candidates[0],), Fit(compiled.null, np.zeros((1, 2)), (0,), 1.0, np.eye(1), (), True), 1.0, True
     )
-    held = HeldOut(np.zeros((1, 2)), np.ones(1), 1.0, 100.0, 100, np.ones(1), None)
-    asked = Evidence(before=50.0, after=1.0, declared=held, corrected=held, share=0.01, agree=True, needed=True)
+    held, asked = _asked()
     if "corrected" in changed:
         changed = {"corrected": replace(held, ratio=changed["corrected"])}
     assert verdict(found, replace(asked, **changed)) == "partial"

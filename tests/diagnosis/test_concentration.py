@@ -10,7 +10,6 @@ import pytest
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.verdict import judge
 from simgap.diagnosis.verdict.concentration import concentrated
 from simgap.diagnosis.verdict.horizon import HorizonError
 from simgap.diagnosis.verdict.words import verdict_parts
@@ -83,15 +82,3 @@ def test_the_sentence_says_where():
     assert text.endswith(
         "62 % of what is left lies at 4.1 to 4.3 s of run2 (a push?); without them the effects explain 93 %."
     )
-
-
-@pytest.mark.parametrize(("share", "expected"), [(0.9, "partial"), (3.0, "unexplained")])
-def test_what_makes_the_whole_worse_is_not_saved_by_leaving_out_where_it_strays(share, expected):
-    found = SimpleNamespace(
-        members=(SimpleNamespace(of_recording=False),), fit=SimpleNamespace(converged=True), physical=True
-    )
-    evidence = SimpleNamespace(
-        before=50.0, after=9.0, declared=None, corrected=SimpleNamespace(ratio=9.0), share=share, elsewhere=0.2,
-        needed=True, agree=True,
-    )  # fmt: skip
-    assert judge.verdict(found, evidence) == expected

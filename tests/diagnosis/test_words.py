@@ -249,11 +249,11 @@ def test_the_limit_on_the_number_of_effects_is_no_end_of_the_library():
     error = {"after": {"horizon_s": 0.2, "horizon_rmse": {"q": 0.02}}}
     document = {"verdict": "partial", "effects": [effect], "explained_share": 0.6, "error": error, "left_over": [],
                 "units": {"q": "rad"}, "at_most": 1}  # fmt: skip
-    assert "with as many effects as measured.max_effects = 1 allows" in said(document)
+    assert "with 1 effects, as many as were sought: allow more by measured.max_effects" in said(document)
     assert "nothing in the library" not in said(document)
     nearest = {"effects": [effect], "explained_share": 0.3, "reasons": ["it explains less than half"]}
     text = said({"verdict": "unexplained", "effects": [], "nearest": nearest, "at_most": 3})
-    assert "Allow more than measured.max_effects = 3 effects" in text
+    assert "Allow more than 3 effects (measured.max_effects), or look" in text
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

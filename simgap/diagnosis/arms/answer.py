@@ -15,8 +15,9 @@ from simgap.diagnosis.arms.gains import Gains, scaled
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload
 from simgap.diagnosis.arms.result import ArmDiagnosis, BaseParameter, FoundPayload, Prediction, Sought
 from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.arms.thresholds import EXCESS_KEPT
 from simgap.diagnosis.result import Estimate, FoundEffect, RecordingFault, Verdict
-from simgap.diagnosis.thresholds import EXCESS_KEPT, HELD_OUT_QUALITY
+from simgap.diagnosis.thresholds import HELD_OUT_QUALITY
 from simgap.effects import AppliedEffect, effect
 from simgap.geometry import Floats
 from simgap.model.tree import PARAMETERS, UNITS, Tree

@@ -52,3 +52,6 @@ MOST_LONE = 0.5
 """Without a known mass, gains are named on at most this share of the drives: the others' agreement with the declared
 bodies is all that ties them. A real arm whose declared bodies are off asks for other gains at many joints.
 Judgement."""
+
+EXCESS_KEPT = 0.5
+"""A partial explanation leaves at most this share of the held-out excess error."""

@@ -37,6 +37,7 @@ Floats = NDArray[np.float64]
 _WINDOWS = 8
 _LIKE = 0.7  # a later possibility must miss by less than this share of the best before it
 _FORCES, _GAIN = ("viscous_friction", "coulomb_friction", "input_bias"), "input_gain"
+_OWN_GAIN = np.sqrt(2.0 * np.pi)  # half the way, as a ratio, to the nearest other unit: turns for radians
 _DESCENTS = 10  # linearisations of a fit that need not settle
 _FIRST_DESCENTS, _HOPELESS = 3, 20.0  # after so many, what misses by so many times what may be missed is given up
 _THOUSANDS = (("a thousandth of the declared unit", 1e-3), ("a thousand times the declared unit", 1e3))
@@ -110,7 +111,7 @@ def better_columns(problem: Problem) -> Columns | None:
 
 def _best_beside_effects(part: Problem, options: Sequence[Columns]) -> Columns | None:
     """The best of the possibilities with effects that are free."""
-    bar = _missed_beside_effects(part, np.inf)
+    bar = _missed_beside_effects(part, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
     if bar < COLUMNS_IN_DOUBT or not options:
         return None
     hopeless = _HOPELESS * COLUMN_TELLS * bar
@@ -147,11 +148,11 @@ def _missed(part: Problem, far: float) -> float:
     return _per_number(part, at)
 
 
-def _missed_beside_effects(part: Problem, hopeless: float) -> float:
-    """The same with friction and biases that are free, and gains where they stay near what is declared.
+def _missed_beside_effects(part: Problem, hopeless: float, far: float = _OWN_GAIN) -> float:
+    """The same with friction and biases that are free, and gains where they stay nearer to what is declared than `far`.
 
-    A gain far from it would be the wrong unit by another name. What still misses by more than `hopeless` after the
-    first few steps of a fit is not fitted on: the right columns are near their end by then.
+    A gain far from it, or reversed, would be another unit or sign by another name. What still misses by more than
+    `hopeless` after the first few steps of a fit is not fitted on: the right columns are near their end by then.
     """
     part = settled(part)
     at = fit(part, part.model.null, initial_states(part), [], {})
@@ -161,20 +162,20 @@ def _missed_beside_effects(part: Problem, hopeless: float) -> float:
         steps = {k: choose_step(part, at.theta, at.x0, k, 1e-4) for k in slots}
         if np.isfinite(hopeless):
             soon = fit(part, at.theta, at.x0, slots, steps, _FIRST_DESCENTS, rounds=1)
-            if not _near_declared(kinds, soon):
+            if not _near_declared(kinds, soon, far):
                 continue
             if not _per_number(part, soon) <= hopeless:
                 return min(_per_number(part, soon), _per_number(part, at))
         beside = fit(part, at.theta, at.x0, slots, steps, _DESCENTS)
-        if _near_declared(kinds, beside):
+        if _near_declared(kinds, beside, far):
             return min(_per_number(part, beside), _per_number(part, at))
     return _per_number(part, at)
 
 
-def _near_declared(kinds: Mapping[tuple[str, str], Candidate], at: Fit) -> bool:
-    """Whether no gain is beyond belief."""
-    gains = [abs(float(at.theta[c.slots[0]])) for key, c in kinds.items() if key[0] == _GAIN]
-    return all(1.0 / PLAUSIBLE_RATIO <= g <= PLAUSIBLE_RATIO for g in gains)
+def _near_declared(kinds: Mapping[tuple[str, str], Candidate], at: Fit, far: float) -> bool:
+    """Whether each gain is so near to what is declared; one that may be far may be reversed too."""
+    gains = [float(at.theta[c.slots[0]]) for key, c in kinds.items() if key[0] == _GAIN]
+    return all(1.0 / far <= (g if far <= _OWN_GAIN else abs(g)) <= far for g in gains)
 
 
 def _per_number(part: Problem, at: Fit) -> float:

@@ -147,7 +147,7 @@ class Search:
         if key not in self.tried or again:
             slots = [k for c in members for k in c.slots if k not in _integers(c)]
             made = len(self.ends)
-            found = self._ended(theta, base.x0, slots)
+            found = self._ended(theta, base.begin(self.problem), slots)
             count = sum(len(c.slots) for c in members)
             physical = all(sound(c, found) for c in members) and resolved(self.problem, found.theta, found.x0)
             bends = any(c.effect.one_curve for c in members)  # to anything: an answer only where nothing is left

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import Refit, refit, refit_from_all, window_chi2
 from simgap.diagnosis.simulation.sensitivity import Linearised, linearise, slot_direction
@@ -31,6 +33,7 @@ class Fit:
         covariance: (p, p) of the free parameters for the assumed noise, (projected J^T J)^-1.
         at_limit: slots that ended on a physical limit.
         converged: whether what the linear problem still promises is within `SETTLED_PROMISE` and `SETTLED_STATES`.
+        windows: that the initial states are of.
     """
 
     theta: Floats
@@ -40,6 +43,11 @@ class Fit:
     covariance: Floats
     at_limit: tuple[int, ...]
     converged: bool
+    windows: Windows | None = None
+
+    def begin(self, problem: Problem) -> Floats:
+        """Where a fit to the problem begins, (w, nx): its initial states, new ones on other windows than its own."""
+        return self.x0 if self.windows is problem.windows else initial_states(problem)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +90,8 @@ def fit(
     free = list(slots)
     if not free:
         ends = refit_from_all(problem, theta, x0)
-        return Fit(
-            theta.copy(), ends.x0, (), float(np.sum(ends.chi2)), np.zeros((0, 0)), (), _all_settled(ends, problem)
-        )
+        chi2, settled = float(np.sum(ends.chi2)), _all_settled(ends, problem)
+        return Fit(theta.copy(), ends.x0, (), chi2, np.zeros((0, 0)), (), settled, problem.windows)
     at = _Point(theta.copy(), x0.copy(), window_chi2(problem, theta, x0))
     at, converged = _begun_afresh(problem, at, np.zeros(len(x0))), False
     for _ in range(rounds):
@@ -97,7 +104,8 @@ def fit(
             break
         at = mended
     limit = tuple(k for k in free if at.theta[k] in (problem.model.lower[k], problem.model.upper[k]))
-    return Fit(at.theta, at.x0, tuple(slots), at.total, _covariance(linear.gram), limit, converged)
+    covariance = _covariance(linear.gram)
+    return Fit(at.theta, at.x0, tuple(slots), at.total, covariance, limit, converged, problem.windows)
 
 
 def _least_gain(at: _Point) -> float:

@@ -19,7 +19,7 @@ from simgap.model.symbolic import SymbolicModel
 
 Floats = NDArray[np.float64]
 Key = tuple[str, str]
-_RESPONSE = 0.001  # of the noise: a small step for derivatives
+_RESPONSE, _TRIAL = 0.001, 1.0  # of the noise: a small step for derivatives; a finite one where there is a kink
 _SECANT = (0.3, 2.0)  # how far from a secant's own size its estimate may be
 
 
@@ -185,21 +185,30 @@ def column(theta: Floats, c: Candidate, start: Start, j: int, amplitude: float) 
 
 
 def small_amplitude(problem: Problem, at: Fit, c: Candidate, start: Start, index: int, starts: Starts) -> float:
-    """A small coefficient whose response is a fraction of the noise, found once on a few windows."""
+    """A small coefficient whose response is a fraction of the noise, found once on a few windows.
+
+    As large as the noise for an effect with a kink: what it does at nothing is not what it does at its size.
+    """
     if start.amplitude is not None:
         return start.amplitude
     if index not in starts.amplitudes:
+        wanted = _TRIAL if _kinked(problem, c, start) else _RESPONSE
         few = np.unique(np.linspace(0, len(problem.windows) - 1, 6).astype(int))
         part, x0 = problem.on(problem.windows.pick(few)), at.x0[few]
         base, amplitude = part.residuals(at.theta, x0), 1e-4
         for _ in range(4):
             moved = part.residuals(column(at.theta, c, start, 0, amplitude).plus, x0)
             size = float(np.sqrt(np.mean(np.minimum(np.abs(moved - base), 1e6) ** 2)))
-            if size > 0.0 and 0.2 < size / _RESPONSE < 5.0:
+            if size > 0.0 and 0.2 < size / wanted < 5.0:
                 break
-            amplitude = float(np.clip(amplitude * _RESPONSE / max(size, 1e-10), 1e-9, 1e2))
+            amplitude = float(np.clip(amplitude * wanted / max(size, 1e-10), 1e-9, 1e2))
         starts.amplitudes[index] = amplitude
     return starts.amplitudes[index]
+
+
+def _kinked(problem: Problem, c: Candidate, start: Start) -> bool:
+    """Whether what the effect does turns round somewhere."""
+    return not c.of_recording and bool(c.effect.surfaces(problem.model.model, c.on, start.point([1.0] * start.size)))
 
 
 def _promise(gram: Floats, gradient: Floats, own: int, columns: list[int]) -> tuple[float, Floats]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from simgap.diagnosis.result import Concentrated, Stretches
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import EXCESS_KEPT, FEWEST_PREDICTIONS, HELD_OUT_QUALITY, MOST_OF_THE_ERROR, SMALL_PART
+from simgap.diagnosis.thresholds import FEWEST_PREDICTIONS, HELD_OUT_QUALITY, MOST_OF_THE_ERROR, SMALL_PART
 from simgap.diagnosis.verdict.horizon import HorizonError
 from simgap.diagnosis.verdict.judge import HeldOut
 
@@ -43,14 +43,6 @@ def concentrated(confirm: Problem, names: Sequence[str], old: HeldOut, new: Held
         return None
     share, medians = _share(before, after, ~hit, confirm.sigma), (_median(before, confirm), _median(after, confirm))
     return Concentrated(_places(confirm, names, after, bad), float(carried[count - 1]), share, *medians)
-
-
-def elsewhere(where: Concentrated | None) -> float:
-    """Excess after over before without those places, where the median of all errors falls by half too; else 1."""
-    if where is None:
-        return 1.0
-    fell = all(where.median_after[n] <= EXCESS_KEPT * before for n, before in where.median_before.items())
-    return where.excess_share_without if fell else 1.0
 
 
 def _touched(after: HorizonError, bad: Mask) -> Mask:

@@ -14,18 +14,21 @@ from simgap.diagnosis.search.confidence import degrees_of_freedom, standard_erro
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
-from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.problem import Problem, interval
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import (
+    BLOCK_SPANS,
     COVERED_ERRORS,
-    EXCESS_KEPT,
     FIT_QUALITY,
     FOLD_AGREEMENT,
     HELD_OUT_QUALITY,
     LEAPS_ANYHOW,
+    LOOK_BACK_S,
+    LOOK_BACK_SAMPLES,
     NO_MORE_THAN_NOISE,
 )
 from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error
+from simgap.diagnosis.verdict.score import Errors, Gain
 from simgap.diagnosis.verdict.size import negligible
 from simgap.diagnosis.verdict.strays import strays
 
@@ -41,6 +44,7 @@ class HeldOut:
         chi2: with them; free: compared numbers less what the initial states took.
         heard: (k,) 1 for channels that are fitted.
         horizon: the causal error ahead; None if it was not asked for, or no stretch is long enough.
+        errors: what it is scored by: the errors ahead, of the windows where there are none.
         stray: readings that stand alone, which `ratio`, `chi2` and `free` leave out.
     """
 
@@ -51,6 +55,7 @@ class HeldOut:
     free: int
     heard: Floats
     horizon: HorizonError | None
+    errors: Errors
     stray: int = 0
 
 
@@ -67,7 +72,20 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     ratio = math.sqrt(chi2 / count) / unbiased
     free = max(round(count - held.taken), 1)
     ahead = horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
-    return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, int(alone.sum()))
+    errors = _scored(held, ahead, held.misses(theta, at.x0))
+    return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, errors, int(alone.sum()))
+
+
+def _scored(held: Problem, ahead: HorizonError | None, misses: Floats) -> Errors:
+    """Errors ahead in blocks so long that hardly a prediction reaches over two; else the misses, window by window."""
+    heard = held.heard > 0.0
+    if ahead is None:
+        return Errors(misses[:, heard], np.repeat(np.arange(len(held.windows)), np.diff(held.rows)))
+    trace = np.searchsorted(held.firsts, ahead.begin, side="right") - 1
+    since, ends = held.t[ahead.begin] - held.t[held.firsts[trace]], held.t[ahead.end] - held.t[ahead.begin]
+    length = BLOCK_SPANS * (float(np.max(ends)) + max(LOOK_BACK_S, LOOK_BACK_SAMPLES * interval(held.t)))
+    place = np.stack([trace, since // length], axis=1)
+    return Errors((ahead.error / held.sigma)[:, heard], np.unique(place, axis=0, return_inverse=True)[1].ravel())
 
 
 def chi2_dof(problem: Problem, at: Fit) -> float:
@@ -179,10 +197,10 @@ class Evidence:
     Attributes:
         before, after: chi^2/dof of the fitted windows, of the declared and of the corrected model.
         declared, corrected: error on *confirm*; share: excess of the one over the other there.
+        gain: what the corrected model predicts better, there and where sets competed.
+        borne_out: whether that is of a size that matters there by itself.
         agree: whether the coefficients agree between halves of the fitted data.
         needed: whether *confirm* asks for each effect.
-        elsewhere: the share without the places that carry most of the error, where there are such and the median of the
-            errors, all of them, falls by half too; else 1.
     """
 
     before: float
@@ -190,9 +208,15 @@ class Evidence:
     declared: HeldOut
     corrected: HeldOut
     share: float
+    gain: Gain
+    borne_out: bool
     agree: bool
     needed: bool
-    elsewhere: float = 1.0
+
+    @property
+    def carries(self) -> bool:
+        """Whether it surely predicts better what it was not fitted to."""
+        return self.gain.sure and self.borne_out
 
 
 def verdict(found: Explanation, evidence: Evidence) -> Verdict:
@@ -213,7 +237,4 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
         return "attributed" if plant else "none"
     if not plant:
         return "unexplained"
-    # A stretch that carries the error is left out only if the whole is no worse than as declared: an effect that
-    # strays wildly in a place that was never fitted makes a "push" of its own.
-    enough = evidence.share <= EXCESS_KEPT or (evidence.share < 1.0 and evidence.elsewhere <= EXCESS_KEPT)
-    return "partial" if enough and found.physical and evidence.agree else "unexplained"
+    return "partial" if evidence.carries and found.physical and evidence.agree else "unexplained"

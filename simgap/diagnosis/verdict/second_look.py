@@ -6,7 +6,7 @@ from simgap.diagnosis.result import LeftOver, Nearest
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
-from simgap.diagnosis.thresholds import EXCESS_KEPT, FIT_QUALITY, LOOKED_AT, WORTH_SAYING
+from simgap.diagnosis.thresholds import FIT_QUALITY, LOOKED_AT, WORTH_SAYING
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.judge import Evidence, HeldOut, chi2_dof, excess_share, judge, vanished
 from simgap.model.symbolic import SymbolicModel
@@ -39,14 +39,15 @@ def nearest(
     full: Search, found: Explanation, evidence: Evidence, at_floor: bool, model: SymbolicModel
 ) -> Nearest | None:
     """What was put to *confirm* and is not named, with the reasons; None if it explains next to nothing."""
-    if not found.members or 1.0 - evidence.share < WORTH_SAYING:
+    share = 1.0 - evidence.share if at_floor else evidence.gain.share[0]
+    if not found.members or share < WORTH_SAYING:
         return None
     reasons = (
-        (evidence.share > EXCESS_KEPT, "more than half of the excess error is left"),
+        (not evidence.carries, "it does not surely predict better by a tenth"),
         (not evidence.agree, "halves of the data give different numbers"),
         (not found.physical, "the numbers are not physical"),
         (not found.fit.converged, "the fit had not settled"),
         (all(c.of_recording for c in found.members), "it is a fault of the recording, and more than noise is left"),
     )
     effects = answer.found_effects(full, found, (), evidence.after, at_floor, model)
-    return Nearest(effects, 1.0 - evidence.share, tuple(reason for holds, reason in reasons if holds))
+    return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))

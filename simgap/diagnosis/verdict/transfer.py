@@ -1,15 +1,17 @@
-"""Choice among explanations when none reaches the noise floor: the one that carries over from *fit* to *choose*.
+"""Choice among explanations when none reaches the noise floor: the one that predicts best what it was not fitted to.
 
 Real plants keep something that no effect explains. Its residual is large and smooth, so that samples are not
 independent and BIC at the noise level would add effects without end. BIC is therefore taken at the size of that
-residual and at its number of independent samples, and among its best sets, fitted to *fit* alone, the causal error on
-*choose* decides: gain, inertia and dry friction can stand for each other within one trace, but only the right one
-carries over to another. What is chosen is then fitted to both; *confirm* is not seen here.
+residual and at its number of independent samples, which ranks sets of each size; among the best of these the log
+density of causal errors ahead decides, on parts of the data in turn, each predicted from a fit to the others: gain,
+inertia and dry friction can stand for each other within one trace, but only the right one carries over to another.
+*confirm* is not seen here.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,31 +21,41 @@ from numpy.typing import NDArray
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import grow
+from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BEAM, PLAUSIBLE_RATIO, SETS_JUDGED, SIMPLER_SHARE
-from simgap.diagnosis.verdict.judge import chi2_dof, excess_share, folds_agree, judge, vanished
+from simgap.diagnosis.thresholds import AMBIGUOUS, BEAM, PLAUSIBLE_RATIO, SETS_JUDGED, TRIALS, WORTH_SAYING
+from simgap.diagnosis.verdict.judge import chi2_dof, folds_agree, judge, vanished
+from simgap.diagnosis.verdict.score import Errors, gained
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What sets compete on: fitted to `fit`, judged on `choose`, `horizon_s` ahead."""
+    """One part of the data, on which sets are judged, and the rest, which they are fitted to."""
 
     fit: Problem
-    choose: Problem
-    horizon_s: float
+    judged: Problem
 
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """An explanation that carries over, fitted to both folds, others that do as well, whether halves agree on it."""
+    """An explanation that carries over, fitted to both folds.
+
+    Attributes:
+        search, chosen: what it was found with, and it; rivals: others that do as well.
+        agrees: whether halves of the data agree on its coefficients.
+        declared, predicted: (b,) log density of the errors ahead in each block that it was not fitted to, of the model
+            as declared and with it.
+    """
 
     search: Search
     chosen: Explanation
     rivals: tuple[Explanation, ...]
     agrees: bool
+    declared: Floats
+    predicted: Floats
 
 
 def independent_share(problem: Problem, at: Fit) -> float:
@@ -86,11 +98,31 @@ def _plausible(e: Explanation) -> bool:
     return all(1.0 / PLAUSIBLE_RATIO <= abs(r) <= PLAUSIBLE_RATIO for r in ratios)
 
 
-def transferable(search: Search, base: Fit, best: Explanation, trial: Trial, most: int) -> Carried | None:
-    """Among the best sets by BIC the one with the smallest causal excess on *choose*, or None if all vanish.
+def trials(known: Problem, together: int) -> tuple[Trial, ...]:
+    """Each trace in turn, or stretches of a single one, of `together` windows at least, as a prediction needs."""
+    windows = known.windows
+    at = np.unique(windows.trace, return_inverse=True)[1]
+    if not at.any():
+        at = np.arange(len(windows)) // together
+    count = min(TRIALS, int(at[-1]) + 1)
+    part = np.minimum(at * count // (int(at[-1]) + 1), count - 1)
+    rows = JUDGED_ROWS // max(count, 1)
+    return tuple(
+        Trial(coarse(known.on(windows.pick(part != k))), coarse(known.on(windows.pick(part == k)), rows, together))
+        for k in range(count if count > 1 else 0)
+    )
 
-    One more parameter must lower the excess to `SIMPLER_SHARE`. Sets whose coefficients agree between halves of the
-    data come first.
+
+def transferable(
+    search: Search, base: Fit, best: Explanation, parts: Sequence[Trial], h: float, most: int
+) -> Carried | None:
+    """Of the best sets by BIC the smallest of those that no other surely predicts better than; None if all vanish.
+
+    Sets whose coefficients agree between halves of the data come first.
+
+    Args:
+        search, base, best: what was sought, the model as declared, the best set on it.
+        parts: from `trials`; h: how far ahead is predicted, s; most: largest number of effects.
     """
     wider = rescaled(search, best)
     grow(wider, wider.empty(base), most)
@@ -98,45 +130,46 @@ def transferable(search: Search, base: Fit, best: Explanation, trial: Trial, mos
         for e in _best(wider, size, BEAM):
             wider.joined(e, most=BEAM)
     pool = [
-        e for size in range(1, most + 1) for e in _best(wider, size, SETS_JUDGED) if e.fit.converged and _plausible(e)
-    ]
-    shares = _both_ways(pool, base, trial, wider.steps)
-    ranked = sorted(((s / SIMPLER_SHARE**e.count, e) for s, e in zip(shares, pool, strict=True)), key=lambda it: it[0])
+        e for size in range(1, most + 1) for e in _best(wider, size, SETS_JUDGED)
+        if e.fit.converged and _plausible(e) and not vanished(search, e, False)
+    ]  # fmt: skip
+    if not pool:
+        return None
+    densities = [_density(e, parts, h, wider.steps) for e in (wider.empty(base), *pool)]
     worth = independent_share(search.problem, best.fit)
-    chosen, least, rivals = None, np.inf, []
-    for score, e in ranked:
-        if chosen is not None and (score > least / SIMPLER_SHARE or e.count > chosen.count):
-            continue
-        if not vanished(search, e, False) and folds_agree(search.problem, e, search.steps, worth):
-            if chosen is None:
-                chosen, least = e, score
-            else:
-                rivals.append(e)
-    if chosen is not None:
-        return Carried(wider, chosen, tuple(rivals), True)
-    real_ones = [e for _, e in ranked if not vanished(search, e, False)]
-    return Carried(wider, real_ones[0], (), False) if real_ones else None
+    steady = [k for k, e in enumerate(pool, 1) if folds_agree(search.problem, e, search.steps, worth)]
+    sets = [wider.empty(base), *pool]
+    first, *others = preferred_of(
+        densities, [e.count for e in sets], [e.bic for e in sets], steady or range(1, len(sets))
+    )
+    rivals = [sets[k] for k in others if steady and not sets[first].keys < sets[k].keys]
+    return Carried(wider, sets[first], tuple(rivals), bool(steady), densities[0], densities[first])
 
 
-def _both_ways(pool: Sequence[Explanation], base: Fit, trial: Trial, steps: dict[int, float]) -> list[float]:
-    """`_shares`; where the folds are traces of their own, RMS with that of the folds in each other's role.
+def preferred_of(
+    densities: Sequence[Floats], counts: Sequence[int], bic: Sequence[float], among: Sequence[int]
+) -> list[int]:
+    """Numbers of the sets that cannot be told from the one that predicts best, the smallest and best of them first.
 
-    Of two runs one may swing wider: what is fitted there and carries to the smaller need not carry back.
+    Each parameter has to take a share of the error away that matters. Two sets are told apart where one surely predicts
+    better by the spread over blocks, or has the lower BIC: few blocks are sure of little.
+
+    Args:
+        densities: (b,) log density in each block; counts: parameters, bic: of each set; among: what may be chosen.
     """
-    there = _shares(pool, base, trial, steps)
-    if np.isin(trial.fit.windows.trace, trial.choose.windows.trace).any():
-        return there
-    back = _shares(pool, base, Trial(trial.choose, trial.fit, trial.horizon_s), steps)
-    return [float(np.hypot(a, b) / np.sqrt(2.0)) for a, b in zip(there, back, strict=True)]
+    means = [float(np.mean(d)) + n * math.log(1.0 - WORTH_SAYING) for d, n in zip(densities, counts, strict=True)]
+    best = max(among, key=means.__getitem__)
+    level = [k for k in among if bic[k] <= bic[best] + AMBIGUOUS and not gained(densities[k], densities[best]).sure]
+    return sorted(level, key=lambda k: (counts[k], -means[k]))
 
 
-def _shares(pool: Sequence[Explanation], base: Fit, trial: Trial, steps: dict[int, float]) -> list[float]:
-    """Excess on *choose* of each set, fitted to *fit* alone, over that of the model as declared."""
-    before = judge(trial.choose, base.theta, trial.horizon_s)
-    start = fit(trial.fit, base.theta, initial_states(trial.fit), [], {})
-    shares = []
-    for e in pool:
-        there = fit(trial.fit, e.fit.theta, start.x0, [], {})
-        after = judge(trial.choose, fit(trial.fit, e.fit.theta, there.x0, e.fit.slots, steps).theta, trial.horizon_s)
-        shares.append(excess_share(before, after, trial.choose.sigma))
-    return shares
+def _density(e: Explanation, parts: Sequence[Trial], h: float, steps: dict[int, float]) -> Floats:
+    """Log density of the errors ahead on each part of a set fitted to the others, block by block."""
+    errors = []
+    for part in parts:
+        at = e.fit
+        if e.members:
+            start = fit(part.fit, at.theta, initial_states(part.fit), [], {})
+            at = fit(part.fit, at.theta, start.x0, at.slots, steps)
+        errors.append(judge(part.judged, at.theta, h).errors)
+    return Errors.joined(errors).density() if errors else np.zeros(1)

@@ -45,10 +45,19 @@ def _answer(document: Document) -> list[str]:
         return [_unexplained(document)]
     found = joined([describe(e) for e in effects])
     verb = "explains" if len(effects) == 1 else "together explain"
-    share = 100 * min(max(float(document["explained_share"]), 0.0), 1.0)
-    text = f"{_begun(found)} {verb} {share:.0f} % of the excess error."
+    text = f"{_begun(found)} {verb} {_explained(document)}."
     doubts = [f"{_begun(_doubt(e))}." for e in effects if e.get("alternatives")]
     return [text, *doubts, _remainder(document) if verdict == "partial" else ""]
+
+
+def _explained(document: Document) -> str:
+    """How much: off the noise floor, of the error ahead on data that it was not fitted to, else of what is above it."""
+    told = document.get("explained_error")
+    if told is None:
+        return f"{100 * min(max(float(document['explained_share']), 0.0), 1.0):.0f} % of the excess error"
+    low, high = (f"{100 * min(max(end, 0.0), 1.0):.0f}" for end in told["ci95"])
+    ahead = f"the error {document['error']['after']['horizon_s']:g} s ahead"
+    return f"{100 * told['share']:.0f} % ({low} to {high}) of {ahead}"
 
 
 def _begun(text: str) -> str:
@@ -117,7 +126,7 @@ def _remainder(document: Document) -> str:
     elif over:
         why = f"; {_also(over)}"
     elif document.get("at_most"):
-        why = f" with as many effects as measured.max_effects = {document['at_most']} allows: allow more"
+        why = f" with {document['at_most']} effects, as many as were sought: allow more by measured.max_effects"
     else:
         why = " that nothing in the library explains"
     return f"{left}{why}{covered}."
@@ -153,9 +162,9 @@ def _unexplained(document: Document) -> str:
         found = joined([describe(e) for e in near["effects"]])
         verb, them = ("explains", "it") if len(near["effects"]) == 1 else ("together explain", "them")
         most = document.get("at_most")
-        more = f"Allow more than measured.max_effects = {most} effects, or look" if most else "Look"
+        more = f"Allow more than {most} effects (measured.max_effects), or look" if most else "Look"
         return (
-            f"{_begun(found)} {verb} {100 * near['explained_share']:.0f} % of the excess error, "
+            f"{_begun(found)} {verb} {100 * near['explained_share']:.0f} % of the error, "
             f"which is not enough to name {them}: {joined(near['reasons'])}. {more} for {seek}."
         )
     if over:

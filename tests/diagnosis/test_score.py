@@ -1,0 +1,78 @@
+"""What is scored: predictions of what was not fitted, under a law with heavy tails, sure by the spread over blocks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from simgap.diagnosis.verdict.score import Errors, gained
+from simgap.diagnosis.verdict.transfer import preferred_of
+
+
+def _errors(rng: np.random.Generator, scale: float, pushes: np.ndarray, blocks: int = 40, each: int = 25) -> Errors:
+    size = scale * rng.standard_normal((blocks * each, 1)) + pushes[:, None]
+    return Errors(size, np.repeat(np.arange(blocks), each))
+
+
+def test_a_push_that_carries_the_squares_does_not_hide_what_is_explained():
+    """Four in a hundred errors are a push of fifty: the root mean square falls by 2 %, the scale to a third."""
+    rng, pushes = np.random.default_rng(7), np.zeros(1000)
+    pushes[::25] = 50.0 * rng.choice([-1.0, 1.0], 40)
+    before, after = _errors(rng, 3.0, pushes), _errors(rng, 1.0, pushes)
+    assert np.sqrt(np.mean(after.size**2) / np.mean(before.size**2)) > 0.95
+    found = gained(before.density(), after.density())
+    assert found.sure
+    share, low, high = found.share
+    assert 0.45 < share < 2.0 / 3.0  # the pushes stay as improbable as they are
+    assert low < share < high
+
+
+def test_of_errors_without_a_push_the_share_is_that_of_their_scale():
+    rng, none = np.random.default_rng(8), np.zeros(1000)
+    share, low, high = gained(_errors(rng, 3.0, none).density(), _errors(rng, 1.0, none).density()).share
+    assert low < 2.0 / 3.0 < high
+    assert high - low < 0.1
+    assert share == pytest.approx(2.0 / 3.0, abs=0.03)
+
+
+def test_nothing_gained_is_seldom_sure():
+    """Of models that predict alike one in forty looks surely better, if blocks are what depends on itself."""
+    rng, sure = np.random.default_rng(9), 0
+    for _ in range(200):
+        sizes = np.repeat(np.exp(rng.standard_normal((2, 12, 1))), 20, axis=1)
+        errors = [Errors(s * rng.standard_normal((240, 1)), np.repeat(np.arange(12), 20)) for s in sizes]
+        found = gained(*(e.density() for e in errors))
+        sure += found.nats > found.half
+    assert sure <= 12
+
+
+def test_the_scale_is_of_other_blocks_than_those_scored():
+    """By hand: one block that misses ten times as far is as improbable as the others say."""
+    size = np.concatenate([np.tile([1.0, -1.0], 90), np.tile([10.0, -10.0], 10)])[:, None]
+    density = Errors(size, np.repeat(np.arange(10), 20)).density()
+    scale = 1.0  # of the t with 4 degrees of freedom that fits sizes of 1 alone: 5 / (4 + 1) = 1
+    assert density[-1] == pytest.approx(student.logpdf(10.0, 4) - math.log(scale), rel=1e-3)
+
+
+def test_of_a_single_block_nothing_is_sure():
+    alone = Errors(np.ones((5, 1)), np.zeros(5, dtype=np.int64)).density()
+    assert not gained(alone, alone + 9.0).sure
+
+
+@pytest.mark.parametrize(
+    ("gains", "spread", "bic", "chosen"),
+    [
+        ((0.0, 0.5), 0.1, (100.0, 50.0), 1),  # sure over the blocks
+        ((0.0, 0.5), 2.0, (100.0, 50.0), 1),  # the blocks are unsure, the fit is not
+        ((0.0, 0.5), 2.0, (100.0, 97.0), 0),  # neither is sure: the smaller
+        ((0.0, 0.05), 0.01, (100.0, 50.0), 0),  # sure, and of no size
+    ],
+)
+def test_a_larger_set_is_preferred_where_it_surely_predicts_better_by_a_size_that_matters(gains, spread, bic, chosen):
+    rng = np.random.default_rng(3)
+    noise = spread * (lambda x: x - x.mean())(rng.standard_normal(12))
+    densities = [np.full(12, gains[0]), gains[1] + noise]
+    assert preferred_of(densities, (1, 2), bic, (0, 1))[0] == chosen
