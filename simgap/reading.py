@@ -1,7 +1,7 @@
 """The one door through which files are opened to be read: what is opened is a regular file, and its size is known.
 
 A folder may come from a stranger: a case may be a link to a device that never ends or to itself, a pipe that nobody
-writes to, a file larger than memory. Nothing else in the package opens a file (`tests/test_reading.py` looks).
+writes to, a file larger than memory. Nothing else in the package opens a file (`tests/test_reading_files.py` looks).
 """
 
 from __future__ import annotations

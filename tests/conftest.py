@@ -1,5 +1,6 @@
 """What tests share: the repository's paths and a way to vary a case."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,13 @@ import yaml
 from tests import stale
 
 ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(autouse=True)
+def environment():
+    """A command that runs in the process of a test keeps later ones of it from importing what lies in their folder."""
+    yield
+    os.environ.pop("PYTHONSAFEPATH", None)
 
 
 @pytest.fixture(scope="session")

@@ -57,7 +57,7 @@ def parquet_header(path: Path, file: str) -> tuple[str, ...]:
 def rig_record(path: Path) -> Any:
     """What a file that `simgap rig` wrote says of its simulator; None of any other, readable or not."""
     try:
-        record = record_of(pq.read_schema(path)) if is_parquet(path) else None
+        record = record_of(parquet_schema(path)) if is_parquet(path) else None
     except (pa.ArrowException, OSError, UserError):
         return None
     return record if isinstance(record, dict) and record.get("stage") == "rig" else None

@@ -82,7 +82,7 @@ def loading(engine: str, path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         said = excerpt(str(error) or type(error).__name__, 300)
-        absent = [n for n in _meshes(path) if "://" not in n and not (path.parent / n).is_file()]
+        absent = [n for n in _meshes(path) if "://" not in n and not reading.is_file(path.parent / n)]
         lacks = f"; there is no {excerpt(absent[0], 80)}" if absent and absent[0] not in said else ""
         raise UserError(
             f"{engine} does not take it: {said.rstrip('.')}{lacks}", file=path, remedy="Correct it."
@@ -91,8 +91,8 @@ def loading(engine: str, path: Path) -> Iterator[None]:
 
 def _meshes(path: Path) -> list[str]:
     try:
-        return [str(mesh.get("filename") or mesh.get("file") or "") for mesh in ElementTree.parse(path).iter("mesh")]
-    except (ElementTree.ParseError, LookupError, OSError, ValueError):
+        return [str(mesh.get("filename") or mesh.get("file") or "") for mesh in reading.read_xml(path).iter("mesh")]
+    except (UserError, ElementTree.ParseError, LookupError, OSError, ValueError):
         return []
 
 

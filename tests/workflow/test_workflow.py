@@ -267,11 +267,12 @@ def test_a_model_file_is_part_of_what_was_read(project):
 def test_an_overlay_of_the_sweep_adds_only_new_points(project):
     overlay = project.folder / "more.yaml"
     overlay.write_text(yaml.safe_dump({"sweeps": {"small": {"eps": [0.02, 0.05]}}}))
-    jobs = project.planned("--configfile", str(overlay))
+    jobs = project.planned("--configfile", str(overlay), "--", "results/small/full/report.html")
     assert {stage: jobs.get(stage) for stage in ROAD - {"fresh"}} == {
         "grid": 1, "rollouts": 2, "borders": 1, "scp": 2, "lipschitz": 2, "gap": 1
     }  # fmt: skip
-    assert not {"fresh", "synthesis", "validation"} & set(jobs)
+    assert not {"fresh", "synthesis"} & set(jobs)
+    assert jobs["validation"] == jobs["audit"] == jobs["report"] == 1  # the trials of a full run
 
 
 def test_a_truncated_shard_is_one_line_with_the_file_and_the_remedy(project, tmp_path):

@@ -28,6 +28,7 @@ OWN = {
     "simulators/watched.py": "memory of this process, from the system",
     "simulators/function_process.py": "nowhere: the null device",
     "simulators/process.py": "where the engine's words go",
+    "simulators/unnamed.py": "a pipe of its own",
     "cache.py": "its own sources, before the package is imported",
     "io/atomic.py": "its own temporary file",
     "io/parquet.py": "its own temporary file",
