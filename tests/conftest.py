@@ -59,12 +59,14 @@ def pytest_addoption(parser):
 
 
 def pytest_collection_modifyitems(config, items):
-    if not config.getoption("--stale"):
-        return
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
-    old = slow - stale.stale(slow)
-    config.hook.pytest_deselected(items=[item for item in items if item.path in old])
-    items[:] = [item for item in items if item.path not in old]
+    slow = {item.path for item in items if stale.is_slow(item.path)}
+    for item in items:
+        if item.path in slow:
+            item.add_marker("slow")
+    whole = [Path(word).resolve() for word in config.args] == [ROOT / "tests"] and not config.option.markexpr
+    left = slow if whole else slow - stale.stale(slow) if config.getoption("--stale") else set()
+    config.hook.pytest_deselected(items=[item for item in items if item.path in left])
+    items[:] = [item for item in items if item.path not in left]
 
 
 class Outcomes:
@@ -83,6 +85,6 @@ class Outcomes:
 
 def pytest_configure(config):
     if config.getoption("--record") and not hasattr(config, "workerinput"):
-        if config.option.keyword or config.option.markexpr != "slow" or config.args != config.getini("testpaths"):
+        if config.option.keyword or config.option.markexpr != "slow" or config.args != ["tests"]:
             raise pytest.UsageError("--record goes with `pytest -m slow` and nothing else")
         config.pluginmanager.register(Outcomes())

@@ -15,11 +15,42 @@ from pathlib import Path
 from simgap import plugins
 from simgap.provenance import UNHASHED, closure, digest, file_digest, import_graph, imported_names, module_digests
 
+SLOW = {
+    "checker": ["test_reach"],
+    "cli": ["test_notebook", "test_tutorial"],
+    "diagnosis": [
+        "test_arms", "test_change", "test_encoder", "test_experiment", "test_measured_records", "test_push",
+        "test_recording_faults",
+    ],
+    "gap": ["test_grain"],
+    "installation": ["*"],
+    "io": ["test_full_disk", "test_hostile_input"],
+    "simulators": ["test_drake_joints", "test_mjcf", "test_mujoco_wheeled"],
+    "stages": [
+        "test_acted_out", "test_case_studies", "test_conditions", "test_diagnosis_records", "test_drive",
+        "test_faults_kill", "test_gap_from_case", "test_memory", "test_new", "test_next", "test_other_bounds",
+        "test_pages_in_a_browser", "test_robot_from_case", "test_sensing_stage", "test_servo_bench",
+        "test_several_records", "test_twin",
+    ],
+    "synthesis": ["test_proposal"],
+    "undeclared": [
+        "test_alike", "test_creep", "test_drives", "test_force_curve", "test_many", "test_merge", "test_mujoco",
+        "test_outside", "test_robot",
+    ],
+    "workflow": ["*"],
+}  # fmt: skip
+"""Files of tests that take more than two thirds of the time of all: whole roads, studies, kills, other installations.
+What they protect has a small test elsewhere, or is tried again only when its code changes."""
 TESTS = Path(__file__).parent
 ROOT = TESTS.parent
 PASSED = TESTS / "slow_passed.json"
 """Digests of the code with which each file of slow tests passed; `--record` writes it."""
 OTHERS = ("configs/**/*", "rules/*", "reports/**/*", "profiles/**/*", "Snakefile", "uv.lock", "docs/tutorial/*")
+
+
+def is_slow(file: Path) -> bool:
+    """Whether plain `pytest` leaves a file of tests out, unless it is named."""
+    return any(file.match(f"tests/{folder}/{name}.py") for folder, names in SLOW.items() for name in names)
 
 
 def stale(files: Iterable[Path]) -> set[Path]:
