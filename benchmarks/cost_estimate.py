@@ -18,10 +18,10 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from simgap.gap.points import own_point
-from simgap.stages.context import Context
-from simgap.stages.costs import costs
-from simgap.stages.engine_check import of_engine
+from simgap.gap.sampling.points import own_point
+from simgap.lint.costs import costs
+from simgap.lint.engine import of_engine
+from simgap.plants.context import Context
 from simgap.stages.times import JobTime, job_times
 
 ROOT = Path(__file__).parents[1]

@@ -16,20 +16,21 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.simulator import Damping
-from simgap.gap.fit import fit_gap
-from simgap.gap.fresh_check import check_fresh
-from simgap.gap.pairs import draw, product
-from simgap.gap.samples import GapSamples
+from simgap.gap.fitting.fit import fit_gap
+from simgap.gap.fitting.fresh_check import check_fresh
+from simgap.gap.sampling.points import draw, product
+from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
-from simgap.geometry import Floats, Grid
+from simgap.geometry import Grid
+from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.simulators.mujoco_joints import MuJoCoSettings
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.pybullet_joints import PyBulletSettings
 from simgap.simulators.rollouts import roll_out
-from simgap.stages.context import Context
 
 CASE = Path(__file__).parents[1] / "configs" / "cases" / "pendulum.yaml"
 FREE = Damping(linear=0.0, angular=0.0)

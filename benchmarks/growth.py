@@ -3,7 +3,7 @@
 Reissig, Weber and Rungger (2017), "Feedback refinement relations for the synthesis of symbolic controllers".
 
 The box of a cell with centre c and half-width r under u is `step(c, u) -/+ growth(r, u)`. Nothing here checks that the
-growth bound is one; `simgap.synthesis.nominal` derives its own and rounds outward.
+growth bound is one; `simgap.synthesis.abstraction.nominal` derives its own and rounds outward.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.geometry import Grid
-from simgap.synthesis.abstraction import Abstraction
-from simgap.synthesis.tables import reduced_cells, reduced_size, table_meta, table_post
+from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.tables import reduced_cells, reduced_size, table_meta, table_post
 
-Floats = NDArray[np.float64]
 ENLARGEMENT = 1e-10  # of a cell, before the growth and again after it
 TOGETHER = 1 << 18  # pairs of cell and input that are tabulated in one call
 TOLERANCE = 1e-9  # of a cell: a post that only touches the next cell counts as reaching it

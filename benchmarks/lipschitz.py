@@ -16,10 +16,11 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import kstest, weibull_max
 
+from simgap.arrays import Floats
 from simgap.gap.lipschitz.evt import ReverseWeibull, fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.thresholds import GATE
-from simgap.geometry import Box, Floats, Grid
+from simgap.geometry import Box, Grid
 
 BOX = Box([-1.0, -1.0], [1.0, 1.0])
 BLOCKS, PAIRS, RADIUS = 100, 100, 0.05

@@ -113,7 +113,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "synthesis/frame.py",
+        "synthesis/abstraction/frame.py",
         KERNELS,
         ("the rounding pad of cells is dropped", "grow = data[4 * n + j] + data[5 * n + j]", "grow = data[4 * n + j]"),
         (
@@ -149,7 +149,7 @@ MUTANTS: list[Mutant] = [
         ("infinite posts become cells", "if not (-largest < lo and hi < largest):", "if not (-largest < lo):"),
     ),
     *_of(
-        "synthesis/product.py",
+        "synthesis/abstraction/product.py",
         KERNELS,
         ("a group's gap ignores its last cell", "index[n - 1] += extra\n", "index[n - 1] += extra - 1\n"),
         (
@@ -176,7 +176,7 @@ MUTANTS: list[Mutant] = [
         ("offsets are counted from the face, not the centre", "axis[i] = -0.5 * axis[n + i]", "axis[i] = 0.0"),
     ),
     *_of(
-        "synthesis/row_waves.py",
+        "synthesis/games/row_waves.py",
         WAVES,
         ("erosions begin where the set changed", "start = r - widest + 1", "start = r"),
         ("the swept box may leave the slab", "0 <= q // words + clear_rows < rows", "True"),
@@ -184,7 +184,7 @@ MUTANTS: list[Mutant] = [
         ("a slab's neighbours are forgotten", "out[q] &= row[q]", "out[q] |= row[q]"),
     ),
     *_of(
-        "synthesis/row_settle.py",
+        "synthesis/games/row_waves.py",
         WAVES,
         (
             "only the first input of equal moves is noted",
@@ -195,13 +195,13 @@ MUTANTS: list[Mutant] = [
         ("levels are written a cell too low", "value[start + j * stride, c] = level", "value[start, c] = level"),
     ),
     *_of(
-        "synthesis/row_moves.py",
+        "synthesis/games/row_moves.py",
         WAVES,
         ("boxes wrap where axes end", "(low + size <= lead[0])", "(low <= lead[0])"),
         ("rows have no empty bits behind them", "(count + farthest + 63) // 64", "(count + 63) // 64"),
     ),
     *_of(
-        "synthesis/windows.py",
+        "synthesis/games/windows.py",
         KERNELS,
         ("sensing windows do not wrap", "other %= cells", "other = min(max(other, 0), cells - 1)"),
         ("sensing windows miss their last cell", "range(-margin, margin + 1)", "range(-margin, margin)"),
@@ -214,7 +214,7 @@ MUTANTS: list[Mutant] = [
         ("measurements beyond X are not padded on both sides", "[c + 2 * int(p) for", "[c + int(p) for"),
     ),
     *_of(
-        "synthesis/holes.py",
+        "synthesis/abstraction/holes.py",
         KERNELS,
         (
             "a box across the seam leaves the count",
@@ -237,7 +237,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "synthesis/swept.py",
+        "synthesis/abstraction/swept.py",
         KERNELS,
         (
             "swept boxes ignore the heading's error",
@@ -256,7 +256,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "synthesis/intersample.py",
+        "synthesis/abstraction/intersample.py",
         SETS,
         ("a path strays for a quarter of the sampling time", "0.5 * tau * speed", "0.25 * tau * speed"),
         ("what the real plant adds between samples is left out", ".max(axis=0) + added", ".max(axis=0)"),
@@ -300,7 +300,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/cells.py",
+        "gap/bounds/cells.py",
         BOUNDS,
         ("tables are not rounded outward", "slack = 2.0**-48 * (abs(low) + abs(high) + reach) + 1e-300", "slack = 0.0"),
         (
@@ -335,7 +335,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/hidden_bound.py",
+        "gap/memory/bound.py",
         BOUNDS,
         ("the heading deviation is not added", "raised = margin + deviation.largest", "raised = margin"),
         (
@@ -346,7 +346,7 @@ MUTANTS: list[Mutant] = [
         ("paths between recorded poses are not added", " + robot.between_poses)", ")"),
     ),
     *_of(
-        "gap/hidden_fit.py",
+        "gap/memory/fit.py",
         BOUNDS,
         (
             "sequences below the hull do not count",
@@ -355,7 +355,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/hidden_state.py",
+        "gap/memory/hidden_state.py",
         BOUNDS,
         ("hulls keep their first upper end", "np.maximum.at(hi, m, values)", "np.maximum.at(hi, m[:1], values[:1])"),
         (
@@ -366,7 +366,7 @@ MUTANTS: list[Mutant] = [
         ("nothing is extrapolated beyond the largest excess", "* r / (1.0 - r))", "* 0.0)"),
     ),
     *_of(
-        "gap/symmetry.py",
+        "gap/bounds/symmetry.py",
         BOUNDS,
         (
             "heading bounds are not rounded outward",
@@ -375,7 +375,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/headings.py",
+        "gap/memory/headings.py",
         BOUNDS,
         (
             "deviations between headings have a sign",
@@ -384,7 +384,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/rotation.py",
+        "gap/bounds/rotation.py",
         SYMMETRY,
         (
             "a turned box misses its farthest point",
@@ -418,7 +418,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/samples.py",
+        "gap/sampling/samples.py",
         RANGES,
         (
             "the upper side covers the lower end",
@@ -436,7 +436,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/side.py",
+        "gap/fitting/side.py",
         RANGES,
         ("the padding per axis is not added", "raised = reach + fit.missing", "raised = fit.missing"),
         (
@@ -446,7 +446,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/envelope.py",
+        "gap/fitting/envelope.py",
         BOUNDS,
         (
             "an envelope's upper side starts from the lower end",
@@ -455,7 +455,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/fresh_check.py",
+        "gap/fitting/fresh_check.py",
         BOUNDS,
         ("samples below the bound are not counted", "excess = np.maximum(lo - d, top - hi)", "excess = top - hi"),
         (
@@ -475,7 +475,7 @@ MUTANTS: list[Mutant] = [
         ("the rank is that of n scores", "math.ceil((n + 1) * level)", "math.ceil(n * level)"),
     ),
     *_of(
-        "gap/borders.py",
+        "gap/sampling/borders.py",
         BORDERS,
         ("X has no upper faces", "np.array([domain.box.lo[j], domain.box.hi[j]])", "np.array([domain.box.lo[j]])"),
         (
@@ -562,7 +562,7 @@ MUTANTS: list[Mutant] = [
         ("a chord is its beginning", "np.linspace(0.0, 1.0, POINTS)", "np.linspace(0.0, 0.0, POINTS)"),
     ),
     *_of(
-        "gap/periodic.py",
+        "gap/bounds/periodic.py",
         TURNS,
         (
             "parts of a box across the seam lose their rounding",

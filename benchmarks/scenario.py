@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from simgap.gap.bases import Basis
-from simgap.gap.design import Design
-from simgap.gap.scenario import ScenarioResult, solve_scenario
-from simgap.geometry import Box, Floats, Grid
+from simgap.arrays import Floats
+from simgap.gap.bounds.bases import Basis
+from simgap.gap.fitting.design import Design
+from simgap.gap.fitting.scenario import ScenarioResult, solve_scenario
+from simgap.geometry import Box, Grid
 
 PAPER = ("x1^2", "x2^2", "x1*x2", "x1", "x2", "u", "1")
 X = Box([-0.2, -0.5], [0.2, 0.5])

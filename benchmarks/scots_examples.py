@@ -13,7 +13,7 @@ import numpy as np
 from growth import Floats, growth_abstraction
 
 from simgap.geometry import Box, Grid
-from simgap.synthesis.abstraction import Abstraction
+from simgap.synthesis.abstraction.cells import Abstraction
 
 TOUCH = 1e-10  # of a length: an obstacle that touches a cell counts as meeting it
 OBSTACLES = [

@@ -19,11 +19,11 @@ import numpy as np
 
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.transitions import seen, transitions, within
-from simgap.gap.acceptance import covering_remainder
-from simgap.gap.function import GapFunction
+from simgap.gap.bounds.function import GapFunction
+from simgap.gap.fitting.acceptance import covering_remainder
 from simgap.io.gap_file import load_gap
-from simgap.stages.context import Context
-from simgap.stages.measured_data import load_reading
+from simgap.io.recordings.measured import load_reading
+from simgap.plants.context import Context
 
 ROOT = Path(__file__).parents[1]
 CASE, RESULTS = ROOT / "configs/cases/go1_servo.yaml", ROOT / "results/go1_servo"

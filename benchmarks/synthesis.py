@@ -59,7 +59,7 @@ def _timed(name: str, run) -> dict[str, object]:
 def _pinned_pendulum(number: int) -> dict[str, object]:
     from pinned_problems import PENDULUM, pendulum
 
-    from simgap.synthesis.invariance import invariance
+    from simgap.synthesis.games.invariance import invariance
 
     cells = list(PENDULUM)[number]
 
@@ -74,7 +74,7 @@ def _pinned_pendulum(number: int) -> dict[str, object]:
 def _pinned_unicycle(number: int, backend: str, masks: bool) -> dict[str, object]:
     from pinned_problems import UNICYCLE, unicycle
 
-    from simgap.synthesis.reach import reach_avoid
+    from simgap.synthesis.games.reach import reach_avoid
 
     row = list(UNICYCLE)[number]
 
@@ -91,7 +91,7 @@ def _hundred_million(one: bool) -> dict[str, object]:
     from pinned_problems import LAYERS, unicycle
 
     from simgap.synthesis.controller import least_effort
-    from simgap.synthesis.reach import reach_avoid
+    from simgap.synthesis.games.reach import reach_avoid
 
     LAYERS[0.019] = 375
     problem = unicycle(0.019, 21, (9.0, 9.5))
@@ -109,8 +109,8 @@ def _hundred_million(one: bool) -> dict[str, object]:
 def _scots(name: str) -> dict[str, object]:
     import scots_examples
 
-    from simgap.synthesis.invariance import invariance
-    from simgap.synthesis.reach import reach_avoid
+    from simgap.synthesis.games.invariance import invariance
+    from simgap.synthesis.games.reach import reach_avoid
 
     def run() -> dict[str, object]:
         if name == "dcdc":
@@ -132,8 +132,8 @@ def _product(gap_kind: str, threads: int) -> dict[str, object]:
 
     from simgap.geometry import Box, Grid
     from simgap.model.sampled import NominalModel
-    from simgap.synthesis.invariance import invariance
-    from simgap.synthesis.nominal import nominal_abstraction
+    from simgap.synthesis.abstraction.nominal import nominal_abstraction
+    from simgap.synthesis.games.invariance import invariance
 
     a, b, u = sp.symbols("x1 x2 u", real=True)
     tau = 0.005
@@ -168,7 +168,7 @@ def _product(gap_kind: str, threads: int) -> dict[str, object]:
 def _many_inputs(masks: bool) -> dict[str, object]:
     from pinned_problems import unicycle
 
-    from simgap.synthesis.reach import reach_avoid
+    from simgap.synthesis.games.reach import reach_avoid
 
     problem = unicycle(0.1, 84, (9.0, 9.5))
 

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from simgap.arrays import Floats
+
 SHARE = 1e-7  # of a cell: faces that coincide up to rounding are no fault
 _FOLDED: dict[str, Callable[[Any, Any], Any]] = {"+": np.add, "*": np.multiply, "min": np.minimum, "max": np.maximum}
 _SINGLE: dict[str, Callable[[Any], Any]] = {"sin": np.sin, "cos": np.cos, "abs": np.abs, "/": np.reciprocal}

@@ -19,20 +19,21 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError
-from simgap.gap.assemble import GapResult
-from simgap.gap.fit import fit_gap
-from simgap.gap.fresh_check import check_fresh
+from simgap.gap.fitting.assemble import GapResult
+from simgap.gap.fitting.fit import fit_gap
+from simgap.gap.fitting.fresh_check import check_fresh
 from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.pairs import draw, product
-from simgap.gap.samples import GapSamples
+from simgap.gap.sampling.points import draw, product
+from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
-from simgap.geometry import Floats, Grid
+from simgap.geometry import Grid
+from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
-from simgap.stages.context import Context
 from simgap.stages.synthesis import pose
 from simgap.synthesis.synthesise import synthesise
 

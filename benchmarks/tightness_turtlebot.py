@@ -20,21 +20,20 @@ from typing import Any
 
 import numpy as np
 
-from simgap.config.pose import pose_axes
+from simgap.arrays import Floats
 from simgap.errors import SimgapError
-from simgap.gap.bases import Basis
-from simgap.gap.design import Design
-from simgap.gap.fresh_check import check_fresh
-from simgap.gap.hidden_state import hull
-from simgap.gap.load import from_json
-from simgap.gap.scenario import solve_scenario
-from simgap.gap.steps.samples import steps_of
-from simgap.gap.steps.tables import AFTER_PREVIOUS, body_samples
-from simgap.gap.symmetry import BodyFrameGap, nominal_motion
-from simgap.geometry import Floats
+from simgap.gap.bounds.bases import Basis
+from simgap.gap.bounds.load import from_json
+from simgap.gap.bounds.symmetry import BodyFrameGap, nominal_motion
+from simgap.gap.fitting.design import Design
+from simgap.gap.fitting.fresh_check import check_fresh
+from simgap.gap.fitting.scenario import solve_scenario
+from simgap.gap.memory.hidden_state import hull
+from simgap.gap.sampling.gap_samples import steps_of
+from simgap.gap.sampling.tables import AFTER_PREVIOUS, body_samples
 from simgap.io.documents import read_json
-from simgap.stages.context import Context
-from simgap.stages.made import samples_of
+from simgap.plants.context import Context, pose_axes
+from simgap.stages.gap_inputs import samples_of
 from simgap.stages.synthesis import pose
 from simgap.synthesis.synthesise import Problem, synthesise
 

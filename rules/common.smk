@@ -13,7 +13,7 @@ from simgap.config.rig import case_of_rig
 from simgap.config.sweep import MARK, base_of, points_of_sweep
 from simgap.config.workflow import workflow_config
 from simgap.errors import SimgapError, UserError
-from simgap.gap.points import (
+from simgap.gap.sampling.points import (
     EVERY_HISTORY,
     own_point,
     points_of,
@@ -21,7 +21,7 @@ from simgap.gap.points import (
     shard_count,
 )
 from simgap.io.atomic import host, no_links_below
-from simgap.io.run_lock import LINKED, join
+from simgap.io.runs_here import LINKED, join
 from simgap.io.runs_here import announce
 from simgap.reading import is_file
 from simgap.provenance import (

@@ -10,14 +10,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from simgap.gap.function import GapFunction
+from simgap.gap.bounds.function import GapFunction
 from simgap.io.documents import read_json
 from simgap.io.gap_file import load_gap as _load_gap
+from simgap.plants.context import Context
 from simgap.stages import check as _check
 from simgap.stages import diagnosis as _diagnosis
 from simgap.stages import new as _new
 from simgap.stages.check import Checked
-from simgap.stages.context import Context
 
 
 def load_gap(path: Path | str, case: Path | str) -> GapFunction:

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats, Ints
 from simgap.specifications.monitor import Monitor, Run
 from simgap.specifications.solution import after_choice
-
-Ints = NDArray[np.int64]
 
 
 class Plant(Protocol):

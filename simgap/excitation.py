@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats
 
 
 def multisine(

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from simgap.arrays import Bools, Floats, Ints
 from simgap.errors import UserError, excerpt
-
-Floats = NDArray[np.float64]
 
 
 def rows(*groups: tuple[ArrayLike, Sequence[object]]) -> tuple[Floats, ...]:
@@ -68,7 +67,7 @@ class Box:
         """Number of dimensions n."""
         return int(self.lo.size)
 
-    def contains(self, x: Floats) -> NDArray[np.bool_]:
+    def contains(self, x: Floats) -> Bools:
         """Membership of points: (..., n) -> (...)."""
         return np.all((x >= self.lo) & (x <= self.hi), axis=-1)
 
@@ -123,7 +122,7 @@ class Grid:
         mesh = np.meshgrid(*(self.axis(j) for j in range(self.box.size)), indexing="ij")
         return np.stack([m.reshape(-1) for m in mesh], axis=-1)
 
-    def index(self, x: Floats) -> NDArray[np.int64]:
+    def index(self, x: Floats) -> Ints:
         """Flat index of the cell holding each point, -1 outside: (m, n) -> (m,). Periodic axes wrap."""
         counts = np.array(self.cells)
         k = np.floor((x - self.box.lo) / (2.0 * self.h)).astype(np.int64)
@@ -161,7 +160,7 @@ LARGEST_NUDGE = 16
 """Rounds in which a point on a face is moved into its cell by ever more units in the last place; it takes two."""
 
 
-def points_of_cells(grid: Grid, cells: NDArray[np.int64], place: Floats) -> Floats:
+def points_of_cells(grid: Grid, cells: Ints, place: Floats) -> Floats:
     """Points of flat cells (n,) at `place` (n, nx) from -1 to 1 along each axis: (n, nx).
 
     Upper faces belong to the next cell. A point there is moved inward by as little as makes it the cell's own.

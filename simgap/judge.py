@@ -8,10 +8,9 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.gap.function import GapFunction
-from simgap.geometry import Floats
+from simgap.arrays import Bools, Floats
+from simgap.gap.bounds.function import GapFunction
 from simgap.model.sampled import NominalModel
 from simgap.simulators.body_samples import REST
 from simgap.specifications.monitor import Monitor, Outcome, Run, Verdict
@@ -37,7 +36,7 @@ class GapAudit:
     hi: Floats
 
     @property
-    def outside(self) -> NDArray[np.bool_]:
+    def outside(self) -> Bools:
         """Steps at which gamma did not hold: (k,) bool."""
         return ~np.all((self.lo <= self.d) & (self.d <= self.hi), axis=1)
 
@@ -181,7 +180,7 @@ def steps_of(runs: Sequence[Run], inputs: Floats) -> tuple[Floats, Floats, Float
     return x, u, np.concatenate([r.x[1 : len(r.inputs) + 1] for r in runs])
 
 
-def split_by_run(flags: Sequence[bool] | NDArray[np.bool_], runs: Sequence[Run]) -> list[int]:
+def split_by_run(flags: Sequence[bool] | Bools, runs: Sequence[Run]) -> list[int]:
     """How many flagged steps each run has: (k,) bool, the steps of all runs under each other."""
     ends = np.cumsum([len(r.inputs) for r in runs])
     counts = np.concatenate([[0], np.cumsum(np.asarray(flags, dtype=np.int64))])

@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.gap.bases import Basis
-from simgap.gap.forms import Form, make_form, negated
-from simgap.gap.function import GapDomain
-from simgap.gap.linear import LinearGap
-from simgap.gap.supremum import supremum
-from simgap.gap.tiers import Tier
-from simgap.geometry import Box, Floats
+from simgap.gap.bounds.bases import Basis
+from simgap.gap.bounds.forms import Form, make_form, negated
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.linear import LinearGap
+from simgap.gap.bounds.supremum import supremum
+from simgap.gap.bounds.tiers import Tier
+from simgap.geometry import Box
 from simgap.model.expressions import parse
 from simgap.synthesis.synthesise import Problem, synthesise
 

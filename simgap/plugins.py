@@ -95,7 +95,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
 DOORS: Mapping[str, str] = MappingProxyType(
     {
         "engines": "simgap.simulators.build",
-        "bases": "simgap.gap.linear_fit",
+        "bases": "simgap.gap.fitting.linear_fit",
         "effects": "simgap.effects",
         "specifications": "simgap.specifications.base",
     }

@@ -29,7 +29,7 @@ PACKAGE = Path(__file__).parent
 # the plug-ins that are, and what a stage costs decides nothing of its result: their code would invalidate everything.
 UNHASHED = (
     "simgap.config.case", "simgap.config.load", "simgap.config.plugged", "simgap.plugins", "simgap.provenance",
-    "simgap.stages.costs",
+    "simgap.lint.costs",
 )  # fmt: skip
 # Distributions that any result may depend on; what a plug-in depends on, it declares.
 MOST_TOLD = 3

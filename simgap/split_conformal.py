@@ -14,14 +14,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats, Ints
 
 _ROUNDING = 1e-12  # of sums of weights
 
 
-def reach(scores: Floats, level: float, piece: NDArray[np.int64] | None = None) -> float:
+def reach(scores: Floats, level: float, piece: Ints | None = None) -> float:
     """The smallest score that the weights of those up to it bring to `level`; infinite if there are too few pieces.
 
     Args:

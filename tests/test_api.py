@@ -11,8 +11,8 @@ import pytest
 from little_cart import write_cart
 
 import simgap
-from simgap.gap.cells import CellGap
-from simgap.gap.function import GapDomain
+from simgap.gap.bounds.cells import CellGap
+from simgap.gap.bounds.function import GapDomain
 from simgap.geometry import Box
 
 PLAIN = """

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import sympy as sp
 
-from simgap.gap.function import GapDomain
-from simgap.gap.previous import PreviousClasses
-from simgap.gap.symmetry import BodyFrameGap
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.previous import PreviousClasses
+from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.geometry import Box, Grid
 from simgap.judge import LEFT, Judge, strays
 from simgap.model.sampled import NominalModel

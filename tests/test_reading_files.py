@@ -13,10 +13,10 @@ from simgap.config.load import load_case
 from simgap.config.recordings import matching
 from simgap.errors import UserError
 from simgap.io.controller_file import load_controller
-from simgap.io.diagnosis_tables import read_recording
 from simgap.io.documents import MOST, read_json
 from simgap.io.gap_file import load_gap
 from simgap.io.parquet import read_parquet
+from simgap.io.recordings.tables import read_recording
 from simgap.plants.model_file import read_model_file
 
 PACKAGE = Path(reading.__file__).parent
@@ -32,8 +32,7 @@ OWN = {
     "cache.py": "its own sources, before the package is imported",
     "io/atomic.py": "its own temporary file",
     "io/parquet.py": "its own temporary file",
-    "io/recording_scene.py": "its `open` opens no file",
-    "io/run_lock.py": "a lock",
+    "io/rerun/scene.py": "its `open` opens no file",
     "io/runs_here.py": "a lock",
     "simulators/fmu_unit.py": "a lock on its own folder",
     "io/shared_solution.py": "tables of its own scratch folder",

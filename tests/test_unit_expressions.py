@@ -11,7 +11,7 @@ from little_cart import CASE, write_cart
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
-from simgap.io.diagnosis_tables import read_header
+from simgap.io.recordings.tables import read_header
 from simgap.plants.plant_model import PlantModel
 from simgap.units import Affine, conversion
 

@@ -19,7 +19,7 @@ CSV = "t,q,v,trace\n" + "".join(f"{0.01 * k:g},{k % 7 - 3:g},{0.1 * k:g},a\n" fo
 
 def read_csv(rng: random.Random, folder: Path) -> None:
     """A damaged recording in CSV."""
-    from simgap.io.diagnosis_tables import read_recording
+    from simgap.io.recordings.tables import read_recording
 
     path = folder / "run.csv"
     text = CSV if rng.random() < 0.6 else CSV.replace(",", rng.choice((";", "\t"))).replace(".", rng.choice(".,"))
@@ -39,7 +39,7 @@ def _parquet() -> bytes:
 
 def read_parquet(rng: random.Random, folder: Path) -> None:
     """A damaged recording in Parquet, or one whose columns are of strange types."""
-    from simgap.io.diagnosis_tables import read_recording
+    from simgap.io.recordings.tables import read_recording
 
     path = folder / "run.parquet"
     if rng.random() < 0.8:
@@ -71,7 +71,7 @@ def _json(rng: random.Random) -> tuple[str, bytes]:
 
 def read_json(rng: random.Random, folder: Path) -> None:
     """A damaged recording in JSON."""
-    from simgap.io.diagnosis_tables import read_recording
+    from simgap.io.recordings.tables import read_recording
 
     name, content = _json(rng)
     path = folder / name

@@ -39,7 +39,7 @@ def read_table(rng: random.Random, folder: Path) -> None:
 
 def read_gap(rng: random.Random, folder: Path) -> None:
     """A gap that was altered by somebody who can write a checksum; what is taken is right side up."""
-    from simgap.gap.load import from_json
+    from simgap.gap.bounds.load import from_json
 
     content: Any = json.loads(_gaps()[rng.randrange(len(_gaps()))])
     for _ in range(rng.choice((1, 1, 2, 3))):
@@ -54,13 +54,13 @@ def read_gap(rng: random.Random, folder: Path) -> None:
 @cache
 def _gaps() -> tuple[str, ...]:
     """One bound of each kind, as JSON."""
-    from simgap.gap.bases import Basis
-    from simgap.gap.cells import CellGap
-    from simgap.gap.forms import make_form
-    from simgap.gap.function import GapDomain
-    from simgap.gap.linear import LinearGap
-    from simgap.gap.symmetry import BodyFrameGap
-    from simgap.gap.tiers import Tier
+    from simgap.gap.bounds.bases import Basis
+    from simgap.gap.bounds.cells import CellGap
+    from simgap.gap.bounds.forms import make_form
+    from simgap.gap.bounds.function import GapDomain
+    from simgap.gap.bounds.linear import LinearGap
+    from simgap.gap.bounds.symmetry import BodyFrameGap
+    from simgap.gap.bounds.tiers import Tier
     from simgap.geometry import Box
 
     box, inputs, tiers = Box([-1.0, -2.0], [1.0, 2.0]), np.array([[-1.0], [0.0], [1.0]]), (Tier(1, "It holds."),)

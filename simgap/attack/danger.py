@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.geometry import Floats, Grid
+from simgap.arrays import Floats
+from simgap.geometry import Grid
 from simgap.specifications.solution import Solution
 
 NOWHERE = 1e9  # outside the grid: nothing is nearer to losing

@@ -10,13 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.attack.points import neighbours
 from simgap.attack.share import Searched, Step, share
-from simgap.geometry import Floats
 
-Ints = NDArray[np.int64]
 CLIMBERS = 12
 PATIENCE = 25  # candidates of one climber without progress before it begins again
 

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.attack.memory import REST, class_bounds
 from simgap.attack.seeds import worst_first
 from simgap.attack.share import share
-from simgap.gap.function import GapFunction
-from simgap.gap.points import Columns
-from simgap.gap.steps.tables import SEQUENCE, body_samples, stacked, successors
-from simgap.gap.symmetry import BodyFrameGap
-from simgap.geometry import Floats
+from simgap.gap.bounds.function import GapFunction
+from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.sampling.points import Columns
+from simgap.gap.sampling.tables import SEQUENCE, body_samples, stacked, successors
 from simgap.plants.context import Context
 
-Ints = NDArray[np.int64]
 WORST = 2_000  # states; HISTORIES: sequences
 HISTORIES = 200
 

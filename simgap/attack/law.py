@@ -12,15 +12,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats, Ints
 from simgap.attack.memory import stepped
-from simgap.geometry import Floats
 from simgap.specifications.solution import Solution
 from simgap.synthesis.bits import unpack
-
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +29,7 @@ class Options:
         ended: (n,) corner at which the run is over, -1 where there is none.
     """
 
-    inputs: Flags
+    inputs: Bools
     corner: Ints
     stuck: Ints
     ended: Ints
@@ -55,7 +51,7 @@ class Law:
         return np.unique(np.concatenate([np.zeros((1, len(self.error))), corners]), axis=0)
 
     @cached_property
-    def _ended(self) -> Flags:
+    def _ended(self) -> Bools:
         """Measured cells at which a run is over, (cells,): asked for once, because it looks at all of them."""
         return self.solution.ended if self.solution.target is not None else np.zeros(self.solution.grid.size, np.bool_)
 
@@ -84,7 +80,7 @@ class Law:
             corner[own] = c
         return Options(inputs, corner, stuck, ended)
 
-    def _at(self, y: Floats, memory: Ints) -> tuple[Flags, Flags]:
+    def _at(self, y: Floats, memory: Ints) -> tuple[Bools, Bools]:
         """Admissible inputs (n, M) at measurements, and whether a run is over there (n,)."""
         s = self.solution
         cells = s.grid.index(y)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.gap.symmetry import BodyFrameGap
-from simgap.geometry import Floats
+from simgap.arrays import Floats, Ints
+from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.simulators.body_samples import REST
 from simgap.specifications.solution import Solution
 
 __all__ = ["REST", "class_bounds", "stepped"]
-
-Ints = NDArray[np.int64]
 
 
 def stepped(solution: Solution, memory: Ints, decided: Ints) -> tuple[Ints, Ints]:

@@ -7,14 +7,12 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.attack.danger import Danger
-from simgap.geometry import Floats
 from simgap.simulators.base import Simulator
 from simgap.specifications.monitor import Monitor
 
-Ints = NDArray[np.int64]
 Bounds = Callable[[Floats, Floats, Ints], tuple[Floats, Floats]]
 Step = Callable[[Floats, Floats], Floats]
 

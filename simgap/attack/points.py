@@ -12,13 +12,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.attack.seeds import border, pinned_to_border
 from simgap.attack.share import Searched, Step, share
-from simgap.geometry import Box, Floats
+from simgap.geometry import Box
 
-Ints = NDArray[np.int64]
 CLIMBERS = 64
 LARGEST_STEP, SMALLEST_STEP = 0.1, 1e-7  # shares of the width of X
 EVOLVED = 0.15  # share of the budget

@@ -9,12 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats, Ints
 from simgap.attack.danger import Danger
-from simgap.geometry import Floats
 
-Ints = NDArray[np.int64]
 NEAREST, SLOWEST, LARGEST_GAP = "nearest to losing", "slowest", "largest use of gamma"
 REVERSAL, ALTERNATING, ANY = "largest change of input", "alternating extremes", "any admissible"
 _TIE = 1e-6  # of the range of a rule's numbers
@@ -53,7 +51,7 @@ def choose(
     acting: Ints,
     last: Ints,
     step: int,
-    admissible: NDArray[np.bool_],
+    admissible: Bools,
     rng: np.random.Generator,
 ) -> Ints:
     """One of the admissible inputs (n, M) for runs at states x (n, nx), by a rule: -> (n,).

@@ -5,11 +5,10 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.geometry import Box, Floats
+from simgap.arrays import Floats, Ints
+from simgap.geometry import Box
 
-Ints = NDArray[np.int64]
 BINS = 6  # along each axis of X; known steps of one bin are taken in turns with those of others
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats
 
 KEPT = 10  # witnesses of one search
 _NARROW = 1e-300

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.attack.danger import Danger
-from simgap.geometry import Floats, points_of_cells
+from simgap.geometry import points_of_cells
 from simgap.specifications.solution import Solution
 
 NARROWEST = 0.02  # share of the cells, or all of the same number, from which narrow ones are drawn
@@ -19,7 +20,7 @@ class WorstStarts:
     edge of the winning domain, from those of the greatest level, and from all `cells` (k,).
     """
 
-    def __init__(self, danger: Danger, margin: NDArray[np.float32] | None, cells: NDArray[np.int64]) -> None:
+    def __init__(self, danger: Danger, margin: NDArray[np.float32] | None, cells: Ints) -> None:
         fields = [danger.edge[cells]]
         fields += [np.nan_to_num(-margin[cells], nan=-np.inf)] if margin is not None else []
         fields += [danger.level[cells]] if danger.level is not None else []
@@ -38,14 +39,14 @@ class WorstStarts:
         return points_of_cells(self._grid, chosen, np.where(pinned, 2.0 * sign - 1.0, place))
 
 
-def beginnings(solution: Solution) -> NDArray[np.int64]:
+def beginnings(solution: Solution) -> Ints:
     """Winning cells in which a run does not end at once, (k,)."""
     every = np.ones(solution.grid.size, np.bool_)
     begin = every if solution.target is None else solution.at_first(solution.served)
     return np.flatnonzero(solution.winning & begin)
 
 
-def _largest(cells: NDArray[np.int64], field: NDArray[np.float32]) -> NDArray[np.int64]:
+def _largest(cells: Ints, field: NDArray[np.float32]) -> Ints:
     """Cells whose number is among the largest."""
     limit = np.quantile(field, 1.0 - NARROWEST, method="lower")
     return cells[field >= limit]

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.attack.campaign import BrokenRun
 from simgap.attack.share import Step
 from simgap.errors import UserError
-from simgap.gap.outside import worst_outside
-from simgap.geometry import Floats
+from simgap.gap.bounds.outside import worst_outside
 
 STEP, RUN = "step outside gamma", "closed-loop run"
 SIMULATOR, DISTURBANCE = "simulator", "disturbance"

@@ -7,8 +7,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from simgap.lint.costs import duration, size
 from simgap.stages.check import Checked, conclusion
-from simgap.stages.costs import duration, size
 
 
 def show(console: Console, checked: Checked, case: Path) -> None:

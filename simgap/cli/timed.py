@@ -8,7 +8,7 @@ from datetime import datetime
 from rich.console import Console
 from rich.table import Table
 
-from simgap.stages.costs import duration, size
+from simgap.lint.costs import duration, size
 from simgap.stages.times import JobTime
 
 

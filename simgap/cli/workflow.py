@@ -23,8 +23,7 @@ from simgap.errors import SimgapError, UserError
 from simgap.io.atomic import host, no_links_below, write_text
 from simgap.io.documents import read_json
 from simgap.io.follow import RUN
-from simgap.io.run_lock import LINKED
-from simgap.io.runs_here import runs_in
+from simgap.io.runs_here import LINKED, runs_in
 
 PACKAGE = reading.real(Path(__file__)).parents[1]
 

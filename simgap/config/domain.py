@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 from pydantic import Field, model_validator
 
+from simgap.arrays import Floats
 from simgap.config.base import Section
 from simgap.config.quantity import Seconds
-from simgap.geometry import Floats
 
 
 class InputSet(Section):

@@ -10,8 +10,8 @@ from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import Span, Windows
@@ -31,8 +31,6 @@ from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, OTHERS_ASKED, PUS
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import joined
-
-Floats = NDArray[np.float64]
 
 
 def _pieces(known: Problem, theta: Floats) -> Pieces:

@@ -6,13 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from simgap.arrays import Floats
 from simgap.effects import AppliedEffect
 from simgap.model.symbolic import SymbolicModel
 
-Floats = NDArray[np.float64]
 Verdict = Literal["none", "attributed", "partial", "unexplained"]
 Key = tuple[str, str]
 """Name of an effect and what it acts on."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from simgap.arrays import Floats
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
@@ -25,7 +23,6 @@ from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MOST_COLOURED
 from simgap.diagnosis.verdict.faults import faint_memory
 from simgap.diagnosis.verdict.judge import chi2_dof
 
-Floats = NDArray[np.float64]
 Searched = tuple[Search, Fit, Explanation]
 """The search, the model as declared on it, and what explains it best."""
 

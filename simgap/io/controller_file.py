@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,13 +13,142 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap import reading
+from simgap.arrays import Bools, Floats, Ints
 from simgap.config.case import Case
 from simgap.errors import UserError
+from simgap.geometry import Box, Grid
 from simgap.io.atomic import atomic
-from simgap.io.controller_content import controller_from, require
-from simgap.io.packed_arrays import checksum, fits, pack, unpacked
+from simgap.io.packed_arrays import Arrays, checksum, fits, pack, unpacked
 from simgap.io.unpacked import TooLarge, require_room
+from simgap.specifications.solution import Solution
+from simgap.synthesis.bits import packed_width
 from simgap.synthesis.controller import Controller
+
+MOST_INPUTS = 2**15 - 1  # the chosen input is stored in 16 bits
+
+
+def require(holds: Any, problem: str) -> None:
+    """Raise a UserError with the problem unless something holds."""
+    if not holds:
+        raise UserError(problem)
+
+
+def controller_from(about: Mapping[str, Any], arrays: Arrays) -> Controller:
+    """The controller of a file's metadata and arrays; without `mask` and `chosen` its admissible inputs are unknown.
+
+    Raises:
+        UserError: arrays that do not fit each other or the metadata. KeyError, TypeError, ValueError: other damage.
+        TooLarge: more cells than there is memory for.
+    """
+    states, inputs = _names(about, "states"), _names(about, "inputs")
+    grid, input_set = _grid(about, arrays, len(states)), arrays["input_set"]
+    require(
+        input_set.dtype == np.float64
+        and input_set.ndim == 2
+        and 1 <= len(input_set) <= MOST_INPUTS
+        and input_set.shape[1] == len(inputs)
+        and np.isfinite(input_set).all(),
+        f"its inputs are not a table of finite numbers with the columns {', '.join(inputs)}",
+    )
+    memory, first, late, statistics = (about[name] for name in ("memory", "first", "late", "statistics"))
+    require(type(late) is bool, "it does not say whether its inputs act late")
+    kind = _kind(about["kind"], len(input_set))
+    wanted = (len(input_set) if late else 1) * (1 if kind is None else int(kind.max()) + 1)
+    require(type(memory) is int and memory == wanted, f"memory {memory!r:.40} cannot be")
+    require(type(first) is int and 0 <= first < memory, f"it cannot begin with memory {first!r:.40}")
+    require(isinstance(statistics, dict) and isinstance(about["provenance"], dict), "its metadata is no mapping")
+    mask, chosen = _inputs(arrays, grid.size * memory, len(input_set))
+    solution = Solution(
+        grid=grid,
+        winning=_flags(arrays, "winning", grid.size),
+        mask=mask,
+        free=_flags(arrays, "free", grid.size),
+        value=arrays.get("value"),
+        target=_flags(arrays, "target", grid.size * memory) if "target" in arrays else None,
+        memory=memory,
+        first=first,
+        late=late,
+        kind=kind,
+        statistics=statistics,
+        acting=arrays.get("acting"),
+        chosen=chosen,
+    )
+    _check_sets(solution)
+    return Controller(input_set, states, inputs, solution, about["rule"], about["provenance"])
+
+
+def _inputs(arrays: Arrays, nodes: int, count: int) -> tuple[NDArray[np.uint8], NDArray[np.int16] | None]:
+    """The table of admissible inputs, or one without columns and the input of each node."""
+    chosen = arrays.get("chosen")
+    if chosen is None and "mask" not in arrays:
+        require_room(nodes)  # no table says how many there are
+        return np.empty((nodes, 0), np.uint8), None  # they were not asked for
+    if chosen is not None:
+        require(chosen.dtype == np.int16 and chosen.shape == (nodes,), "its inputs are not one a node")
+        require(((chosen >= -1) & (chosen < count)).all(), "it admits inputs that do not exist")
+        return np.empty((nodes, 0), np.uint8), chosen
+    mask, shape = arrays["mask"], (nodes, packed_width(count))
+    require(mask.dtype == np.uint8 and mask.shape == shape, f"its table of inputs has shape {mask.shape}, not {shape}")
+    spare = 8 * shape[1] - count
+    require(not (mask[:, -1] >> (8 - spare)).any() if spare else True, "it admits inputs that do not exist")
+    return mask, None
+
+
+def _kind(given: Any, inputs: int) -> Ints | None:
+    """Classes of the previous input, every one of them in use."""
+    if given is None:
+        return None
+    good = isinstance(given, list) and len(given) == inputs and all(type(c) is int and c >= 0 for c in given)
+    require(good and {*given} == {*range(max(given) + 1)}, "its classes of previous inputs are not numbered")
+    return np.array(given, dtype=np.int64)
+
+
+def _names(about: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    names = about[key]
+    good = isinstance(names, list) and all(isinstance(n, str) and n for n in names) and len({*names}) == len(names)
+    require(good, f"its {key} are not distinct names")
+    return tuple(names)
+
+
+def _grid(about: Mapping[str, Any], arrays: Arrays, nx: int) -> Grid:
+    box, cells, periodic = arrays["box"], arrays["cells"], about["periodic"]
+    require(box.dtype == np.float64 and box.shape == (2, nx) and np.isfinite(box).all(), "its box is not 2 x states")
+    require(cells.dtype == np.int64 and cells.shape == (nx,), "its cell counts are not one integer a state")
+    good = isinstance(periodic, list) and all(type(j) is int and 0 <= j < nx for j in periodic)
+    require(good and len({*periodic}) == len(periodic), "its periodic axes are not axes")
+    return Grid(Box(*box), cells.tolist(), periodic)
+
+
+def _flags(arrays: Arrays, name: str, size: int) -> Bools:
+    packed = arrays[name]
+    good = packed.dtype == np.uint8 and packed.shape == ((size + 7) // 8,)
+    require(good, f"its set of {name} cells has another size than its grid")
+    return np.unpackbits(packed, count=size).view(np.bool_)
+
+
+def _check_sets(s: Solution) -> None:
+    """What every solution keeps: winning cells are allowed, have an input or are the end, and count down to it."""
+    require(not (s.winning & ~s.free).any(), "it wins cells that the specification forbids")
+    require((s.value is None) == (s.target is None), "it has a value function or a target, but not both")
+    done = np.zeros(len(s.mask), np.bool_) if s.target is None else s.target
+    known = s.mask.shape[1] > 0 or s.chosen is not None
+    served = s.served if known else done if s.value is None else (s.value >= 0)
+    began = s.at_first(done | served)
+    require(not known or not (s.winning & ~began).any(), "it wins cells without an input")
+    if s.acting is not None:
+        require(s.chosen is None, "it keeps cells of the true state by one input each")
+        shape = (s.grid.size, s.mask.shape[1])
+        require(s.acting.dtype == np.uint8 and s.acting.shape == shape, "its inputs that may act are of other cells")
+        first = s.acting[:, s.first >> 3] >> (s.first & 7) & 1
+        same = s.late and s.kind is None and np.array_equal(first == 1, s.winning)
+        require(same, "its starts are not where its first input may act")
+    if s.value is not None:
+        require(s.value.dtype == np.int32 and s.value.shape == (len(s.mask),), "its values are not one a node")
+        # A measured cell may have a value without being won: winning are cells whose every measurement has one.
+        require(np.array_equal(s.value >= 0, done | served), "its values and its inputs differ")
+        require(not (s.winning & (s.at_first(s.value) < 0)).any(), "its values and its winning cells differ")
+        require(not (done & (s.value < 0)).any(), "its target has no value")
+
 
 REMEDY = "Run the synthesis stage again."
 FEWER = "Take another machine, fewer cells (synthesis.cells) or fewer inputs (domain.U)."
@@ -122,7 +251,7 @@ class CaseNames(Protocol):
     @property
     def inputs(self) -> Sequence[str]: ...  # noqa: D102
     @property
-    def input_set(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def input_set(self) -> Floats: ...  # noqa: D102
     def own(self, path: Path | str, record: Any, *stages: str) -> None: ...  # noqa: D102
 
 

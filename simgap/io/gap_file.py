@@ -9,11 +9,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.gap.function import GapDomain, GapFunction
-from simgap.gap.load import from_json
-from simgap.gap.symmetry import BodyFrameGap
-from simgap.geometry import Box, Floats
+from simgap.gap.bounds.function import GapDomain, GapFunction
+from simgap.gap.bounds.load import from_json
+from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.geometry import Box
 from simgap.io.documents import read_json
 
 REMEDY = "Run the gap stage of this case again."

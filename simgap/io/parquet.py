@@ -12,8 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from simgap import reading
+from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
-from simgap.geometry import Floats
 from simgap.io import checksum
 from simgap.io.atomic import atomic
 from simgap.io.unpacked import require_room, table_size

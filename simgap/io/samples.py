@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from simgap.gap.points import Columns, Points
-from simgap.geometry import Floats
+from simgap.arrays import Floats
+from simgap.gap.sampling.points import Columns, Points
 from simgap.io.parquet import read_parquet, record_of, stack, table, write_parquet
 
 Own = Callable[[Path, Any], None]

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.io.parquet import stack, table
 
 SIMULATOR, MODEL = "simulator", "nominal model"
@@ -41,7 +40,7 @@ class Trace:
     d: Floats
     lo: Floats
     hi: Floats
-    safe: NDArray[np.bool_]
+    safe: Bools
 
     @property
     def violates(self) -> bool:

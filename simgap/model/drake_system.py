@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.model.symbolic import SymbolicModel
 
 

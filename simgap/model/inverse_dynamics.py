@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats
 from simgap.model.tree import Tree
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import sympy as sp
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats
 from simgap.model.integrators import discretise
 from simgap.model.symbolic import SymbolicModel
 

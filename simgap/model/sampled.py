@@ -9,7 +9,8 @@ import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike
 
-from simgap.geometry import Floats, rows
+from simgap.arrays import Floats
+from simgap.geometry import rows
 from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
 from simgap.model.kept import kept
 from simgap.model.runge_kutta import RungeKutta

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.geometry import Floats
+from simgap.arrays import Bools, Floats, Ints
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 """The standard inertial parameters of a link: mass, first moment, inertia about the origin of its frame, its joint.
@@ -32,11 +31,11 @@ class Tree:
 
     joints: tuple[str, ...]
     links: tuple[str, ...]
-    parent: NDArray[np.int64]
+    parent: Ints
     turn: Floats
     place: Floats
     axis: Floats
-    slides: NDArray[np.bool_]
+    slides: Bools
     inertial: Floats
     damping: Floats
     gravity: Floats

@@ -1,20 +1,103 @@
-"""A checked case with its nominal model."""
+"""A checked case: the place that it came from, names, units, X and U as arrays, its nominal model."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self, TypeVar
 
-from simgap.config import context
+from simgap.arrays import Floats
+from simgap.config.case import Case
+from simgap.config.domain import DomainSection
+from simgap.config.load import load_case
+from simgap.errors import UserError
+from simgap.geometry import Box
 from simgap.plants.plant_model import PlantModel
 from simgap.provenance import require_own
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True)
-class Context(context.Context):
-    """A case with its nominal model, which is built when first asked for, once a stage."""
+class Context:
+    """A case, the place that its relative paths start from, and its nominal model, built once when first needed."""
+
+    case: Case
+    path: Path
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read the case file.
+
+        Raises:
+            UserError: if it does not check.
+        """
+        return cls(load_case(path), path)
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the case file."""
+        return self.path.parent
+
+    def need(self, section: T | None, key: str) -> T:
+        """A section that this stage cannot do without.
+
+        Raises:
+            UserError: if the case does not have it.
+        """
+        if section is None:
+            raise UserError("this stage needs the section", file=self.path, key=key, remedy=f"Add `{key}:`.")
+        return section
+
+    @property
+    def domain(self) -> DomainSection:
+        """Sampling time, X and U."""
+        return self.need(self.case.domain, "domain")
+
+    @property
+    def periodic(self) -> tuple[int, ...]:
+        """Axes of the states that wrap around."""
+        return tuple(self.states.index(name) for name in self.domain.periodic)
+
+    @property
+    def states(self) -> list[str]:
+        """Names of the states, in order."""
+        return list(self.case.plant.states)
+
+    @property
+    def inputs(self) -> list[str]:
+        """Names of the inputs, in order."""
+        return list(self.case.plant.inputs)
+
+    @property
+    def box(self) -> Box:
+        """The state box X."""
+        ends = [self.domain.X[name] for name in self.states]
+        return Box([lo for lo, _ in ends], [hi for _, hi in ends])
+
+    @property
+    def input_set(self) -> Floats:
+        """All of U, (M, nu)."""
+        return self.domain.inputs(self.inputs)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each state and input."""
+        plant = self.case.plant
+        return {n: s.unit for n, s in plant.states.items()} | {n: i.unit for n, i in plant.inputs.items()}
+
+    @contextmanager
+    def blame(self) -> Iterator[None]:
+        """Name the case file in mistakes that surface deeper down without a file."""
+        try:
+            yield
+        except UserError as error:
+            if error.file is None:
+                raise UserError(error.problem, file=self.path, key=error.key, remedy=error.remedy) from None
+            raise
 
     @cached_property
     def plant(self) -> PlantModel:
@@ -28,3 +111,11 @@ class Context(context.Context):
             UserError: with the keys that differ.
         """
         require_own(Path(path), record, stages, self.case, self.folder)
+
+
+def pose_axes(context: Context) -> tuple[int, int, int]:
+    """Which states are x, y and heading."""
+    symbolic = context.need(context.case.plant.symbolic, "plant.symbolic")
+    wheels = context.need(symbolic.wheels, "plant.symbolic.wheels")
+    x, y, heading = (context.states.index(name) for name in (wheels.x, wheels.y, wheels.heading))
+    return x, y, heading

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.plant import PlantSection
 from simgap.errors import BrokenPromise
-from simgap.geometry import Box, Floats
+from simgap.geometry import Box
 from simgap.model.drake_system import evaluator
 from simgap.model.runge_kutta import RungeKutta
 from simgap.model.sampled import NominalModel

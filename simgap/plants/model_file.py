@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from simgap import reading
-from simgap.geometry import Floats
+from simgap.arrays import Floats
 from simgap.plants.urdf_checks import check_urdf
 
 

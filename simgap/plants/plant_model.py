@@ -8,12 +8,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.load import load_case
 from simgap.config.plant import PlantSection
 from simgap.effects import AppliedEffect, apply_effects, check_listed, effect
 from simgap.errors import UserError
-from simgap.geometry import Box, Floats
+from simgap.geometry import Box
 from simgap.model.drake_system import symbolic_plant
 from simgap.model.integrators import sampling_rule
 from simgap.model.sampled import NominalModel

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats
 from simgap.model.tree import Tree, moved
 from simgap.plants.urdf import multibody_plant
 

@@ -13,9 +13,9 @@ from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, HELD_OUT_QUALITY
 from simgap.diagnosis.verdict.missing import Missing
 from simgap.io import figure_style as style
-from simgap.io.diagnosis_figures import Overlay, error_figure, missing_figure, overlay_figure, steps_figure
 from simgap.io.pages import render
 from simgap.notation import joined
+from simgap.report.figures.diagnosis import Overlay, error_figure, missing_figure, overlay_figure, steps_figure
 
 TEMPLATE = "diagnosis.html.j2"
 MOST_OVERLAYS, WINDOWS_SHOWN = 2, 6

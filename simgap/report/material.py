@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from simgap.config.context import Context
-from simgap.gap.function import GapFunction
+from simgap.gap.bounds.function import GapFunction
 from simgap.io.traces import Trace
+from simgap.plants.context import Context
 from simgap.synthesis.controller import Controller
 
 

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from simgap.config.context import Context
+from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.transitions import seen, transitions
-from simgap.gap.function import GapFunction
-from simgap.geometry import Floats
+from simgap.gap.bounds.function import GapFunction
 from simgap.io.parquet import stack
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
+from simgap.plants.context import Context
 
 DRAWS = 20  # noise vectors for each transition
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from simgap.config.context import Context
-from simgap.io.recording_content import SERIES, Content
+from simgap.io.rerun.content import SERIES, Content
 from simgap.io.traces import NOMINAL, ROBUST, TITLES, Trace, shown
 from simgap.notation import axis_label
+from simgap.plants.context import Context
 from simgap.report.scene import limits, scene
 from simgap.synthesis.controller import Controller
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from simgap.config.context import Context
 from simgap.geometry import Box
-from simgap.io.recording_content import JointScene, PlanarScene
+from simgap.io.rerun.content import JointScene, PlanarScene
+from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.simulator import EngineSection
-from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.simulators.traits import FileTraits
 

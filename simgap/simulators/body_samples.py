@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats, Ints
 
-Ints = NDArray[np.int64]
 REST = -1
 """In place of the number of a previous input: the robot was at rest."""
 

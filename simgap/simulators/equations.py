@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from simgap.arrays import Floats
 from simgap.config.plant import Integrator, SymbolicPlant
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.simulators.map_engine import MapEngine
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from simgap import reading
+from simgap.arrays import Floats
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.simulators.base import Engine
 from simgap.simulators.fmu_unit import Unit
 

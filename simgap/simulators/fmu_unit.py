@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from simgap import reading
+from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
-from simgap.geometry import Floats
 from simgap.units import check_unit, require_unit
 
 KEY = "simulator.fmu"

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.function_file import KEY, FunctionFile
 from simgap.errors import UserError, excerpt
-from simgap.geometry import Floats
 from simgap.simulators.unnamed import SharedBytes, Unnamed
 from simgap.simulators.watched import LOOK, grown_too_large
 

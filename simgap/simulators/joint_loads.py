@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats
 from simgap.simulators import mjcf
 
 if TYPE_CHECKING:

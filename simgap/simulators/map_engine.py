@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats
 from simgap.simulators.base import Engine
 
 

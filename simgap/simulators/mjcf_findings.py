@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats
 from simgap.plants.model_file import FileJoint, read_model_file
 from simgap.simulators import mjcf
 from simgap.simulators.joint_loads import Felt, of_file, of_nominal

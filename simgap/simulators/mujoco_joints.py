@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from simgap.arrays import Floats
 from simgap.config.simulator import Damping, EngineSection
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf, loading
 from simgap.simulators import mjcf, mjcf_findings, mujoco_divergence

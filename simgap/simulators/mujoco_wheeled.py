@@ -15,8 +15,8 @@ import numpy as np
 from pydantic import Field
 
 from simgap import reading
+from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
-from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import loading, root_link
 from simgap.simulators import mujoco_divergence

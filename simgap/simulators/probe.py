@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.simulators.base import Simulator
 
 if TYPE_CHECKING:

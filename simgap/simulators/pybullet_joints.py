@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from simgap.arrays import Floats
 from simgap.config.simulator import Damping, EngineSection
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf, loading
 from simgap.simulators.joint_engine import JointEngine

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
+from simgap.arrays import Floats
 from simgap.config.function_file import FunctionFile
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.simulators.function_process import FunctionProcess
 from simgap.simulators.map_engine import MapEngine
 from simgap.simulators.probe import at_call

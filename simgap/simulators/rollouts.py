@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.case import Case
-from simgap.geometry import Floats
 
 Range = tuple[Floats, Floats]
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.case import Case
-from simgap.geometry import Floats
 from simgap.plants.model_file import FileJoint, Link, ModelFile
 from simgap.simulators.traits import FileTraits
 

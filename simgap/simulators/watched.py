@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.simulators.base import PathSimulator, Simulator
 from simgap.simulators.probe import at_call
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import loading
 from simgap.simulators.pybullet_links import links_of, without_mass

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from simgap.arrays import Floats
 from simgap.config.plant import AddedEffect
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.plants.urdf_checks import check_floating_root, check_urdf, check_wheels
 from simgap.simulators.base import Engine, PathSimulator
 from simgap.simulators.traits import FileTraits

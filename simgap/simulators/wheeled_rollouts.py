@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from simgap.arrays import Floats, Ints
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.simulators.base import PathSimulator
-from simgap.simulators.body_samples import REST, BodySamples, Ints, joined
+from simgap.simulators.body_samples import REST, BodySamples, joined
 
 
 @contextmanager

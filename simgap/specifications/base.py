@@ -12,13 +12,14 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from simgap.arrays import Bools, Floats
 from simgap.config.base import Section
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.geometry import Box, Floats, Grid
+from simgap.geometry import Box, Grid
 from simgap.specifications.monitor import Monitor
 from simgap.specifications.picture import Look, Plane
-from simgap.specifications.regions import KEY, Mask
+from simgap.specifications.regions import KEY
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 
@@ -45,10 +46,10 @@ class Game(Protocol):
     def stray(self) -> Floats:
         """How far a path may stray from its samples where clearance is to cover that, (nx,) or as `Problem.stray`."""
 
-    def invariant(self, safe: Mask) -> Solution:
+    def invariant(self, safe: Bools) -> Solution:
         """The largest set of safe cells that some input keeps for ever: the greatest fixed point; (cells,) bool."""
 
-    def reach(self, target: Mask, free: Mask) -> Solution:
+    def reach(self, target: Bools, free: Bools) -> Solution:
         """Cells that reach the target in bounded time through free cells: the least fixed point; both (cells,) bool.
 
         The target may be nodes (cells * memory,) of an `invariant` of the same game, its `served`.
@@ -121,7 +122,7 @@ class Specification(Section, ABC):
     def sentence(self, space: Space) -> str:
         """What it asks for, as a clause without a full stop: 'stay for ever in x in [0, 1] m'."""
 
-    def free(self, space: Space, grid: Grid, margin: Floats) -> Mask:
+    def free(self, space: Space, grid: Grid, margin: Floats) -> Bools:
         """Cells that it allows at all, `margin` farther from what must not be touched than it says: (cells,).
 
         The margin is (nx,), or (2, nx) where less does from the walls of a box: from obstacles, and from walls.

@@ -7,10 +7,10 @@ from functools import cached_property
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from simgap.geometry import Box, Floats
+from simgap.arrays import Bools, Floats
+from simgap.geometry import Box
 from simgap.specifications.base import Game, Specification, Words
 from simgap.specifications.monitor import Always, Monitor
 from simgap.specifications.picture import Look, projected, rectangle
@@ -77,7 +77,7 @@ class Inside(Always):
 
     violated = "left the safe set"
 
-    def satisfied(self, x: Floats) -> NDArray[np.bool_]:
+    def satisfied(self, x: Floats) -> Bools:
         """Whether states are in the box: (n, nx) -> (n,)."""
         return self.box.contains(x)
 

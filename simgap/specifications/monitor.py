@@ -8,11 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.geometry import Floats
+from simgap.arrays import Bools, Floats, Ints
 
-Ints = NDArray[np.int64]
 STUCK, EARLY = "no admissible input", "ended early"
 
 
@@ -69,7 +67,7 @@ class Verdict:
 
     outcome: Outcome
     run: Run
-    safe: NDArray[np.bool_]
+    safe: Bools
 
 
 class Monitor(ABC):
@@ -83,7 +81,7 @@ class Monitor(ABC):
         """Whether a run ends at a sample, from its state (nx,) and what is measured of it (nx,)."""
 
     @abstractmethod
-    def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
+    def over_each(self, x: Floats, seen: Floats) -> Bools:
         """The same for samples of many runs: (n, nx), (n, nx) -> (n,)."""
 
     @abstractmethod
@@ -106,14 +104,14 @@ class Always(Monitor):
     """How a run ends that does not."""
 
     @abstractmethod
-    def satisfied(self, x: Floats) -> NDArray[np.bool_]:
+    def satisfied(self, x: Floats) -> Bools:
         """Whether states satisfy the condition: (n, nx) -> (n,)."""
 
     def over(self, x: Floats, seen: Floats) -> bool:
         """A run ends where the condition does not hold: (nx,), (nx,)."""
         return not self.satisfied(x[None])[0]
 
-    def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
+    def over_each(self, x: Floats, seen: Floats) -> Bools:
         """The same for many runs: (n, nx), (n, nx) -> (n,)."""
         return ~self.satisfied(x)
 

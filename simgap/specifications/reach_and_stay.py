@@ -11,12 +11,11 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from simgap.geometry import Floats
+from simgap.arrays import Bools, Floats, Ints
 from simgap.specifications.base import Game, Words
-from simgap.specifications.monitor import EARLY, STUCK, Ints, Monitor, Run
+from simgap.specifications.monitor import EARLY, STUCK, Monitor, Run
 from simgap.specifications.reaching import Reaching
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
@@ -63,14 +62,14 @@ class Staying(Toward):
         """A run goes on, whatever `x` and `seen`, (nx,) each."""
         return False
 
-    def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
+    def over_each(self, x: Floats, seen: Floats) -> Bools:
         """The same for many runs: (n, nx), (n, nx) -> (n,)."""
         return np.zeros(len(x), np.bool_)
 
-    def unbroken(self, run: Run, levels: Ints) -> NDArray[np.bool_]:
+    def unbroken(self, run: Run, levels: Ints) -> Bools:
         """Before the first sample outside the target after one in its held part: levels (k + 1,) -> (k + 1,)."""
         held = np.maximum.accumulate(levels == 0)
-        left: NDArray[np.bool_] = np.logical_or.accumulate(held & ~self.in_target(run.x))
+        left: Bools = np.logical_or.accumulate(held & ~self.in_target(run.x))
         return ~left
 
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:

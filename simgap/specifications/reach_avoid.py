@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from simgap.geometry import Floats
+from simgap.arrays import Bools, Floats, Ints
 from simgap.specifications.base import Game, Words
-from simgap.specifications.monitor import STUCK, Ints, Monitor, Run
+from simgap.specifications.monitor import STUCK, Monitor, Run
 from simgap.specifications.reaching import Reaching
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
@@ -56,7 +55,7 @@ class Arriving(Toward):
         """A run ends where the controller knows that it has arrived: (nx,), (nx,)."""
         return self.arrived(seen)
 
-    def over_each(self, x: Floats, seen: Floats) -> NDArray[np.bool_]:
+    def over_each(self, x: Floats, seen: Floats) -> Bools:
         """The same for many runs: (n, nx), (n, nx) -> (n,)."""
         cells = self.solution.grid.index(seen)
         return np.where(cells >= 0, self.solution.ended[cells], False)

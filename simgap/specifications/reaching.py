@@ -7,14 +7,14 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field, model_validator
 
+from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
-from simgap.geometry import Box, Floats, Grid
+from simgap.geometry import Box, Grid
 from simgap.specifications.base import Game, Specification
 from simgap.specifications.picture import Look, Plane, projected, rectangle
 from simgap.specifications.regions import (
     KEY,
     Interval,
-    Mask,
     cells_meeting,
     cells_within,
     covered,
@@ -107,7 +107,7 @@ class Reaching(Specification):
         """The target, infinite along the states that it does not name."""
         return partial_box(self.target, space.states)
 
-    def free(self, space: Space, grid: Grid, margin: Floats) -> Mask:
+    def free(self, space: Space, grid: Grid, margin: Floats) -> Bools:
         """Cells that keep the clearance and a margin from every obstacle and, along axes that end, the walls.
 
         The margin is (nx,), or (2, nx): from obstacles, and from walls.
@@ -123,7 +123,7 @@ class Reaching(Specification):
             free &= ~cells_meeting(grid, grown(box, keep))
         return free
 
-    def goal(self, game: Game) -> Mask:
+    def goal(self, game: Game) -> Bools:
         """Cells whose every state is in the target, whatever the measurement error: (cells,) bool.
 
         Raises:
@@ -144,7 +144,7 @@ class Reaching(Specification):
                 )
         return cells_within(grid, Box(lo, hi))
 
-    def sets(self, game: Game) -> tuple[Mask, Mask]:
+    def sets(self, game: Game) -> tuple[Bools, Bools]:
         """Cells of the target that are free, and free cells: (cells,) bool each.
 
         Raises:

@@ -12,12 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
-from simgap.geometry import Box, Floats, Grid
+from simgap.geometry import Box, Grid
 
-Mask = NDArray[np.bool_]
 Interval = tuple[float, float]
 SHRINK = 1e-9
 MOST_PARTS = 100_000
@@ -100,12 +99,12 @@ def covered(box: Box, by: Sequence[Box]) -> bool:
     return bool(np.any([other.contains(parts) for other in by], axis=0).all())
 
 
-def cells_within(grid: Grid, box: Box) -> Mask:
+def cells_within(grid: Grid, box: Box) -> Bools:
     """Cells contained in the box: (cells,)."""
     return _along_axes(grid, box, lambda low, high, lo, hi: (low >= lo) & (high <= hi))
 
 
-def cells_meeting(grid: Grid, box: Box) -> Mask:
+def cells_meeting(grid: Grid, box: Box) -> Bools:
     """Cells whose interior overlaps the box: (cells,)."""
     return _along_axes(grid, box, lambda low, high, lo, hi: (high > lo) & (low < hi))
 
@@ -118,7 +117,7 @@ def _nearest_copy(grid: Grid, box: Box, j: int) -> float:
     return float(np.round(0.5 * (grid.box.lo[j] + grid.box.hi[j] - ends[0] - ends[1]) / period) * period)
 
 
-def _along_axes(grid: Grid, box: Box, test: Callable[[Floats, Floats, float, float], Mask]) -> Mask:
+def _along_axes(grid: Grid, box: Box, test: Callable[[Floats, Floats, float, float], Bools]) -> Bools:
     """The test of every cell's faces against the box's, axis by axis, all of which must hold: (cells,)."""
     flags = []
     for j, count in enumerate(grid.cells):

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.geometry import Floats, Grid
+from simgap.arrays import Bools, Floats, Ints
+from simgap.geometry import Grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +37,16 @@ class Solution:
     """
 
     grid: Grid
-    winning: NDArray[np.bool_]
+    winning: Bools
     mask: NDArray[np.uint8]
-    free: NDArray[np.bool_]
+    free: Bools
     value: NDArray[np.int32] | None = None
-    target: NDArray[np.bool_] | None = None
+    target: Bools | None = None
     memory: int = 1
     statistics: dict[str, int | str] = field(default_factory=dict)
     first: int = 0
     late: bool = False
-    kind: NDArray[np.int64] | None = None
+    kind: Ints | None = None
     acting: NDArray[np.uint8] | None = None
     chosen: NDArray[np.int16] | None = None
 
@@ -55,14 +56,14 @@ class Solution:
         return float(self.winning.sum() / max(1, self.free.sum()))
 
     @cached_property
-    def served(self) -> NDArray[np.bool_]:
+    def served(self) -> Bools:
         """Nodes (measured cell, memory) at which the controller has an input, (cells * memory,); looked up once."""
         if self.chosen is not None:
             return np.asarray(self.chosen >= 0)
         if self.mask.shape[1] == 0:
             raise RuntimeError("the admissible inputs of this controller were not read")
         wide = self.mask.shape[1] % 8 == 0 and self.mask.flags.c_contiguous
-        flags: NDArray[np.bool_] = np.any(self.mask.view(np.uint64) if wide else self.mask, axis=1)
+        flags: Bools = np.any(self.mask.view(np.uint64) if wide else self.mask, axis=1)
         return flags
 
     def admitted(self, inputs: int, rows: Any = slice(None)) -> NDArray[np.uint8]:
@@ -76,11 +77,11 @@ class Solution:
         return bits
 
     @cached_property
-    def ended(self) -> NDArray[np.bool_]:
+    def ended(self) -> Bools:
         """Measured cells that are the goal whatever the memory, (cells,); looked up once."""
         if self.target is None:
             return np.zeros(self.grid.size, np.bool_)
-        flags: NDArray[np.bool_] = np.all(self.target.reshape(self.grid.size, self.memory), axis=1)
+        flags: Bools = np.all(self.target.reshape(self.grid.size, self.memory), axis=1)
         return flags
 
     @property
@@ -88,7 +89,7 @@ class Solution:
         """Whether a run can start anywhere but where it ends at once."""
         return bool((self.winning & self.at_first(self.served)).any())
 
-    def levels(self, seen: Floats, memory: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
+    def levels(self, seen: Floats, memory: Ints | None = None) -> Ints:
         """Worst-case steps to the target at what is measured (n, nx) and remembered (n,): (n,), -1 where losing.
 
         Without `memory`, at that of a start.
@@ -115,7 +116,7 @@ class Solution:
         return replace(self, mask=np.where(self.target[:, None], other.mask, self.mask), statistics=statistics)
 
 
-def after_choice(kind: NDArray[np.int64] | None, late: bool, memory: Any, chosen: Any) -> tuple[Any, Any]:
+def after_choice(kind: Ints | None, late: bool, memory: Any, chosen: Any) -> tuple[Any, Any]:
     """What `Solution.step` answers, of a controller with classes `kind` (M,) or None, acting late or not."""
     if kind is None:
         return (memory, chosen) if late else (chosen, 0 * chosen)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.geometry import Box, Floats, Grid
+from simgap.geometry import Box, Grid
 from simgap.notation import pretty_unit
 
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.geometry import Box, Floats
+from simgap.arrays import Floats
+from simgap.geometry import Box
 from simgap.specifications.space import Space
 
 POINTS = 21

@@ -9,10 +9,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.geometry import Box, Floats
-from simgap.specifications.monitor import Ints, Monitor, Outcome, Run, Verdict
+from simgap.arrays import Bools, Floats, Ints
+from simgap.geometry import Box
+from simgap.specifications.monitor import Monitor, Outcome, Run, Verdict
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.specifications.surroundings import Surroundings, first_touch
@@ -50,7 +50,7 @@ class Toward(Monitor):
         cell = self._find(seen)
         return cell >= 0 and self._ended[cell]
 
-    def in_target(self, x: Floats) -> NDArray[np.bool_]:
+    def in_target(self, x: Floats) -> Bools:
         """Whether states are in the target's box: (n, nx) -> (n,); along periodic states in any of its copies."""
         inside = np.ones(len(x), np.bool_)
         for j in range(self.space.size):
@@ -80,7 +80,7 @@ class Toward(Monitor):
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
         """How a run ended that touched nothing, and whether that is what was asked for; levels (k + 1,)."""
 
-    def unbroken(self, run: Run, levels: Ints) -> NDArray[np.bool_]:
+    def unbroken(self, run: Run, levels: Ints) -> Bools:
         """Samples up to which nothing but a touch could have violated what was asked for: (k + 1,)."""
         return np.ones(len(run.x), np.bool_)
 

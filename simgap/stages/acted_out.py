@@ -25,10 +25,11 @@ from simgap.diagnosis.verdict.followed import Followed, followed, stray
 from simgap.effects import AppliedEffect, effect
 from simgap.errors import UserError
 from simgap.notation import joined, number
+from simgap.plants.context import Context
 from simgap.simulators.base import Engine
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import follow
-from simgap.stages.context import Context, log
+from simgap.stages import log
 
 Effects = tuple[AppliedEffect, ...]
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.arms.diagnose import ArmSettings, diagnose_arm
 from simgap.diagnosis.arms.motion import columns_of
@@ -19,22 +20,21 @@ from simgap.diagnosis.reading.survey import survey
 from simgap.diagnosis.reading.traces import Reading
 from simgap.diagnosis.result import WindowPrediction
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.io.atomic import write_text
-from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
 from simgap.io.inertial_file import with_inertial
 from simgap.io.pages import need_template
 from simgap.io.parquet import table, write_parquet
+from simgap.io.recordings.measured import load_reading
+from simgap.io.rerun.diagnosis import write_recording
+from simgap.lint.measured import refuse_arm_conditions
 from simgap.model.tree import Tree
+from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.report.arm_document import document
-from simgap.report.arm_page import TEMPLATE, draw, page
+from simgap.report.arm_document import TEMPLATE, document, draw, page
+from simgap.stages import log
 from simgap.stages.acted_out import acted_out
-from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
-from simgap.stages.measured_check import refuse_arm_conditions
-from simgap.stages.measured_data import load_reading
 
 JSON, PAGE, CASE, MODEL = "diagnosis.json", "report.html", "corrected_case.yaml", "corrected.urdf"
 RECORDING, TRANSITIONS = "residual.rrd", "transitions.parquet"

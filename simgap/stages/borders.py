@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simgap.gap.points import own_point
-from simgap.gap.steps.border_rollouts import roll_out_borders
-from simgap.gap.steps.borders import border_states, parts_of
-from simgap.gap.steps.tables import units
+from simgap.gap.fitting.borders import border_states, parts_of, roll_out_borders
+from simgap.gap.sampling.points import own_point
+from simgap.gap.sampling.tables import units
 from simgap.io.samples import write_columns
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
-from simgap.stages.context import Context, log
+from simgap.stages import log
 
 
 def run(case_path: Path, point: str | None, out: Path, engine_log: Path | None = None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgap.errors import UserError
-from simgap.stages.context import Context
+from simgap.plants.context import Context
 from simgap.stages.fresh import Draw, random_samples
 
 

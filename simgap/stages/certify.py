@@ -8,19 +8,20 @@ import numpy as np
 
 from simgap import reading
 from simgap.errors import UserError
-from simgap.gap.points import own_point, remembers
-from simgap.gap.steps.samples import known_gap
-from simgap.gap.symmetry import BodyFrameGap
+from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.sampling.gap_samples import known_gap
+from simgap.gap.sampling.points import own_point, remembers
 from simgap.geometry import Box
 from simgap.io.certificate import Certified, Reached, write_certificate
 from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import SavedGap, load_gap
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.specifications.base import specification_of
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
-from simgap.stages.context import Context, log
+from simgap.stages import log
 from simgap.stages.synthesis import pose
 
 

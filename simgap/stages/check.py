@@ -14,27 +14,28 @@ from pathlib import Path
 from simgap import reading
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.gap.points import covering_grid, free_axes, own_point
+from simgap.gap.sampling.points import covering_grid, free_axes, own_point
 from simgap.io.documents import write_json
+from simgap.lint.angle_units import affordable_or_degrees, in_degrees, refuse_seams
+from simgap.lint.between_samples import check_path
+from simgap.lint.costs import StageCost, affordable, costs, duration, size
+from simgap.lint.engine import of_engine
+from simgap.lint.few_cells import refuse_few_cells
+from simgap.lint.measured import check_measured
+from simgap.lint.mixed_units import mixed_units, refuse_prefixes, wrong_dimensions
+from simgap.lint.sampling_time import long_steps
+from simgap.lint.switching import stuck, sudden
+from simgap.lint.wheel_sizes import wheel_sizes
+from simgap.plants.context import Context
 from simgap.plants.model_file import ModelFile, read_model_file
 from simgap.provenance import provenance
 from simgap.simulators.surprises import Finding
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
-from simgap.stages.angle_units import affordable_or_degrees, in_degrees, refuse_seams
-from simgap.stages.between_check import check_path
-from simgap.stages.context import Context, log
-from simgap.stages.costs import StageCost, affordable, costs, duration, size
-from simgap.stages.engine_check import of_engine
+from simgap.stages import log
 from simgap.stages.fair_baseline import minding_the_path
-from simgap.stages.few_cells import refuse_few_cells
-from simgap.stages.measured_check import check_measured
-from simgap.stages.mixed_units import mixed_units, refuse_prefixes, wrong_dimensions
-from simgap.stages.step_length import long_steps
-from simgap.stages.switching_check import stuck, sudden
-from simgap.stages.wheel_sizes import wheel_sizes
-from simgap.synthesis.game import one_input_only
-from simgap.synthesis.layer_tables import no_layers
+from simgap.synthesis.games.game import one_input_only
+from simgap.synthesis.games.layer_tables import no_layers
 
 HEAVY = 5_000
 """Operations to be compiled beyond which a person is warned; numba's time grows faster than their number. A Furuta
@@ -226,8 +227,8 @@ def _basis(context: Context) -> None:
     section = context.case.gap
     if section is None or section.bound not in ("scenario", "conformal") or context.case.domain is None:
         return
-    from simgap.gap.forms import widened
-    from simgap.gap.linear_fit import listed_basis  # takes a second: only paid by cases that get this far
+    from simgap.gap.bounds.forms import widened
+    from simgap.gap.fitting.linear_fit import listed_basis  # takes a second: only paid by cases that get this far
 
     try:
         free = free_axes(context.case)

@@ -14,6 +14,7 @@ from simgap.config.measured import MeasuredSection
 from simgap.config.recordings import matching
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.survey import Survey, survey
 from simgap.diagnosis.reading.traces import Reading
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
@@ -22,23 +23,60 @@ from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder
 from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
 from simgap.errors import UserError
 from simgap.io.atomic import atomic, write_text
-from simgap.io.diagnosis_parquet import rig_record
-from simgap.io.diagnosis_recording import write_recording
 from simgap.io.documents import write_json
 from simgap.io.pages import need_template
 from simgap.io.parquet import table, write_parquet
+from simgap.io.recordings.measured import load_reading
+from simgap.io.recordings.parquet_file import rig_record
+from simgap.io.rerun.diagnosis import write_recording
+from simgap.lint.measured import check_measured, named_files, refuse_unknown
 from simgap.model.symbolic import SymbolicModel
+from simgap.notation import number
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.report.diagnosis_document import document
 from simgap.report.diagnosis_page import TEMPLATE, draw, overlays, page
 from simgap.report.measured_share import transition_columns
-from simgap.stages import arm_diagnosis
+from simgap.stages import arm_diagnosis, log
 from simgap.stages.acted_out import ActedOut, measured_out
-from simgap.stages.context import Context, log
 from simgap.stages.corrected_case import corrected_case
-from simgap.stages.measured_check import check_measured, named_files, refuse_unknown
-from simgap.stages.measured_data import load_reading
-from simgap.stages.measured_range import outside
+
+ROUNDED = 1e-6
+"""A number that was logged in single precision is as far off, over its size."""
+
+
+def outside(context: Context, record: Record) -> str | None:
+    """A sentence about readings and commands outside X and between no ends of U; None if there are none, or no bound.
+
+    States that wrap around are never outside.
+    """
+    case = context.case
+    if case.domain is None or case.gap is None or not record.rows:
+        return None
+    values = {name: [trace.y[:, k] for trace in record.traces] for k, name in enumerate(record.measured)}
+    values |= {name: [trace.u[:, record.inputs.index(name)] for trace in record.traces] for name in context.inputs}
+    ends = {name: case.domain.X[name] for name in context.states if name not in case.domain.periodic}
+    ends |= {name: (float(u.min()), float(u.max())) for name in context.inputs for u in [case.domain.U[name].list()]}
+    beyond, any_of = [], np.zeros(record.rows, dtype=bool)
+    for name, (lo, hi) in ends.items():
+        if name not in values:
+            continue
+        own = np.concatenate(values[name])
+        slack = ROUNDED * max(hi - lo, abs(lo), abs(hi))
+        out = (own < lo - slack) | (own > hi + slack)
+        any_of |= out
+        if out.any():
+            where, unit = ("X" if name in context.states else "U"), context.units[name]
+            far = float(own[np.argmax(np.maximum(lo - own, own - hi))])
+            beyond.append(f"{name} reaches {number(far, 3)} {unit}, {where} [{number(lo, 3)}, {number(hi, 3)}]")
+    if not beyond:
+        return None
+    share = 100.0 * float(any_of.mean())
+    return (
+        f"{number(share, 2)} % of the samples lie outside the case's X and U, where its bound of the gap says nothing: "
+        f"{'; '.join(beyond)}."
+    )
+
 
 Corrected = tuple[SymbolicModel, dict[str, float]]  # of `PlantModel.corrected_by`
 JSON, PAGE, CASE, RECORDING = "diagnosis.json", "report.html", "corrected_case.yaml", "residual.rrd"

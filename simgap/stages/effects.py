@@ -12,7 +12,7 @@ from rich.table import Table
 from simgap.effects import EFFECTS, Effect
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import pretty_unit
-from simgap.stages.context import Context
+from simgap.plants.context import Context
 
 
 def _units(kind: Effect, model: SymbolicModel | None, found: Sequence[str]) -> list[tuple[str, Mapping[str, str]]]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from simgap.errors import UserError
+from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
-from simgap.stages.context import Context
 
 
 def minding_the_path(context: Context) -> Context:

@@ -8,16 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from simgap.config.wheeled import HiddenStateSection
-from simgap.gap.pairs import draw
-from simgap.gap.steps.histories import fresh_sequences
-from simgap.gap.steps.tables import step_columns, successor_columns, units
+from simgap.gap.memory.histories import fresh_sequences
+from simgap.gap.sampling.points import draw
+from simgap.gap.sampling.tables import step_columns, successor_columns, units
 from simgap.io.samples import write_columns
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import joined
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.simulators.wheeled_rollouts import along_sequences
-from simgap.stages.context import Context, log
+from simgap.stages import log
 
 
 def run(case_path: Path, out: Path, engine_log: Path | None = None, workers: int = 2) -> None:

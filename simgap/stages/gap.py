@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from simgap.errors import UserError, excerpt
-from simgap.gap.steps.gap import Made, gap, seeds
+from simgap.gap.whole_bound import Made, gap, seeds
 from simgap.io.documents import write_json
 from simgap.io.samples import write_columns
+from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.stages.context import Context, log
-from simgap.stages.made import Shards, blame_shards, points_of_case, result_of, samples_of
+from simgap.stages import log
+from simgap.stages.gap_inputs import Shards, blame_shards, points_of_case, result_of, samples_of
 
 
 @dataclass(frozen=True)

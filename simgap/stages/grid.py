@@ -4,12 +4,23 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simgap.gap.points import known_radius, own_point, remembers, state_names
-from simgap.gap.steps.grid import grid
+from simgap.errors import UserError
+from simgap.gap.memory.hidden_state import previous_inputs
+from simgap.gap.sampling.points import (
+    EVERY_HISTORY,
+    HISTORIES,
+    Points,
+    covering_grid,
+    known_radius,
+    own_point,
+    remembers,
+    state_names,
+)
 from simgap.io.samples import write_points
+from simgap.lint.costs import affordable, costs
+from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.stages.context import Context, log
-from simgap.stages.costs import affordable, costs
+from simgap.stages import log
 
 
 def run(case_path: Path, point: str | None, out: Path) -> None:
@@ -29,3 +40,23 @@ def run(case_path: Path, point: str | None, out: Path) -> None:
     record = provenance("grid", context.case, context.folder, point=points.name)
     write_points(out, points, (states, context.inputs), units, record)
     log.info("%s: %d x %d samples", points.name, len(points.states), len(points.inputs))
+
+
+def grid(context: Context, name: str) -> Points:
+    """The samples of a point.
+
+    Raises:
+        UserError: a point that the case does not have, or counts that do not fit U.
+    """
+    if not remembers(context.case):
+        return Points(name, covering_grid(context.case, context.box, name).centres(), context.input_set)
+    hidden = context.need(context.case.hidden_state, "hidden_state")
+    if name not in (HISTORIES, EVERY_HISTORY):
+        raise UserError(
+            f"'{name[:40]}' is no point of a case with a hidden state", remedy=f"Use {HISTORIES} or {EVERY_HISTORY}."
+        )
+    values = [context.domain.U[n].list() for n in context.inputs]
+    asked = [hidden.previous[n] for n in context.inputs]
+    counts = [len(own) for own in values] if name == EVERY_HISTORY else asked
+    parts = [hidden.classes.get(n, 1) for n in context.inputs]
+    return Points(name, previous_inputs(values, counts, parts), context.input_set)

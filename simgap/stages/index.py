@@ -14,7 +14,7 @@ from simgap.io.atomic import write_text
 from simgap.io.documents import read_json
 from simgap.io.pages import render
 from simgap.report.tables import overview
-from simgap.stages.context import log
+from simgap.stages import log
 
 PICTURE = "picture.png"
 

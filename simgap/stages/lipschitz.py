@@ -6,12 +6,23 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from simgap.gap.steps.lipschitz import lipschitz
+import numpy as np
+
+from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.memory.fit import HistoryInfluence
+from simgap.gap.memory.headings import heading_deviation
+from simgap.gap.memory.hidden_state import fading
+from simgap.gap.sampling.gap_samples import check_histories, dimension_samples
+from simgap.gap.sampling.points import Columns, Points, remembers
+from simgap.gap.sampling.tables import HISTORY
+from simgap.gap.sampling.values import Held, Room
+from simgap.gap.settings import GapSettings
 from simgap.io.documents import write_json
-from simgap.io.stored import room_in
+from simgap.io.spilled_numbers import room_in
+from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.stages.context import Context, log
-from simgap.stages.made import Shards, blame_shards, dimension, points_of_case
+from simgap.stages import log
+from simgap.stages.gap_inputs import Shards, blame_shards, dimension, points_of_case
 
 
 def run(case_path: Path, state: str, grid: Path, shards: Sequence[Path], out: Path) -> None:
@@ -30,3 +41,33 @@ def run(case_path: Path, state: str, grid: Path, shards: Sequence[Path], out: Pa
     log.info("estimated in %.2f s, roll-outs read and compared with the nominal model", time.perf_counter() - began)
     record = provenance("lipschitz", context.case, context.folder, point=points.name)
     write_json(out, {"state": state, **found.to_json(), "provenance": record})
+
+
+def lipschitz(
+    context: Context, points: Points, shards: Sequence[Columns], i: int, room: Room = Held.room
+) -> DimensionLipschitz | HistoryInfluence:
+    """Slopes of dimension i on the grid with extreme-value estimates beside them; no basis and no padding enters.
+
+    For a simulator that remembers earlier inputs: how their influence fades, and the deviation between headings.
+
+    Raises:
+        UserError: shards of another grid, or one that is too coarse for a slope.
+    """
+    if remembers(context.case):
+        check_histories(context, points, shards)
+        return _influence(context, shards, i)
+    from simgap.gap.lipschitz.compare import dimension_lipschitz
+
+    section = context.need(context.case.gap, "gap")
+    return dimension_lipschitz(dimension_samples(context, points, shards, i, room), GapSettings.of(section))
+
+
+def _influence(context: Context, shards: Sequence[Columns], i: int) -> HistoryInfluence:
+    hidden = context.need(context.case.hidden_state, "hidden_state")
+    symmetry = context.need(context.case.symmetry, "symmetry")
+    kept = [rolled["part"] == HISTORY for rolled in shards]
+    moved = np.concatenate([s[f"moved_{context.states[i]}"][rows] for s, rows in zip(shards, kept, strict=True)])
+    responses = moved.reshape(-1, hidden.length + symmetry.headings).T[..., None]  # (L + H, n, 1)
+    straight, turned = responses[: hidden.length], responses[hidden.length :]
+    deviation = heading_deviation(straight[-1], turned)
+    return HistoryInfluence(fading(straight)[:, 0], float(deviation.largest[0]), deviation.samples)

@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.gap.function import GapFunction
-from simgap.gap.symmetry import BodyFrameGap
-from simgap.geometry import Floats, Grid
+from simgap.arrays import Floats
+from simgap.gap.bounds.function import GapFunction
+from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.geometry import Grid
+from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.stages.context import Context
 from simgap.synthesis.bits import unpack
+from simgap.synthesis.games.windows import inner, margins
 from simgap.synthesis.margins import LARGEST_FACTOR, Margins, Remembered, one_step_margins, shown_layers
-from simgap.synthesis.windows import inner, margins
 
 SHARES = (0.0, 0.05, 0.5)  # quantiles of the margins that are printed
 LAYERS = 3  # headings that are looked at where classes are remembered: each costs a robot 3 CPU s

@@ -20,14 +20,14 @@ from simgap.config.load_yaml import plain_content
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.pages import text
+from simgap.io.wheeled_urdf import case_of_wheels, wheels_of
 from simgap.plants.model_file import ModelFile, read_model_file
 from simgap.plants.numeric_terms import MOST_DERIVED
 from simgap.stages.new_joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
-from simgap.stages.new_wheels import case_of_wheels, wheels_of
 from simgap.stages.propose import numbers, shown
-from simgap.synthesis.proposal import SECONDS
-from simgap.synthesis.proposal_games import Proposal
-from simgap.synthesis.rubbing import blocks_along
+from simgap.wizard.dry_friction_guess import blocks_along
+from simgap.wizard.proposal import SECONDS
+from simgap.wizard.proposal_games import Proposal
 
 ENGINE_STEPS = 240
 """PyBullet's usual steps a second."""

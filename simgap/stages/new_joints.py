@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.geometry import Floats
 from simgap.plants.drake_check import accelerations
 from simgap.plants.model_file import FileJoint, ModelFile
 from simgap.plants.urdf import multibody_plant

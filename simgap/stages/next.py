@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import mended
 from simgap.diagnosis.experiment.ask import ENOUGH, Advice, Question, ask
@@ -22,15 +23,16 @@ from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.recording import is_fault
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
-from simgap.geometry import Box, Floats
+from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io.atomic import write_text
 from simgap.io.documents import write_json
-from simgap.io.next_figure import Proposed, next_figure
+from simgap.io.recordings.measured import load_reading
+from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.stages.context import Context, log
-from simgap.stages.made import result_of
-from simgap.stages.measured_data import load_reading
+from simgap.report.figures.next_recording import Proposed, next_figure
+from simgap.stages import log
+from simgap.stages.gap_inputs import result_of
 
 DIAGNOSIS, INPUT, JSON, PICTURE = "diagnosis.json", "input.csv", "next.json", "next.png"
 LONGEST_S, MOST_SAMPLES = 20.0, 40_000

@@ -9,18 +9,19 @@ from typing import Any
 
 from simgap.config.load import load_case
 from simgap.config.load_yaml import read_yaml
-from simgap.gap.function import GapDomain
-from simgap.gap.pairs import product
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.sampling.points import product
 from simgap.geometry import Box, Grid
 from simgap.io.documents import write_json
 from simgap.paper import Row, allowed, measured_gap, pendulum_rows, printed_gap, turtlebot_rows
+from simgap.plants.context import Context
 from simgap.provenance import file_digest, provenance
 from simgap.report.scene import limits
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
-from simgap.stages.context import Context, log
+from simgap.stages import log
 from simgap.synthesis.synthesise import Problem
 
 POINTS = 81  # states per axis of the small grid on which PyBullet's gap is measured

@@ -10,14 +10,14 @@ from pathlib import Path
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.io.pages import text
+from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
-from simgap.stages.context import Context
-from simgap.synthesis.abstraction import MAX_AXES
-from simgap.synthesis.driven import rounded
-from simgap.synthesis.proposal import SECONDS, propose
-from simgap.synthesis.proposal_games import Proposal
-from simgap.synthesis.quickened import quickened
-from simgap.synthesis.rubbing import blocks_along
+from simgap.synthesis.abstraction.cells import MAX_AXES
+from simgap.wizard.driven_arm import rounded
+from simgap.wizard.dry_friction_guess import blocks_along
+from simgap.wizard.faster_proposal import quickened
+from simgap.wizard.proposal import SECONDS, propose
+from simgap.wizard.proposal_games import Proposal
 
 ALONG = {1: 200, 2: 40, 3: 10, 4: 10}
 """Cells of the grid of samples along each axis on which the gap may depend, for so many of them. Judgement: on 6 x 6

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.synthesis import SynthesisSection
 from simgap.errors import UserError
+from simgap.gap.fitting.linear_fit import listed_basis
 from simgap.gap.kinds.blocks import Blocks
-from simgap.gap.linear_fit import listed_basis
-from simgap.gap.points import covering_grid, free_axes, own_point, remembers
-from simgap.gap.resolution import COUNTS, POINTS, Lines, at_count, counts_for, movement
-from simgap.geometry import Floats
+from simgap.gap.sampling.points import covering_grid, free_axes, own_point, remembers
+from simgap.gap.sampling.resolution import COUNTS, POINTS, Lines, at_count, counts_for, movement
+from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
-from simgap.stages.context import Context
 
 SEED = 0
 

@@ -8,24 +8,24 @@ from typing import Any
 import numpy as np
 
 from simgap import reading
+from simgap.arrays import Floats
 from simgap.attack.memory import REST, class_bounds
 from simgap.attack.witness import SIMULATOR as ON_SIMULATOR
 from simgap.attack.witness import STEP, Witness
 from simgap.config.case import Case
-from simgap.config.pose import pose_axes
 from simgap.errors import UserError
-from simgap.gap.function import GapFunction
-from simgap.gap.load import from_json
-from simgap.gap.rotation import to_body
-from simgap.gap.symmetry import BodyFrameGap
-from simgap.geometry import Floats
+from simgap.gap.bounds.function import GapFunction
+from simgap.gap.bounds.load import from_json
+from simgap.gap.bounds.rotation import to_body
+from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.io.documents import read_json
-from simgap.io.recording_witness import write_witness
+from simgap.io.rerun.witness import write_witness
 from simgap.io.traces import MODEL, ROBUST, SIMULATOR, Trace
 from simgap.notation import pretty_unit
+from simgap.plants.context import Context, pose_axes
 from simgap.simulators.process import run_in_processes
 from simgap.specifications.space import Space
-from simgap.stages.context import Context, log
+from simgap.stages import log
 
 SHOWN = 30  # rows of the table; the last ones of longer runs
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
-from simgap.gap.function import GapFunction
+from simgap.gap.bounds.function import GapFunction
 from simgap.io.atomic import write_bytes, write_text
 from simgap.io.controller_file import load_domain_of
 from simgap.io.documents import read_json, write_json
@@ -17,13 +17,14 @@ from simgap.io.pages import need_template, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
 from simgap.paper import suprema_and_constants
+from simgap.plants.context import Context
 from simgap.provenance import provenance
+from simgap.report.case_figures import draw
 from simgap.report.content import content, summary
-from simgap.report.figures import draw
 from simgap.report.material import Corrected, Material
 from simgap.report.measured_share import share_inside
-from simgap.stages.context import Context, log
-from simgap.stages.made import result_of, table_of
+from simgap.stages import log
+from simgap.stages.gap_inputs import result_of, table_of
 
 TEMPLATE = "report.html.j2"
 

@@ -7,15 +7,16 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.rig import Rig, case_of_rig, load_rig
 from simgap.errors import UserError
 from simgap.excitation import multisine
-from simgap.geometry import Floats
 from simgap.io.parquet import table, write_parquet
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
-from simgap.stages.context import Context, log
+from simgap.stages import log
 
 
 def run(rig_path: Path, out: Path, engine_log: Path | None = None) -> None:

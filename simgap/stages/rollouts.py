@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simgap.gap.points import shard_count
-from simgap.gap.steps.rollouts import roll_out_shard
-from simgap.gap.steps.tables import units
+from simgap.config.case import Case
+from simgap.errors import UserError
+from simgap.gap.memory.histories import history_shard
+from simgap.gap.sampling.points import Columns, Points, cut, product, remembers, shard_count
+from simgap.gap.sampling.tables import successor_columns, units
 from simgap.io.samples import write_columns
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
-from simgap.stages.context import Context, log
-from simgap.stages.made import points_of_case
+from simgap.simulators.rollouts import roll_out_range
+from simgap.stages import log
+from simgap.stages.gap_inputs import points_of_case
 
 
 def run(case_path: Path, grid: Path, shard: int, out: Path, engine_log: Path | None = None) -> None:
@@ -32,3 +36,18 @@ def run(case_path: Path, grid: Path, shard: int, out: Path, engine_log: Path | N
     constants = {"case": context.case.name, "point": points.name, "engine": engine}
     write_columns(out, columns, units(context.case), constants, record)
     log.info("wrote %d roll-outs to %s", len(next(iter(columns.values()))), out)
+
+
+def roll_out_shard(case: Case, folder: Path, points: Points, shard: int, shards: int) -> tuple[Columns, str]:
+    """One shard as a table, and the engine's name.
+
+    Raises:
+        UserError: a shard that does not exist, a case without symmetry, or another kind of simulator.
+    """
+    if not 0 <= shard < shards:
+        raise UserError(f"there is no shard {shard}", key="grid.shards", remedy=f"It is 0..{shards - 1}.")
+    if remembers(case):
+        return history_shard(case, folder, points, shard, shards)
+    x, u = product(points.states[cut(len(points.states), shard, shards)], points.inputs)
+    following, spread, engine = roll_out_range(case, folder, x, u)
+    return successor_columns(case, x, u, following, spread), engine

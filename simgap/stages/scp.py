@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from simgap.gap.steps.scp import scp
+from simgap.errors import UserError
+from simgap.gap.fitting.borders import MAKE_BORDERS, NO_BORDERS, directed_samples
+from simgap.gap.fitting.dimension_fit import DimensionFit, fit_dimension
+from simgap.gap.memory.fit import HullFit, fit_hull
+from simgap.gap.sampling.gap_samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of
+from simgap.gap.sampling.points import Columns, Points, remembers
+from simgap.gap.sampling.tables import AFTER_PREVIOUS, SEQUENCE
+from simgap.gap.sampling.values import Held, Room
+from simgap.gap.settings import GapSettings
 from simgap.io.documents import write_json
-from simgap.io.stored import room_in
+from simgap.io.spilled_numbers import room_in
+from simgap.plants.context import Context, pose_axes
 from simgap.provenance import provenance
-from simgap.stages.context import Context, log
-from simgap.stages.made import Shards, blame_shards, dimension, points_of_case, samples_of
+from simgap.stages import log
+from simgap.stages.gap_inputs import Shards, blame_shards, dimension, points_of_case, samples_of
 
 
 def run(
@@ -33,3 +43,24 @@ def run(
     log.info("fitted in %.2f s, roll-outs read and compared with the nominal model", time.perf_counter() - began)
     record = provenance("scp", context.case, context.folder, point=points.name)
     write_json(out, {"state": state, **found.to_json(), "provenance": record})
+
+
+def scp(
+    context: Context, points: Points, shards: Sequence[Columns], i: int, borders: Columns | None = None,
+    room: Room = Held.room,
+) -> DimensionFit | HullFit:  # fmt: skip
+    """Fit dimension i to the roll-outs, and to those on borders and beside switching surfaces; `room` is for samples.
+
+    Raises:
+        UserError: settings that do not fit the samples, shards of another grid, or a symmetry that the model lacks.
+    """
+    if remembers(context.case):
+        check_histories(context, points, shards)
+        grid, sequences = steps_of(context, shards, AFTER_PREVIOUS), steps_of(context, shards, SEQUENCE)
+        return fit_hull(i, motion_of(context), grid, sequences, pose_axes(context), previous_classes(context))
+    section = context.need(context.case.gap, "gap")
+    if borders is None:
+        raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
+    samples = dimension_samples(context, points, shards, i, room)
+    beside = directed_samples(context, points.name, borders, i)
+    return fit_dimension(replace(samples, directed=beside), GapSettings.of(section))

@@ -16,14 +16,14 @@ from simgap.config.copied_plugins import copied_plugins, renamed
 from simgap.config.model_files import move_files
 from simgap.config.sweep import Point, base_of, load_sweep, points_of_sweep
 from simgap.errors import UserError
-from simgap.gap.load import from_json
+from simgap.gap.bounds.load import from_json
 from simgap.io.atomic import write_text
 from simgap.io.documents import read_json
-from simgap.io.figures_sweep import figure
 from simgap.io.pages import render
 from simgap.io.parquet import write_parquet
-from simgap.stages.context import Context
-from simgap.stages.costs import affordable, costs
+from simgap.lint.costs import affordable, costs
+from simgap.plants.context import Context
+from simgap.report.figures.sweep import figure
 
 GAP = "gap.json"
 LEFT_OUT = ("provenance", "checksum", "guarantee", "case", "title", "verdict")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from simgap import reading
 from simgap.errors import UserError, excerpt
-from simgap.io.spent import spent_by
+from simgap.io.cost_line import spent_by
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgap.io.controller_file import load_domain_of
-from simgap.io.recording import write_recording
-from simgap.io.recording_check import verify
+from simgap.io.rerun.check import verify
+from simgap.io.rerun.closed_loop import write_recording
 from simgap.io.traces import split
+from simgap.plants.context import Context
 from simgap.report.recording import recording_content
-from simgap.stages.context import Context, log
-from simgap.stages.made import table_of
+from simgap.stages import log
+from simgap.stages.gap_inputs import table_of
 
 
 def run(case_path: Path, nominal: Path, robust: Path, traces_path: Path, out: Path) -> None:

@@ -9,18 +9,19 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.points import remembers
-from simgap.gap.steps.tables import stacked
-from simgap.geometry import Floats
+from simgap.gap.sampling.points import remembers
+from simgap.gap.sampling.tables import stacked
 from simgap.io.documents import write_json
 from simgap.io.traces import SIMULATOR, split
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
-from simgap.stages.context import Context, log
-from simgap.stages.made import samples_of, table_of
+from simgap.stages import log
+from simgap.stages.gap_inputs import samples_of, table_of
 
 Steps = tuple[Floats, Floats, Floats]
 

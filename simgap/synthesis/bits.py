@@ -6,6 +6,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Ints
+
 Bytes = NDArray[np.uint8]
 
 
@@ -14,12 +16,12 @@ def packed_width(inputs: int) -> int:
     return (inputs + 7) // 8
 
 
-def unpack(mask: Bytes, inputs: int) -> NDArray[np.bool_]:
+def unpack(mask: Bytes, inputs: int) -> Bools:
     """(..., ceil(M / 8)) -> (..., M)."""
     return np.unpackbits(mask, axis=-1, count=inputs, bitorder="little").view(np.bool_)
 
 
-def preferred(mask: Bytes, order: NDArray[np.int64]) -> NDArray[np.int16]:
+def preferred(mask: Bytes, order: Ints) -> NDArray[np.int16]:
     """The first input of `order` that each set holds, -1 for the empty set: (n, bytes), (M,) -> (n,)."""
     out = np.empty(len(mask), np.int16)
     _preferred(mask, order, out)

@@ -19,13 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from simgap.arrays import Bools, Floats, Ints
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Grid
 from simgap.specifications.solution import Solution
 from simgap.synthesis.bits import preferred, unpack
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 RULES = ("least_effort", "middle")
 FARTHEST = 1e9
 """Cells from the lower end of the box: an angle farther away is no measurement, whatever cell it would wrap into."""
@@ -160,12 +159,12 @@ class Controller:
             )
         return np.int64(answers[0])
 
-    def contains(self, x: ArrayLike) -> NDArray[np.bool_]:
+    def contains(self, x: ArrayLike) -> Bools:
         """Whether measured states are in the winning domain: (n, nx) -> (n,)."""
         cells = self.cell(x)
         return np.where(cells >= 0, self.solution.winning[cells], False)
 
-    def in_target(self, x: ArrayLike) -> NDArray[np.bool_]:
+    def in_target(self, x: ArrayLike) -> Bools:
         """Whether measured states are in a target cell, whatever is pending: (n, nx) -> (n,); never for invariance."""
         cells, ended = self.cell(x), self.solution.ended
         return np.where(cells >= 0, ended[cells], False)

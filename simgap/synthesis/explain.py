@@ -17,8 +17,8 @@ import numba as nb
 import numpy as np
 
 from simgap.errors import UserError
-from simgap.synthesis.nominal import Model
-from simgap.synthesis.product import Kernel, no_gap
+from simgap.synthesis.abstraction.nominal import Model
+from simgap.synthesis.abstraction.product import Kernel, no_gap
 from simgap.synthesis.refusals import extremes
 from simgap.synthesis.synthesise import Problem
 

@@ -26,23 +26,282 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
+import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from simgap.arrays import Bools, Floats, Ints
 from simgap.geometry import Grid
-from simgap.synthesis.frame import Frame
-from simgap.synthesis.holes import count_holes, layout, table_size
-from simgap.synthesis.margins_search import LARGEST_FACTOR, searcher
-from simgap.synthesis.nominal import Model
-from simgap.synthesis.product import Kernel, image
-from simgap.synthesis.tables import reduced_cells
-from simgap.synthesis.windows import crop, padded, to_bytes, to_words, window_and
+from simgap.model.kept import kept
+from simgap.synthesis.abstraction.frame import Frame, cell_box, to_cells
+from simgap.synthesis.abstraction.holes import count_holes, layout, table_size
+from simgap.synthesis.abstraction.nominal import Model
+from simgap.synthesis.abstraction.product import Kernel, image
+from simgap.synthesis.abstraction.tables import reduced_cells
+from simgap.synthesis.games.windows import crop, padded, to_bytes, to_words, window_and
+
+LARGEST_FACTOR = 1e4
+"""Factors are looked for up to here; a margin that reaches it is at least that."""
+RESOLUTION = 2e-3
+"""Relative accuracy of a margin, which is rounded down."""
+NEAR, FAR = 1.02, 3.0
+"""Steps, as ratios, in which a size is looked for around that of the cell before: the first, squared from one to the
+next, until it is larger than the second."""
+
+
+@nb.njit(inline="always", error_model="numpy")
+def _grown(shape, n, tables, c, lo, hi, by, size, header, work):  # type: ignore[no-untyped-def]
+    """Whether the cells in which [lo, hi], grown by size * by on both sides, can be measured lie in the set c.
+
+    `work` holds 2n numbers. Written into its callers: to pass so many arrays would cost more than the look-up.
+    """
+    fits = True
+    for j in range(n):
+        first, last = to_cells(lo[j] - size * by[j], hi[j] + size * by[j], j, n, header)
+        cells = shape[0, j]
+        if shape[1, j] == 0:
+            if first < 0 or last >= cells:
+                fits = False
+                break
+        elif last - first >= cells:
+            first, last = 0, cells - 1
+        else:
+            turns = cells * (first // cells)
+            first, last = first - turns, last - turns
+        work[j], work[n + j] = first * shape[3, j], (last + 1) * shape[3, j]
+    if fits:
+        total = 0
+        for corner in range(1 << n):
+            sign, index = 1, 0
+            for j in range(n):
+                if corner >> j & 1:
+                    sign = -sign
+                    index += work[j]
+                else:
+                    index += work[n + j]
+            total += sign * tables[c, index]
+        fits = total == 0
+    return fits
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _known(shape, n, tables, c, lo, hi, by, guess, header, work):  # type: ignore[no-untyped-def]
+    """A size that fits and one that does not, close to a guess: 0 and infinity where that is not known.
+
+    A box that fits also fits when it grows by less; no size is asked about where growing is not that.
+    """
+    fits, fails = -1.0, np.inf
+    for j in range(n):
+        if not by[j] >= 0.0:
+            return fits, fails
+    size, stride = guess, NEAR
+    while 0.0 < size < np.inf:
+        if _grown(shape, n, tables, c, lo, hi, by, size, header, work):
+            fits = size
+            if fails < np.inf:
+                break
+            size *= stride
+        else:
+            fails = size
+            if fits > 0.0 or stride > FAR:
+                break
+            size /= stride
+        stride *= stride
+        if stride > FAR * FAR:
+            break
+    return fits, fails
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _largest(shape, n, tables, c, lo, hi, by, best, most, guess, header, work):  # type: ignore[no-untyped-def]
+    """Largest size in (best, most] whose box fits, rounded down; `best` if none is larger by the resolution.
+
+    A `best` below 0 says that nothing is known to fit, not even the box itself. The sizes that are tried do not depend
+    on the guess, which only saves asking about those whose answer follows from it.
+    """
+    fits, fails = _known(shape, n, tables, c, lo, hi, by, guess, header, work)
+    low, high, stage = best, most, 0 if best < 0.0 else 1
+    while True:
+        if stage == 0:  # the box itself
+            size = 0.0
+        elif stage == 1:  # more than the best by the resolution
+            size = max(max(best, 0.0) * (1.0 + RESOLUTION), most * 1e-9)
+        elif stage == 2:
+            size = most
+        else:
+            size = np.sqrt(low * high)
+        held = size <= fits
+        if not held and size < fails:
+            held = _grown(shape, n, tables, c, lo, hi, by, size, header, work)
+        if stage == 0:
+            if not held:
+                return best
+            low = 0.0
+        elif stage == 1:
+            if not held:
+                return low
+            low = size
+        elif stage == 2 and held:
+            return most
+        elif held:
+            low = size
+        else:
+            high = size
+        if stage >= 2 and not high > low * (1.0 + RESOLUTION):
+            return low
+        stage = min(stage + 1, 3)
+
+
+@nb.njit(inline="always", error_model="numpy")
+def _placed(m, q, boxes, shift, spare):  # type: ignore[no-untyped-def]
+    """The box of input m and how it grows: by gamma's half-widths for q = 0, else along axis q - 1 alone."""
+    for j in range(shift.size):
+        spare[0, j], spare[1, j] = boxes[0, m, j] + shift[j], boxes[1, m, j] + shift[j]
+        spare[2, j] = boxes[2, m, j] if q == 0 else (1.0 if q - 1 == j else 0.0)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _of_input(  # type: ignore[no-untyped-def]
+    m, q, best, most, boxes, shift, spare, kind, shape, tables, header, work
+):  # fmt: skip
+    """Largest growth of the box of input m, `_placed` for q."""
+    _placed(m, q, boxes, shift, spare)
+    n, low, high, by = shift.size, spare[0], spare[1], spare[2]
+    return _largest(shape, n, tables, kind[m], low, high, by, best, most, -1.0, header, work)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _of_inputs(  # type: ignore[no-untyped-def]
+    q, most, admitted, liked, last, boxes, shift, spare, kind, shape, tables, header, work
+):  # fmt: skip
+    """Largest growth over the admitted inputs (bytes): what served the last cell best rarely leaves more to find.
+
+    `liked` and `last` (n + 1,) hold that input and its growth, for each q.
+    """
+    best, n = -1.0, shift.size
+    low, high, by = spare[0], spare[1], spare[2]
+    for turn in range(-1, kind.size):
+        m = liked[q] if turn < 0 else turn
+        if (turn == liked[q]) or not admitted[m >> 3] >> (m & 7) & 1:
+            continue
+        _placed(m, q, boxes, shift, spare)
+        if best >= 0.0:
+            size = max(best * (1.0 + RESOLUTION), most * 1e-9)
+            if not _grown(shape, n, tables, kind[m], low, high, by, size, header, work):
+                continue
+        guess = last[q] if best < 0.0 else best * (1.0 + RESOLUTION)
+        own = _largest(shape, n, tables, kind[m], low, high, by, best, most, guess, header, work)
+        if own > best:
+            best, liked[q] = own, m
+        if best >= most:
+            break
+    last[q] = best
+    return best
+
+
+@nb.njit(cache=True, nogil=True)
+def _others(index, reach, wide, wraps, seen, common, rows):  # type: ignore[no-untyped-def]
+    """What each measurement of a cell admits beyond what all of them do, into `rows`: how many measurements that is.
+
+    None where some measurement admits no more than that: the largest margin of the common inputs is then the cell's.
+    """
+    n, total = index.size, 1
+    for j in range(n):
+        total *= 2 * reach[j] + 1
+    for number in range(total):
+        rest, flat, stride = number, 0, 1
+        for j in range(n - 1, -1, -1):
+            off = rest % (2 * reach[j] + 1)
+            rest //= 2 * reach[j] + 1
+            at = (index[j] + off - reach[j]) % wide[j] if wraps[j] else index[j] + off
+            flat += at * stride
+            stride *= wide[j]
+        some = False
+        for b in range(common.size):
+            rows[number, b] = seen[flat, b] & ~common[b]
+            some |= rows[number, b] != 0
+        if not some:
+            return 0
+    return total
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _worst_measurement(  # type: ignore[no-untyped-def]
+    rows, found, q, best, most, boxes, shift, spare, kind, shape, tables, header, work, score
+):  # fmt: skip
+    """The least over measurements of the largest over their inputs, where `best` is that of the common inputs."""
+    for m in range(kind.size):
+        score[m] = -2.0
+    worst = most
+    for y in range(found):
+        own = best
+        for m in range(kind.size):
+            if rows[y, m >> 3] >> (m & 7) & 1:
+                if score[m] == -2.0:
+                    score[m] = _of_input(m, q, best, most, boxes, shift, spare, kind, shape, tables, header, work)
+                own = max(own, score[m])
+                if own >= worst:
+                    break
+        worst = min(worst, own)
+    return worst
+
+
+@cache
+def searcher(image_of_box: Kernel, gap: Kernel) -> Any:
+    """numba: the loop over cells; boxes are computed once for all cells that differ along axes that do not matter."""
+
+    @kept
+    def search(  # type: ignore[no-untyped-def]
+        cells, rest, strides, free, header, inputs, kind, shape, tables, inside, mask, reach, wide, seen, factor, extra
+    ):  # fmt: skip
+        n, count = cells.shape[1], inputs.shape[0]
+        boxes, box, ranges = np.empty((3, count, n)), np.empty((3, n)), np.empty((2, n))
+        work, spare, score = np.empty(2 * n, np.int64), np.empty((3, n)), np.empty(count)
+        liked, last, index, shift = np.zeros(n + 1, np.int64), np.zeros(n + 1), np.empty(n, np.int64), np.empty(n)
+        window, found = 1, 0
+        for j in range(n):
+            window *= 2 * reach[j] + 1
+        rows = np.empty((window, mask.shape[1]), np.uint8)
+        for r in range(cells.shape[0]):
+            cell_box(cells[r], n, free, box[0], box[1])
+            for m in range(count):
+                image_of_box(box[0], box[1], inputs[m], n, boxes[0, m], boxes[1, m], box[2])
+                gap(box[0], box[1], inputs[m], ranges[0], ranges[1])
+                for j in range(n):
+                    boxes[0, m, j] += ranges[0, j]
+                    boxes[1, m, j] += ranges[1, j]
+                    boxes[2, m, j] = 0.5 * (ranges[1, j] - ranges[0, j])
+            for t in range(rest.shape[0]):
+                flat = 0
+                for j in range(n):
+                    index[j] = cells[r, j] + rest[t, j]
+                    shift[j] = header[n + j] * rest[t, j]
+                    flat += index[j] * strides[j]
+                if not inside[flat]:
+                    continue
+                if window > 1:
+                    found = _others(index, reach, wide, shape[1], seen, mask[flat], rows)
+                for q in range(n + 1):  # the factor, then each axis alone
+                    most = LARGEST_FACTOR - 1.0 if q == 0 else header[n + q - 1] * shape[0, q - 1]
+                    best = _of_inputs(
+                        q, most, mask[flat], liked, last, boxes, shift, spare, kind, shape, tables, header, work
+                    )
+                    if found:
+                        best = _worst_measurement(
+                            rows, found, q, best, most, boxes, shift, spare, kind, shape, tables, header, work, score
+                        )
+                    if best >= 0.0 and q == 0:
+                        factor[flat] = 1.0 + best
+                    elif best >= 0.0:
+                        extra[flat, q - 1] = best
+
+    return search
+
 
 __all__ = ["LARGEST_FACTOR", "Margins", "Remembered", "one_step_margins", "shown_layers"]
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +330,13 @@ class Remembered:
         acting: the input that acts whatever is chosen, where inputs are late; None where the chosen one does.
     """
 
-    winning: NDArray[np.bool_]
-    kind: NDArray[np.int64]
-    layers: NDArray[np.int64] | None = None
+    winning: Bools
+    kind: Ints
+    layers: Ints | None = None
     acting: int | None = None
 
 
-def shown_layers(cells: int, count: int = 6) -> NDArray[np.int64]:
+def shown_layers(cells: int, count: int = 6) -> Ints:
     """At most `count` indices spread over an axis of so many cells, the first included."""
     return np.unique((np.arange(count) * cells) // count)
 
@@ -87,7 +346,7 @@ def one_step_margins(
     grid: Grid,
     inputs: Floats,
     gap: Kernel,
-    winning: NDArray[np.bool_],
+    winning: Bools,
     mask: NDArray[np.uint8],
     gap_axes: Sequence[int] | None = None,
     error: ArrayLike | None = None,
@@ -133,9 +392,7 @@ def one_step_margins(
     return Margins(_rounded_down(factor), _rounded_down(extra))
 
 
-def _looked_at(
-    grid: Grid, on: tuple[int, ...], others: tuple[int, ...], layers: NDArray[np.int64] | None
-) -> NDArray[np.int64]:
+def _looked_at(grid: Grid, on: tuple[int, ...], others: tuple[int, ...], layers: Ints | None) -> Ints:
     """Indices of the cells whose boxes are computed, (k, nx): 0 along the other axes, and some layers of the last."""
     cells = reduced_cells(grid, on)
     cells[:, list(others)] = 0
@@ -161,7 +418,7 @@ def _rounded_down(values: Floats) -> NDArray[np.float32]:
     return np.where(short > values, np.nextafter(short, np.float32(0)), short)
 
 
-def _offsets(grid: Grid, axes: tuple[int, ...]) -> NDArray[np.int64]:
+def _offsets(grid: Grid, axes: tuple[int, ...]) -> Ints:
     """Indices along `axes` of all cells that differ along these alone: (k, nx)."""
     ranges = [np.arange(c) if j in axes else np.zeros(1, np.int64) for j, c in enumerate(grid.cells)]
     return np.stack([m.reshape(-1) for m in np.meshgrid(*ranges, indexing="ij")], axis=-1).astype(np.int64)

@@ -6,16 +6,15 @@ from collections.abc import Sequence
 
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.synthesis.nominal import Model
-from simgap.synthesis.product import Kernel, no_gap
+from simgap.synthesis.abstraction.nominal import Model
+from simgap.synthesis.abstraction.product import Kernel, no_gap
 
-Floats = NDArray[np.float64]
 _SAMPLES = 4096
 
 

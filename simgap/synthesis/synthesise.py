@@ -6,25 +6,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.specifications.base import Game, Specification
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.synthesis.abstraction import Abstraction
+from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.nominal import BoxBounds, Model, nominal_abstraction
+from simgap.synthesis.abstraction.product import Kernel
+from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.controller import least_effort
-from simgap.synthesis.game import LateGame, MeasuredGame, TrueGame, one_input_only
-from simgap.synthesis.layer_tables import no_layers
-from simgap.synthesis.nominal import BoxBounds, Model, nominal_abstraction
-from simgap.synthesis.pending import PendingGame
-from simgap.synthesis.previous import PreviousBounds, PreviousGame
-from simgap.synthesis.product import Kernel
+from simgap.synthesis.games.game import LateGame, MeasuredGame, TrueGame, one_input_only
+from simgap.synthesis.games.layer_tables import no_layers
+from simgap.synthesis.games.pending import PendingGame
+from simgap.synthesis.games.previous import PreviousBounds, PreviousGame
 from simgap.synthesis.refusals import hopeless_dimension, reason_for_empty
-from simgap.synthesis.swept import SweptCells
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

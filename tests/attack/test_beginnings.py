@@ -8,16 +8,16 @@ import pytest
 
 from simgap.attack.known import worst_histories
 from simgap.attack.points import PointSearch, Question
-from simgap.gap.function import GapDomain
-from simgap.gap.previous import PreviousClasses
-from simgap.gap.steps.tables import step_columns
-from simgap.gap.symmetry import BodyFrameGap
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.previous import PreviousClasses
+from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.sampling.tables import step_columns
 from simgap.geometry import Box, Grid
+from simgap.plants.context import Context
 from simgap.simulators.body_samples import REST, BodySamples
 from simgap.specifications.solution import Solution
 from simgap.stages import margins
-from simgap.stages.attacks import question
-from simgap.stages.context import Context
+from simgap.stages.audit import question
 from simgap.stages.margins import margins_of
 
 FRICTION = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.01}}]

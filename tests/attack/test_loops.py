@@ -23,12 +23,12 @@ from simgap.specifications.invariance import Inside
 from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.stages.starts import draw_starts
+from simgap.stages.validation import draw_starts
+from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.game import MeasuredGame
-from simgap.synthesis.invariance import invariance
-from simgap.synthesis.nominal import nominal_abstraction
-from simgap.synthesis.sensing import sensed_invariance
+from simgap.synthesis.games.game import MeasuredGame
+from simgap.synthesis.games.invariance import invariance
+from simgap.synthesis.games.sensing import sensed_invariance
 
 BOX = Box([0.0, -0.5], [0.2, 0.5])
 SPACE = Space(("x1", "x2"), BOX)

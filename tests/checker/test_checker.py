@@ -17,10 +17,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 from checker_runs import CHECKER, change, run
 
 from simgap.errors import UserError
-from simgap.gap.closed_form import ClosedFormGap
-from simgap.gap.fit import fit_gap
+from simgap.gap.bounds.closed_form import ClosedFormGap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.samples import GapSamples
+from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.io.certificate import Certified, write_certificate
@@ -465,7 +465,7 @@ def test_ranges_hold_the_values(arithmetics, text):
 
 
 def test_what_a_certificate_does_not_cover_is_refused_in_one_line(made, tmp_path):
-    from simgap.gap.cells import CellGap
+    from simgap.gap.bounds.cells import CellGap
 
     blocks = CellGap(made.bound.domain, (), (), (), np.zeros(0), np.zeros(0), np.zeros((2, 2)))
     late = replace(made.solution, memory=2, late=True)

@@ -15,15 +15,15 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "synthesis"))
 from checker_runs import change, run
 from synthesis_plants import unicycle
 
-from simgap.gap.function import GapDomain
-from simgap.gap.previous import PreviousClasses
-from simgap.gap.symmetry import BodyFrameGap
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.previous import PreviousClasses
+from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.geometry import Box
 from simgap.io.certificate import Certified, Reached, write_certificate
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
-from simgap.synthesis.previous import PreviousBounds
-from simgap.synthesis.swept import planar_swept_cells
+from simgap.synthesis.abstraction.swept import planar_swept_cells
+from simgap.synthesis.games.previous import PreviousBounds
 from simgap.synthesis.synthesise import Problem, synthesise
 
 STATES, SHAPE = ("x", "y", "t"), (30, 30, 32)

@@ -7,8 +7,8 @@ import pytest
 
 from simgap.config.measured import MeasuredSection
 from simgap.errors import UserError
+from simgap.io.recordings.measured import load_reading
 from simgap.model.symbolic import SymbolicModel, Variable, symbol
-from simgap.stages.measured_data import load_reading
 
 MODEL = SymbolicModel(
     states=(Variable("q", "rad"), Variable("v", "rad/s")),

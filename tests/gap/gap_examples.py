@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from simgap.gap.samples import GapSamples
+from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid
 
 X = Box([-0.2, -0.5], [0.2, 0.5])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from simgap.gap.borders import BESIDE, critical_points, thinned_count
-from simgap.gap.function import GapDomain
-from simgap.gap.switching import kinks, switching_surfaces
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.sampling.borders import BESIDE, critical_points, thinned_count
+from simgap.gap.sampling.switching import kinks, switching_surfaces
 from simgap.geometry import Box
 from simgap.model.symbolic import symbol
-from simgap.stages.context import Context
+from simgap.plants.context import Context
 
 A, V, U = (symbol(name) for name in ("a", "v", "u"))
 

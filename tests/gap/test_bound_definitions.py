@@ -8,24 +8,24 @@ import pytest
 
 from simgap.config.gap import GapSection
 from simgap.errors import UserError
-from simgap.gap.acceptance import covering_remainder
-from simgap.gap.cells import CellGap
-from simgap.gap.envelope import fit_envelope
-from simgap.gap.fresh_check import check_fresh, clopper_pearson_upper
-from simgap.gap.function import GapDomain
-from simgap.gap.headings import heading_deviation
-from simgap.gap.hidden_bound import Robot, assemble_hulls
-from simgap.gap.hidden_fit import HistoryInfluence, HullFit, Widened, fit_hull
-from simgap.gap.hidden_state import extrapolated_maximum, fading, hull
+from simgap.gap.bounds.cells import CellGap
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.previous import PreviousClasses
+from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.bounds.tiers import Tier
+from simgap.gap.fitting.acceptance import covering_remainder
+from simgap.gap.fitting.envelope import fit_envelope
+from simgap.gap.fitting.fresh_check import check_fresh, clopper_pearson_upper
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.lipschitz.result import GridLipschitz, worse
 from simgap.gap.lipschitz.stencils import bends, steps, to_cells
-from simgap.gap.previous import PreviousClasses
-from simgap.gap.samples import DimensionSamples, SampleGrid
+from simgap.gap.memory.bound import Robot, assemble_hulls
+from simgap.gap.memory.fit import HistoryInfluence, HullFit, Widened, fit_hull
+from simgap.gap.memory.headings import heading_deviation
+from simgap.gap.memory.hidden_state import extrapolated_maximum, fading, hull
+from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
+from simgap.gap.sampling.values import Held
 from simgap.gap.settings import GapSettings
-from simgap.gap.symmetry import BodyFrameGap
-from simgap.gap.tiers import Tier
-from simgap.gap.values import Held
 from simgap.geometry import Box, Grid
 from simgap.simulators.body_samples import BodySamples
 from simgap.split_conformal import reach

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simgap.gap.directed_search import Histories, directed_search
+from simgap.gap.memory.search import Histories, directed_search
 
 SPACE = Histories((21, 21), 3)
 

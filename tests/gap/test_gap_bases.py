@@ -5,13 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simgap.errors import UserError
-from simgap.gap.bases import Basis
-from simgap.gap.forms import make_form
+from simgap.gap.bounds.bases import Basis
+from simgap.gap.bounds.forms import make_form
+from simgap.gap.bounds.supremum import supremum
 from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.kinds.monomials import Monomials
 from simgap.gap.kinds.trigonometric import Trigonometric
-from simgap.gap.supremum import supremum
 
 NAMES = (("x1", "x2"), ("u",))
 TERM_SETS = {

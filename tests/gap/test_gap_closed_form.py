@@ -9,9 +9,9 @@ import sympy as sp
 from gap_examples import U, X
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.closed_form import ClosedFormGap
-from simgap.gap.fit import fit_gap
-from simgap.gap.samples import GapSamples
+from simgap.gap.bounds.closed_form import ClosedFormGap
+from simgap.gap.fitting.fit import fit_gap
+from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse
@@ -146,7 +146,7 @@ def test_coefficients_are_taken_as_the_numbers_that_they_are():
 
 
 def test_a_rounded_argument_may_fall_on_the_other_side_of_a_jump():
-    from simgap.gap.enclosures import enclose
+    from simgap.gap.bounds.enclosures import enclose
 
     box = {XS[0]: (-0.2, 0.2)}
     away, at, exactly = (enclose(parse(t, ["x1"]), box) for t in ("sign(x1 + 0.3)", "sign(x1 + 0.1)", "sign(x1)"))

@@ -5,14 +5,14 @@ import pytest
 from gap_examples import PAPER, U, X, coulomb, off_grid, on_grid, smooth
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.conformal import Calibration
-from simgap.gap.fit import fit_gap
-from simgap.gap.fresh_check import check_fresh, clopper_pearson_upper
+from simgap.gap.bounds.load import from_json
+from simgap.gap.fitting.conformal import Calibration
+from simgap.gap.fitting.fit import fit_gap
+from simgap.gap.fitting.fresh_check import check_fresh, clopper_pearson_upper
 from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.kinds.monomials import Monomials
 from simgap.gap.kinds.trigonometric import Trigonometric
-from simgap.gap.load import from_json
 from simgap.gap.settings import GapSettings
 
 KINDS = {
@@ -152,7 +152,7 @@ def test_conformal_refuses_a_gap_that_hidden_states_spread():
 
 def test_free_axes():
     """A gap that is declared not to depend on x1 is sampled in one cell along it and holds for all x1."""
-    from simgap.gap.samples import GapSamples
+    from simgap.gap.sampling.samples import GapSamples
     from simgap.geometry import Grid
 
     grid = Grid(X, [1, 60])

@@ -8,19 +8,19 @@ from gap_examples import U, X, coulomb, on_grid, smooth
 from scipy.stats import weibull_max
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.assemble import check_resolved
-from simgap.gap.dimension_fit import fit_dimension
+from simgap.gap.fitting.assemble import check_resolved
+from simgap.gap.fitting.dimension_fit import fit_dimension
 from simgap.gap.lipschitz.compare import dimension_lipschitz
 from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.lipschitz.local import Beside, Fit, LocalPadding
 from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz
 from simgap.gap.lipschitz.rough import roughness
-from simgap.gap.samples import SampleGrid
+from simgap.gap.sampling.samples import SampleGrid
+from simgap.gap.sampling.values import Held
 from simgap.gap.settings import GapSettings
-from simgap.gap.values import Held
 from simgap.geometry import Box, Grid
-from simgap.io.stored import room_in
+from simgap.io.spilled_numbers import room_in
 
 
 def values(function, grid):
@@ -256,7 +256,7 @@ def test_local_paddings_in_pieces_are_the_same_bits(monkeypatch, tmp_path, jump)
 def test_a_bound_from_files_is_that_from_memory(monkeypatch, tmp_path, function):
     """More samples than one block holds, so that sums, too, are of parts."""
     part = on_grid(function, 0.01).dimension(1)
-    monkeypatch.setattr("simgap.gap.values.BLOCK", 2**12)
+    monkeypatch.setattr("simgap.gap.sampling.values.BLOCK", 2**12)
     assert part.d.size > 2**13
     settings = GapSettings(rough_limit=1.0)
     whole = fit_dimension(part, settings).to_json(), dimension_lipschitz(part, settings).to_json()

@@ -3,8 +3,8 @@
 import pytest
 from gap_examples import PAPER, off_grid, on_grid, pendulum_gap
 
-from simgap.gap.fit import fit_gap
-from simgap.gap.fresh_check import check_fresh
+from simgap.gap.fitting.fit import fit_gap
+from simgap.gap.fitting.fresh_check import check_fresh
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.settings import GapSettings
 

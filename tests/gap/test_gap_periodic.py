@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from gap_examples import on_grid, smooth
 
-from simgap.gap.fit import fit_gap
-from simgap.gap.function import GapDomain
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.load import from_json
+from simgap.gap.bounds.periodic import parts
+from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.bounds.tiers import Tier
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.load import from_json
-from simgap.gap.periodic import parts
 from simgap.gap.settings import GapSettings
-from simgap.gap.symmetry import BodyFrameGap
-from simgap.gap.tiers import Tier
 from simgap.geometry import Box
 
 PI = np.pi

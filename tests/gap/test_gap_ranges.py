@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from gap_examples import PAPER, U, X
 
-from simgap.gap.fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.samples import GapSamples
+from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 

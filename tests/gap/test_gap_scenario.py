@@ -4,9 +4,9 @@ from gap_examples import PAPER, U, coulomb, on_grid, smooth
 from scipy.optimize import linprog
 
 from simgap.errors import UserError
-from simgap.gap.bases import Basis
-from simgap.gap.design import Design
-from simgap.gap.scenario import solve_scenario
+from simgap.gap.bounds.bases import Basis
+from simgap.gap.fitting.design import Design
+from simgap.gap.fitting.scenario import solve_scenario
 
 
 def make_design(terms=PAPER, function=smooth, eps=0.03):

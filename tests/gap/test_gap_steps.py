@@ -7,18 +7,17 @@ import pytest
 from gap_examples import PAPER, U, X, off_grid, on_grid, smooth
 
 from simgap.errors import UserError
-from simgap.gap.assemble import assemble
-from simgap.gap.conformal import Calibration
-from simgap.gap.dimension_fit import fit_dimension, fit_from_json
-from simgap.gap.fit import fit_gap
+from simgap.gap.fitting.assemble import assemble
+from simgap.gap.fitting.conformal import Calibration
+from simgap.gap.fitting.dimension_fit import fit_dimension, fit_from_json
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.lipschitz.compare import dimension_lipschitz
 from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.pairs import product
-from simgap.gap.points import Points, covering_point, cut, radius
+from simgap.gap.sampling.gap_samples import check_rows
+from simgap.gap.sampling.points import Points, covering_point, cut, product, radius
 from simgap.gap.settings import GapSettings
-from simgap.gap.steps.samples import check_rows
 from simgap.geometry import Grid
 
 SETTINGS = {

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import yaml
 
-from simgap.gap.grain import engine_grain, grain_tier, kick
+from simgap.gap.fitting.force_reversal import engine_grain, grain_tier, kick
+from simgap.plants.context import Context
 from simgap.simulators.build import make_simulator
-from simgap.stages.context import Context
 
 MASS, FRICTION, TAU = 2.0, 0.6, 0.1
 PYBULLET = {"engine": "pybullet", "inertia": "file", "damping": {"linear": 0, "angular": 0, "joint": 0}}

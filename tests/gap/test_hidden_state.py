@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.acceptance import confirmed
-from simgap.gap.fresh_check import FreshCheck, check_sequences
-from simgap.gap.function import GapDomain
-from simgap.gap.hidden_bound import Robot, assemble_hulls
-from simgap.gap.hidden_fit import HistoryInfluence, HullFit, fit_hull
-from simgap.gap.hidden_search import BoundTable, search
-from simgap.gap.hidden_state import (
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.load import from_json
+from simgap.gap.bounds.previous import PreviousClasses
+from simgap.gap.bounds.tiers import Tier, deterministic_tier
+from simgap.gap.fitting.acceptance import confirmed
+from simgap.gap.fitting.fresh_check import FreshCheck, check_sequences
+from simgap.gap.memory.bound import Robot, assemble_hulls
+from simgap.gap.memory.fit import HistoryInfluence, HullFit, fit_hull
+from simgap.gap.memory.hidden_state import (
     check_fading,
     extrapolated_maximum,
     fading,
@@ -21,9 +23,7 @@ from simgap.gap.hidden_state import (
     random_sequences,
     tolerance_of,
 )
-from simgap.gap.load import from_json
-from simgap.gap.previous import PreviousClasses
-from simgap.gap.tiers import Tier, deterministic_tier
+from simgap.gap.memory.search import BoundTable, search
 from simgap.geometry import Box
 from simgap.simulators.body_samples import REST, BodySamples
 

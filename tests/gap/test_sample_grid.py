@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.gap.resolution import COUNTS, LINES, POINTS, Lines, at_count, counts_for, movement
+from simgap.gap.sampling.resolution import COUNTS, LINES, POINTS, Lines, at_count, counts_for, movement
 from simgap.geometry import Box
 from simgap.stages import refine
 

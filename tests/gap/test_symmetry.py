@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.function import GapDomain
-from simgap.gap.headings import check_symmetry, heading_deviation
-from simgap.gap.load import from_json
-from simgap.gap.rotation import rotated_box, to_body
-from simgap.gap.symmetry import BodyFrameGap, nominal_motion
-from simgap.gap.tiers import Tier
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.load import from_json
+from simgap.gap.bounds.rotation import rotated_box, to_body
+from simgap.gap.bounds.symmetry import BodyFrameGap, nominal_motion
+from simgap.gap.bounds.tiers import Tier
+from simgap.gap.memory.headings import check_symmetry, heading_deviation
 from simgap.geometry import Box
 from simgap.io.documents import read_json, write_json
 

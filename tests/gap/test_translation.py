@@ -9,14 +9,13 @@ import yaml
 
 from simgap.config.load import load_case
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.points import covering_grid, own_point
-from simgap.gap.reached_stops import reached_stops
-from simgap.gap.steps.border_rollouts import roll_out_borders
-from simgap.gap.steps.borders import SHIFTED, border_gaps, border_states, parts_of
-from simgap.gap.translation import ShiftDeviation
+from simgap.gap.fitting.borders import SHIFTED, border_gaps, border_states, parts_of, roll_out_borders
+from simgap.gap.sampling.points import covering_grid, own_point
+from simgap.gap.sampling.translation import ShiftDeviation
+from simgap.gap.whole_bound import reached_stops
+from simgap.plants.context import Context
 from simgap.provenance import sections_digest, sections_of
 from simgap.simulators.build import make_simulator
-from simgap.stages.context import Context
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "recipes"))
 from scratch import gap_of

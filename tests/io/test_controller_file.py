@@ -14,7 +14,7 @@ import pytest
 import simgap
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
-from simgap.io import controller_content
+from simgap.io import controller_file as controller_content
 from simgap.io.controller_file import load_controller, load_controller_of, load_domain, save_controller
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller

@@ -11,22 +11,26 @@ from matplotlib.patches import Circle
 sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
 import loop_example as example
 
-from simgap.config.context import Context
-from simgap.gap.cells import CellGap
-from simgap.gap.function import GapDomain
-from simgap.gap.load import from_json
-from simgap.gap.tiers import Tier
+from simgap.gap.bounds.cells import CellGap
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.load import from_json
+from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box, Grid
 from simgap.io import figure_style as style
-from simgap.io import figures_arena, figures_domains, figures_gap, figures_problem, figures_traces
 from simgap.io.controller_file import load_controller
-from simgap.io.diagnosis_figures import steps_figure
-from simgap.io.figures_gap import followed_axis
-from simgap.io.figures_margins import slices_figure
 from simgap.io.parquet import stack
-from simgap.io.recording_phase import domains_image, to_pixels
+from simgap.io.rerun.phase import domains_image, to_pixels
 from simgap.io.traces import CAREFUL, NOMINAL, ROBUST, shown, split
-from simgap.report.figures import surroundings
+from simgap.plants.context import Context
+from simgap.report.case_figures import surroundings
+from simgap.report.figures import arena as figures_arena
+from simgap.report.figures import domains as figures_domains
+from simgap.report.figures import gap as figures_gap
+from simgap.report.figures import problem as figures_problem
+from simgap.report.figures import traces as figures_traces
+from simgap.report.figures.diagnosis import steps_figure
+from simgap.report.figures.gap import followed_axis
+from simgap.report.figures.margins import slices_figure
 from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 
 UNITS = example.UNITS["pendulum"]

@@ -11,11 +11,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from simgap.errors import UserError
-from simgap.io import diagnosis_tables
 from simgap.io.atomic import atomic
-from simgap.io.diagnosis_tables import read_recording
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
+from simgap.io.recordings import tables as diagnosis_tables
+from simgap.io.recordings.tables import read_recording
 
 
 def test_nothing_half_written_is_left(tmp_path):
@@ -33,7 +33,7 @@ def test_what_a_killed_writer_left_goes_with_the_next_write(tmp_path):
     code = """
 import os, signal, sys
 from pathlib import Path
-from simgap.io import diagnosis_tables
+from simgap.io.recordings import tables as diagnosis_tables
 from simgap.io.atomic import atomic
 with atomic(Path(sys.argv[1])) as temporary:
     temporary.write_text("half")

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.gap.bases import Basis
-from simgap.gap.cells import CellGap
-from simgap.gap.forms import make_form
-from simgap.gap.function import GapDomain
-from simgap.gap.linear import LinearGap
-from simgap.gap.symmetry import BodyFrameGap
-from simgap.gap.tiers import Tier
+from simgap.gap.bounds.bases import Basis
+from simgap.gap.bounds.cells import CellGap
+from simgap.gap.bounds.forms import make_form
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.linear import LinearGap
+from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
-from simgap.stages.context import Context
+from simgap.plants.context import Context
 from simgap.stages.synthesis import pose
 
 X, U = Box([-1.0, -2.0], [1.0, 2.0]), np.array([[-1.0], [0.0], [1.0]])

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from simgap.errors import UserError
-from simgap.io.diagnosis_tables import read_header, read_recording
+from simgap.io.recordings.tables import read_header, read_recording
 
 N = 40
 T = 0.005 * np.arange(N)

@@ -12,8 +12,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
 import loop_example as example
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.io import recording_check
-from simgap.io.recording_content import share_of_bound
+from simgap.io.rerun import check as recording_check
+from simgap.io.rerun.content import share_of_bound
 from simgap.io.traces import NOMINAL, ROBUST, shown, split, twin
 from simgap.stages import trace as stage
 

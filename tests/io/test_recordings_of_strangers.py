@@ -6,7 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from simgap.errors import UserError
-from simgap.io.diagnosis_tables import read_recording
+from simgap.io.recordings.tables import read_recording
 
 T = np.arange(3.0)
 

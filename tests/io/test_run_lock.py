@@ -9,12 +9,12 @@ import tempfile
 import pytest
 
 from simgap.io.atomic import host
-from simgap.io.run_lock import join
+from simgap.io.runs_here import join
 
 HOLD = """
 import sys
 from pathlib import Path
-from simgap.io.run_lock import join
+from simgap.io.runs_here import join
 print(join(Path(sys.argv[1])), flush=True)
 sys.stdin.read()
 """

@@ -11,8 +11,8 @@ import pytest
 from simgap.errors import UserError
 from simgap.io import unpacked
 from simgap.io.controller_file import load_controller
-from simgap.io.diagnosis_tables import read_recording
 from simgap.io.parquet import read_parquet, table, write_parquet
+from simgap.io.recordings.tables import read_recording
 
 ROWS = 3_000_000
 

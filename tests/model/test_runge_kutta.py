@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 from simgap.errors import UserError
-from simgap.gap.steps import samples
+from simgap.gap.sampling import gap_samples as samples
 from simgap.model.integrators import WRITTEN_OUT, sampling_rule
 from simgap.model.runge_kutta import RungeKutta
 from simgap.model.sampled import NominalModel

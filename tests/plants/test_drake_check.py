@@ -10,7 +10,7 @@ from numba import njit
 import simgap
 from simgap.errors import BrokenPromise
 from simgap.plants import drake_check
-from simgap.stages.context import Context
+from simgap.plants.context import Context
 from tests.drake_numbers import time_derivatives
 
 EFFECTS = [

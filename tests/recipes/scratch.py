@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from simgap.cli import main
-from simgap.gap.load import from_json
+from simgap.gap.bounds.load import from_json
 from simgap.io.documents import read_json
 
 ROOT = Path(__file__).parents[2]

@@ -8,14 +8,15 @@ import yaml
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
-from simgap.gap.fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.pairs import product
-from simgap.gap.samples import GapSamples
+from simgap.gap.sampling.points import product
+from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.report.scene import limits
 from simgap.simulators.process import run_in_processes
@@ -23,7 +24,6 @@ from simgap.simulators.rollouts import roll_out
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages import synthesis, validation
-from simgap.stages.context import Context
 
 
 @pytest.fixture

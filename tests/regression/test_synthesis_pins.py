@@ -9,8 +9,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from pinned_problems import PENDULUM, UNICYCLE, pendulum, unicycle
 
-from simgap.synthesis.invariance import invariance
-from simgap.synthesis.reach import reach_avoid
+from simgap.synthesis.games.invariance import invariance
+from simgap.synthesis.games.reach import reach_avoid
 
 
 @pytest.mark.parametrize("cells", PENDULUM)

@@ -8,11 +8,11 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
+from simgap.lint.wheel_sizes import wheel_sizes
+from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.wheeled import PyBulletWheeled
 from simgap.simulators.wheeled_plant import wheeled_plant
-from simgap.stages.context import Context
-from simgap.stages.wheel_sizes import wheel_sizes
 
 CASE = Path(__file__).parents[2] / "configs/cases/turtlebot.yaml"
 

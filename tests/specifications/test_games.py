@@ -16,9 +16,9 @@ from simgap.geometry import Box
 from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
-from simgap.synthesis.abstraction import Abstraction
-from simgap.synthesis.game import MeasuredGame
-from simgap.synthesis.tables import table_meta, table_post
+from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.tables import table_meta, table_post
+from simgap.synthesis.games.game import MeasuredGame
 
 INPUTS = 4
 PROBLEMS = 250

@@ -14,11 +14,11 @@ from simgap.geometry import Box
 from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
-from simgap.synthesis.abstraction import Abstraction
-from simgap.synthesis.game import LateGame, MeasuredGame
-from simgap.synthesis.pending import PendingGame
-from simgap.synthesis.swept import SweptCells
-from simgap.synthesis.tables import table_meta, table_post
+from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.swept import SweptCells
+from simgap.synthesis.abstraction.tables import table_meta, table_post
+from simgap.synthesis.games.game import LateGame, MeasuredGame
+from simgap.synthesis.games.pending import PendingGame
 
 INPUTS, PROBLEMS = 3, 100
 NAMES = "abc"

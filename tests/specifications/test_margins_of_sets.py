@@ -8,7 +8,7 @@ import pytest
 from simgap.geometry import Box, Grid
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
-from simgap.synthesis.intersample import Flow, excursion
+from simgap.synthesis.abstraction.intersample import Flow, excursion
 
 BOX = Box([0.0, 0.0], [10.0, 8.0])
 SPACE = Space(("x", "y"), BOX, (), {}, None)

@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from simgap.gap.fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.pairs import product
-from simgap.gap.samples import GapSamples
+from simgap.gap.sampling.points import product
+from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import synthesis, validation
-from simgap.stages.context import Context
 
 OBSTACLE = {"x1": [-0.15, 0.0], "x2": [-0.4, 0.4]}
 TARGETS = {

@@ -9,10 +9,10 @@ import pyarrow as pa
 import yaml
 
 from simgap.config.load import load_case
-from simgap.gap.fit import fit_gap
-from simgap.gap.fresh_check import check_fresh
+from simgap.gap.fitting.fit import fit_gap
+from simgap.gap.fitting.fresh_check import check_fresh
 from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.samples import GapSamples
+from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import save_controller

@@ -4,15 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from simgap.gap.pairs import product
-from simgap.gap.points import own_point, remembers, shard_count
-from simgap.gap.steps.border_rollouts import border_columns
-from simgap.gap.steps.borders import CHECK, FIT, border_states
-from simgap.gap.steps.tables import successor_columns, units
+from simgap.gap.fitting.borders import CHECK, FIT, border_columns, border_states
+from simgap.gap.sampling.points import own_point, product, remembers, shard_count
+from simgap.gap.sampling.tables import successor_columns, units
 from simgap.io.samples import write_columns
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import borders, gap, grid, lipschitz, rollouts, scp
-from simgap.stages.context import Context
 
 
 def roll_out(case: Path, folder: Path, point: str | None = None) -> list[Path]:

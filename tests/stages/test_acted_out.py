@@ -19,12 +19,12 @@ from simgap.diagnosis.reading.survey import survey
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.followed import followed, stray
 from simgap.effects import AppliedEffect
+from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.simulators.process import EngineCrash
 from simgap.stages import acted_out
 from simgap.stages import diagnosis as stage
 from simgap.stages.acted_out import ActedOut
-from simgap.stages.context import Context
 
 DOMAIN = "domain: {tau: 0.02 s, X: {q: [-1, 1], v: [-3, 3]}, U: {u: {min: -2, max: 2, step: 1}}}\n"
 TWIN = "simulator: {engine: equations, integrator: rk4, substeps: 4}\n"

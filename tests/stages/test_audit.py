@@ -21,18 +21,18 @@ from test_sensing_stage import bound
 from simgap.cli import main
 from simgap.config.load import case_content
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.steps.tables import successor_columns, units
+from simgap.gap.sampling.tables import successor_columns, units
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet, write_parquet
-from simgap.io.recording_check import read_curves
+from simgap.io.rerun.check import read_curves
 from simgap.io.samples import write_columns
 from simgap.io.shared_solution import SharedSolution
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import audit, replay, synthesis
-from simgap.stages.context import Context
 from simgap.stages.scratch import scratch
 
 BUDGET = {"evaluations": 6000, "steps": 1500}

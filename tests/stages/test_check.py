@@ -13,12 +13,14 @@ import yaml
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.io.parquet import read_parquet
+from simgap.lint import costs
+from simgap.lint import engine as engine_check
+from simgap.lint.switching import sudden
 from simgap.model.sampled import NominalModel
+from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
-from simgap.stages import check, costs, engine_check, grid, synthesis
-from simgap.stages.context import Context
-from simgap.stages.switching_check import sudden
+from simgap.stages import check, grid, synthesis
 
 LINK = """<link name="rod"><inertial><origin xyz="0 0 -0.5" rpy="0 0 0"/><mass value="1.0"/>
 <inertia ixx="0.0833" ixy="{ixy}" ixz="0" iyy="0.0833" iyz="0" izz="0.02"/></inertial>{visual}</link>"""

@@ -6,10 +6,10 @@ import pytest
 import yaml
 
 from simgap.errors import UserError
+from simgap.lint.angle_units import in_degrees, refuse_seams
+from simgap.plants.context import Context
 from simgap.plants.model_file import FileJoint
 from simgap.stages import check
-from simgap.stages.angle_units import in_degrees, refuse_seams
-from simgap.stages.context import Context
 
 HINGE = FileJoint("revolute", (-2.0, 2.0), None, None, 0.0, 0.0, None, False)
 

@@ -18,9 +18,9 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.verdict.judge import judge
 from simgap.errors import UserError
+from simgap.io.recordings.measured import load_reading
+from simgap.plants.context import Context
 from simgap.stages import diagnosis as stage
-from simgap.stages.context import Context
-from simgap.stages.measured_data import load_reading
 
 ROOT = Path(__file__).parents[2]
 RECORDS = ROOT / "../shared/data/go1_motor"

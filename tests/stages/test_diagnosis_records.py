@@ -12,9 +12,9 @@ import diagnosis_example as example
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
+from simgap.io.recordings.measured import load_reading
 from simgap.plants.plant_model import PlantModel
 from simgap.stages import diagnosis as stage
-from simgap.stages.measured_data import load_reading
 
 ROOT = Path(__file__).parents[2]
 RECORDS = ROOT / "../shared/data"

@@ -18,9 +18,9 @@ from simgap.diagnosis.reading.survey import survey
 from simgap.diagnosis.result import Estimate, FoundEffect, LeftOver, Nearest
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
+from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.stages import diagnosis as stage
-from simgap.stages.context import Context
 from simgap.stages.corrected_case import corrected_case
 
 ARM = """\

@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from simgap.errors import UserError
+from simgap.plants.context import Context
 from simgap.stages import check
-from simgap.stages.context import Context
 
 ROOT = Path(__file__).parents[2]
 TYRE = '<collision><geometry><sphere radius="0.0975"/></geometry></collision>'

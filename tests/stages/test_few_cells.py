@@ -3,8 +3,8 @@
 import pytest
 
 from simgap.errors import UserError
-from simgap.stages.context import Context
-from simgap.stages.few_cells import refuse_few_cells
+from simgap.lint.few_cells import refuse_few_cells
+from simgap.plants.context import Context
 
 
 def test_a_half_width_that_leaves_too_few_cells_is_named(vary):

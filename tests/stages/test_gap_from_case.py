@@ -7,18 +7,17 @@ import pytest
 import road
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.fresh_check import check_fresh
-from simgap.gap.load import from_json
-from simgap.gap.pairs import draw, product
-from simgap.gap.points import Points
-from simgap.gap.steps.borders import directed_samples
-from simgap.gap.steps.samples import check_drawn
-from simgap.gap.steps.scp import scp
+from simgap.gap.bounds.load import from_json
+from simgap.gap.fitting.borders import directed_samples
+from simgap.gap.fitting.fresh_check import check_fresh
+from simgap.gap.sampling.gap_samples import check_drawn
+from simgap.gap.sampling.points import Points, draw, product
 from simgap.geometry import Grid
 from simgap.io.documents import read_json
+from simgap.plants.context import Context
 from simgap.stages import fresh, grid
-from simgap.stages.context import Context
-from simgap.stages.made import samples_of
+from simgap.stages.gap_inputs import samples_of
+from simgap.stages.scp import scp
 
 PAPER = ["x1^2", "x2^2", "x1*x2", "x1", "x2", "u", 1]
 BASES = {

@@ -7,14 +7,14 @@ import pytest
 import road
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.load import from_json
-from simgap.gap.points import Points
-from simgap.gap.steps.tables import step_columns
+from simgap.gap.bounds.load import from_json
+from simgap.gap.sampling.points import Points
+from simgap.gap.sampling.tables import step_columns
 from simgap.io.documents import read_json
 from simgap.io.samples import write_columns, write_points
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import REST, BodySamples
-from simgap.stages.context import Context
 
 ROOT = Path(__file__).parents[2]
 SMALL = {

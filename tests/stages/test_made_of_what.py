@@ -4,8 +4,8 @@ import pytest
 
 from simgap.errors import UserError
 from simgap.io.documents import write_json
+from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.stages.context import Context
 from simgap.stages.gap import by_state
 
 

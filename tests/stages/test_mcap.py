@@ -22,7 +22,7 @@ from simgap.cli import main
 from simgap.diagnosis.reading.channels import Channel
 from simgap.diagnosis.reading.traces import ReadingOptions, read_traces
 from simgap.errors import UserError
-from simgap.io.diagnosis_tables import read_header, read_recording
+from simgap.io.recordings.tables import read_header, read_recording
 from simgap.stages import check
 from simgap.stages import diagnosis as stage
 

@@ -10,9 +10,9 @@ import yaml
 
 from simgap.config.measured import MeasuredSection
 from simgap.errors import UserError
+from simgap.lint.measured import check_measured, named_files, refuse_arm_conditions
+from simgap.plants.context import Context
 from simgap.stages import check, diagnosis
-from simgap.stages.context import Context
-from simgap.stages.measured_check import check_measured, named_files, refuse_arm_conditions
 
 BALL = {
     "name": "ball",

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.reading.record import Record, Trace
-from simgap.stages.context import Context
-from simgap.stages.measured_range import outside
+from simgap.plants.context import Context
+from simgap.stages.diagnosis import outside
 
 
 def record(q, w, u):

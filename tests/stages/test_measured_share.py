@@ -14,15 +14,15 @@ import diagnosis_example as example
 
 from simgap.config.load import load_case, parse_case
 from simgap.diagnosis.reading.conditions import conditioned
-from simgap.gap.fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.samples import GapSamples
+from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from simgap.io.parquet import stack
+from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.report.measured_share import share_inside, transition_columns
-from simgap.stages.context import Context
 
 NOISE = {"q": 1e-3, "v": 1e-2}
 

@@ -16,9 +16,9 @@ from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.survey import survey
 from simgap.diagnosis.result import FoldStretches
 from simgap.io import figure_style as style
+from simgap.plants.context import Context
 from simgap.report import diagnosis_page
 from simgap.stages import diagnosis as stage
-from simgap.stages.context import Context
 
 NAME = "r1_$x_{$ <b>\x1b[31m\udc80\u202e"
 TOLD = r"r1_$x_{$ &lt;b&gt;\x1b[31m\udc80\u202e"

@@ -13,15 +13,15 @@ import yaml
 
 from simgap.errors import UserError
 from simgap.io.controller_file import load_controller
+from simgap.io.wheeled_urdf import wheels_of
+from simgap.lint.switching import stuck
+from simgap.plants.context import Context
 from simgap.plants.model_file import read_model_file
 from simgap.stages import check, fresh, new, synthesis
-from simgap.stages.context import Context
 from simgap.stages.new_joints import _centre, axes_of, drives, needed_inputs
-from simgap.stages.new_wheels import wheels_of
 from simgap.stages.propose import Numbers
-from simgap.stages.switching_check import stuck
-from simgap.synthesis.proposal_games import Proposal
-from simgap.synthesis.rubbing import blocks_along
+from simgap.wizard.dry_friction_guess import blocks_along
+from simgap.wizard.proposal_games import Proposal
 
 
 def controlled(case, folder):

@@ -7,7 +7,7 @@ import yaml
 
 from simgap.cli import main
 from simgap.errors import UserError
-from simgap.gap.load import from_json
+from simgap.gap.bounds.load import from_json
 from simgap.io.documents import read_json
 from simgap.io.parquet import read_parquet
 from simgap.stages import calibration, fresh, synthesis, validation

@@ -17,10 +17,10 @@ from simgap.config.load import load_case
 from simgap.config.rig import load_rig
 from simgap.errors import UserError
 from simgap.io.parquet import write_parquet
+from simgap.plants.context import Context
 from simgap.provenance import parts_of, provenance
 from simgap.stages import audit, certify, report, synthesis, trace, validation
-from simgap.stages.context import Context
-from simgap.stages.made import samples_of
+from simgap.stages.gap_inputs import samples_of
 from simgap.stages.rig import recording
 
 

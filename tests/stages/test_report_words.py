@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from simgap.config.validation import ValidationSection
-from simgap.gap.tiers import PROVEN, deterministic_tier
+from simgap.gap.bounds.tiers import PROVEN, deterministic_tier
 from simgap.report import content, tables
 from simgap.report.content import little_won, unproven
 

@@ -9,11 +9,11 @@ import road
 
 from simgap.cli import main
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.steps.hidden_gap import robot_of
+from simgap.gap.memory.checked_bound import robot_of
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
+from simgap.plants.context import Context
 from simgap.stages import fresh, report, synthesis, validation
-from simgap.stages.context import Context
 
 START = {"x": 0.6, "y": 0.6, "theta": 0.5}
 U = {"v": {"min": -0.2, "max": 0.2, "step": 0.1}, "w": {"min": -0.4, "max": 0.4, "step": 0.4}}

@@ -12,26 +12,26 @@ import yaml
 from simgap.cli import main
 from simgap.closed_loop import Sensing, closed_loop
 from simgap.config.load import case_content
-from simgap.gap.fit import fit_gap
-from simgap.gap.function import GapDomain
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.pairs import product
-from simgap.gap.samples import GapSamples
+from simgap.gap.sampling.points import product
+from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
-from simgap.gap.symmetry import BodyFrameGap
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import load_gap
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages import synthesis, validation
-from simgap.stages.context import Context
 from simgap.stages.margins import margins_of
-from simgap.stages.starts import draw_starts
+from simgap.stages.validation import draw_starts
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "synthesis"))
 from test_margins import check

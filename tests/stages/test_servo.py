@@ -16,8 +16,8 @@ from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.verdict.remainder import bound_remainder
 from simgap.diagnosis.verdict.transitions import held, seen, transitions, within
 from simgap.effects import AppliedEffect
-from simgap.stages.context import Context
-from simgap.stages.measured_data import load_reading
+from simgap.io.recordings.measured import load_reading
+from simgap.plants.context import Context
 
 CASE = Path(__file__).parents[2] / "configs/cases/go1_servo.yaml"
 SEALED = ("sin_sin_2kg.csv", "up_and_down_2kg.csv")

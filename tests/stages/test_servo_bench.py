@@ -15,10 +15,10 @@ from simgap.diagnosis.reading.conditions import conditioned, under_conditions
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.errors import UserError
+from simgap.io.recordings.measured import load_reading
+from simgap.plants.context import Context
 from simgap.stages import check
 from simgap.stages import diagnosis as stage
-from simgap.stages.context import Context
-from simgap.stages.measured_data import load_reading
 
 FRICTION, ROTOR = 0.06, 0.02
 CASE = """\

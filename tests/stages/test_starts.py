@@ -9,7 +9,7 @@ from simgap.config.trials import Trials
 from simgap.config.validation import ValidationSection
 from simgap.geometry import Box, Grid, points_of_cells
 from simgap.specifications.solution import Solution
-from simgap.stages.starts import draw_starts, starts_by_kind
+from simgap.stages.validation import draw_starts, starts_by_kind
 from simgap.synthesis.controller import Controller
 
 GRID = Grid(Box([0.1, -0.3], [1.3, 0.7]), (12, 7))

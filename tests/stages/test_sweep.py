@@ -13,11 +13,11 @@ import yaml
 from simgap.config.load import load_case
 from simgap.config.sweep import points_of_sweep
 from simgap.errors import UserError
-from simgap.gap.bases import Basis
-from simgap.gap.forms import Form
-from simgap.gap.function import GapDomain
-from simgap.gap.linear import LinearGap
-from simgap.gap.tiers import Tier
+from simgap.gap.bounds.bases import Basis
+from simgap.gap.bounds.forms import Form
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.linear import LinearGap
+from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box
 from simgap.io.documents import write_json
 from simgap.provenance import sections_digest

@@ -12,14 +12,14 @@ import loop_example as example
 from simgap.cli import main
 from simgap.config.reads import READS
 from simgap.io.controller_file import load_controller
-from simgap.io.recording import events
-from simgap.io.recording_check import read_curves
-from simgap.io.recording_content import JointScene, PlanarScene
+from simgap.io.rerun.check import read_curves
+from simgap.io.rerun.closed_loop import events
+from simgap.io.rerun.content import JointScene, PlanarScene
 from simgap.io.traces import split
+from simgap.plants.context import Context
 from simgap.provenance import sections_digest
 from simgap.report.recording import recording_content
 from simgap.report.scene import scene
-from simgap.stages.context import Context
 
 
 @pytest.fixture(scope="module")

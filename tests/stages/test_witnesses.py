@@ -9,16 +9,16 @@ import yaml
 from simgap.attack.histories import HistorySearch
 from simgap.attack.witness import Witness
 from simgap.config.load import case_content
-from simgap.gap.function import GapDomain
-from simgap.gap.symmetry import BodyFrameGap
-from simgap.gap.tiers import Tier
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.bounds.tiers import Tier
 from simgap.io.documents import write_json
-from simgap.io.recording_check import read_curves
+from simgap.io.rerun.check import read_curves
+from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.build import make_simulator
 from simgap.stages import replay
-from simgap.stages.attacks import history_question
-from simgap.stages.context import Context
+from simgap.stages.audit import history_question
 
 
 @pytest.mark.parametrize("order", [("x", "y", "theta"), ("theta", "x", "y")])

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 
 from simgap.geometry import Box, Grid
-from simgap.synthesis.abstraction import Abstraction
-from simgap.synthesis.tables import table_meta, table_post
+from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.tables import table_meta, table_post
 
 
 def random_abstraction(rng, cells, periodic=(), inputs=5, axes=None, spread=2, drift=3):

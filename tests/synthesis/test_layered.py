@@ -18,8 +18,8 @@ from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.bits import unpack
-from simgap.synthesis.invariance import invariance
-from simgap.synthesis.layered import layered_invariance
+from simgap.synthesis.games.invariance import invariance
+from simgap.synthesis.games.layered import layered_invariance
 from simgap.synthesis.synthesise import Problem, synthesise
 
 GAMES = [

@@ -11,11 +11,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 import synthesis_plants as plants
 
 from simgap.geometry import Box, Grid
-from simgap.synthesis.invariance import invariance
+from simgap.synthesis.abstraction.nominal import nominal_abstraction
+from simgap.synthesis.games.invariance import invariance
+from simgap.synthesis.games.previous import reach_by_classes
+from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.margins import LARGEST_FACTOR, Remembered, one_step_margins, shown_layers
-from simgap.synthesis.nominal import nominal_abstraction
-from simgap.synthesis.previous_rows import reach_by_classes
-from simgap.synthesis.reach import reach_avoid
 
 
 def within(

@@ -8,11 +8,11 @@ from simgap.errors import UserError
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import Coordinate, SymbolicModel, Variable, symbol
 from simgap.stages.propose import Numbers
-from simgap.synthesis.driven import rounded
-from simgap.synthesis.posture import posture_of
-from simgap.synthesis.proportions import proportions
-from simgap.synthesis.proposal import HELD, WINS, _held, propose
-from simgap.synthesis.proposal_games import Search, Tried
+from simgap.wizard.driven_arm import rounded
+from simgap.wizard.posture import posture_of
+from simgap.wizard.proportions import proportions
+from simgap.wizard.proposal import HELD, WINS, _held, propose
+from simgap.wizard.proposal_games import Search, Tried
 
 
 def pendulum(top=True, push=3.0):

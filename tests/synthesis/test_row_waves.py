@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 from simgap.geometry import Box, Grid
-from simgap.synthesis.abstraction import Abstraction
-from simgap.synthesis.bit_rows import smallest_boxes
+from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.swept import SweptCells
+from simgap.synthesis.abstraction.tables import reduced_cells, table_meta, table_post
 from simgap.synthesis.bits import unpack
-from simgap.synthesis.reach import reach_avoid
-from simgap.synthesis.reach_rows import RowSystem, reach_by_rows
-from simgap.synthesis.row_levels import Levels
-from simgap.synthesis.swept import SweptCells
-from simgap.synthesis.tables import reduced_cells, table_meta, table_post
+from simgap.synthesis.games.reach import reach_avoid
+from simgap.synthesis.games.reach_rows import Levels, RowSystem, reach_by_rows, smallest_boxes
 
 INPUTS = 11
 SHAPES = {  # cells, periodic axes, used axes
@@ -129,7 +127,7 @@ def test_more_entries_than_there_is_room_for(monkeypatch):
     target = np.arange(own.grid.size) % 66 < 60
     wanted = by_definition(own, *about, target, np.ones(own.grid.size, bool))
     grown = []
-    monkeypatch.setattr("simgap.synthesis.row_levels.ENTRIES", 1)
+    monkeypatch.setattr("simgap.synthesis.games.reach_rows.ENTRIES", 1)
     plain = Levels._make_room
     monkeypatch.setattr(Levels, "_make_room", lambda self, n: grown.append(n) or plain(self, n))
     system = RowSystem.of(own)

@@ -5,8 +5,8 @@ import pytest
 import sympy as sp
 
 from simgap.model.symbolic import Coordinate, SymbolicModel, Variable, symbol
-from simgap.synthesis.posture import posture_of
-from simgap.synthesis.rubbing import blocks_along, rubbing
+from simgap.wizard.dry_friction_guess import blocks_along, rubbing
+from simgap.wizard.posture import posture_of
 
 MASS, FRICTION, TAU = 2.0, 0.6, 0.1
 

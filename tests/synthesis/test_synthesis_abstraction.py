@@ -11,11 +11,11 @@ from synthesis_plants import constant_gap, pendulum, random_plant, sloped_gap, s
 from simgap.geometry import Box, Grid
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
+from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.bits import unpack
-from simgap.synthesis.game import MeasuredGame
-from simgap.synthesis.invariance import invariance
-from simgap.synthesis.nominal import nominal_abstraction
-from simgap.synthesis.reach import reach_avoid
+from simgap.synthesis.games.game import MeasuredGame
+from simgap.synthesis.games.invariance import invariance
+from simgap.synthesis.games.reach import reach_avoid
 
 RELAXED = settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 GAPS = {
@@ -110,7 +110,7 @@ def test_tables_and_direct_evaluation_agree(gap, monkeypatch):
     tables = nominal_abstraction(model, grid, inputs, kernel, () if axes is None else axes).boxes(cells)
     only_small_tables(monkeypatch)
     mixed = nominal_abstraction(model, grid, inputs, kernel, None).boxes(cells)
-    monkeypatch.setattr("simgap.synthesis.nominal._fits", lambda *_: False)
+    monkeypatch.setattr("simgap.synthesis.abstraction.nominal._fits", lambda *_: False)
     direct = nominal_abstraction(model, grid, inputs, kernel, None).boxes(cells)
     for other in (mixed, direct):
         assert np.mean(tables != other) < 1e-3  # ties at a cell's face may round differently
@@ -119,7 +119,9 @@ def test_tables_and_direct_evaluation_agree(gap, monkeypatch):
 
 def only_small_tables(monkeypatch):
     """As on a grid too large to tabulate anything that depends on every axis."""
-    monkeypatch.setattr("simgap.synthesis.nominal._fits", lambda grid, inputs, axes: max(map(len, axes)) < 2)
+    monkeypatch.setattr(
+        "simgap.synthesis.abstraction.nominal._fits", lambda grid, inputs, axes: max(map(len, axes)) < 2
+    )
 
 
 def test_bounding_the_gap_over_groups_of_cells_changes_no_result(monkeypatch):

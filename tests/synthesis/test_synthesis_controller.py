@@ -11,8 +11,8 @@ from synthesis_plants import constant_gap, pendulum, unicycle
 from simgap.closed_loop import scalar_lookup
 from simgap.config.synthesis import SynthesisSection
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.function import GapDomain
-from simgap.gap.symmetry import BodyFrameGap
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.model.sampled import NominalModel
@@ -22,8 +22,8 @@ from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.regions import cells_meeting, cells_within
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
+from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.controller import Controller, least_effort
-from simgap.synthesis.intersample import Flow, excursion, flow_of
 from simgap.synthesis.synthesise import Problem, synthesise
 
 STATES = ("x1", "x2")

@@ -6,8 +6,8 @@ import synthesis_oracle as oracle
 
 from simgap.errors import UserError
 from simgap.synthesis.bits import unpack
-from simgap.synthesis.invariance import invariance
-from simgap.synthesis.reach import reach_avoid
+from simgap.synthesis.games.invariance import invariance
+from simgap.synthesis.games.reach import reach_avoid
 
 SHAPES = [((13,), ()), ((9, 7), ()), ((9, 7), (1,)), ((5, 4, 6), ()), ((5, 4, 6), (0, 2)), ((3, 4, 3, 4), (1,))]
 ROW_SHAPES = [

@@ -10,10 +10,10 @@ from synthesis_plants import constant_gap, sloped_gap
 
 from simgap.geometry import Box, Grid
 from simgap.model.sampled import NominalModel
+from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.bits import unpack
-from simgap.synthesis.invariance import invariance
-from simgap.synthesis.nominal import nominal_abstraction
-from simgap.synthesis.reach import reach_avoid
+from simgap.synthesis.games.invariance import invariance
+from simgap.synthesis.games.reach import reach_avoid
 
 RELAXED = settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 BOX = Box([-1.0, -1.5], [1.2, 1.0])

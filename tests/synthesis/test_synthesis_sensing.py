@@ -12,7 +12,7 @@ from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.bits import unpack
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.sensing import sensed_invariance
+from simgap.synthesis.games.sensing import sensed_invariance
 from simgap.synthesis.synthesise import Problem, synthesise
 
 

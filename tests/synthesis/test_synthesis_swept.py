@@ -9,18 +9,18 @@ import synthesis_oracle as oracle
 from synthesis_plants import constant_gap, unicycle
 
 from simgap.errors import UserError
-from simgap.gap.function import GapDomain
-from simgap.gap.symmetry import BodyFrameGap
-from simgap.gap.tiers import Tier
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box, Grid
 from simgap.io.documents import read_json, write_json
+from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.stages.context import Context
 from simgap.stages.synthesis import pose
+from simgap.synthesis.abstraction.nominal import nominal_abstraction
+from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
 from simgap.synthesis.bits import unpack
-from simgap.synthesis.nominal import nominal_abstraction
-from simgap.synthesis.reach import reach_avoid
-from simgap.synthesis.swept import SweptCells, planar_swept_cells
+from simgap.synthesis.games.reach import reach_avoid
 
 SPEEDS = {"v": {"min": -0.2, "max": 0.2, "step": 0.2}, "w": {"min": -0.5, "max": 0.5, "step": 0.5}}
 

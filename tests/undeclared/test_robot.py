@@ -18,10 +18,10 @@ from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
+from simgap.io.recordings.measured import load_reading
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.plant_model import PlantModel
 from simgap.stages import diagnosis as stage
-from simgap.stages.measured_data import load_reading
 from tests.undeclared.rig import robot
 from tests.undeclared.rig.robot_seal import produce
 

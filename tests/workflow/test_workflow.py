@@ -212,7 +212,7 @@ def test_a_robot_has_its_fair_baseline(project):
 
 
 def test_an_edited_kernel_reruns_exactly_its_dependents(project):
-    kernel = project.folder / "simgap/synthesis/invariance.py"
+    kernel = project.folder / "simgap/synthesis/games/invariance.py"
     original = kernel.read_text()
     kernel.write_text(original + "\n# changed\n")
     jobs = project.planned()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.arms.base import BaseParameters
 from simgap.diagnosis.arms.consistent import Consistent
 from simgap.diagnosis.arms.fit import residual
@@ -19,7 +20,6 @@ from simgap.diagnosis.arms.thresholds import EXCESS_KEPT
 from simgap.diagnosis.result import Estimate, FoundEffect, RecordingFault, Verdict
 from simgap.diagnosis.thresholds import HELD_OUT_QUALITY
 from simgap.effects import AppliedEffect, effect
-from simgap.geometry import Floats
 from simgap.model.tree import PARAMETERS, UNITS, Tree
 
 

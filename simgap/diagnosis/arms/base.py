@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.arms.thresholds import INDEPENDENT
-from simgap.geometry import Floats
 from simgap.model.inverse_dynamics import regressor
 from simgap.model.tree import UNITS, Tree
 
@@ -30,7 +29,7 @@ class BaseParameters:
         names, units: of each combination; links: the link that it is listed at.
     """
 
-    kept: NDArray[np.int64]
+    kept: Ints
     combine: Floats
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -52,7 +51,7 @@ def base_parameters(tree: Tree) -> BaseParameters:
     )
 
 
-def independent(columns: Floats) -> NDArray[np.int64]:
+def independent(columns: Floats) -> Ints:
     """Columns, from the left, that are no combination of those before them."""
     basis, found = np.zeros((len(columns), 0)), []
     for k in range(columns.shape[1]):

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.arms.base import BaseParameters
 from simgap.diagnosis.arms.thresholds import TOWARDS_DECLARED
-from simgap.geometry import Floats
 from simgap.model.tree import Tree, symmetric
 
 _LEAST = 1e-7  # kg m^2 and kg: what the smallest eigenvalue of a pseudo-inertia is kept above

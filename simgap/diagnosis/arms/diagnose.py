@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.arms.answer import Found, answer
 from simgap.diagnosis.arms.base import BaseParameters, base_parameters
 from simgap.diagnosis.arms.consistent import Consistent, consistent
@@ -28,7 +29,6 @@ from simgap.diagnosis.arms.terms import TERMS
 from simgap.diagnosis.arms.torque_columns import faulty_columns, without
 from simgap.diagnosis.reading.noise import noise_floor
 from simgap.diagnosis.reading.record import Record, Trace
-from simgap.geometry import Floats
 from simgap.model.tree import Tree
 
 

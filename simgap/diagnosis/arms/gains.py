@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.arms.fit import Solution, standard_errors
 from simgap.diagnosis.arms.problem import Part
-from simgap.geometry import Floats
 
 _ROUNDS = 30
 _SETTLED = 1e-6

@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.arms.fit import solve
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part
 from simgap.diagnosis.arms.select import forward
 from simgap.diagnosis.arms.terms import TERMS
 from simgap.diagnosis.arms.thresholds import MOST_LONE
 from simgap.diagnosis.thresholds import BIC_GAIN
-from simgap.geometry import Floats
 
 GAIN = "input_gain"
 SAID = (

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.arms.thresholds import BAND, EDGE_PERIODS, ENERGY, MOST_OF_THE_RATE, REST_SHARE, STILL
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.errors import UserError
-from simgap.geometry import Floats
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.arms.base import BaseParameters, independent
 from simgap.diagnosis.arms.motion import Motion
 from simgap.diagnosis.arms.terms import TERMS
 from simgap.diagnosis.arms.thresholds import TURNING_SHARE
-from simgap.geometry import Floats
 from simgap.model.inverse_dynamics import regressor
 from simgap.model.tree import PARAMETERS, Tree
 
@@ -50,7 +49,7 @@ class Part:
     x: Floats
     y: Floats
     live: Floats
-    trace: NDArray[np.int64]
+    trace: Ints
     t: Floats
     torque: Floats
 
@@ -72,7 +71,7 @@ def keys_of(tree: Tree, base: BaseParameters, inputs: Sequence[str], payloads: S
     return tuple(found)
 
 
-def payload_columns(tree: Tree, payload: Payload) -> NDArray[np.int64]:
+def payload_columns(tree: Tree, payload: Payload) -> Ints:
     """Which inertial parameters of a body on that link a motion shows, its known mass left out."""
     rng = np.random.default_rng(1)
     q, v, a = rng.normal(size=(3, 100, tree.size))
@@ -91,7 +90,7 @@ def part_of(
         known: terms that the case declares, effect -> (n,) parameters, which are part of the declared model.
     """
     xs, ys, lives, times, torques = [], [], [], [], []
-    traces: list[NDArray[np.int64]] = []
+    traces: list[Ints] = []
     for m in motions:
         whole = m.smooth(regressor(tree, m.q, m.v, m.a))[m.used]
         felt = m.smooth(m.a)  # as in the regressor: an inertia of bodies and of a rotor are compared alike

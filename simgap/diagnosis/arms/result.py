@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from simgap.arrays import Floats
 from simgap.diagnosis.result import Estimate, FoundEffect, RecordingFault, Verdict
 from simgap.effects import AppliedEffect
-from simgap.geometry import Floats
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.arms.fit import Solution, score, solve
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part
 from simgap.diagnosis.arms.terms import TERMS
 from simgap.diagnosis.arms.thresholds import EXPECTED, SAME_DIRECTION, TERM_GAIN
 from simgap.diagnosis.thresholds import BIC_GAIN
 from simgap.effects import effect
-from simgap.geometry import Floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats
 
 Column = Callable[[Floats, Floats, Floats], Floats]
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.arms.fit import correlation_rows, solve, standard_errors
 from simgap.diagnosis.arms.problem import Part
 from simgap.diagnosis.arms.terms import TERMS
 from simgap.diagnosis.arms.thresholds import CONSTANT, OTHER_COLUMN, OTHER_SCALE, OWN_SHARE
 from simgap.diagnosis.result import RecordingFault
-from simgap.geometry import Floats
 
 _TAKEN_OUT = "Nothing is fitted to that."
 

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.experiment.bench import Bench
 from simgap.diagnosis.experiment.beside import Beside, beside
 from simgap.diagnosis.experiment.lengths import as_usable, halves, shortest, windows_to_come
@@ -19,7 +20,7 @@ from simgap.diagnosis.reading.encoder import worth
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
-from simgap.geometry import Box, Floats
+from simgap.geometry import Box
 from simgap.model.symbolic import SymbolicModel
 
 WANTED = 0.9

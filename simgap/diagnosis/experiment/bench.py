@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.reading.encoder import weights
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.windows import Windows
@@ -26,7 +26,7 @@ from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import AMBIGUOUS
-from simgap.geometry import Box, Floats
+from simgap.geometry import Box
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class Bench:
     sigma: Floats
     t: Floats
     windows: Windows
-    tells: NDArray[np.bool_]
+    tells: Bools
     h_max: float
     start: Floats
     allowed: Box

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
+from simgap.arrays import Floats
 from simgap.diagnosis.experiment.bench import Bench
 from simgap.diagnosis.experiment.rivals import Explained, Known, members, translated
 from simgap.diagnosis.parts_of import parts_of
@@ -28,7 +29,6 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import AMBIGUOUS
-from simgap.geometry import Floats
 from simgap.model.symbolic import SymbolicModel
 
 _UNSEEN = 1e-10

@@ -7,21 +7,20 @@ from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.reading.folds import cut_in_folds
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.windows import Windows
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.errors import UserError
-from simgap.geometry import Floats
 
 T = TypeVar("T")
 LEAST = 16
 """Samples below which no recording is tried: two windows of the fewest samples."""
 
 
-def windows_to_come(record: Record, settings: DiagnosisSettings, t: Floats) -> tuple[Windows, NDArray[np.bool_]]:
+def windows_to_come(record: Record, settings: DiagnosisSettings, t: Floats) -> tuple[Windows, Bools]:
     """Windows of a recording t (n,) s, given before those at hand, and which of them tell explanations apart, (w,).
 
     Those of *confirm* do not: no explanation is fitted to them.
@@ -53,7 +52,7 @@ def as_usable(record: Record, settings: DiagnosisSettings, t: Floats, count: int
     return bool(np.array_equal(few.any(axis=1), whole.any(axis=1)) and (few[0] | few[1]).any())
 
 
-def _to_come(record: Record, settings: DiagnosisSettings, t: Floats) -> tuple[Windows, NDArray[np.bool_]]:
+def _to_come(record: Record, settings: DiagnosisSettings, t: Floats) -> tuple[Windows, Bools]:
     """Windows of a recording to come, and whether each is in fit, choose and confirm: (3, w)."""
     n = len(t)
     trace = Trace("next", t, np.zeros((n, len(record.measured))), np.zeros((n, len(record.inputs))))

@@ -6,14 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.experiment.bench import Bench, Rival, margins
 from simgap.diagnosis.experiment.beside import Beside
 from simgap.diagnosis.experiment.waves import Wave, waves
 from simgap.excitation import multisine
-from simgap.geometry import Floats
 
 SIZES = (1.0, 0.5, 0.2)
 """Shares of the range in which each family is tried."""
@@ -50,8 +49,8 @@ class Try:
 class Counted:
     """Pairs that some input tells: of the rivals (r, r), and of what may hide beside the answer (e, e + 1)."""
 
-    rivals: NDArray[np.bool_]
-    hidden: NDArray[np.bool_]
+    rivals: Bools
+    hidden: Bools
 
 
 @dataclass(frozen=True, eq=False)

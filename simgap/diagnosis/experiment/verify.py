@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.experiment.bench import Bench, Rival
 from simgap.diagnosis.experiment.propose import Try
 from simgap.diagnosis.search.fit import fit
-from simgap.geometry import Floats
 
 
 def missed(bench: Bench, best: Try, rivals: Sequence[Rival], right: int, wrong: int) -> Floats:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.excitation import multisine
-from simgap.geometry import Floats
 
 
 @dataclass(frozen=True, eq=False)

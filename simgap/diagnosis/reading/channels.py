@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.diagnosis.reading.table import Floats, RawTable
+from simgap.arrays import Floats
+from simgap.diagnosis.reading.table import RawTable
 from simgap.errors import UserError
 from simgap.units import conversion, full_turn
 

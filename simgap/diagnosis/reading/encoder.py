@@ -14,14 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import float64, int64, njit
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.reading.noise import noise_floor
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.stillness import resolution
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _HARMONICS = np.arange(1, 50)
 _FEWEST = 50  # slow readings from which the white noise is estimated
 _SPAN, _NEAR = 9, 1.0  # readings, and counts within which they lie, that are slow

@@ -11,23 +11,21 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Ints
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import Windows, split_windows
 from simgap.diagnosis.thresholds import MIN_SAMPLES, SEVERAL_TRACES
 from simgap.errors import UserError
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Folds:
     """Which windows are of which fold, (w,) each; every window is of one."""
 
-    fit: Mask
-    choose: Mask
-    confirm: Mask
+    fit: Bools
+    choose: Bools
+    confirm: Bools
 
     @property
     def complete(self) -> bool:
@@ -88,7 +86,7 @@ def _part(share: float, count: int) -> int:
     return max(1, round(share * count))
 
 
-def confirm_mask(record: Record, windows: Windows, traces: tuple[str, ...], share: float, block: int = 1) -> Mask:
+def confirm_mask(record: Record, windows: Windows, traces: tuple[str, ...], share: float, block: int = 1) -> Bools:
     """Which windows nothing sees before the end: (w,).
 
     Whole traces where they are named; else whole traces at the end of the record if there are `SEVERAL_TRACES`; else
@@ -116,7 +114,7 @@ def confirm_mask(record: Record, windows: Windows, traces: tuple[str, ...], shar
     return held
 
 
-def _between(windows: Windows, taken: Mask, share: float, block: int) -> Mask:
+def _between(windows: Windows, taken: Bools, share: float, block: int) -> Bools:
     """Blocks of neighbouring windows of a trace among those not taken, spread evenly: (w,)."""
     count, chosen = len(windows), np.zeros(len(windows), dtype=bool)
     block = max(1, min(block, round(share * count)))
@@ -131,7 +129,7 @@ def _between(windows: Windows, taken: Mask, share: float, block: int) -> Mask:
     return chosen if chosen.any() or block == 1 else _between(windows, taken, share, block - 1)
 
 
-def _runs(windows: Windows, free: Mask, block: int) -> NDArray[np.int64]:
+def _runs(windows: Windows, free: Bools, block: int) -> Ints:
     """Where `block` free neighbours of one trace begin."""
     if len(free) < block:
         return np.zeros(0, dtype=np.int64)

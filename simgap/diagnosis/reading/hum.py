@@ -12,14 +12,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from simgap.arrays import Floats
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.thresholds import HUM_ACCELERATION, HUM_LINE
 
-Floats = NDArray[np.float64]
 _MOST_LINES = 3
 _TURNS, _EVEN = 4.0 * math.pi, 4.0  # of steady turning: least travel, and times the scatter around it
 _AROUND = 40  # frequencies on either side that are the background of a line

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.table import Floats
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.diagnosis.reading.record import Record
 
-Floats = NDArray[np.float64]
 ORDER = 6
 _BLOCK = 50_000  # rows at a time: memory stays small for long records
 

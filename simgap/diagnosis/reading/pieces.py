@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.diagnosis.reading.channels import unwrap
 from simgap.diagnosis.reading.stamps import TimeRange, gap_limit, kept, merge_repeats, pieces
-from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.thresholds import MIN_SAMPLES
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +26,7 @@ class Trace:
     t: Floats
     y: Floats
     u: Floats
-    used: NDArray[np.bool_] | None = None
+    used: Bools | None = None
 
     @property
     def compared(self) -> Floats:

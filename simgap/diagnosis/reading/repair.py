@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.reading.noise import ORDER, difference_weights, noise_floor
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.stillness import resolution
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.thresholds import LEAST_STALE, MOST_SPIKES, MOST_STALE, SPIKE, STALE_MISS, STALE_STEPS
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 _ENOUGH = 50_000  # readings for a median
 _LONGEST = 4  # samples from one fresh count to the next across stale ones
 
@@ -54,17 +51,17 @@ def _said(fault: str, name: str, share: float, what: str) -> RecordingFault:
     return RecordingFault(fault, name, share, "1", sentence, remedy)
 
 
-def _share(masks: list[Mask]) -> float:
+def _share(masks: list[Bools]) -> float:
     return sum(int(m.sum()) for m in masks) / max(sum(m.size for m in masks), 1)
 
 
-def _with(mask: Mask, k: int, found: Mask) -> Mask:
+def _with(mask: Bools, k: int, found: Bools) -> Bools:
     out = mask.copy()
     out[:, k] |= found
     return out
 
 
-def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Mask:
+def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Bools:
     """Readings (n,) that repeat the one before although what lies around them says that it moved.
 
     Continuous readings with noise never repeat: there all that do are stale, if some of them visibly are. Counts repeat
@@ -125,7 +122,7 @@ def _scale(traces: Sequence[Trace], k: int, quantum: float) -> float:
     return max(1.4826 * float(np.median(np.abs(bends))) if bends.size else 0.0, quantum)
 
 
-def _spikes(y: Floats, scale: float) -> Mask:
+def _spikes(y: Floats, scale: float) -> Bools:
     """Single readings (n,) that jump away and come back: their neighbours bend the other way by half as much."""
     out = np.zeros(len(y), dtype=bool)
     if len(y) < 5 or scale <= 0.0:
@@ -138,7 +135,7 @@ def _spikes(y: Floats, scale: float) -> Mask:
     return out
 
 
-def _bridged(trace: Trace, lost: Mask) -> Trace:
+def _bridged(trace: Trace, lost: Bools) -> Trace:
     y = trace.y.copy()
     for k in range(y.shape[1]):
         bad = lost[:, k]

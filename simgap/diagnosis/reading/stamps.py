@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.diagnosis.reading.table import Floats, RawTable
+from simgap.arrays import Bools, Floats, Ints
+from simgap.diagnosis.reading.table import RawTable
 from simgap.diagnosis.thresholds import MIN_SAMPLES
 from simgap.errors import UserError
 from simgap.units import conversion
 
-Ints = NDArray[np.int64]
 _EPOCH_S = 1.0e6  # stamps that start later than this many seconds are counted from their first
 
 _SHORTER = ("ms", "us", "ns")
@@ -130,7 +129,7 @@ def merge_repeats(t: Floats, columns: Floats) -> tuple[Floats, Floats, int]:
     return t[first], np.add.reduceat(columns, first, axis=0) / counts[:, None], int(t.size - first.size)
 
 
-def kept(t: Floats, ranges: Sequence[TimeRange]) -> NDArray[np.bool_]:
+def kept(t: Floats, ranges: Sequence[TimeRange]) -> Bools:
     """Which stamps the ranges leave: (n,) s -> (n,), inside some `keep` (if there is one) and outside every `drop`."""
     keeps = [r for r in ranges if r.keep]
     inside = np.zeros(t.size, dtype=bool) if keeps else np.ones(t.size, dtype=bool)
@@ -147,7 +146,7 @@ def gap_limit(intervals: Floats) -> float:
     return 5.0 * float(np.quantile(intervals, 0.95))
 
 
-def pieces(t: Floats, inside: NDArray[np.bool_], limit: float) -> list[slice]:
+def pieces(t: Floats, inside: Bools, limit: float) -> list[slice]:
     """Runs of consecutive stamps (n,) s that are `inside` (n,) and never further apart than `limit` seconds."""
     index = np.flatnonzero(inside)
     if not index.size:

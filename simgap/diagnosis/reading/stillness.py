@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.thresholds import (
     CUT_OFF,
     FROZEN_WHILE_MOVED,
@@ -106,7 +105,7 @@ def at_limit(u: Floats) -> tuple[float, float, float]:
     return low, high, max(abs(lo), abs(hi))
 
 
-def _in_runs(flags: NDArray[np.bool_]) -> float:
+def _in_runs(flags: Bools) -> float:
     return sum(b - a for a, b in _runs(flags) if b - a >= 3) / flags.size
 
 
@@ -115,7 +114,7 @@ def _block_edges(trace: Trace) -> list[int]:
     return np.unique(np.append(edges, len(trace.t))).tolist()
 
 
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _runs(flags: Bools) -> list[tuple[int, int]]:
     """Runs of True as half-open index ranges."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
+from simgap.arrays import Floats
 from simgap.diagnosis.reading.encoder import worth
 from simgap.diagnosis.reading.lag import VelocityLag, velocity_lag
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.stillness import Stretch, at_limit, frozen_stretches, resolution, still_stretches
-from simgap.diagnosis.reading.table import Floats
 from simgap.diagnosis.thresholds import (
     DERIVATIVE_MISMATCH,
     DERIVATIVE_SCALE,

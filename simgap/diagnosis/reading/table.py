@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.errors import UserError, excerpt
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +29,7 @@ class RawTable:
 
     file: str
     header: tuple[str, ...]
-    time: NDArray[np.float64] | NDArray[np.int64]
+    time: Floats | Ints
     time_unit: str | None
     columns: Mapping[str, Floats]
     labels: NDArray[np.str_] | None = None

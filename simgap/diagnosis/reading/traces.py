@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from simgap.arrays import Ints
 from simgap.diagnosis.reading.channels import Channel, convert, measured_states
 from simgap.diagnosis.reading.pieces import Split, split
 from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.stamps import Ints, TimeRange, check_forward, check_interval, same_file, seconds
+from simgap.diagnosis.reading.stamps import TimeRange, check_forward, check_interval, same_file, seconds
 from simgap.diagnosis.reading.table import RawTable
 from simgap.errors import UserError
 

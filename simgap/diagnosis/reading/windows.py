@@ -6,14 +6,11 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.thresholds import MIN_SAMPLES
 from simgap.errors import UserError
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +31,7 @@ class Windows:
     def __len__(self) -> int:
         return len(self.start)
 
-    def pick(self, which: NDArray[np.bool_] | Ints) -> Windows:
+    def pick(self, which: Bools | Ints) -> Windows:
         """Some of the windows: by a mask (w,) or by their numbers."""
         return Windows(self.start[which], self.stop[which], self.first[which], self.trace[which])
 

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.diagnosis.reading.exchanged import swap
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
@@ -33,7 +33,6 @@ from simgap.diagnosis.thresholds import (
 )
 from simgap.notation import joined
 
-Floats = NDArray[np.float64]
 _WINDOWS = 8
 _LIKE = 0.7  # a later possibility must miss by less than this share of the best before it
 _FORCES, _GAIN = ("viscous_friction", "coulomb_friction", "input_bias"), "input_gain"

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.diagnosis.search.explanations import Explanation, Key, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.simulation.recording import ReadingFault
@@ -25,8 +25,6 @@ from simgap.diagnosis.thresholds import (
     RIVALS_EXTENDED,
     SETS_REFITTED,
 )
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

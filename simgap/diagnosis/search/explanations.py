@@ -6,9 +6,7 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
+from simgap.arrays import Floats
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each, score, screen
 from simgap.diagnosis.search.watch import Watch
@@ -19,7 +17,6 @@ from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, FIT_QUALITY, NEAR_TIE, SAME_PROMISE, SURELY
 from simgap.notation import joined
 
-Floats = NDArray[np.float64]
 Key = tuple[str, str]
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.diagnosis.reading.windows import Windows
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
@@ -15,7 +15,6 @@ from simgap.diagnosis.simulation.refit import Refit, refit, refit_from_all, wind
 from simgap.diagnosis.simulation.sensitivity import Linearised, linearise, slot_direction
 from simgap.diagnosis.thresholds import SETTLED_PROMISE, SETTLED_STATES, STANDS_OUT
 
-Floats = NDArray[np.float64]
 _MAX_ITERATIONS = 30
 _SOFTEST, _STIFFEST = 1e-9, 1e8  # damping
 _ROUNDS = 3  # descents, windows that stand out begun afresh between them

@@ -8,13 +8,12 @@ sec. 16.6), here of a residual that is white already, so that chance needs no co
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
+from simgap.arrays import Floats
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import BY_CHANCE
 
-Floats = NDArray[np.float64]
 _LAGS = 1 + 2 * np.arange(12)  # samples; a command of the same one may be fed back from the reading, noise and all
 
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import LAGS_ASKED, MEMORY_BY_CHANCE
-
-Floats = NDArray[np.float64]
 
 
 def memory_left(problem: Problem, found: Fit) -> bool:
@@ -25,7 +23,7 @@ def memory_left(problem: Problem, found: Fit) -> bool:
     return any(_portmanteau(misses[:, k], problem.rows) > at_most for k in range(misses.shape[1]))
 
 
-def _portmanteau(miss: Floats, rows: NDArray[np.int64]) -> float:
+def _portmanteau(miss: Floats, rows: Ints) -> float:
     """Sum over the lags of pairs times squared correlation: of independent misses chi^2, one for each lag."""
     total, size = 0.0, float(np.mean(miss**2))
     for lag in range(1, LAGS_ASKED + 1):

@@ -13,15 +13,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from simgap.arrays import Floats
 from simgap.diagnosis.search.follows_input import follows_input
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from simgap.diagnosis.simulation.problem import Problem, interval
 from simgap.diagnosis.thresholds import COLOUR_EVIDENCE, STATIONARY
 
-Floats = NDArray[np.float64]
 Law = Callable[[Floats], Floats]
 _FIRST = 3  # the initial states of a window take what is slower
 _HOP = 5  # samples apart: noise weighs less

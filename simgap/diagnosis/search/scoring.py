@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction, with_values
@@ -17,7 +17,6 @@ from simgap.effects.base import driven_by, drives
 from simgap.effects.start import Scales, Start
 from simgap.model.symbolic import SymbolicModel
 
-Floats = NDArray[np.float64]
 Key = tuple[str, str]
 _RESPONSE, _TRIAL = 0.001, 1.0  # of the noise: a small step for derivatives; a finite one where there is a kink
 _SECANT = (0.3, 2.0)  # how far from a secant's own size its estimate may be

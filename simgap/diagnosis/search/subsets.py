@@ -13,13 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.diagnosis.search.scoring import Screen, begun_at
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import SAME_PROMISE, SUBSETS_KEPT
 
-Floats = NDArray[np.float64]
 _LEFT = 1e-8  # a column of which less is left (of its square) is in the span of the others
 _RIDGE = 1e-10
 

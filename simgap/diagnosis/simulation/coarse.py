@@ -12,15 +12,13 @@ import itertools
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.reading.windows import Windows
 from simgap.diagnosis.simulation.problem import Memo, Problem, interval
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.thresholds import MIN_SAMPLES
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 SAMPLES_A_WINDOW = 200
 """Samples that a window keeps in the search."""
 SEARCH_ROWS = 12_000

@@ -14,10 +14,9 @@ from functools import cached_property
 
 import numpy as np
 from numba import float64, int64, njit, void
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from simgap.arrays import Floats, Ints
+
 ORDER = 60  # of the prediction
 
 

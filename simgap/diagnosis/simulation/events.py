@@ -12,15 +12,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.release import stop_at_release
 from simgap.diagnosis.simulation.runge_kutta import input_at, rk4
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 EPS = 1e-12  # s: two instants closer than this are one
 CREEP = 1e-14  # a speed below this is rest

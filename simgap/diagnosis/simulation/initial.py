@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.model.symbolic import SymbolicModel
 
-Floats = NDArray[np.float64]
 _SAMPLES = 15
 _HEADINGS = 24
 _STILL = 5  # samples over which a window that begins stuck stands still

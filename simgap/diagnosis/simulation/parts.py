@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.reading.windows import Span, left_out
 from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.problem import Problem
@@ -47,7 +47,7 @@ class Parts:
         """Each of the problems, changed."""
         return Parts(*(change(p) for p in (self.known, self.fit, self.choose, self.confirm)))
 
-    def with_noise(self, size: NDArray[np.float64], colour: Colour) -> Parts:
+    def with_noise(self, size: Floats, colour: Colour) -> Parts:
         """The same under another law of the noise, its standard deviation (k,) over that of before."""
         return Parts(
             *(
@@ -56,7 +56,7 @@ class Parts:
             )
         )
 
-    def without(self, channels: NDArray[np.bool_]) -> Parts:
+    def without(self, channels: Bools) -> Parts:
         """The same with some of the channels (k,) left out of every fit."""
         heard = np.where(channels, 0.0, self.known.heard)
         return self.changed(lambda p: replace(p, heard=heard))

@@ -12,16 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import float64, int64, njit, void
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from simgap.arrays import Floats, Ints
 from simgap.model.symbolic import Coordinate
 
 if TYPE_CHECKING:
     from simgap.diagnosis.simulation.supermodel import SuperModel
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _SPAN_S, _ORDER = 0.15, 4
 """Length and order of the local polynomial. Of an arm that turns round often under Dahl friction (200 Hz, 1e-3 rad) the
 windows that confirm had chi^2/dof 1.15 at 0.055 s, 1.20 at 0.075, 1.08 at 0.155 and 1.11 at 0.205 s."""

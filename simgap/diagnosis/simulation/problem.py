@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 from numba import float64, int64, njit, void
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.windows import Windows, left_out, past_the_unknown
 from simgap.diagnosis.simulation.colour import Colour, whiten
@@ -20,8 +20,6 @@ from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.simulation.trains import twists, twists_by_torque
 from simgap.diagnosis.thresholds import LAGS_REMEMBERED
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Drive = tuple[Floats, Floats, Floats, Floats]
 _REMEMBERED = 8
 _LARGE = 1e9

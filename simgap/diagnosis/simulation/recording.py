@@ -12,17 +12,14 @@ from typing import ClassVar
 import numpy as np
 import sympy as sp
 from numba import float64, int64, njit, void
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.effects import EFFECTS, Effect, EffectParameter, MemoryInputEffect, effect
 from simgap.effects.base import COMMAND, SENSOR, Kind, Values
 from simgap.effects.quoted import Quoted
 from simgap.effects.sensor_gain import is_linear
 from simgap.effects.start import Scales, Start, multiple
 from simgap.model.symbolic import SymbolicModel
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class LateLog(MemoryInputEffect):

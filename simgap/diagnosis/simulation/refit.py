@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.initial import at_rest, initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import chunks, state_steps
 
-Floats = NDArray[np.float64]
 _MOST = 20  # linearisations
 _SOFTEST, _SOFT, _STIFF = 1e-10, 1e-6, 1e6  # damping of a step: least, first, and where a window gives up
 
@@ -98,7 +97,7 @@ def _refit(problem: Problem, theta: Floats, x0: Floats, steps: Floats, most: int
     return Refit(x0, chi2, left)
 
 
-def _pick(problem: Problem, which: NDArray[np.int64]) -> Problem:
+def _pick(problem: Problem, which: Ints) -> Problem:
     return problem if len(which) == len(problem.windows) else problem.on(problem.windows.pick(which))
 
 

@@ -7,14 +7,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.runge_kutta import input_at, rk4
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 RELEASED = 1e-6  # of a step, or of the grip: an instant as late is that of the release
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from simgap.arrays import Ints
 from simgap.diagnosis.simulation.hoist import hoist
 from simgap.diagnosis.simulation.runge_kutta import GLIDE_SIGNATURE, RHS_SIGNATURE, SLOPE_SIGNATURE
 from simgap.model.compile import compile_kernel
@@ -38,7 +38,7 @@ class Dynamics:
     slope: Any
     glide: Any
     constants: Any
-    speed: NDArray[np.int64]
+    speed: Ints
 
 
 def is_costly(force: sp.Expr) -> bool:

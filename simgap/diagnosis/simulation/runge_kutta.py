@@ -8,12 +8,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 from numba import boolean, float64, int64, njit, types, void
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from simgap.arrays import Floats, Ints
 
 VECTOR, INDICES = float64[::1], int64[::1]
 RHS_SIGNATURE = void(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR)  # (x, u, theta, signs, xdot out)

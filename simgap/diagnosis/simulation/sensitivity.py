@@ -12,12 +12,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import VISIBLE_SHARE
 
-Floats = NDArray[np.float64]
 _ROWS_AT_ONCE = 60_000  # memory of a pass does not grow with the record
 _RANK = 1e-10
 _TARGET_RESPONSE = 0.001  # of the noise, root mean square
@@ -59,7 +58,7 @@ class Linearised:
     state_g: Floats
 
     @property
-    def visible(self) -> NDArray[np.bool_]:
+    def visible(self) -> Bools:
         """(p,) whether a column is more than what the initial states can stand for, beyond rounding."""
         left = np.diag(self.gram)
         whole = left + np.sum(self.state_b**2, axis=(0, 1))

@@ -10,14 +10,11 @@ import math
 
 import numpy as np
 from numba import float64, int64, njit, void
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.events import CREEP, EPS, advance, any_of, coast, rubbing
 from simgap.diagnosis.simulation.handed_over import function_at
 from simgap.diagnosis.simulation.runge_kutta import GLIDE, INDICES, RHS, SLOPE, VECTOR, input_at
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MATRIX = float64[:, ::1]
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import STEP_RESOLVES
-
-Floats = NDArray[np.float64]
 
 _SHARE = 0.01  # of the noise
 _MOST_HALVINGS = 6
@@ -30,7 +28,7 @@ def resolved(problem: Problem, theta: Floats, x0: Floats) -> bool:
     return moved <= STEP_RESOLVES * max(1.0, float(np.sqrt(np.mean(np.square(coarse)))))
 
 
-def _some(problem: Problem) -> tuple[Problem, NDArray[np.int64]]:
+def _some(problem: Problem) -> tuple[Problem, Ints]:
     """A few windows spread over all, and which they are."""
     few = np.unique(np.linspace(0, len(problem.windows) - 1, _WINDOWS).astype(np.int64))
     return problem.on(problem.windows.pick(few)), few

@@ -11,8 +11,8 @@ import numpy as np
 import sympy as sp
 from numba import float64 as f64
 from numba import types, void
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.handed_over import address_of
 from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
@@ -27,7 +27,6 @@ from simgap.model.compile import Kernel, compile_kernel
 from simgap.model.kept import kept_as
 from simgap.model.symbolic import SymbolicModel, symbol
 
-Floats = NDArray[np.float64]
 _ROWS = types.Array(types.float64, 2, "C")
 _ROWWISE = void(_ROWS, f64[::1], _ROWS)
 
@@ -81,7 +80,7 @@ class SuperModel:
     null: Floats
     lower: Floats
     upper: Floats
-    speed: NDArray[np.int64]
+    speed: Ints
     measured: tuple[str, ...]
     rhs: Any
     slope: Any

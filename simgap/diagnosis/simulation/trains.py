@@ -14,14 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 from numba import float64, int64, njit, void
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats, Ints
 from simgap.effects.base import Effect, driven_by
 from simgap.effects.drive_train import DriveTrainEffect, Law, with_motor
 from simgap.model.symbolic import SymbolicModel
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _RIGID = 10.0  # rad between two readings: a spring that is quicker is simulated no more, as each turn costs steps
 
 

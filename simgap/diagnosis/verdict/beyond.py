@@ -9,8 +9,8 @@ it is the push's own doing. Fitted data count too, as they are down to the noise
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.reading.windows import Span, Windows, joined
 from simgap.diagnosis.search.fit import Fit
@@ -18,8 +18,6 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_steps
 from simgap.diagnosis.thresholds import CELL_S, WITHIN_NOISE
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 _SPAN = 0.5 * CELL_S  # s over which a rate is taken
 
 

@@ -11,14 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
 from simgap.diagnosis.thresholds import CHANGE_PROMISES, FEWEST_WINDOWS, RAMP_ENDS
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

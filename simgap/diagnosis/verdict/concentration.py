@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.result import Concentrated, Stretches
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import FEWEST_PREDICTIONS, HELD_OUT_QUALITY, MOST_OF_THE_ERROR, SMALL_PART
 from simgap.diagnosis.verdict.horizon import HorizonError
 from simgap.diagnosis.verdict.judge import HeldOut
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 def concentrated(confirm: Problem, names: Sequence[str], old: HeldOut, new: HeldOut) -> Concentrated | None:
@@ -45,13 +42,13 @@ def concentrated(confirm: Problem, names: Sequence[str], old: HeldOut, new: Held
     return Concentrated(_places(confirm, names, after, bad), float(carried[count - 1]), share, *medians)
 
 
-def _touched(after: HorizonError, bad: Mask) -> Mask:
+def _touched(after: HorizonError, bad: Bools) -> Bools:
     """Predictions that overlap a bad one."""
     spans = zip(after.begin[bad], after.end[bad], strict=True)
     return np.any([(after.begin <= b) & (after.end >= a) for a, b in spans], axis=0)
 
 
-def _share(before: HorizonError, after: HorizonError, which: Mask, sigma: Floats) -> float:
+def _share(before: HorizonError, after: HorizonError, which: Bools, sigma: Floats) -> float:
     """Excess after over before, of some of the predictions."""
     was, now = (
         np.mean(np.maximum(np.mean(e.error[which] ** 2, axis=0) - after.floor**2, 0.0) / sigma**2)
@@ -64,7 +61,7 @@ def _median(h: HorizonError, confirm: Problem) -> dict[str, float]:
     return dict(zip(confirm.model.measured, map(float, np.median(np.abs(h.error), axis=0)), strict=True))
 
 
-def _places(confirm: Problem, names: Sequence[str], after: HorizonError, bad: Mask) -> Stretches:
+def _places(confirm: Problem, names: Sequence[str], after: HorizonError, bad: Bools) -> Stretches:
     """What most of the bad predictions around have in common, as stretches of time."""
     change = np.zeros(len(confirm.t) + 1)
     np.add.at(change, after.begin[bad], 1.0)

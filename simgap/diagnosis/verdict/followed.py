@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.diagnosis.reading.table import Floats
+from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.transitions import mean_input
 

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2 as chi_squared
 
+from simgap.arrays import Floats
 from simgap.diagnosis.result import Judged, Verdict
 from simgap.diagnosis.search.confidence import degrees_of_freedom, standard_errors, undetermined, vanishing
 from simgap.diagnosis.search.explanations import Explanation, Search
@@ -31,8 +31,6 @@ from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error
 from simgap.diagnosis.verdict.score import Errors, Gain
 from simgap.diagnosis.verdict.size import negligible
 from simgap.diagnosis.verdict.strays import strays
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ import numpy as np
 import sympy as sp
 from scipy.signal import savgol_coeffs, savgol_filter
 
+from simgap.arrays import Floats
 from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.table import Floats
 from simgap.model.symbolic import SymbolicModel, symbol
 
 SPAN_S, MIN_POINTS, BINS, ORDER = 0.08, 9, 24, 3

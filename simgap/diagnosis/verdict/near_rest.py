@@ -12,9 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.diagnosis.reading.table import Floats
+from simgap.arrays import Bools, Floats, Ints
 from simgap.split_conformal import attained, fewest, reach
 
 _SHARES = np.arange(0.05, 0.65, 0.05)
@@ -41,9 +40,9 @@ class Sizes:
 
     residual: Floats
     speed: Mapping[str, Floats]
-    piece: NDArray[np.int64] | None = None
+    piece: Ints | None = None
 
-    def part(self, which: NDArray[np.bool_]) -> Sizes:
+    def part(self, which: Bools) -> Sizes:
         """Some of them."""
         piece = None if self.piece is None else self.piece[which]
         return Sizes(self.residual[which], {n: v[which] for n, v in self.speed.items()}, piece)

@@ -11,13 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-from simgap.diagnosis.reading.table import Floats
+from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.thresholds import RUNS_DIFFER
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +25,7 @@ class Left:
     residual: Floats
     run: Ints
     step: Ints
-    held_out: NDArray[np.bool_]
+    held_out: Bools
 
 
 def pieces(left: Left) -> tuple[Ints, bool]:

@@ -13,9 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from simgap.diagnosis.reading.table import Floats
+from simgap.arrays import Floats, Ints
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.near_rest import NearRest, Sizes, bound, slow_and_fast
 from simgap.diagnosis.verdict.pieces import Left, pieces
@@ -164,7 +163,7 @@ def _bound(
     )
 
 
-def _pieces(parts: tuple[Transitions, Transitions], residuals: Sequence[Floats]) -> tuple[NDArray[np.int64], bool]:
+def _pieces(parts: tuple[Transitions, Transitions], residuals: Sequence[Floats]) -> tuple[Ints, bool]:
     """To which independent piece each held-out transition belongs; what was fitted helps to see how long one is."""
     whole, held_out = np.concatenate(residuals), np.repeat([False, True], [len(r) for r in residuals])
     size = np.sqrt(np.mean(whole**2, axis=0))

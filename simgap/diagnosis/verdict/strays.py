@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.thresholds import MOST_STRAYS, STRAY, STRAY_BESIDE
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
-
-def strays(residual: Floats, rows: Ints) -> NDArray[np.bool_]:
+def strays(residual: Floats, rows: Ints) -> Bools:
     """Readings that miss by far between neighbours that do not, (n, k); none of a channel that has many.
 
     Args:

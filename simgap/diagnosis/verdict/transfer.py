@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Floats
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import grow
@@ -27,8 +27,6 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import AMBIGUOUS, BEAM, PLAUSIBLE_RATIO, SETS_JUDGED, TRIALS, WORTH_SAYING
 from simgap.diagnosis.verdict.judge import chi2_dof, folds_agree, judge, vanished
 from simgap.diagnosis.verdict.score import Errors, gained
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

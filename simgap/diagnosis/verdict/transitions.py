@@ -16,7 +16,7 @@ import sympy as sp
 from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
-from simgap.diagnosis.reading.table import Floats
+from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.missing import compiled
 from simgap.model.symbolic import SymbolicModel

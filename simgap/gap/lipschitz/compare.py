@@ -6,14 +6,14 @@ from functools import reduce
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.gap.lipschitz.enclosed import enclosed_constants
 from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz, LipschitzRow, worse
-from simgap.gap.samples import DimensionSamples
+from simgap.gap.sampling.samples import DimensionSamples
+from simgap.gap.sampling.values import Rows, Values
 from simgap.gap.settings import GapSettings
-from simgap.gap.values import Rows, Values
-from simgap.geometry import Floats
 
 _REACH = 3  # cells: pairs lie within this many cells of each other along every axis
 

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.gap.closed_form import CellRanges
+from simgap.arrays import Floats
+from simgap.gap.bounds.closed_form import CellRanges
 from simgap.gap.lipschitz.local import Fit
 from simgap.gap.lipschitz.result import GridLipschitz
+from simgap.gap.sampling.values import Held, Values
 from simgap.gap.thresholds import GATE
-from simgap.gap.values import Held, Values
-from simgap.geometry import Floats
 
 _OUTWARD = 1.0 + 2.0**-40  # the few operations of a padding
 

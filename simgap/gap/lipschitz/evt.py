@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2, kstest, weibull_max
 
-from simgap.geometry import Floats
+from simgap.arrays import Floats
 
 _SHAPES = (1.0, 1e3)  # c >= 1: the likelihood is unbounded below it
 _REACH = 1e6  # farthest location tried, in units of the spread of the maxima

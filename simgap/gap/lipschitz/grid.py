@@ -16,17 +16,17 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
+from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
 from simgap.gap.lipschitz.result import GridLipschitz, Layer
 from simgap.gap.lipschitz.rough import REACH, roughness
 from simgap.gap.lipschitz.slabs import slabs
 from simgap.gap.lipschitz.stencils import double_steps, modes, steps, to_cells, turns, widest, window
+from simgap.gap.sampling.values import Centres, Values, values
 from simgap.gap.thresholds import CROWDED
-from simgap.gap.values import Centres, Values, values
-from simgap.geometry import Floats, Grid
+from simgap.geometry import Grid
 
 FEWEST = 4
 """Cells along an axis at least: a difference over two cells and one over one have to be compared."""
@@ -69,14 +69,14 @@ class _Found:
         self.rough = [np.zeros(count, dtype=np.int64) for count in grid.cells]  # samples in each layer of each axis
         self.jump, self.at = 0.0, grid.size
 
-    def add_slopes(self, j: int, first: Floats, local: Floats, rough: NDArray[np.bool_] | None) -> None:
+    def add_slopes(self, j: int, first: Floats, local: Floats, rough: Bools | None) -> None:
         """Differences `first` and slopes `local` along j of cells, some of them rough."""
         top = float(local.max())
         self.constants[j] = max(self.constants[j], top)
         self.slopes[j] = max(self.slopes[j], first.max() / (2.0 * self.grid.h[j]))
         self.smooth[j] = max(self.smooth[j], top if rough is None else local[~rough].max(initial=0.0))
 
-    def add_rough(self, rough: NDArray[np.bool_], spread: Floats, first: int) -> None:
+    def add_rough(self, rough: Bools, spread: Floats, first: int) -> None:
         """Rough cells, and how far the values around them are apart; `first` is the row of the first one."""
         axis = next((j for j, count in enumerate(self.grid.cells) if count > 1), 0)
         start = first // int(np.prod(self.grid.cells[axis + 1 :]))

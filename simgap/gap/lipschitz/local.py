@@ -17,22 +17,22 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from simgap.arrays import Bools, Floats, Ints
 from simgap.gap.lipschitz.grid import moving_axes
 from simgap.gap.lipschitz.rough import REACH, Roughness, roughness
 from simgap.gap.lipschitz.slabs import Slab, slabs
 from simgap.gap.lipschitz.stencils import steps, to_cells, turns, widest
-from simgap.gap.values import Combined, Held, Kept, Room, Values
-from simgap.geometry import Floats, Grid
+from simgap.gap.sampling.values import Combined, Held, Kept, Room, Values
+from simgap.geometry import Grid
 
 
 @dataclass(frozen=True, eq=False)
 class Beside:
     """Where samples beside the grid lie: their cells (E,), and which coordinates a border or surface fixes, (E, nx)."""
 
-    cells: NDArray[np.int64]
-    fixed: NDArray[np.bool_]
+    cells: Ints
+    fixed: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ class _Read:
             found = found + part
         return found
 
-    def marks(self, rough: list[Roughness], some: slice) -> NDArray[np.bool_]:
+    def marks(self, rough: list[Roughness], some: slice) -> Bools:
         """Rough cells of the target and of the residual."""
         fields = (self.field, self.residual)
         found = [own.marks(e[..., some], self.slab.grid) for own, e in zip(rough, fields, strict=False) if own.any]

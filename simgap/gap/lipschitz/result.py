@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats
 from simgap.gap.thresholds import EVERYWHERE, GATE, THIN
-from simgap.geometry import Floats
 
 
 @dataclass(frozen=True)

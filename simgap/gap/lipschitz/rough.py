@@ -14,11 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter
 
+from simgap.arrays import Bools, Floats
 from simgap.gap.lipschitz.slabs import slabs
-from simgap.gap.lipschitz.stencils import Mask, contain, double_steps, middle, modes, steps, to_cells, window
+from simgap.gap.lipschitz.stencils import contain, double_steps, middle, modes, steps, to_cells, window
+from simgap.gap.sampling.values import Values
 from simgap.gap.thresholds import GATE, SPLIT_GATE, STEEP_SHARE
-from simgap.gap.values import Values
-from simgap.geometry import Floats, Grid
+from simgap.geometry import Grid
 
 REACH = 2
 """Cells by which a mark may be away from the difference that makes it."""
@@ -37,7 +38,7 @@ class Roughness:
         """Whether any cell is rough."""
         return bool(np.isfinite([*self.one.values(), *self.two.values()]).any())
 
-    def marks(self, e: Floats, grid: Grid) -> Mask:
+    def marks(self, e: Floats, grid: Grid) -> Bools:
         """Rough cells of values (cells_1, ..., cells_nx, M), the same shape; wrong within `REACH` of a slab's ends."""
         rough = np.zeros(e.shape, dtype=bool)
         for j in self.axes:

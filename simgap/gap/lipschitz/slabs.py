@@ -14,8 +14,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.gap.values import Values
-from simgap.geometry import Floats, Grid
+from simgap.arrays import Floats
+from simgap.gap.sampling.values import Values
+from simgap.geometry import Grid
 
 Number = TypeVar("Number", bound=np.generic)
 PIECE = 2**20

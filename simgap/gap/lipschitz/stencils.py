@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from simgap.geometry import Floats, Grid
-
-Mask = NDArray[np.bool_]
+from simgap.arrays import Bools, Floats
+from simgap.geometry import Grid
 
 
 def steps(e: Floats, j: int, grid: Grid) -> Floats:
@@ -26,7 +24,7 @@ def double_steps(e: Floats, j: int, grid: Grid, cells: int = 2) -> Floats:
     return np.take(e, range(cells, n), axis=j) - np.take(e, range(n - cells), axis=j)
 
 
-def contain(out: Mask, j: int, grid: Grid, cells: int) -> Mask:
+def contain(out: Bools, j: int, grid: Grid, cells: int) -> Bools:
     """Differences over twice `cells` cells that contain one of `out`, which are over `cells` cells."""
     if j in grid.periodic:
         return np.logical_or.reduce([np.roll(out, -k, axis=j) for k in range(cells + 1)])
@@ -34,7 +32,7 @@ def contain(out: Mask, j: int, grid: Grid, cells: int) -> Mask:
     return np.logical_or.reduce([np.take(out, range(k, n + k), axis=j) for k in range(cells + 1)])
 
 
-def middle(out: Mask, j: int, grid: Grid) -> Mask:
+def middle(out: Bools, j: int, grid: Grid) -> Bools:
     """The cells in the middle of differences over two cells."""
     if j in grid.periodic:
         return np.roll(out, 1, axis=j)
@@ -42,7 +40,7 @@ def middle(out: Mask, j: int, grid: Grid) -> Mask:
     return np.concatenate([edge, out, edge], axis=j)
 
 
-def to_cells(step: Floats | Mask, j: int, grid: Grid, expected: Floats | None = None) -> Floats:
+def to_cells(step: Floats | Bools, j: int, grid: Grid, expected: Floats | None = None) -> Floats:
     """Larger absolute difference beside each cell, less its `expected`: `steps` -> (cells_1, ..., cells_nx, M)."""
     if j in grid.periodic:
         ahead, behind = step, np.roll(step, 1, axis=j)

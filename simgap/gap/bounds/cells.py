@@ -1,0 +1,184 @@
+"""Gap function on cells: piecewise constant on blocks, or a Lipschitz envelope around sampled nodes (set membership).
+
+In each cell, `hi_i(x, u) = upper[cell, u, i] + sum_j L_ij |x_j - node_j|` and likewise below; L = 0 on blocks. On a
+border shared by cells all of them apply, so a bound over a box is the extreme over the cells it touches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from simgap.arrays import Floats
+from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel
+from simgap.gap.bounds.input_index import input_index
+from simgap.gap.bounds.tiers import Tier
+from simgap.model.kept import kept
+
+_SLACK = 1.0 + 2.0**-48  # outward rounding of the few operations of a bound
+
+
+@dataclass(frozen=True, eq=False)
+class CellGap(GapFunction):
+    """Tables over a tensor grid of cells.
+
+    Attributes:
+        edges: per axis, cell borders (k_j + 1,), the first and last are those of X.
+        nodes: per axis, one point of each cell (k_j,).
+        lower, upper: (k_1 * ... * k_nx, M or 1, nx), row-major cells; 1 when the bound is the same for all inputs.
+        slopes: (nx, nx) L_ij, growth of the bound of dimension i away from the node along axis j.
+    """
+
+    edges: tuple[Floats, ...]
+    nodes: tuple[Floats, ...]
+    lower: Floats
+    upper: Floats
+    slopes: Floats
+
+    def _box_bounds(self, xlo: Floats, xhi: Floats, u: Floats) -> tuple[Floats, Floats]:
+        lo, hi = np.empty(xlo.shape), np.empty(xhi.shape)
+        rows = tuple(np.ascontiguousarray(a, dtype=np.float64) for a in (xlo, xhi, u))
+        _over_rows(*rows, lo, hi, *self._tables())
+        return lo, hi
+
+    def _reach(self) -> Floats:
+        """(cells, nx): the largest `sum_j L_ij |x_j - node_j|` in each cell."""
+        far = [np.maximum(n - e[:-1], e[1:] - n) for n, e in zip(self.nodes, self.edges, strict=True)]
+        mesh = np.stack([m.ravel() for m in np.meshgrid(*far, indexing="ij")], axis=1)
+        return mesh @ self.slopes.T * _SLACK
+
+    def sup(self) -> dict[str, GapSuprema]:
+        """Suprema over all cells and inputs; on a face that cells share, the hull of their bounds may be wider."""
+        reach = self._reach()[:, None, :]
+        lo, hi = self.lower - reach, self.upper + reach
+        size = np.maximum(np.abs(lo), np.abs(hi)).max(axis=(0, 1)) * _SLACK
+        width = (hi - lo).max(axis=(0, 1)) * _SLACK
+        return {s: GapSuprema(float(size[i]), float(width[i])) for i, s in enumerate(self.domain.states)}
+
+    def raised(self, below: Floats, above: Floats) -> CellGap:
+        """lo - below, hi + above; both (nx,)."""
+        return replace(self, lower=self.lower - below, upper=self.upper + above)
+
+    def raised_within(self, where: Mapping[str, tuple[float, float]], by: Floats) -> CellGap:
+        """Moved outward by more, (nx,), in the cells that a box touches; states that are not named may be anything."""
+        axes = []
+        for name, edges in zip(self.domain.states, self.edges, strict=True):
+            lo, hi = where.get(name, (-np.inf, np.inf))
+            margin = 1e-9 * (edges[-1] - edges[0])  # a border is of both cells, as in `_touched`
+            axes.append((edges[:-1] <= hi + margin) & (edges[1:] >= lo - margin))
+        touched = np.all(np.stack([m.ravel() for m in np.meshgrid(*axes, indexing="ij")], axis=1), axis=1)
+        more = np.where(np.asarray(touched)[:, None, None], by, 0.0)
+        return replace(self, lower=self.lower - more, upper=self.upper + more)
+
+    def with_tiers(self, tiers: Sequence[Tier]) -> CellGap:
+        """The same bound with other guarantee tiers."""
+        return replace(self, tiers=tuple(tiers))
+
+    def _kernel(self) -> Kernel:
+        """See `GapFunction._kernel`; loops over the cells that the box touches."""
+        inputs, limit_lo, limit_hi, edges, nodes, counts, slopes, lower, upper = self._tables()
+
+        @kept
+        def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
+            _over_box(xlo, xhi, u, lo, hi, inputs, limit_lo, limit_hi, edges, nodes, counts, slopes, lower, upper)
+
+        result: Kernel = bounds_over_box
+        return result
+
+    def _tables(self) -> tuple[Any, ...]:
+        counts = np.array([len(n) for n in self.nodes], dtype=np.int64)
+        limits = self.domain.limits()
+        flat = np.concatenate(self.edges), np.concatenate(self.nodes)
+        return self.domain.input_set, *limits, *flat, counts, self.slopes, self.lower, self.upper
+
+    def _content(self) -> dict[str, Any]:
+        names = self.domain.states
+        return {
+            "kind": "cells",
+            "meaning": "lower <= simulator - nominal <= upper, plus slope times the distance to the node of the cell",
+            "edges": {s: e.tolist() for s, e in zip(names, self.edges, strict=True)},
+            "nodes": {s: n.tolist() for s, n in zip(names, self.nodes, strict=True)},
+            "slopes": self.slopes.tolist(),
+            "gap": {
+                s: {"lower": self.lower[:, :, i].tolist(), "upper": self.upper[:, :, i].tolist()}
+                for i, s in enumerate(names)
+            },
+        }
+
+    @staticmethod
+    def from_content(data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> CellGap:
+        """The inverse of `_content`."""
+        names = domain.states
+        return CellGap(
+            domain,
+            tiers,
+            tuple(np.array(data["edges"][s]) for s in names),
+            tuple(np.array(data["nodes"][s]) for s in names),
+            np.stack([np.array(data["gap"][s]["lower"]) for s in names], axis=-1),
+            np.stack([np.array(data["gap"][s]["upper"]) for s in names], axis=-1),
+            np.array(data["slopes"]),
+        )
+
+
+@njit(error_model="numpy", cache=True)
+def _over_rows(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slopes, lower, upper):  # type: ignore[no-untyped-def]
+    for n in range(len(xlo)):
+        _over_box(xlo[n], xhi[n], u[n], lo[n], hi[n], inputs, llo, lhi, edges, nodes, counts, slopes, lower, upper)
+
+
+@njit(error_model="numpy", cache=True)
+def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, edges, nodes, counts, slopes, lower, upper):  # type: ignore[no-untyped-def]
+    nx, row = len(counts), 0
+    if upper.shape[1] > 1:
+        row = input_index(inputs, u)
+    cells, start = 1, 0
+    inside = row >= 0
+    for j in range(nx):
+        inside = inside and xlo[j] >= llo[j] and xhi[j] <= lhi[j]
+        a, b = _touched(edges, start, counts[j], xlo[j], xhi[j])
+        cells *= b - a + 1
+        start += counts[j] + 1
+    for i in range(nx):
+        lo[i] = np.inf if inside else -np.inf
+        hi[i] = -np.inf if inside else np.inf
+    if inside:
+        for n in range(cells):
+            _widen_by_cell(n, xlo, xhi, row, lo, hi, edges, nodes, counts, slopes, lower, upper)
+
+
+@njit(error_model="numpy", cache=True)
+def _touched(edges, start, count, a, b):  # type: ignore[no-untyped-def]
+    """First and last cell of one axis that [a, b] touches, borders included with a margin of 1e-9 of the axis."""
+    axis = edges[start : start + count + 1]
+    margin = 1e-9 * (axis[count] - axis[0])
+    first = np.searchsorted(axis, a - margin, side="left") - 1
+    last = np.searchsorted(axis, b + margin, side="right") - 1
+    return min(max(first, 0), count - 1), min(max(last, 0), count - 1)
+
+
+@njit(error_model="numpy", cache=True)
+def _widen_by_cell(n, xlo, xhi, row, lo, hi, edges, nodes, counts, slopes, lower, upper):  # type: ignore[no-untyped-def]
+    """Widen lo, hi by the bound over the n-th touched cell; the last axis runs fastest."""
+    nx, flat, stride, end = len(counts), 0, 1, len(edges)
+    for j in range(nx - 1, -1, -1):
+        end -= counts[j] + 1
+        a, b = _touched(edges, end, counts[j], xlo[j], xhi[j])
+        flat += stride * (a + n % (b - a + 1))
+        stride *= counts[j]
+        n //= b - a + 1
+    for i in range(nx):
+        rest, reach, end, last = flat, 0.0, len(edges), len(nodes)
+        for j in range(nx - 1, -1, -1):
+            end, last = end - counts[j] - 1, last - counts[j]
+            k = rest % counts[j]
+            rest //= counts[j]
+            p, q = max(xlo[j], edges[end + k]), min(xhi[j], edges[end + k + 1])
+            reach += slopes[i, j] * max(abs(p - nodes[last + k]), abs(q - nodes[last + k]))
+        low, high = lower[flat, row, i], upper[flat, row, i]
+        slack = 2.0**-48 * (abs(low) + abs(high) + reach) + 1e-300
+        lo[i] = min(lo[i], low - reach - slack)
+        hi[i] = max(hi[i], high + reach + slack)

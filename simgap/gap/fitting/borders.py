@@ -1,0 +1,125 @@
+"""Samples on the border of X and on both sides of switching surfaces: some for the fit, others to check the bound.
+
+Those of the fit lie on the lattice of the cell centres, those of the check on a random one. None of them is a random
+sample of X: they never enter the statistical statement.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from simgap.arrays import Floats
+from simgap.config.case import Case
+from simgap.errors import UserError
+from simgap.gap.bounds.function import GapDomain, GapFunction
+from simgap.gap.fitting.fresh_check import BorderCheck, check_fresh
+from simgap.gap.sampling.borders import Borders, critical_points
+from simgap.gap.sampling.points import Columns, covering_grid, free_axes, product, remembers
+from simgap.gap.sampling.samples import Directed
+from simgap.gap.sampling.switching import switching_surfaces
+from simgap.gap.sampling.tables import stacked, successor_columns, successors
+from simgap.gap.sampling.translation import shifted_states
+from simgap.gap.thresholds import CHECK_LEVELS, LEAST_CHECKED_BORDER, MOST_BORDER_STATES
+from simgap.plants.context import Context
+from simgap.simulators.rollouts import roll_out_range
+
+FIT, CHECK, SHIFTED = "fit", "check", "shifted"
+NO_BORDERS = "the samples on borders of X and beside switching surfaces are missing"
+MAKE_BORDERS = "Make them with `simgap borders` and give them as --borders."
+
+
+def parts_of(context: Context) -> tuple[str, ...]:
+    """The parts of the table: for the fit, for the check, and shifted ones where a translation is declared."""
+    return (FIT, CHECK, SHIFTED) if free_axes(context.case) else (FIT, CHECK)
+
+
+def border_states(context: Context, name: str, part: str) -> Borders:
+    """States for the fit, for the check, or shifted ones, on the grid of that name.
+
+    Raises:
+        UserError: a simulator that remembers earlier inputs, whose gap is no function of X.
+    """
+    if remembers(context.case):
+        raise UserError("a gap taken over histories has no border of X", key="hidden_state")
+    box, grid = context.box, covering_grid(context.case, context.box, name)
+    if part == SHIFTED:
+        x = shifted_states(context)
+        return Borders(x, np.zeros(x.shape, dtype=bool))
+    names = tuple(context.states), tuple(context.inputs)
+    domain = GapDomain(*names, box, context.input_set, free_axes(context.case))
+    if part == FIT:
+        lattice, most = [grid.axis(j) for j in range(box.size)], MOST_BORDER_STATES
+    else:  # fresh samples and means have streams of their own
+        rng = np.random.default_rng([context.need(context.case.gap, "gap").seed, 2])
+        lattice = [rng.uniform(lo, hi, CHECK_LEVELS) for lo, hi in zip(box.lo, box.hi, strict=True)]
+        most = checked_at_most(grid.size)
+    return critical_points(domain, switching_surfaces(context), lattice, most)
+
+
+def checked_at_most(grid: int) -> int:
+    """Most states on borders that check a bound made on so many states."""
+    return min(MOST_BORDER_STATES, max(LEAST_CHECKED_BORDER, grid))
+
+
+def directed_samples(context: Context, name: str, rolled: Columns, i: int) -> Directed:
+    """The gap of dimension i at the states of the fit.
+
+    Raises:
+        UserError: a table of another case, or of another grid.
+    """
+    own = border_states(context, name, FIT)
+    _, _, lower, upper = border_gaps(context, rolled, FIT, own)
+    shape = (len(own.x), len(context.input_set))
+    return Directed(own.x, own.fixed, lower[:, i].reshape(shape), upper[:, i].reshape(shape))
+
+
+def border_gaps(context: Context, rolled: Columns, part: str, own: Borders) -> tuple[Floats, Floats, Floats, Floats]:
+    """States, inputs, and both ends of the gap of one part: (n, nx), (n, nu), (n, nx), (n, nx).
+
+    Raises:
+        UserError: a table of another case, or of another grid.
+    """
+    mine = {key: values[rolled["part"] == part] for key, values in rolled.items()} if "part" in rolled else {}
+    x, u = product(own.x, context.input_set)
+    known = {*context.states, *context.inputs} <= set(mine)
+    if not (
+        known and np.array_equal(stacked(mine, context.states), x) and np.array_equal(stacked(mine, context.inputs), u)
+    ):
+        raise UserError(
+            "the samples on borders and beside switching surfaces are those of another case",
+            remedy="Run `borders` again, and `scp` and `gap` after it.",
+        )
+    predicted = context.plant.sampled.step(x, u)
+    ends = [successors(mine, state) for state in context.states]
+    lower, upper = (np.stack([pair[k] for pair in ends], axis=1) - predicted for k in (0, 1))
+    return x, u, lower, upper
+
+
+def border_check(context: Context, name: str, rolled: Columns, function: GapFunction) -> BorderCheck:
+    """The bound held against the samples of the check, which no fit has seen.
+
+    Raises:
+        UserError: a table of another case, or of another grid.
+    """
+    x, u, lower, upper = border_gaps(context, rolled, CHECK, border_states(context, name, CHECK))
+    found = check_fresh(function, x, u, lower, d_upper=upper)
+    return BorderCheck(len(x), found.violations, len(switching_surfaces(context)), found.worst, found.outside)
+
+
+def roll_out_borders(case: Case, folder: Path, states: dict[str, Floats], inputs: Floats) -> tuple[Columns, str]:
+    """Roll out each part's states (n, nx) with all inputs (M, nu), in the engine's process: the table, the engine."""
+    x, u = product(np.concatenate(list(states.values())), inputs)
+    following, spread, engine = roll_out_range(case, folder, x, u)
+    return border_columns(case, states, inputs, following, spread), engine
+
+
+def border_columns(
+    case: Case, states: dict[str, Floats], inputs: Floats, following: Floats,
+    spread: tuple[Floats, Floats] | None = None,
+) -> Columns:  # fmt: skip
+    """The table of roll-outs of the parts of `states` with all inputs: successors (n, nx)."""
+    x, u = product(np.concatenate(list(states.values())), inputs)
+    part = np.repeat(list(states), [len(own) * len(inputs) for own in states.values()])
+    return {"part": part, **successor_columns(case, x, u, following, spread)}

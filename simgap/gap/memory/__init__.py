@@ -1,0 +1,1 @@
+"""Simulators that remember earlier inputs: what that hides, searched and bounded."""

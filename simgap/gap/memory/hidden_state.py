@@ -1,0 +1,144 @@
+"""Covering what earlier inputs leave behind in a simulator whose state is larger than x.
+
+A roll-out from rest is not the map that a controller meets: wheels and body still move as the previous input told
+them. The bound for an input is therefore the hull over previous inputs of a class (a grid of them, extremes
+included), widened by what random input sequences (`hidden_fit`) and a directed search (`hidden_search`) show beyond
+that hull, at any heading. That it is wide enough is an estimate; the influence of older inputs is measured and must
+fall with their age.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from simgap.arrays import Floats, Ints
+from simgap.errors import BrokenPromise, UserError
+from simgap.gap.bounds.previous import intervals
+from simgap.gap.thresholds import BEYOND_CONFIDENCE, SMALL_INFLUENCE
+
+TOP = 20
+COORDINATES = 4
+"""What an excess over the grid of previous inputs depends on: two previous and two present commands of a robot."""
+
+
+def previous_inputs(values: Sequence[Floats], counts: Sequence[int], classes: Sequence[int] | None = None) -> Floats:
+    """A grid of previous inputs: of each input's values the extremes and evenly spaced ones between, (P, nu).
+
+    With `classes` (nu,) of them (`previous.intervals`) those of every class: at least its own extremes.
+
+    Raises:
+        UserError: more asked for than there are, or fewer than both extremes.
+    """
+    picked = []
+    for own, count, parts in zip(values, counts, classes or [1] * len(counts), strict=True):
+        if not min(2, len(own)) <= count <= len(own):
+            raise UserError(
+                f"{count} previous values of an input that has {len(own)}", key="hidden_state.previous",
+                remedy=f"Take between 2 and {len(own)}.",
+            )  # fmt: skip
+        groups = intervals(own, parts)
+        each = max(2, -(-count // parts))
+        picked.append(np.concatenate([_spaced(group, min(each, len(group))) for group in groups]))
+    return np.array(list(itertools.product(*picked)), dtype=np.float64)
+
+
+def _spaced(values: Floats, count: int) -> Floats:
+    return values[np.round(np.linspace(0, len(values) - 1, count)).astype(int)]
+
+
+def random_sequences(inputs: Floats, n: int, length: int, rng: np.random.Generator) -> Ints:
+    """Input numbers (n, length): half of the coordinates at an extreme of U, where histories matter most."""
+    values = [np.unique(inputs[:, j]) for j in range(inputs.shape[1])]
+    drawn = np.empty((n * length, inputs.shape[1]))
+    for j, own in enumerate(values):
+        extreme = rng.random(n * length) < 0.5
+        drawn[:, j] = np.where(extreme, own[[0, -1]][rng.integers(2, size=n * length)], rng.choice(own, n * length))
+    position = {tuple(u): m for m, u in enumerate(inputs.tolist())}
+    if len(position) != int(np.prod([len(v) for v in values])):
+        raise UserError("hidden states need an input set that is a full grid", key="domain.U")
+    return np.array([position[tuple(u)] for u in drawn.tolist()], dtype=np.int64).reshape(n, length)
+
+
+def fading(responses: Floats) -> Floats:
+    """Influence of older inputs: responses (L, n, 3) after the last 1, 2, ..., L inputs of n histories -> (L, 3).
+
+    Row l is the largest difference that the inputs more than l + 1 samples back make, out of L.
+    """
+    return np.abs(responses - responses[-1]).max(axis=1)
+
+
+def check_fading(memory: Floats, size: Floats, states: Sequence[str], growth: float, noise: Floats) -> None:
+    """The influence of older inputs must fall with their age, and be lost at the longest history but one.
+
+    Args:
+        memory: (L, nx) see `fading`.
+        size: (nx,) sup of the gap.
+        states: names.
+        growth: share of it that counts as lost.
+        noise: (nx,) by how much equal histories differ (contacts, headings): a rise within it is none, nor is one
+            within `SMALL_INFLUENCE` of the sup.
+
+    Raises:
+        BrokenPromise: naming the state and both numbers.
+    """
+    if len(memory) < 2:
+        return
+    for name, influence, floor in zip(states, memory.T, np.maximum(noise, SMALL_INFLUENCE * size), strict=True):
+        for age, (before, now) in enumerate(itertools.pairwise(influence.tolist()), 1):
+            if now > max(before, floor):
+                raise BrokenPromise(
+                    f"the influence of earlier inputs on {name} does not fall with their age: inputs more than {age} "
+                    f"samples back move it by {before:.3g}, more than {age + 1} back by {now:.3g}; up to {floor:.3g} "
+                    "is what equal histories differ by, or negligible",
+                    "The engine keeps or makes up more than inputs explain: let its contacts settle "
+                    "(simulator.solver_iterations, simulator.substeps), or repeat more histories (symmetry.histories)",
+                )
+    for name, left, own in zip(states, memory[-2], size, strict=True):
+        if left > growth * own:
+            raise BrokenPromise(
+                f"the gap in {name} still grows with the length of the history: inputs more than {len(memory) - 1} "
+                f"samples back move it by {left:.3g}, allowed is {growth:g} of its sup, {growth * own:.3g}",
+                "Raise hidden_state.length, lengthen tau, or stiffen the motors",
+            )
+
+
+def extrapolated_maximum(
+    excess: Floats, dimension: int, top: int = TOP, confidence: float = BEYOND_CONFIDENCE
+) -> float:
+    """Upper estimate of the supremum behind excesses (n,), >= their maximum (0 when nothing exceeds).
+
+    `M1 + (M1 - Mk) r / (1 - r)`, `r = (1 - (1 - confidence)^(1/(k - 1)))^(1/a)`, from the k largest, where the samples
+    fill `dimension` a: the more coordinates, the farther the largest sample lies from the supremum (de Haan 1981).
+    """
+    k = min(top, len(excess))
+    largest = np.sort(excess)[-k:]
+    if k < 2 or largest[-1] <= 0:
+        return max(float(largest[-1]), 0.0)
+    r = (1.0 - (1.0 - confidence) ** (1.0 / (k - 1))) ** (1.0 / dimension)
+    return float(largest[-1] + (largest[-1] - max(largest[0], 0.0)) * r / (1.0 - r))
+
+
+def hull(m: Ints, values: Floats, inputs: int) -> tuple[Floats, Floats]:
+    """Least and largest of values (n, k) per input number: -> (inputs, k) twice; (inf, -inf) without samples."""
+    lo, hi = np.full((inputs, values.shape[1]), np.inf), np.full((inputs, values.shape[1]), -np.inf)
+    np.minimum.at(lo, m, values)
+    np.maximum.at(hi, m, values)
+    return lo, hi
+
+
+def tolerance_of(states: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
+    """The tolerance for every state.
+
+    Raises:
+        UserError: a state without one, or an unknown name.
+    """
+    missing, unknown = [s for s in states if s not in given], [s for s in given if s not in states]
+    if missing or unknown:
+        raise UserError(
+            f"no tolerance for {missing}" if missing else f"no state called {unknown}", key="symmetry.tolerance",
+            remedy=f"Give one number for each of {', '.join(states)}.",
+        )  # fmt: skip
+    return {s: float(given[s]) for s in states}

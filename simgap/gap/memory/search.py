@@ -1,0 +1,222 @@
+"""A directed search over histories and headings for steps outside the bound of a robot that remembers its inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simgap.arrays import Floats, Ints
+from simgap.errors import UserError
+from simgap.gap.bounds.previous import PreviousClasses
+from simgap.gap.memory.hidden_state import COORDINATES, extrapolated_maximum
+from simgap.simulators.body_samples import BodySamples, joined
+
+Objective = Callable[[Ints, Floats], Floats]
+"""Sequences of value numbers (n, L, nu) and headings (n,), rad -> scores (n,); the search looks for large ones."""
+
+TURNS = (1.0, 0.1, 0.01, 1e-3)  # rad: sizes of a change of the heading
+PATIENCE = 12  # rounds without a better score after which a lineage starts anew
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Every sequence that was tried, the worst first.
+
+    Attributes:
+        values: (n, L, nu) value numbers. headings: (n,) rad. scores: (n,), falling.
+    """
+
+    values: Ints
+    headings: Floats
+    scores: Floats
+
+    @property
+    def evaluations(self) -> int:
+        """How many sequences were tried."""
+        return len(self.scores)
+
+    def worst(self, count: int) -> Found:
+        """The first `count`."""
+        return Found(self.values[:count], self.headings[:count], self.scores[:count])
+
+
+@dataclass(frozen=True)
+class Histories:
+    """Where to search: L inputs in a row, each a number of a value per axis, and a heading.
+
+    Attributes:
+        counts: how many values each input has; length: L; turns: whether the heading is searched or stays 0.
+    """
+
+    counts: tuple[int, ...]
+    length: int
+    turns: bool = True
+
+    def draw(self, n: int, rng: np.random.Generator) -> tuple[Ints, Floats]:
+        """Random points, half of their values at an extreme: values (n, L, nu), headings (n,)."""
+        values = np.stack([rng.integers(c, size=(n, self.length)) for c in self.counts], axis=-1)
+        ends = np.stack([(c - 1) * rng.integers(2, size=(n, self.length)) for c in self.counts], axis=-1)
+        values = np.where(rng.random(values.shape) < 0.5, ends, values)
+        return values, rng.uniform(-np.pi, np.pi, n) if self.turns else np.zeros(n)
+
+    def moved(self, values: Ints, headings: Floats, rng: np.random.Generator) -> tuple[Ints, Floats]:
+        """The same points, each with one coordinate changed: (n, L, nu), (n,) -> the same shapes."""
+        values, headings = values.copy(), headings.copy()
+        coordinates = self.length * len(self.counts) + self.turns
+        for k, c in enumerate(rng.integers(coordinates, size=len(values))):
+            if c == self.length * len(self.counts):
+                headings[k] += rng.normal() * TURNS[rng.integers(len(TURNS))]
+                continue
+            sample, axis = divmod(int(c), len(self.counts))
+            values[k, sample, axis] = _other(int(values[k, sample, axis]), self.counts[axis], rng)
+        return values, np.remainder(headings + np.pi, 2.0 * np.pi) - np.pi
+
+
+def _other(value: int, count: int, rng: np.random.Generator) -> int:
+    """Another value number below `count`: a neighbour, an extreme, or any."""
+    kind = rng.integers(3)
+    if kind == 0:
+        return int(np.clip(value + rng.choice([-1, 1]), 0, count - 1))
+    return int((count - 1) * rng.integers(2) if kind == 1 else rng.integers(count))
+
+
+def directed_search(
+    objective: Objective, space: Histories, budget: int, rng: np.random.Generator, lineages: int = 16,
+    seeds: tuple[Ints, Floats] | None = None,
+) -> Found:  # fmt: skip
+    """Search with `budget` evaluations, a quarter of them on the random draw.
+
+    Args:
+        objective: see `Objective`; called with one point per lineage at a time.
+        space: where to search.
+        budget: most evaluations.
+        rng: of draws and moves.
+        lineages: how many points are followed side by side.
+        seeds: points to begin with, values (n, L, nu) and headings (n,), before random ones.
+    """
+    values, headings = space.draw(max(min(budget, lineages), budget // 4), rng)
+    if seeds is not None:
+        values, headings = np.concatenate([seeds[0], values]), np.concatenate([seeds[1], headings])
+    values, headings = values[:budget], headings[:budget]
+    tried = [Found(values, headings, np.asarray(objective(values, headings), dtype=np.float64))]
+    first = np.argsort(-tried[0].scores, kind="stable")[:lineages]
+    here = Found(values[first], headings[first], tried[0].scores[first])
+    idle, left = np.zeros(len(first), np.int64), budget - len(values)
+    while left > 0:
+        trial = space.moved(here.values, here.headings, rng)
+        anew = idle >= PATIENCE
+        drawn = space.draw(len(idle), rng)
+        values = np.where(anew[:, None, None], drawn[0], trial[0])[:left]
+        headings = np.where(anew, drawn[1], trial[1])[:left]
+        scores = np.asarray(objective(values, headings), dtype=np.float64)
+        tried.append(Found(values, headings, scores))
+        left -= len(values)
+        if len(values) < len(idle):
+            break
+        better = (scores > here.scores) | anew
+        here = Found(
+            np.where(better[:, None, None], values, here.values),
+            np.where(better, headings, here.headings),
+            np.where(better, scores, here.scores),
+        )
+        idle = np.where(better, 0, idle + 1)
+    return _sorted(tried)
+
+
+def _sorted(tried: list[Found]) -> Found:
+    values, headings = np.concatenate([f.values for f in tried]), np.concatenate([f.headings for f in tried])
+    scores = np.concatenate([f.scores for f in tried])
+    order = np.argsort(-scores, kind="stable")
+    return Found(values[order], headings[order], scores[order])
+
+
+Steps = Callable[[Ints, Floats], BodySamples]
+"""Numbers of inputs (n, L) and headings (n,) -> the last step of each."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoundTable:
+    """A bound for each class of the previous input and each input, as the search attacks it.
+
+    Attributes:
+        classes: of the previous input. motion: (M, 3) nominal step seen from the robot.
+        lower, upper: (C, M, 3) of the gap. swept: lower and upper (C, M, 2) of the path.
+        pose: which states are x, y and heading.
+    """
+
+    classes: PreviousClasses
+    motion: Floats
+    lower: Floats
+    upper: Floats
+    swept: tuple[Floats, Floats]
+    pose: tuple[int, int, int] = (0, 1, 2)
+
+    def excess(self, samples: BodySamples) -> Floats:
+        """By how much steps lie outside, negative inside: (n, 5), the gap's three dimensions, then the path's two."""
+        place = self.classes.after(samples.previous), samples.m
+        d = samples.final - self.motion[samples.m]
+        low, high = (own[place] for own in self.swept)
+        gap = np.maximum(self.lower[place] - d, d - self.upper[place])
+        path = np.maximum(low - samples.extent[:, [0, 2]], samples.extent[:, [1, 3]] - high)
+        return np.concatenate([gap, path], axis=1)
+
+    @property
+    def scale(self) -> Floats:
+        """(5,) size of the gap in each dimension, so that excesses of metres and radians can be compared."""
+        size = np.maximum(np.abs(self.lower), np.abs(self.upper)).max(axis=(0, 1))
+        return np.maximum(np.concatenate([size, size[list(self.pose[:2])]]), 1e-12)
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What the search found.
+
+    Attributes:
+        excess: (5,) largest excess of any step tried, 0 if none; margin: (5,) the same, extrapolated.
+        evaluations, outside: steps tried, and how many of them lay outside.
+        worst: sequences as input numbers, headings and scores of the worst.
+    """
+
+    excess: Floats
+    margin: Floats
+    evaluations: int
+    outside: int
+    worst: list[dict[str, Any]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        own = {"excess": self.excess.tolist(), "margin": self.margin.tolist()}
+        return own | {"evaluations": self.evaluations, "outside": self.outside, "worst": self.worst}
+
+
+def search(
+    table: BoundTable, steps: Steps, inputs: Floats, length: int, budget: int, rng: np.random.Generator
+) -> Searched:
+    """Attack a bound with `budget` steps, each after `length` inputs from rest, at headings of the search's choice."""
+    values = [np.unique(inputs[:, j]) for j in range(inputs.shape[1])]
+    counts = tuple(len(own) for own in values)
+    if len(inputs) != int(np.prod(counts)):
+        raise UserError("hidden states need an input set that is a full grid", key="domain.U")
+    number = np.zeros(counts, np.int64)
+    number[tuple(np.searchsorted(own, inputs[:, j]) for j, own in enumerate(values))] = np.arange(len(inputs))
+    tried: list[BodySamples] = []
+
+    def score(chosen: Ints, headings: Floats) -> Floats:
+        tried.append(steps(number[tuple(np.moveaxis(chosen, -1, 0))], headings))
+        return np.asarray((table.excess(tried[-1]) / table.scale).max(axis=1))
+
+    found = directed_search(score, Histories(counts, length + 1), budget, rng)
+    excess = table.excess(joined(tried))
+    beyond = np.maximum(excess, 0.0)
+    margin = np.array([extrapolated_maximum(own, COORDINATES) for own in beyond.T])
+    return Searched(beyond.max(axis=0), margin, len(excess), int((excess > 0).any(axis=1).sum()),
+                    _worst(found.worst(5), inputs, number))  # fmt: skip
+
+
+def _worst(found: Found, inputs: Floats, number: Ints) -> list[dict[str, Any]]:
+    numbers = number[tuple(np.moveaxis(found.values, -1, 0))]
+    rows = zip(numbers, found.headings.tolist(), found.scores.tolist(), strict=True)
+    return [{"inputs": inputs[n].tolist(), "heading": heading, "score": score} for n, heading, score in rows]

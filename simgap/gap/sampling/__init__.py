@@ -1,0 +1,1 @@
+"""Samples of the gap: where they are taken, and how they are kept."""

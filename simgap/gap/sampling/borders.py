@@ -1,0 +1,184 @@
+"""States at which a gap may jump though no cell centre sees it: the border of X, and both sides of switching surfaces.
+
+Cell centres lie inside X and, as a rule, beside every surface; random states hit neither. So the faces, edges and
+corners of X, and points on and on both sides of each surface, are listed here: with the coordinates that no border and
+no surface fixes on a lattice that the caller chooses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import sympy as sp
+
+from simgap.arrays import Bools, Floats, Ints
+from simgap.gap.bounds.function import GapDomain
+from simgap.gap.thresholds import MOST_BORDER_STATES
+from simgap.model.symbolic import symbol
+
+BESIDE = 1e-9
+"""How far beside a surface its sides are sampled, as a share of the width of X: above rounding, below any cell."""
+_MESH = 65  # points along an axis between which a surface that is met twice is not seen
+_HALVINGS = 60
+_LATTICE = 9  # levels along each axis where the caller names none
+
+
+@dataclass(frozen=True, eq=False)
+class Borders:
+    """States on borders and surfaces.
+
+    Attributes:
+        x: (n, nx), each state once, in order.
+        fixed: (n, nx), which coordinates a border or a surface fixes; the gap may jump along these.
+    """
+
+    x: Floats
+    fixed: Bools
+
+
+def critical_points(
+    domain: GapDomain,
+    surfaces: Sequence[sp.Expr] = (),
+    lattice: Sequence[Floats] | None = None,
+    most: int = MOST_BORDER_STATES,
+) -> Borders:
+    """Faces, edges and corners of X, and every surface with both its sides, for use with every input of U.
+
+    Args:
+        domain: X and U; nothing is fixed along axes that are free.
+        surfaces: expressions over states and inputs that are 0 on a surface (`switching_surfaces`). One of inputs alone
+            has no states of its own: every state is taken with all of U.
+        lattice: levels of the coordinates that are not fixed, one array for each axis; evenly spaced by default.
+        most: states; a lattice with more is thinned.
+    """
+    nx = domain.box.size
+    functions = [_Function.of(domain, surface) for surface in surfaces]
+    levels = [_even(domain, j) for j in range(nx)] if lattice is None else [np.sort(own) for own in lattice]
+    levels = [_middle(domain, j) if j in domain.free else own for j, own in enumerate(levels)]
+    while True:
+        thin = max(len(own) for own in levels) <= 2
+        if thin or border_count([len(own) for own in levels], domain.free) <= most:  # else: not even listed
+            found = _listed(domain, functions, levels)
+            if thin or len(found.x) <= most:
+                return found
+        longest = int(np.argmax([len(own) for own in levels]))
+        levels[longest] = levels[longest][::2]
+
+
+def border_count(levels: Sequence[int], free: Sequence[int] = ()) -> int:
+    """States on faces, edges and corners of X for so many levels inside X on each axis; free axes have no ends."""
+    ends = [n if j in free else n + 2 for j, n in enumerate(levels)]
+    return math.prod(ends) - math.prod(levels)
+
+
+def thinned_count(levels: Sequence[int], free: Sequence[int], most: int) -> int:
+    """How many of these `critical_points` lists where there is no switching surface."""
+    left = [1 if j in free else n for j, n in enumerate(levels)]
+    while max(left) > 2 and border_count(left, free) > most:
+        longest = int(np.argmax(left))
+        left[longest] = -(-left[longest] // 2)
+    return border_count(left, free)
+
+
+def _listed(domain: GapDomain, functions: Sequence[_Function], levels: Sequence[Floats]) -> Borders:
+    nx = domain.box.size
+    fixed = [_ends(domain, j) for j in range(nx)]
+    for function in functions:
+        if len(function.axes) == 1 and not function.of_inputs:
+            (j,) = function.axes
+            line = 0.5 * (domain.box.lo + domain.box.hi)[None]
+            fixed[j] = np.union1d(fixed[j], _beside(domain, j, function.roots(domain, line, j)[1]))
+    every = [np.union1d(own, ends) for own, ends in zip(levels, fixed, strict=True)]
+    faces = [[fixed[k] if k == j else every[k] for k in range(nx)] for j in range(nx) if len(fixed[j])]
+    mesh = np.concatenate([np.empty((0, nx)), *map(_product, faces)])  # what lies inside X is never listed
+    parts = [(mesh, np.stack([np.isin(mesh[:, j], fixed[j]) for j in range(nx)], axis=1))]
+    for function in functions:
+        if len(function.axes) > 1 or (function.axes and function.of_inputs):
+            parts += [_along(domain, function, j, every, fixed) for j in function.axes]
+    x, marks = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    x, first = np.unique(x, axis=0, return_index=True)
+    return Borders(x, marks[first])
+
+
+def _along(
+    domain: GapDomain, function: _Function, j: int, every: Sequence[Floats], fixed: Sequence[Floats]
+) -> tuple[Floats, Bools]:
+    """Where lines along axis j through the other axes' levels meet a surface: states (n, nx), what is fixed (n, nx)."""
+    lines = _product([every[k] if k != j else np.zeros(1) for k in range(domain.box.size)])
+    which, roots = function.roots(domain, lines, j)
+    sides = [_side(domain, j, roots, side) for side in (-1.0, 0.0, 1.0)]
+    x = np.repeat(lines[which], len(sides), axis=0)
+    x[:, j] = np.stack(sides, axis=1).ravel()
+    held = np.stack([np.isin(x[:, k], fixed[k]) for k in range(domain.box.size)], axis=1)
+    held[:, j] = True
+    return x, held
+
+
+@dataclass(frozen=True, eq=False)
+class _Function:
+    """A compiled surface: `values` (n, nx), (n, nu) -> (n,); the state axes that it depends on."""
+
+    values: Callable[..., Floats | float]
+    axes: tuple[int, ...]
+    of_inputs: bool
+
+    @staticmethod
+    def of(domain: GapDomain, surface: sp.Expr) -> _Function:
+        names = (*domain.states, *domain.inputs)
+        axes = tuple(j for j, name in enumerate(domain.states) if symbol(name) in surface.free_symbols)
+        of_inputs = any(symbol(name) in surface.free_symbols for name in domain.inputs)
+        return _Function(sp.lambdify([symbol(n) for n in names], surface, modules="numpy"), axes, of_inputs)
+
+    def __call__(self, x: Floats, u: Floats) -> Floats:
+        value = self.values(*x.T, *u.T)
+        return np.broadcast_to(np.asarray(value, dtype=float), len(x))
+
+    def roots(self, domain: GapDomain, lines: Floats, j: int) -> tuple[Ints, Floats]:
+        """Where the surface is met along axis j: lines (L, nx) -> which line (k,), the coordinate (k,)."""
+        lo, hi = domain.box.lo[j], domain.box.hi[j]
+        mesh = np.linspace(lo, hi, _MESH)
+        which, ends = [np.empty(0, np.int64)], [np.empty(0)]
+        for u in domain.input_set if self.of_inputs else domain.input_set[:1]:
+            x = np.repeat(lines, _MESH, axis=0)
+            x[:, j] = np.tile(mesh, len(lines))
+            sign = np.sign(self(x, np.tile(u, (len(x), 1)))).reshape(len(lines), _MESH)
+            row, column = np.nonzero((sign[:, :-1] != sign[:, 1:]) & np.isfinite(sign[:, :-1] + sign[:, 1:]))
+            left, right, before = mesh[column], mesh[column + 1], sign[row, column]
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (left + right)
+                at = lines[row].copy()
+                at[:, j] = middle
+                same = np.sign(self(at, np.tile(u, (len(at), 1)))) == before
+                left, right = np.where(same, middle, left), np.where(same, right, middle)
+            which.append(row)
+            root = np.where(before == 0.0, left, right)
+            ends.append(np.where((left <= 0.0) & (right >= 0.0), 0.0, root))  # rest is exactly rest
+        return np.concatenate(which), np.concatenate(ends)
+
+
+def _beside(domain: GapDomain, j: int, roots: Floats) -> Floats:
+    return np.unique(np.concatenate([_side(domain, j, roots, side) for side in (-1.0, 0.0, 1.0)]))
+
+
+def _side(domain: GapDomain, j: int, roots: Floats, side: float) -> Floats:
+    lo, hi = domain.box.lo[j], domain.box.hi[j]
+    return np.clip(roots + side * BESIDE * (hi - lo), lo, hi)
+
+
+def _ends(domain: GapDomain, j: int) -> Floats:
+    return np.empty(0) if j in domain.free else np.array([domain.box.lo[j], domain.box.hi[j]])
+
+
+def _middle(domain: GapDomain, j: int) -> Floats:
+    return np.array([0.5 * (domain.box.lo[j] + domain.box.hi[j])])
+
+
+def _even(domain: GapDomain, j: int) -> Floats:
+    return np.linspace(domain.box.lo[j], domain.box.hi[j], _LATTICE + 2)[1:-1]
+
+
+def _product(levels: Sequence[Floats]) -> Floats:
+    return np.stack(np.meshgrid(*levels, indexing="ij"), axis=-1).reshape(-1, len(levels))

@@ -1,0 +1,156 @@
+"""Points at which a case's gap is taken: a radius of the balls that cover X, or a grid of the inputs before.
+
+The name of a point is that of its folder: `eps~0.0022`, `cells~24-32`, `hidden-state`, `full-table`. A simulator that
+remembers earlier inputs is not a function of X and U: its gap is taken over histories, seen from the robot, not over a
+grid of X.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.arrays import Floats
+from simgap.config.case import Case
+from simgap.config.grid import GridSection
+from simgap.errors import UserError
+from simgap.geometry import Box, Grid
+
+HISTORIES = "hidden-state"
+EVERY_HISTORY = "full-table"
+_COVERING, _CELLS = "eps~", "cells~"
+
+Columns = Mapping[str, NDArray[Any]]
+"""A table of samples: columns by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Where the simulator is asked: every state (or earlier input) with every input.
+
+    Attributes:
+        name: of the point. states: (N, nx), or (P, nu) previous inputs where these are the hidden state.
+        inputs: (M, nu).
+    """
+
+    name: str
+    states: Floats
+    inputs: Floats
+
+
+def remembers(case: Case) -> bool:
+    """Whether the simulator's state is larger than x, so that its gap is taken over histories."""
+    return case.hidden_state is not None
+
+
+def own_point(case: Case) -> str:
+    """The point that the case itself names.
+
+    Raises:
+        UserError: a case without the section that names it.
+    """
+    if remembers(case):
+        return HISTORIES
+    if case.grid is None:
+        raise UserError("this stage needs the section", key="grid", remedy="Add `grid:`.")
+    if case.grid.eps is not None:
+        return covering_point(case.grid.eps)
+    if case.domain is None:
+        raise UserError("this stage needs the section", key="domain", remedy="Add `domain:`.")
+    counts = [_cells(case.domain.X[name], case.grid.half_widths.get(name)) for name in case.plant.states]
+    return _CELLS + "-".join(map(str, counts))
+
+
+def _cells(ends: tuple[float, float], half_width: float | None) -> int:
+    return 1 if half_width is None else max(1, math.ceil((ends[1] - ends[0]) / (2.0 * half_width) * (1 - 1e-12)))
+
+
+def free_axes(case: Case) -> tuple[int, ...]:
+    """Axes of the states along which a translation is declared: the gap does not depend on them."""
+    along = case.symmetry.along if case.symmetry is not None else ()
+    return tuple(j for j, name in enumerate(case.plant.states) if name in along)
+
+
+def covering_grid(case: Case, box: Box, name: str) -> Grid:
+    """The cells of a point on X; one cell along the axes of a declared translation.
+
+    Raises:
+        UserError: another kind of point, or one of another case.
+    """
+    free = free_axes(case)
+    if name.startswith(_CELLS):
+        parts = name.removeprefix(_CELLS).split("-")
+        if len(parts) != box.size or not all(part.isdecimal() and int(part) > 0 for part in parts):
+            raise UserError(f"'{name[:40]}' is no point of this case", remedy="Use cells~ and a count for each state.")
+        counts = tuple(map(int, parts))
+    else:
+        counts = Grid.covering(box, radius(name)).cells
+    return Grid(box, [1 if j in free else count for j, count in enumerate(counts)])
+
+
+def points_of(case: Case, radii: Iterable[float] = ()) -> list[str]:
+    """The case's own point and those of a sweep over `radii`, coarsest first; a case with histories has no others."""
+    if remembers(case) or case.grid is None:
+        return [own_point(case)]
+    if case.grid.eps is None:
+        return [*(covering_point(eps) for eps in sorted(set(radii), reverse=True)), own_point(case)]
+    return [covering_point(eps) for eps in sorted({case.grid.eps, *radii}, reverse=True)]
+
+
+def covering_point(eps: float) -> str:
+    """The point of a covering by balls of radius eps."""
+    return f"{_COVERING}{eps:g}"
+
+
+def known_radius(name: str) -> float | None:
+    """eps of a point, None for one of cells."""
+    return None if name.startswith(_CELLS) else radius(name)
+
+
+def radius(name: str) -> float:
+    """eps of a covering point.
+
+    Raises:
+        UserError: another kind of point, or no positive number.
+    """
+    try:
+        eps = float(name.removeprefix(_COVERING)) if name.startswith(_COVERING) else -1.0
+    except ValueError:
+        eps = -1.0
+    if not (eps > 0 and np.isfinite(eps)):
+        raise UserError(f"'{name[:40]}' is no point of this case", remedy="Use eps~ and a radius, such as eps~0.01.")
+    return eps
+
+
+def shard_count(case: Case) -> int:
+    """Files that the roll-outs are cut into."""
+    return case.grid.shards if case.grid is not None else int(GridSection.model_fields["shards"].default)
+
+
+def state_names(case: Case) -> list[str]:
+    """Names of the columns of `Points.states`."""
+    if remembers(case):
+        return [f"previous_{name}" for name in case.plant.inputs]
+    return list(case.plant.states)
+
+
+def cut(count: int, shard: int, shards: int) -> slice:
+    """Rows of one shard out of `count`: consecutive, so that shards in order are all rows in order."""
+    edges = np.linspace(0, count, shards + 1).astype(int)
+    return slice(int(edges[shard]), int(edges[shard + 1]))
+
+
+def product(x: Floats, u: Floats) -> tuple[Floats, Floats]:
+    """All pairs, the input running fastest: (n, nx), (M, nu) -> (n M, nx), (n M, nu)."""
+    return np.repeat(x, len(u), axis=0), np.tile(u, (len(x), 1))
+
+
+def draw(box: Box, inputs: Floats, count: int, seed: int) -> tuple[Floats, Floats]:
+    """`count` pairs, uniform on the box and on the input set (M, nu): (count, nx), (count, nu)."""
+    rng = np.random.default_rng(seed)
+    return box.sample(rng, count), inputs[rng.integers(0, len(inputs), count)]

@@ -1,0 +1,212 @@
+"""Step `gap`: the dimensions put together, padded, and checked on fresh samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from simgap.arrays import Floats
+from simgap.errors import UserError
+from simgap.gap.bounds.tiers import Tier
+from simgap.gap.fitting.acceptance import confirmed, covering_remainder, none_outside, tolerate
+from simgap.gap.fitting.assemble import assemble
+from simgap.gap.fitting.borders import (
+    MAKE_BORDERS,
+    NO_BORDERS,
+    SHIFTED,
+    border_check,
+    border_gaps,
+    border_states,
+    directed_samples,
+)
+from simgap.gap.fitting.conformal import Calibration
+from simgap.gap.fitting.dimension_fit import fit_from_json
+from simgap.gap.fitting.force_reversal import engine_grain, grain_tier
+from simgap.gap.fitting.fresh_check import FreshCheck, check_fresh
+from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.memory.checked_bound import hidden_bound
+from simgap.gap.memory.hidden_state import tolerance_of
+from simgap.gap.sampling.gap_samples import check_drawn, motion_of, read_back, sample_grid, steps_of
+from simgap.gap.sampling.points import Columns, Points, free_axes, known_radius, remembers
+from simgap.gap.sampling.tables import AFTER_PREVIOUS, stacked, successors
+from simgap.gap.sampling.translation import ShiftDeviation
+from simgap.gap.settings import GapSettings
+from simgap.plants.context import Context
+from simgap.plants.stops import joint_stops
+from simgap.simulators.surprises import to_stop
+
+Step = Callable[[Floats, Floats], Floats]
+THINNED = 20_000  # samples kept for pictures
+REMEMBERED = Tier(
+    2,
+    "Delay or lag of the inputs is not in the nominal model: the bound is the hull over what the least and the largest "
+    "admissible earlier commands leave behind in the simulator. That nothing in between does more is an estimate, "
+    "checked on fresh samples with random earlier commands.",
+)
+FINER = (
+    "Use a finer grid, a smaller eps or half-widths (`simgap refine` says along which states), or set "
+    "gap.tolerated_probability."
+)
+WIDER = (
+    "A conformal bound leaves out up to gap.conformal.miscoverage of the random samples: lower that, or set "
+    "gap.tolerated_probability further above it."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """What the steps before this one made.
+
+    Attributes:
+        points: the grid. scp, lipschitz: saved results by state. shards: roll-outs, for pictures.
+        fresh: samples that no fit has seen. calibration: samples of a conformal bound.
+        borders: samples on borders and beside switching surfaces; a case with hidden state has none.
+    """
+
+    points: Points
+    scp: Mapping[str, Mapping[str, Any]]
+    lipschitz: Mapping[str, Mapping[str, Any]]
+    shards: Sequence[Columns]
+    fresh: Columns
+    calibration: Columns | None = None
+    borders: Columns | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """Content of gap.json, how it fared on the fresh samples, and evenly spaced samples with their gap for pictures."""
+
+    content: dict[str, Any]
+    check: FreshCheck
+    thinned: dict[str, Floats]
+
+
+def gap(context: Context, made: Made) -> Bound:
+    """The bound of all dimensions, held against the fresh samples.
+
+    Raises:
+        UserError: results of another case.
+        BrokenPromise: a Lipschitz constant that cannot be trusted, a symmetry or a fading that does not hold, or more
+            violations than the case tolerates.
+    """
+    if remembers(context.case):
+        motion = motion_of(context)
+        content, check = hidden_bound(context, motion, made.points, made.scp, made.lipschitz, made.fresh)
+        return Bound(content, check, _thinned_steps(context, motion, made.shards))
+    section = context.need(context.case.gap, "gap")
+    where, names = sample_grid(context, made.points), context.states
+    fits = [read_back(fit_from_json, made.scp[n]) for n in names]
+    known = [read_back(DimensionLipschitz.from_json, made.lipschitz[n]) for n in names]
+    step = context.plant.sampled.step
+    drawn = Calibration(*_gaps(context, step, made.calibration)) if made.calibration else None
+    if made.borders is None:
+        raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
+    directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
+    shifts = _shifts(context, made.points.name, made.borders)
+    grain = engine_grain(context) if where.known is None else None
+    added = [own for own in (grain, shifts.largest if shifts is not None else None) if own is not None]
+    deviation = np.sum(added, axis=0) if added else None
+    result = assemble(where, GapSettings.of(section), fits, known, drawn, directed, deviation)
+    x, u, d = _gaps(context, step, made.fresh)
+    check_drawn(context, x, u)
+    check = check_fresh(result.function, x, u, d, section.confidence)
+    tolerate(check, section.tolerated_probability, WIDER if section.bound == "conformal" else FINER)
+    beside = border_check(context, made.points.name, made.borders, result.function)
+    if section.bound != "conformal":
+        none_outside(beside)
+    memory = (REMEMBERED,) if made.shards and f"least_{names[0]}" in made.shards[0] else ()
+    symmetric = (shifts.tier(names),) if shifts is not None else ()
+    blurred = (grain_tier(context, grain),) if grain is not None else ()
+    tiers = [*confirmed(result.function.tiers, check), *memory, *blurred, *symmetric, check.tier, beside.tier]
+    function = covering_remainder(result.function.with_tiers(tiers), section)
+    content = result.to_json() | function.to_json()
+    eps = known_radius(made.points.name)
+    content |= ({} if eps is None else {"eps": eps}) | {"fresh": asdict(check), "borders": asdict(beside)}
+    if shifts is not None or eps is None:
+        moving = [(n, float(h)) for n, h in zip(names, where.moving_half_widths, strict=True) if h > 0]
+        content["half_widths"] = dict(moving)
+    return Bound(content, check, _thinned(context, step, where.size, made.shards))
+
+
+def _shifts(context: Context, name: str, borders: Columns) -> ShiftDeviation | None:
+    """By how much the gap depends on what a declared translation says it does not; None without one.
+
+    Raises:
+        BrokenPromise: by more than the case tolerates.
+    """
+    if not free_axes(context.case):
+        return None
+    _, _, lower, upper = border_gaps(context, borders, SHIFTED, border_states(context, name, SHIFTED))
+    found = ShiftDeviation.of(context, lower, upper)
+    symmetry = context.need(context.case.symmetry, "symmetry")
+    found.check(context.states, tolerance_of(context.states, symmetry.tolerance), reached_stops(context, found.along))
+    return found
+
+
+def seeds(context: Context) -> dict[str, int]:
+    """Seeds of everything random in a bound."""
+    hidden, section = context.case.hidden_state, context.case.gap
+    if hidden is not None:
+        return {"histories": hidden.seed, "fresh": hidden.fresh_seed}
+    section = context.need(section, "gap")
+    drawn = {"calibration": section.conformal.seed} if section.bound == "conformal" else {}
+    return {"fresh": section.seed, "fit": section.seed} | drawn
+
+
+def _thinned(context: Context, step: Step, count: int, shards: Sequence[Columns]) -> dict[str, Floats]:
+    """Evenly spaced ones of `count` samples with their gap."""
+    rows, parts, first = _evenly(count), [], 0
+    for shard in shards:
+        end = first + len(shard[context.inputs[0]])
+        own = rows[(rows >= first) & (rows < end)] - first
+        parts.append({name: values[own] for name, values in shard.items()})
+        first = end
+    kept = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    x, u = stacked(kept, context.states), stacked(kept, context.inputs)
+    predicted = step(x, u)
+    columns = {n: x[:, j] for j, n in enumerate(context.states)} | {n: u[:, j] for j, n in enumerate(context.inputs)}
+    for j, name in enumerate(context.states):
+        least, largest = successors(kept, name)
+        d = least - predicted[:, j]
+        if largest is not least:
+            d[1::2] = (largest - predicted[:, j])[1::2]  # both ends of the range are seen
+        columns[f"gap_{name}"] = d
+    return columns
+
+
+def _evenly(count: int) -> Any:
+    return np.unique(np.linspace(0, count - 1, min(count, THINNED)).astype(int))
+
+
+def _thinned_steps(context: Context, motion: Floats, shards: Sequence[Columns]) -> dict[str, Floats]:
+    """The same for a robot, whose gap is seen from the robot."""
+    samples = steps_of(context, shards, AFTER_PREVIOUS)
+    rows = _evenly(len(samples.m))
+    m = samples.m[rows]
+    columns = {n: np.zeros(len(rows)) for n in context.states}
+    columns |= {n: context.input_set[m, j] for j, n in enumerate(context.inputs)}
+    d = samples.final[rows] - motion[m]
+    return columns | {f"gap_{n}": d[:, j] for j, n in enumerate(context.states)}
+
+
+def _gaps(context: Context, step: Step, rolled: Columns) -> tuple[Floats, Floats, Floats]:
+    """States, inputs and signed gap `f_hat - f` of a table of roll-outs."""
+    x, u = stacked(rolled, context.states), stacked(rolled, context.inputs)
+    return x, u, stacked(rolled, [f"next_{n}" for n in context.states]) - step(x, u)
+
+
+def reached_stops(context: Context, states: Sequence[str]) -> list[str]:
+    """Which of the states come within a step's travel of a stop, each with its joint and the stops, in words."""
+    plant, simulator, domain = context.case.plant, context.case.simulator, context.domain
+    places = {s.joint: name for name, s in plant.states.items() if s.quantity == "position" and s.joint}
+    files = {f for f in (plant.urdf, simulator.urdf if simulator is not None else None) if f}
+    return [
+        f"joint '{joint}' ({name} in [{domain.X[name][0]:g}, {domain.X[name][1]:g}], stops at "
+        f"{' and '.join(f'{end:g}' for end in ends)})"
+        for file in sorted(files)
+        for joint, ends in joint_stops(context.folder / file, list(places)).items()
+        if (name := places[joint]) in states and any(to_stop(context.case, name, end) for end in ends)
+    ]

@@ -1,0 +1,1 @@
+"""Measured recordings from CSV, Parquet, JSON and MCAP files, as plain columns."""

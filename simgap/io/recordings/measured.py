@@ -1,0 +1,193 @@
+"""Recordings named by a case or on the command line become a `Reading`: the one place that maps config to arguments."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from simgap import reading
+from simgap.config.measured import ColumnMap, MeasuredSection
+from simgap.diagnosis.reading.channels import Channel, measured_columns
+from simgap.diagnosis.reading.column_words import column_words
+from simgap.diagnosis.reading.conditions import told_by_columns
+from simgap.diagnosis.reading.stamps import TimeRange
+from simgap.diagnosis.reading.traces import Reading, ReadingOptions, read_traces
+from simgap.errors import UserError
+from simgap.io.recordings.tables import read_recording
+from simgap.model.symbolic import SymbolicModel
+from simgap.units import conversion, full_turn
+
+
+def load_reading(
+    model: SymbolicModel,
+    section: MeasuredSection,
+    paths: Sequence[Path],
+    relative_to: Path,
+    case: str | None = None,
+    strict: bool = True,
+) -> Reading:
+    """Read recordings of a plant.
+
+    Args:
+        model: whose states and inputs are looked for.
+        section: mapping, masks, held-out data.
+        paths: the files.
+        relative_to: directory that file names in results are relative to.
+        case: name of the case file, for messages.
+        strict: whether held-out data that the case names must be among the files.
+
+    Raises:
+        UserError: for anything wrong with the files or the mapping.
+    """
+    channels, conditions = channels_of(model, section, case), condition_channels(model, section, case)
+    wanted = [c.column for c in (*channels, *conditions) if c.constant is None]
+    typed = {display_name(path, relative_to): str(path) for path in paths}
+    try:
+        tables = [
+            read_recording(path, wanted, section.time.column, section.trace_column, display_name(path, relative_to))
+            for path in paths
+        ]
+        reading = read_traces(tables, channels, reading_options(section, strict))
+        for t in tables if conditions else ():
+            measured_columns(t.file, t.header, t.units, (*channels, *conditions))  # refuses what a file lacks
+        told = {(t.file, label): v for t in tables for label, v in told_by_columns(t, conditions).items()}
+        words = column_words(tables, (*channels, *conditions), (section.time.column, section.trace_column))
+        held = {name: told[origin] for name, origin in reading.origins.items() if origin in told}
+        return replace(reading, columns=words, conditions=held)
+    except UserError as error:  # results name a file relative to the case, a message as the person typed it
+        file = typed.get(str(error.file), error.file if error.file is not None else case)
+        raise UserError(error.problem, file=file, key=error.key, remedy=error.remedy) from None
+
+
+def display_name(path: Path, relative_to: Path) -> str:
+    """How results call a file: its path relative to the case, so that they are the same on every machine."""
+    return Path(os.path.relpath(reading.real(path), reading.real(relative_to))).as_posix()
+
+
+def channels_of(model: SymbolicModel, section: MeasuredSection, case: str | None = None) -> tuple[Channel, ...]:
+    """States, then inputs, with the columns they come from.
+
+    Raises:
+        UserError: if the case maps something that is neither a state nor an input, or an offset is not a number.
+    """
+    known = (*model.state_names, *model.input_names)
+    _refuse_unknown(section.columns, known, "columns", "neither a state nor an input", case)
+    _refuse_unknown(section.noise, model.state_names, "noise", "not a state", case)
+    return tuple(
+        _channel(v.name, v.unit, is_input, section.columns.get(v.name), case)
+        for variables, is_input in ((model.states, False), (model.inputs, True))
+        for v in variables
+    )
+
+
+def condition_channels(model: SymbolicModel, section: MeasuredSection, case: str | None = None) -> tuple[Channel, ...]:
+    """Parameters that columns tell, with these columns.
+
+    Raises:
+        UserError: what is no parameter of the plant, the column of time, or a unit of something else.
+    """
+    _refuse_unknown(
+        section.conditions_from, tuple(model.parameters), "conditions_from", "no parameter of the plant", case
+    )
+    found = []
+    for name, told in section.conditions_from.items():
+        if told.column == section.time.column:
+            raise UserError(
+                f"'{told.column}' is the column of time stamps", file=case,
+                key=f"measured.conditions_from.{name}.column", remedy="Name one that holds the parameter.",
+            )  # fmt: skip
+        unit = model.parameters[name].unit
+        _refuse_unit(f"measured.conditions_from.{name}", unit, told.unit, case)
+        found.append(
+            Channel(name, unit, True, told.column, told.unit, told.scale, mapped=True, section="conditions_from")
+        )
+    return tuple(found)
+
+
+def _refuse_unknown(names: Iterable[str], known: Sequence[str], key: str, what: str, case: str | None) -> None:
+    for name in names:
+        if name not in known:
+            raise UserError(
+                f"'{name}' is {what}", file=case, key=f"measured.{key}.{name}", remedy=f"Known: {', '.join(known)}."
+            )
+
+
+def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None, case: str | None) -> Channel:
+    if column is None:
+        return Channel(name, unit, is_input, name)
+    if column.constant is not None and not is_input:
+        raise UserError(
+            "a state cannot be constant",
+            file=case,
+            key=f"measured.columns.{name}.constant",
+            remedy="Leave out a state that was not measured.",
+        )
+    key = f"measured.columns.{name}"
+    _refuse_unit(key, unit, column.unit, case)
+    if column.wrapped and full_turn(column.unit or unit) is None:
+        raise UserError(
+            f"'{column.unit or unit}' is not an angle, so it cannot be wrapped", file=case, key=f"{key}.wrapped",
+            remedy="Remove it, or correct the unit.",
+        )  # fmt: skip
+    return Channel(
+        name,
+        unit,
+        is_input,
+        column=column.column or name,
+        column_unit=column.unit,
+        scale=column.scale,
+        offset=_number(column.offset, f"{key}.offset", case),
+        wrapped=column.wrapped,
+        constant=column.constant,
+        mapped=True,
+    )
+
+
+def _refuse_unit(key: str, unit: str, cells: str | None, case: str | None) -> None:
+    """A unit of the cells that does not exist or is of something else."""
+    if cells is None:
+        return
+    try:
+        conversion(cells, unit)
+    except UserError as error:
+        raise UserError(error.problem, file=case, key=f"{key}.unit", remedy=error.remedy) from None
+
+
+def _number(value: float | str, key: str, case: str | None) -> float:
+    if isinstance(value, int | float):
+        return float(value)
+    from simgap.model.expressions import parse  # sympy: only for offsets such as -pi
+
+    try:
+        return float(parse(value, ()))
+    except UserError as error:
+        raise UserError(error.problem, file=case, key=key, remedy="Write a number, or one like -pi/2.") from None
+
+
+def reading_options(section: MeasuredSection, strict: bool = True) -> ReadingOptions:
+    """The plain options behind the section.
+
+    Raises:
+        UserError: for stamps in a unit that is not one of time.
+    """
+    if section.time.unit is not None:
+        try:
+            conversion(section.time.unit, "s")
+        except UserError as error:
+            raise UserError(error.problem, key="measured.time.unit", remedy="Use s, ms, us or ns.") from None
+    ranges = []
+    for mask in section.masks:
+        span = mask.keep if mask.keep is not None else mask.drop
+        if span is not None:
+            ranges.append(TimeRange(span[0], span[1], mask.keep is not None, mask.file, mask.trace))
+    return ReadingOptions(
+        window_s=section.window_s,
+        time_unit=section.time.unit,
+        gap_s=section.time.gap_s,
+        ranges=tuple(ranges),
+        held_files=section.held_out.files,
+        held_traces=section.held_out.traces,
+        strict=strict,
+    )

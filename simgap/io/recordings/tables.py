@@ -1,0 +1,195 @@
+"""Reads recordings from CSV, Parquet, JSON and MCAP files into plain columns; mistakes are named by file and row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from simgap import reading
+from simgap.arrays import Floats
+from simgap.diagnosis.reading.table import RawTable, no_time_column
+from simgap.errors import UserError, excerpt
+from simgap.io.recordings.csv_file import CsvLayout, csv_layout, read_csv_columns
+from simgap.io.recordings.json_file import json_header, read_json_table
+from simgap.io.recordings.json_samples import is_json
+from simgap.io.recordings.mcap_file import mcap_header, read_mcap
+from simgap.io.recordings.mcap_messages import is_mcap
+from simgap.io.recordings.parquet_file import is_parquet, parquet_header, parquet_schema, read_parquet_columns
+
+_GIVE = "Give the path of a CSV, Parquet, JSON or MCAP file."
+
+
+def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, name: str | None = None) -> RawTable:
+    """The wanted columns of a CSV, Parquet, JSON or MCAP file; those that the file lacks are left out.
+
+    Args:
+        path: the file.
+        wanted: names of the columns of states and inputs.
+        time: name of the column of time stamps; messages of MCAP files have stamps of their own.
+        trace: name of the column that tells traces apart; may be missing.
+        name: how messages and reports call the file; its path if not given.
+
+    Raises:
+        UserError: for a file that is missing, empty, damaged or has no time column, and for a cell that is empty,
+            not finite or not a number (with its row, counted from 1 below the header or in the list of samples).
+    """
+    file = name or str(path)
+    _refuse_no_file(path, file)
+    if is_mcap(path):
+        return _whole(read_mcap(path, list(wanted), file, reading.sha256(path)), path, file)
+    if is_json(path):
+        return _whole(read_json_table(path, list(wanted), time, trace, file, reading.sha256(path)), path, file)
+    parquet, sha256 = is_parquet(path), reading.sha256(path)
+    layout = None if parquet else csv_layout(path, file)
+    header = parquet_header(path, file) if layout is None else layout.header
+    if time not in header:
+        raise no_time_column(time, header, file)
+    chosen = [c for c in dict.fromkeys(wanted) if c in header and c != time]
+    columns = [time, *chosen, *([trace] if trace in header and trace not in (time, *chosen) else [])]
+    if layout is None:
+        table = read_parquet_columns(path, columns, file)
+    else:
+        table = _read_csv(path, layout, columns, time, trace, file)
+    if table.num_rows == 0:
+        raise UserError("has a header and no rows", file=file, remedy="Check the recording.")
+    stamps, time_unit = _stamps(table.column(time), file, time)
+    raw = RawTable(
+        file=file,
+        header=header,
+        time=stamps,
+        time_unit=time_unit or _unit(table.schema.field(time), file),
+        columns={c: _numbers(table.column(c), file, c) for c in chosen},
+        labels=_labels(table.column(trace), file, trace) if columns[-1] == trace else None,
+        units={c: unit for c in chosen if (unit := _unit(table.schema.field(c), file)) is not None},
+        sha256=sha256,
+    )
+    return _whole(raw, path, file)
+
+
+def _whole(raw: RawTable, path: Path, file: str) -> RawTable:
+    """What was read, if the file is still the same."""
+    if reading.sha256(path) != raw.sha256:
+        raise UserError("was changed while it was read", file=file, remedy="Wait until it is written, then run again.")
+    return raw
+
+
+def read_header(path: Path, file: str) -> tuple[tuple[str, ...], dict[str, str]]:
+    """The names of all columns, and the units that are stored with some (Parquet); a row is read of JSON alone.
+
+    Args:
+        path: the file.
+        file: how messages call it.
+
+    Raises:
+        UserError: for a file that is missing, empty or damaged.
+    """
+    _refuse_no_file(path, file)
+    if is_mcap(path):
+        return tuple(mcap_header(path, file)), {}
+    if is_json(path):
+        return json_header(path, file), {}
+    if not is_parquet(path):
+        return csv_layout(path, file).header, {}
+    header, schema = parquet_header(path, file), parquet_schema(path)
+    return header, {n: unit for n in header if (unit := _unit(schema.field(n), file)) is not None}
+
+
+def _refuse_no_file(path: Path, file: str) -> None:
+    if path.is_dir():
+        bags = any(path.glob("*.mcap"))  # as `ros2 bag record` leaves them
+        remedy = f"Give the files in it: {file}/*.mcap." if bags else _GIVE
+        raise UserError("is a folder, not a file", file=file, remedy=remedy)
+    if not reading.is_file(path):
+        raise UserError("no such file", file=file, remedy=_GIVE)
+
+
+def _read_csv(path: Path, layout: CsvLayout, columns: list[str], time: str, trace: str, file: str) -> pa.Table:
+    types = {c: pa.float64() for c in columns if c not in (time, trace)}
+    if trace in columns:
+        types[trace] = pa.string()
+    return read_csv_columns(path, layout, columns, types, file)
+
+
+def _stamps(column: Any, file: str, name: str) -> tuple[Any, str | None]:
+    """Time stamps and the unit their type carries."""
+    if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
+        unit = column.type.unit
+        _no_nulls(column, file, name)
+        return np.asarray(column.cast(pa.int64()).to_numpy(), dtype=np.int64), unit
+    if pa.types.is_integer(column.type):
+        _no_nulls(column, file, name)
+        return np.asarray(column.to_numpy(), dtype=np.int64), None
+    return _numbers(column, file, name), None
+
+
+def _numbers(column: Any, file: str, name: str) -> Floats:
+    """A column as finite float64; the first cell that is not one is named."""
+    if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+        column = _from_text(column, file, name)
+    _no_nulls(column, file, name)
+    try:
+        values = np.ascontiguousarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+    except pa.ArrowException:
+        raise UserError(
+            f"column '{name}' holds {excerpt(column.type)}, not numbers", file=file, remedy="Write plain numbers."
+        ) from None
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise _bad_cell(file, name, int(bad[0]), str(values[bad[0]]))
+    return values
+
+
+def _from_text(column: Any, file: str, name: str) -> Any:
+    try:
+        return pc.cast(pc.utf8_trim_whitespace(column), pa.float64())
+    except pa.ArrowException:
+        cells = column.to_pylist()
+        row = next((k for k, cell in enumerate(cells) if cell is None or not _is_number(cell)), 0)
+        raise _bad_cell(file, name, row, cells[row] or "") from None
+
+
+def _is_number(text: str) -> bool:
+    """Whether Arrow reads it as one: Python's digits of other scripts and underscores are none."""
+    try:
+        pc.cast(pa.scalar(text.strip()), pa.float64())
+    except pa.ArrowException:
+        return False
+    return True
+
+
+def _no_nulls(column: Any, file: str, name: str) -> None:
+    if column.null_count:
+        row = int(np.flatnonzero(np.asarray(pc.is_null(column)))[0])
+        raise _bad_cell(file, name, row, "")
+
+
+def _bad_cell(file: str, name: str, row: int, cell: str) -> UserError:
+    what = f"'{cell[:40]}' is not a finite number" if cell else "the cell is empty or not a number"
+    return UserError(
+        f"row {row + 1}, column '{name}': {what}", file=file, remedy="Remove the row or drop its time with a mask."
+    )
+
+
+def _labels(column: Any, file: str, name: str) -> Any:
+    _no_nulls(column, file, name)
+    try:
+        return np.asarray(column.cast(pa.string()).to_pylist(), dtype=np.str_)
+    except (pa.ArrowException, UnicodeDecodeError):
+        raise UserError(
+            f"column '{name}' holds {excerpt(column.type)}, not names of traces", file=file, remedy="Write plain text."
+        ) from None
+
+
+def _unit(field: Any, file: str) -> str | None:
+    stored = (field.metadata or {}).get(b"unit")
+    try:
+        return stored.decode() if stored else None
+    except UnicodeDecodeError:
+        raise UserError(
+            f"the unit of column '{field.name}' is not UTF-8 text", file=file, remedy="Write it as text, such as rad."
+        ) from None

@@ -1,0 +1,210 @@
+"""The 3-D scene of a recording: the plant's own URDF, moved along the runs on display."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from simgap import reading
+from simgap.arrays import Floats
+from simgap.geometry import Box
+from simgap.io import figure_style as style
+from simgap.io.figure_style import COLOURS
+from simgap.io.rerun.content import Content, JointScene, PlanarScene
+from simgap.io.rerun.log import TIMELINE, rgb
+from simgap.io.traces import MODEL, TITLES, Trace, twin
+
+WORLD = "tf#/scene"  # the frame of the entity /scene
+APART = 0.6  # between copies of a plant that is fixed to the ground, as a share of its reach
+_COLOURED = {"cylinder": "Cylinders3D", "box": "Boxes3D", "sphere": "Ellipsoids3D", "capsule": "Capsules3D"}
+
+
+def log_scene(recording: Any, content: Content) -> None:
+    """Log the scene that the content asks for; nothing if it has none."""
+    import rerun as rr
+
+    if content.scene is None:
+        return
+    recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    if isinstance(content.scene, JointScene):
+        _joints(recording, content, content.scene)
+    else:
+        _planar(recording, content, content.scene)
+
+
+def robot_name(urdf: Path) -> str:
+    """What the URDF calls its robot."""
+    return reading.read_xml(urdf).get("name", "")
+
+
+def _joints(recording: Any, content: Content, scene: JointScene) -> None:
+    """A copy for each controller: the simulator solid, the nominal model as a ghost, limits of the safe set in grey."""
+    _, across, reach = stance(scene)
+    for number, (controller, trace) in enumerate(content.shown.items()):
+        offset = APART * reach * (number - 0.5) * across
+        above = offset + np.array([0.0, 0.0, 0.1 * reach])
+        _label(recording, f"scene/{controller}/label", above, TITLES[controller], COLOURS[controller])
+        _jointed(recording, scene, f"body_{controller}_simulator", offset, trace, rgb(COLOURS[controller]))
+        model = twin(content.traces, trace)
+        if model is not None:
+            _jointed(recording, scene, f"body_{controller}_model", offset, model, rgb(style.GREY, 110))
+        if len(scene.joints) == 1:
+            _limits(recording, content, scene, f"scene/{controller}/safe_set", offset)
+
+
+def stance(scene: JointScene) -> tuple[Floats, Floats, float]:
+    """Unit vectors, (3,) each, along which to look at the plant and side by side, and how far it reaches, m."""
+    tree = _tree(scene.urdf, "stance")
+    joints = [tree.get_joint_by_name(name) for name in scene.joints]
+    axis = np.asarray(joints[0].axis if joints else (0.0, 1.0, 0.0), dtype=float)
+    along = axis if abs(axis[2]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    across = np.cross(along, [0.0, 0.0, 1.0])
+    document = reading.read_xml(scene.urdf)
+    reach = sum(float(np.linalg.norm(_reach(document, j.child_link))) for j in joints)
+    return along / np.linalg.norm(along), across / np.linalg.norm(across), max(reach, 0.1)
+
+
+def _limits(recording: Any, content: Content, scene: JointScene, prefix: str, offset: Floats) -> None:
+    """For one joint: the ends of the safe set as thin lines from the joint to the end of the link."""
+    import rerun as rr
+
+    tree = reading.read_xml(scene.urdf)
+    name, j = next(iter(scene.joints.items()))
+    joint = _tree(scene.urdf, "limits").get_joint_by_name(name)
+    if joint is None or joint.joint_type not in ("revolute", "continuous"):
+        return
+    reach = _reach(tree, joint.child_link)
+    for side, value in (("lowest", content.safe.lo[j]), ("highest", content.safe.hi[j])):
+        if np.isfinite(value):
+            tip = _rotated(np.asarray(joint.axis), float(value), reach) + np.asarray(joint.origin_xyz)
+            strip = [np.add(joint.origin_xyz, offset), np.add(tip, offset)]
+            look = rr.LineStrips3D([strip], colors=rgb(style.GREEN), radii=0.004 * float(np.linalg.norm(reach)))
+            recording.log(f"{prefix}/{side}", look, static=True)
+
+
+def _reach(tree: Any, link: str) -> Floats:
+    """Twice the centre of the link's visual, in the link's frame: where its far end is."""
+    origin = tree.find(f"./link[@name='{link}']/visual/origin")
+    text = origin.get("xyz", "0 0 0") if origin is not None else "0 0 0"
+    return 2.0 * np.array([float(v) for v in text.split()])
+
+
+def _rotated(axis: Floats, angle: float, v: Floats) -> Floats:
+    """Rodrigues' rotation of v about a unit axis."""
+    cross, along = np.cross(axis, v), axis * np.dot(axis, v)
+    return np.asarray(v * np.cos(angle) + cross * np.sin(angle) + along * (1.0 - np.cos(angle)))
+
+
+def _label(recording: Any, entity: str, at: Floats, text: str, colour: str) -> None:
+    import rerun as rr
+
+    recording.log(entity, rr.Points3D([at], labels=[text], colors=rgb(colour), radii=0.012), static=True)
+
+
+def _tree(urdf: Path, prefix: str) -> Any:
+    """The URDF with all its entities under `/prefix`, and its frames apart from those of other copies."""
+    import rerun as rr
+
+    return rr.urdf.UrdfTree.from_file_path(
+        urdf,
+        entity_path_prefix=prefix,
+        frame_prefix=f"{prefix}/",
+        static_transform_entity_path=f"{prefix}_fixed",  # else all copies share one, and overwrite it
+    )
+
+
+def _place(recording: Any, urdf: Path, prefix: str, colour: list[int]) -> Any:
+    """Log a URDF under a prefix, all of it in one colour: -> its tree."""
+    import rerun as rr
+
+    tree = _tree(urdf, prefix)
+    tree.log_urdf_to_recording(recording=recording)
+    links = {link.get("name"): link for link in reading.read_xml(urdf).findall("link")}
+    for name, link in links.items():
+        paths = tree.get_visual_geometry_paths(tree.get_link_by_name(name))
+        for path, visual in zip(paths, link.findall("visual"), strict=False):
+            shape = visual.find("geometry/*")
+            kind = _COLOURED.get(shape.tag) if shape is not None else None
+            if kind is not None:
+                recording.log(path, getattr(rr, kind).from_fields(colors=[colour], fill_mode="solid"), static=True)
+    return tree
+
+
+def _jointed(recording: Any, scene: JointScene, prefix: str, offset: Floats, trace: Trace, colour: list[int]) -> None:
+    """A URDF fixed to the ground whose joints follow a trace."""
+    import rerun as rr
+
+    tree = _place(recording, scene.urdf, prefix, colour)
+    base = rr.Transform3D(translation=offset, parent_frame=WORLD, child_frame=f"{prefix}/{tree.root_link().name}")
+    recording.log(f"{prefix}/base", base, static=True)
+    times = [rr.TimeColumn(TIMELINE, duration=trace.t)]
+    for name, j in scene.joints.items():
+        joint = tree.get_joint_by_name(name)
+        moves = joint.compute_transform_columns(trace.x[:, j].tolist(), clamp=False)
+        recording.send_columns(f"{prefix}/joints/{name}", times, moves)
+
+
+def _planar(recording: Any, content: Content, scene: PlanarScene) -> None:
+    """The arena with obstacles and target, and a robot for each controller with the path behind it."""
+    import rerun as rr
+
+    _floor(recording, "scene/arena", scene.arena, rgb("#ECEFF2"), 0.01, below=True)
+    if scene.target is not None:
+        _floor(recording, "scene/target", scene.target, rgb(style.YELLOW), 0.012)
+    for k, obstacle in enumerate(scene.obstacles):
+        _floor(recording, f"scene/obstacles/{k}", obstacle, rgb("#3A3F47"), 0.35)
+    for controller, trace in content.shown.items():
+        _driven(recording, scene, f"body_{controller}_simulator", trace, rgb(COLOURS[controller]))
+        _path(recording, scene, f"scene/{controller}/path", trace, rgb(COLOURS[controller]))
+        model = twin(content.traces, trace)
+        if model is not None:
+            _path(recording, scene, f"scene/{controller}/{MODEL.replace(' ', '_')}", model, rgb(style.GREY))
+        x, y = trace.x[0, list(scene.axes[:2])]
+        start = rr.Points3D(
+            [(x, y, 0.03)],
+            radii=0.25 * scene.radius,
+            labels=[f"{TITLES[controller]}: start"],
+            colors=rgb(COLOURS[controller]),
+        )
+        recording.log(f"scene/{controller}/start", start, static=True)
+
+
+def _floor(recording: Any, entity: str, box: Box, colour: list[int], height: float, below: bool = False) -> None:
+    import rerun as rr
+
+    middle, half = 0.5 * (box.lo + box.hi), 0.5 * (box.hi - box.lo)
+    z = -height if below else height
+    shape = rr.Boxes3D(
+        centers=[(*middle, 0.5 * z)], half_sizes=[(*half, 0.5 * height)], colors=colour, fill_mode="solid"
+    )
+    recording.log(entity, shape, static=True)
+
+
+def _path(recording: Any, scene: PlanarScene, entity: str, trace: Trace, colour: list[int]) -> None:
+    import rerun as rr
+
+    points = np.column_stack([trace.x[:, list(scene.axes[:2])], np.full(len(trace.t), 0.02)])
+    recording.log(entity, rr.LineStrips3D([points], colors=colour, radii=0.02), static=True)
+
+
+def _driven(recording: Any, scene: PlanarScene, prefix: str, trace: Trace, colour: list[int]) -> None:
+    """The robot at its pose: its URDF, or a disc with a nose."""
+    import rerun as rr
+
+    x, y, heading = (trace.x[:, j] for j in scene.axes)
+    if scene.urdf is not None:
+        child = f"{prefix}/{_place(recording, scene.urdf, prefix, colour).root_link().name}"
+    else:
+        child = f"{prefix}/body"
+        disc = rr.Cylinders3D(lengths=[0.2], radii=[scene.radius], colors=colour, fill_mode="solid")
+        recording.log(child, rr.CoordinateFrame(child), disc, static=True)
+    zero = np.zeros_like(x)
+    poses = rr.Transform3D.columns(
+        translation=np.column_stack([x, y, zero]),
+        quaternion=np.column_stack([zero, zero, np.sin(0.5 * heading), np.cos(0.5 * heading)]),
+        parent_frame=[WORLD] * len(x),
+        child_frame=[child] * len(x),
+    )
+    recording.send_columns(f"{prefix}/pose", [rr.TimeColumn(TIMELINE, duration=trace.t)], poses)

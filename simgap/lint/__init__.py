@@ -1,0 +1,1 @@
+"""What `simgap check` says of a case before anything long runs, one family a file."""

@@ -1,0 +1,241 @@
+"""What the stages of a case will cost: counts are exact, bytes and seconds are estimates from measured rates.
+
+Bytes are of the arrays that a stage cannot do without; seconds are CPU seconds on one core of a machine of 2024. Both
+are right to a factor of two or three, which is enough to tell minutes from days.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from simgap.config.audit import AuditSection
+from simgap.config.case import Case
+from simgap.errors import UserError
+from simgap.gap.fitting.borders import checked_at_most
+from simgap.gap.sampling.borders import thinned_count
+from simgap.gap.sampling.points import covering_grid, covering_point, free_axes, own_point
+from simgap.gap.thresholds import CHECK_LEVELS, MOST_BORDER_STATES
+from simgap.geometry import Box, Grid
+from simgap.plants.context import Context
+
+START = 2.0
+"""CPU seconds that a stage takes to start: imports, compiled kernels read back; the nominal model comes on top."""
+BYTES = 2.5e8
+"""Memory of a stage with nothing in it."""
+BESIDE, JOB = 10.0, 0.9
+"""CPU seconds of `check`, `grid`, page and recording together, and of the workflow for each job: three cases of 17 to
+21 jobs spent 27 to 33 s there on a busy machine."""
+ROLLOUT = 3e-5
+"""CPU seconds of an engine's step of a joint plant where the engine was not asked."""
+LOOP = 6e-6
+"""CPU seconds of a closed-loop step beside the engine's."""
+FIT, SLOPES, BOUND = 2e-6, 1e-6, 1e-6
+"""CPU seconds a sample, of `scp` and `lipschitz` (one state) and of `gap` (one state)."""
+PROGRAM, LARGE_PROGRAM = 5e-3, 8e-5
+"""CPU seconds of the linear programs of one state, for each pair of terms of the basis, and each three of them where
+that is more: 31 terms take 5 s, 49 take 6 s, 81 take 44 s, 121 more than 125 s."""
+PAIR = 2e-7
+"""CPU seconds a pair of cell and input, of a synthesis that ends."""
+ROW_PAIR = 3e-9
+"""The same where whole rows of cells are decided at once: a robot whose gap does not depend on where it stands."""
+MARGIN = 4e-7
+"""CPU seconds a pair of cell and input of the margins, by which gamma could grow in each cell, in `audit`."""
+MARGIN_BYTES = 24
+"""Bytes a cell and state of the margins, and as many again."""
+SAMPLE_BYTES = 60
+"""Bytes a sample and state that the stages from roll-outs to the bound hold."""
+
+
+@dataclass(frozen=True)
+class StageCost:
+    """One stage: how many of what, CPU seconds, bytes, and the key that makes it cheaper.
+
+    `at_most` marks what usually ends earlier, and is not held against a budget.
+    """
+
+    stage: str
+    count: int
+    of: str
+    seconds: float
+    bytes: float
+    key: str
+    at_most: bool = False
+
+
+def costs(
+    context: Context, rollout: float | None = None, eps: float | None = None, build: float = 0.0
+) -> list[StageCost]:
+    """The stages of a case, in order.
+
+    Args:
+        context: of a case with a domain.
+        rollout: measured time of a roll-out of its simulator, s.
+        eps: radius of the balls that cover X where it is not the case's own.
+        build: measured time in which the nominal model is built, s; most stages build it.
+    """
+    rollout, begun = rollout or ROLLOUT, START + build
+    found = [*_samples(context, rollout, eps, begun), *_control(context, rollout, begun)]
+    return [*found, _beside(context, len(found))] if found else []
+
+
+def _beside(context: Context, stages: int) -> StageCost:
+    """What no stage of the computation is."""
+    shards = context.case.grid.shards if context.case.grid is not None else 2
+    jobs = stages + 2 * (len(context.states) - 1) + shards + 4  # a state each in `scp`, `lipschitz`; two controllers
+    of = "jobs to be begun, check, page and recording"
+    return StageCost("workflow", jobs, of, BESIDE + JOB * jobs, BYTES, "budget.time")
+
+
+def affordable(context: Context, found: list[StageCost]) -> None:
+    """Hold every stage against the budget.
+
+    Raises:
+        UserError: the first that is beyond it, with the key that makes it cheaper.
+    """
+    budget = context.case.budget
+    for cost in found:
+        if cost.at_most:
+            continue
+        over_memory, over_time = cost.bytes > budget.bytes, cost.seconds > 3600.0 * budget.time
+        if over_memory or over_time:
+            needs = [f"about {size(cost.bytes)}"] * over_memory + [f"about {duration(cost.seconds)}"] * over_time
+            has = [size(budget.bytes)] * over_memory + [duration(3600.0 * budget.time)] * over_time
+            raise UserError(
+                f"{cost.count:,} {cost.of} need {' and '.join(needs)}; the budget is {' and '.join(has)}",
+                file=context.path,
+                key=cost.key,
+                remedy=f"Ask for less there, or raise budget.{'memory' if over_memory else 'time'}.",
+            )
+
+
+def _samples(context: Context, rollout: float, eps: float | None, begun: float) -> Iterator[StageCost]:
+    case, nx = context.case, len(context.states)
+    if case.simulator is None:
+        return
+    if case.hidden_state is None:
+        if case.grid is None:
+            return
+        count = _grid(context, eps).size * _inputs(case)
+        key = "grid.half_widths" if case.grid.half_widths else "grid.eps"
+        of, shards = "samples of X x U", case.grid.shards
+    else:
+        hidden = case.hidden_state
+        parts = {name: hidden.classes.get(name, 1) for name in hidden.previous}
+        before = math.prod(parts[name] * max(2, -(-n // parts[name])) for name, n in hidden.previous.items())
+        count = before * _inputs(case) + hidden.chains * hidden.chain_length
+        key, of, shards = "hidden_state.previous", "roll-outs after earlier inputs", 2
+    held = BYTES + SAMPLE_BYTES * nx * count
+    yield StageCost("rollouts", count, of, START * shards + count * rollout, BYTES + (held - BYTES) / shards, key)
+    own, checks = ("gap", case.gap) if case.hidden_state is None else ("hidden_state", case.hidden_state)
+    if checks is not None:
+        more = BYTES + 16.0 * nx * checks.fresh_samples
+        seconds = START + checks.fresh_samples * rollout
+        yield StageCost("fresh", checks.fresh_samples, "fresh samples", seconds, more, f"{own}.fresh_samples")
+    if case.hidden_state is None:
+        free = free_axes(case)
+        states = _grid(context, eps)
+        fitted = thinned_count(states.cells, free, MOST_BORDER_STATES)
+        checked = thinned_count([CHECK_LEVELS] * nx, free, checked_at_most(states.size))
+        shifted = case.symmetry.histories * (1 + case.symmetry.headings) if case.symmetry is not None and free else 0
+        beside = (fitted + checked + shifted) * _inputs(case)
+        yield StageCost("borders", beside, "samples on borders of X", begun + beside * rollout, 2 * BYTES, key)
+    for stage, rate in (("scp", FIT), ("lipschitz", SLOPES), ("gap", BOUND)):
+        if case.gap is not None or case.hidden_state is not None:
+            attacks = 0 if case.hidden_state is None or stage != "gap" else 2 * case.hidden_state.search
+            more = attacks * (1 + case.hidden_state.search_length) * rollout if case.hidden_state and attacks else 0.0
+            terms = _terms(context) if stage == "scp" else 0
+            program = max(PROGRAM * terms**2, LARGE_PROGRAM * terms**3)
+            processes = 1 if stage == "gap" else nx
+            seconds = processes * begun + nx * (count * rate + program) + more
+            cheaper = "gap.basis" if nx * program > 0.5 * seconds else key
+            words = f"{of}, {terms} terms" if cheaper == "gap.basis" else of
+            yield StageCost(stage, count, words, seconds, held, cheaper)
+
+
+def _grid(context: Context, eps: float | None) -> Grid:
+    case = context.case
+    return covering_grid(case, context.box, own_point(case) if eps is None else covering_point(eps))
+
+
+def _control(context: Context, rollout: float, begun: float) -> Iterator[StageCost]:
+    case = context.case
+    if case.synthesis is None:
+        return
+    cells, inputs = math.prod(case.synthesis.cells), _inputs(case)
+    rows = inputs + 1 if case.sensing is not None and case.sensing.latency else 1
+    if case.hidden_state is not None:
+        rows *= math.prod(case.hidden_state.classes.values())  # nodes: a controller remembers the class
+    packed = math.ceil(inputs / 8)
+    a_cell = 9 + 8 * len(context.states) + (2 if case.synthesis.record == "one" else rows * packed)
+    wheeled = case.plant.symbolic is not None and case.plant.symbolic.wheels is not None
+    rate = ROW_PAIR if wheeled and not (case.sensing is not None and case.sensing.latency) else PAIR
+    controllers = 2 if case.simulator is not None and (case.gap is not None or case.hidden_state is not None) else 1
+    nodes = rows + (controllers - 1) * (1 if case.hidden_state is not None else rows)  # one knows no earlier input
+    seconds = controllers * begun + rate * cells * inputs * nodes
+    of = "pairs of cell and input" + " for each of two controllers" * (controllers > 1)
+    yield StageCost(
+        "synthesis", cells * inputs * rows, of, seconds, BYTES + a_cell * cells, "synthesis.cells",
+    )  # fmt: skip
+    if case.validation is not None and case.simulator is not None:
+        steps, ends = (
+            (case.validation.count() + case.validation.baseline_count()) * case.validation.steps,
+            not _holds(case),
+        )
+        yield StageCost(
+            "validation", steps, "closed-loop steps" + " at most" * ends, begun + 2 * START + steps * (rollout + LOOP),
+            2 * BYTES,
+            "validation.starts", ends,
+        )  # fmt: skip
+    if case.simulator is not None:
+        evaluations, attacked = (case.audit or AuditSection()).budget(case.hidden_state is not None)
+        asked = evaluations + attacked * (1 if case.hidden_state is not None else 1 + inputs // 4)
+        seconds = 3 * begun + asked * rollout + PAIR * cells + attacked * inputs * PAIR
+        held = 2 * BYTES + (12.0 + packed) * cells
+        if not wheeled:
+            seconds, held = seconds + MARGIN * cells * inputs, held + MARGIN_BYTES * (1 + len(context.states)) * cells
+        of_cells = held > 4 * BYTES or seconds > 2 * asked * rollout  # most of it is not for the steps
+        of, key = "steps of an adversary", "audit.evaluations"
+        if of_cells:
+            of, key = f"{of} on {cells:,} cells", "synthesis.cells"
+        yield StageCost("audit", asked, of, seconds, held, key)
+
+
+def _terms(context: Context) -> int:
+    """Of a basis that is one; `check` tells of others."""
+    section = context.case.gap
+    if section is None or section.bound not in ("scenario", "conformal"):
+        return 0
+    kept = [j for j in range(len(context.states)) if j not in free_axes(context.case)]
+    box = Box(context.box.lo[kept], context.box.hi[kept])
+    try:
+        return len(section.basis.listed([context.states[j] for j in kept], context.inputs, box))
+    except UserError:
+        return 0
+
+
+def _holds(case: Case) -> bool:
+    """Whether runs go on for ever; asked of the section, so that what reads costs does not depend on its plug-in."""
+    return bool(getattr(case.synthesis.specification, "holds", True)) if case.synthesis is not None else True
+
+
+def _inputs(case: Case) -> int:
+    assert case.domain is not None
+    return math.prod(values.count for values in case.domain.U.values())
+
+
+def size(count: float) -> str:
+    """Bytes as a person says them."""
+    for unit, scale in (("TiB", 2**40), ("GiB", 2**30), ("MiB", 2**20)):
+        if count >= scale:
+            return f"{count / scale:.3g} {unit}"
+    return f"{count / 2**10:.3g} KiB"
+
+
+def duration(seconds: float) -> str:
+    """Seconds as a person says them."""
+    for unit, scale in (("years", 365.25 * 86400.0), ("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * scale:
+            return f"{seconds / scale:.3g} {unit}"
+    return f"{seconds:.3g} s"

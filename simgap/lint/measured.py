@@ -1,0 +1,154 @@
+"""What can be said of the `measured` section before a recording is read: names, units, files and their headers."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from simgap import reading
+from simgap.config.measured import MeasuredSection
+from simgap.config.recordings import matching
+from simgap.diagnosis.reading.channels import Channel, measured_columns
+from simgap.diagnosis.reading.conditions import conditioned
+from simgap.diagnosis.reading.stamps import same_file
+from simgap.effects import EFFECTS
+from simgap.errors import UserError
+from simgap.io.recordings.mcap_messages import is_mcap
+from simgap.io.recordings.measured import channels_of, condition_channels, display_name, reading_options
+from simgap.io.recordings.tables import read_header
+from simgap.model.symbolic import SymbolicModel
+from simgap.plants.context import Context
+
+
+def check_measured(context: Context) -> None:
+    """Refuse what `simgap diagnose` would: it takes the header of each file and no row.
+
+    Raises:
+        UserError: naming the case file, the key and the remedy.
+    """
+    section = context.case.measured
+    if section is None:
+        return
+    with context.blame():
+        model = context.plant.corrected if context.plant.declared.derived else context.plant.declared
+        channels = channels_of(model, section, str(context.path))
+        told = condition_channels(model, section, str(context.path))
+        _ = reading_options(section)
+        _refuse_effects(section)
+        refuse_unknown(section, model)
+        _refuse_conditions(section, model)
+        _refuse_links(context, section)
+        if section.files:
+            paths = named_files(context, section)
+            for path in paths:
+                _refuse_columns(context, section, (*channels, *told), path)
+            _refuse_other_files(section, [display_name(path, context.folder) for path in paths])
+
+
+def named_files(context: Context, section: MeasuredSection) -> list[Path]:
+    """The recordings that the case names.
+
+    Raises:
+        UserError: one that is not there, or a pattern that no file matches.
+    """
+    found = matching(context.folder, section.files)
+    for k, path in found:
+        if not reading.is_file(path):
+            raise UserError(
+                f"{'is a folder' if path.is_dir() else 'there is no file'}: '{section.files[k]}'",
+                file=context.path, key=f"measured.files.{k}",
+                remedy="Correct the path of a CSV, Parquet, JSON or MCAP file; it starts from the folder of the case.",
+            )  # fmt: skip
+    return [path for _, path in found]
+
+
+def _refuse_effects(section: MeasuredSection) -> None:
+    for k, name in enumerate(section.effects):
+        if name not in EFFECTS:
+            near = difflib.get_close_matches(name, list(EFFECTS), n=1)
+            remedy = f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(EFFECTS)}."
+            raise UserError(f"no effect is called '{name}'", key=f"measured.effects.{k}", remedy=remedy)
+
+
+def refuse_unknown(section: MeasuredSection, model: SymbolicModel) -> None:
+    """Names under `measured.known` that are none of the plant's parameters.
+
+    Raises:
+        UserError: naming the key and the remedy.
+    """
+    for k, name in enumerate(section.known):
+        if name not in model.named_parameters:
+            listed = ", ".join(model.named_parameters) or "it has none"
+            raise UserError(
+                f"the plant has no parameter '{name}'", key=f"measured.known.{k}", remedy=f"Parameters: {listed}."
+            )
+
+
+def _refuse_conditions(section: MeasuredSection, model: SymbolicModel) -> None:
+    for k, condition in enumerate(section.conditions):
+        try:
+            _ = conditioned(model, tuple(condition.values))
+        except UserError as error:
+            raise UserError(error.problem, key=f"measured.conditions.{k}", remedy=error.remedy) from None
+
+
+def _refuse_links(context: Context, section: MeasuredSection) -> None:
+    """An arm's payloads hang on links that a joint moves."""
+    tree = context.plant.tree
+    if tree is not None and not context.plant.declared.derived:
+        refuse_arm_conditions(section)
+    if not section.payloads:
+        return
+    if tree is None or context.plant.declared.derived:
+        raise UserError(
+            "payloads are found on arms of three joints or more alone", key="measured.payloads",
+            remedy="Remove them; what differs from file to file can be named under measured.conditions.",
+        )  # fmt: skip
+    for k, payload in enumerate(section.payloads):
+        if payload.link not in tree.links:
+            raise UserError(
+                f"no joint moves a link '{payload.link}'", key=f"measured.payloads.{k}.link",
+                remedy=f"Moving links: {', '.join(tree.links)}.",
+            )  # fmt: skip
+
+
+def refuse_arm_conditions(section: MeasuredSection) -> None:
+    """The joints of an arm are regressed on torques: nothing there takes parameters that differ from file to file.
+
+    Raises:
+        UserError: naming the key.
+    """
+    for key in ("conditions", "conditions_from"):
+        if getattr(section, key):
+            raise UserError(
+                "a diagnosis of three joints or more knows no such conditions", key=f"measured.{key}",
+                remedy="Remove them; weights that were mounted can be named under measured.payloads.",
+            )  # fmt: skip
+
+
+def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequence[Channel], path: Path) -> None:
+    """The header of one file against what the case maps."""
+    name = display_name(path, context.folder)
+    header, units = read_header(path, name)
+    if section.time.column not in header and not is_mcap(path):  # its messages have stamps
+        listed = ", ".join(f"'{column}'" for column in header)
+        raise UserError(
+            f"'{name}' has no time column '{section.time.column}', it has {listed}", file=context.path,
+            key="measured.time.column", remedy="Name its column of time stamps.",
+        )  # fmt: skip
+    measured_columns(name, header, units, channels)
+
+
+def _refuse_other_files(section: MeasuredSection, files: Sequence[str]) -> None:
+    """What the case says of a file that is none of its recordings would be passed over in silence."""
+    for key, name in _files_spoken_of(section):
+        if not any(same_file(name, file) for file in files):
+            raise UserError(f"'{name}' is not among the data", key=key, remedy=f"Name one of {', '.join(files)}.")
+
+
+def _files_spoken_of(section: MeasuredSection) -> Iterator[tuple[str, str]]:
+    yield from ((f"measured.masks.{k}.file", m.file) for k, m in enumerate(section.masks) if m.file is not None)
+    yield from ((f"measured.conditions.{k}.file", c.file) for k, c in enumerate(section.conditions))
+    yield from ((f"measured.payloads.{k}.file", p.file) for k, p in enumerate(section.payloads))
+    yield from ((f"measured.held_out.files.{k}", name) for k, name in enumerate(section.held_out.files))

@@ -1,0 +1,179 @@
+"""The pictures of a case's page, each as text to put into it, with what must be said under them."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simgap.io import figure_style as style
+from simgap.io.parquet import stack
+from simgap.io.rerun.content import PlanarScene
+from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, shown
+from simgap.plants.context import Context
+from simgap.report.figures import arena as figures_arena
+from simgap.report.figures import domains as figures_domains
+from simgap.report.figures import gap as figures_gap
+from simgap.report.figures import margins as figures_margins
+from simgap.report.figures import problem as figures_problem
+from simgap.report.figures import traces as figures_traces
+from simgap.report.material import Material
+from simgap.report.scene import limits, scene
+from simgap.report.tables import is_signed, promised_steps, sweep
+from simgap.specifications.base import specification_of
+from simgap.specifications.space import Space
+
+NAMES = ("problem", "bound", "inputs", "sweep", "domains", "trajectories", "gap", "times", "corrected", "margins")
+DENSE = ("bound", "inputs", "margins")  # too many paths for SVG
+DPI, SMALL_DPI = 170, 62
+
+
+def png(figure: Any, dpi: int) -> bytes:
+    """A figure as PNG; without a date, so equal figures are equal bytes."""
+    buffer = io.BytesIO()
+    style.save(figure, buffer, format="png", dpi=dpi, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def embedded(data: bytes) -> str:
+    """A PNG as an image element that carries it."""
+    return f'<img alt="" style="width: 100%" src="data:image/png;base64,{base64.b64encode(data).decode()}">'
+
+
+def shown_on_the_index(made: Mapping[str, Any], states: int) -> str:
+    """Which figure stands for a case: where the controllers win, or the runs where that takes slices."""
+    return "domains" if states == 2 and made.get("domains") is not None else "trajectories"
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The pictures of a page.
+
+    Attributes:
+        markup: by name, empty where a case has no use for one; notes: what must be said under some, by name.
+        files: the same pictures as files, by file name; picture: a small PNG that stands for the case.
+    """
+
+    markup: Mapping[str, Any]
+    notes: Mapping[str, str]
+    files: Mapping[str, bytes]
+    picture: bytes
+
+
+def draw(m: Material) -> Drawn:
+    """Every figure that the case has a use for."""
+    from markupsafe import Markup
+
+    figures: dict[str, Any] = dict.fromkeys(NAMES, "")
+    files: dict[str, bytes] = {}
+    picture = b""
+    with style.figure_style():
+        made = {"problem": _problem(m), **_bound(m), "sweep": _sweep(m), **_loop(m), "margins": _margins(m)}
+        if m.corrected is not None and len(m.context.states) == 2:
+            made["corrected"] = figures_domains.domains_figure(m.corrected.controllers, [], m.context.units)
+        small = shown_on_the_index(made, len(m.context.states))
+        for name, figure in made.items():
+            if figure is None:
+                continue
+            if name in DENSE:
+                files[f"{name}.png"] = png(figure, DPI)
+                figures[name] = Markup(embedded(files[f"{name}.png"]))
+            else:
+                text = style.svg_text(figure)
+                figures[name], files[f"{name}.svg"] = Markup(text), text.encode()
+            if name == small:
+                picture = png(figure, SMALL_DPI)
+            style.close(figure)
+    return Drawn(figures, {"model": model_note(m)}, files, picture)
+
+
+def _problem(m: Material) -> Any:
+    """X, U and what the specification asks for; None where a single state leaves nothing to draw."""
+    context = m.context
+    if len(context.states) < 2:
+        return None
+
+    def specified(pair: tuple[int, int], own: Any) -> None:
+        surroundings(context, pair)(own)
+
+    names = context.states, context.inputs
+    return figures_problem.problem_figure(context.box, context.input_set, names, context.units, specified)
+
+
+def _bound(m: Material) -> dict[str, Any]:
+    """The bound over states or, where it depends on two inputs alone, over these."""
+    by_input = figures_gap.over_inputs(m.bound) if len(m.context.inputs) == 2 else None
+    if by_input is not None:
+        return {"inputs": figures_gap.inputs_figure(m.bound, *by_input, m.context.units)}
+    states, inputs = m.context.states, m.context.inputs
+    x, u = stack(m.samples, states), stack(m.samples, inputs)
+    d = stack(m.samples, [f"gap_{n}" for n in states])
+    draw_it = figures_gap.surface_figure if len(states) == 2 else figures_gap.slices_figure
+    return {"bound": draw_it(m.bound, x, u, d, m.context.units)}
+
+
+def _sweep(m: Material) -> Any:
+    rows = sweep(m)
+    return figures_gap.sweep_figure(rows, m.context.states, m.context.units) if len(rows) > 1 else None
+
+
+def _loop(m: Material) -> dict[str, Any]:
+    """Winning domains, trajectories, the gap along the run, and the times to the target where there is one."""
+    context, where = m.context, scene(m.context)
+    chosen = {kind: shown(m.traces, kind) for kind in (NOMINAL, ROBUST)}
+    until = figures_traces.first_seconds(chosen)
+    out = {"gap": figures_traces.gap_figure(chosen[ROBUST], context.states, context.units, until)}
+    if len(context.states) == 2:
+        out["domains"] = figures_domains.domains_figure(
+            m.controllers, m.traces, context.units, surroundings(context), specification_of(context.case).words.violated
+        )
+    elif len(context.states) == 3:
+        out["domains"] = figures_domains.slices_figure(m.controllers[ROBUST], context.units)
+    if isinstance(where, PlanarScene):
+        draw_floor = surroundings(context, where.axes[:2])
+        out["trajectories"] = figures_arena.arena_figure(where, m.traces, context.units, context.states, draw_floor)
+    else:
+        out["trajectories"] = figures_traces.trajectories_figure(
+            chosen, m.traces, limits(context), context.states, context.units
+        )
+    steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
+    if any(len(s) for s in steps.values()):
+        out["times"] = figures_arena.times_figure(steps, context.domain.tau, promised_steps(m))
+    return out
+
+
+def _margins(m: Material) -> Any:
+    """Maps of the one-step margins over two or three states; None where they are not known."""
+    grid, states = m.controllers[ROBUST].grid, m.context.states
+    if m.margins is None or m.margins.num_rows != grid.size or not 2 <= len(states) <= 3:
+        return None
+    factor = m.margins["factor"].to_numpy().astype(np.float64)
+    if len(states) == 3:
+        return figures_margins.slices_figure(grid, factor, states, m.context.units)
+    extra = stack(m.margins, [f"extra_{n}" for n in states]).astype(np.float64)
+    return figures_margins.plane_figure(grid, factor, extra, states, m.context.units)
+
+
+def surroundings(context: Context, axes: tuple[int, int] = (0, 1)) -> Callable[[Any], None]:
+    """What draws the specification over two states on axes of matplotlib."""
+    specification, space = specification_of(context.case), Space.of(context.case)
+    return lambda own: specification.draw(own, space, axes, style.SURROUNDINGS)
+
+
+def model_note(m: Material) -> str:
+    """Why the gap-aware controller may fail on the nominal model, where it does."""
+    tally = m.validation["controllers"][ROBUST].get(MODEL)
+    if not tally or not tally["runs_that_violated_it"]:
+        return ""
+    bad, runs = tally["runs_that_violated_it"], tally["runs"]
+    if is_signed(m.gap):
+        return (
+            f"On the nominal model itself the gap-aware controller ends {bad:,} of {runs:,} runs early. That is no "
+            "fault: a signed gap takes the simulator's bias out of the model, so this controller is made for the "
+            "simulator, and the nominal model is outside its bound."
+        )
+    return f"On the nominal model itself the gap-aware controller ends {bad:,} of {runs:,} runs early."

@@ -1,0 +1,1 @@
+"""Pictures, each from plain arrays to a matplotlib figure."""

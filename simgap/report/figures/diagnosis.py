@@ -1,0 +1,194 @@
+"""The pictures of a diagnosis, each from plain arrays to a matplotlib figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from simgap.arrays import Floats
+from simgap.diagnosis.verdict.missing import Binned, Missing
+from simgap.diagnosis.verdict.words import phrase
+from simgap.io import figure_style as style
+from simgap.notation import axis_label, pretty_unit
+
+MOST_POINTS = 1500
+NO_LESS = 0.5  # of chi^2/dof that is shown
+MOST_OPTIONS = 5  # of a step that are drawn
+OTHER = "#8A929B"
+
+
+@dataclass(frozen=True, eq=False)
+class Overlay:
+    """Data beside what the models predict, over one stretch.
+
+    Attributes:
+        trace: name of the trace.
+        t: (n,) s.
+        measured, before, after: (n, k); predictions are nan where no window is, and start anew with each window.
+        u: (n, m) inputs.
+        states, inputs: names of the columns.
+        sigma: (k,) noise of the channels.
+        held_out: stretches (from, to) that were never fitted, s.
+        whole: whether all of it was never fitted.
+    """
+
+    trace: str
+    t: Floats
+    measured: Floats
+    before: Floats
+    after: Floats
+    u: Floats
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    sigma: Floats
+    held_out: tuple[tuple[float, float], ...] = ()
+    whole: bool = True
+
+
+def overlay_figure(o: Overlay, units: Mapping[str, str]) -> Any:
+    """Measured against predicted, then what is left before and after, for every measured state; the inputs last."""
+    import matplotlib.pyplot as plt
+
+    rows = 3 * len(o.states) + (1 if o.inputs else 0)
+    heights = [2.4, 1.1, 1.1] * len(o.states) + ([1.2] if o.inputs else [])
+    figure, axes = plt.subplots(
+        rows, 1, sharex=True, figsize=(style.WIDTH, sum(heights) + 0.6), height_ratios=heights, squeeze=False
+    )
+    pick = np.arange(0, o.t.size, max(1, o.t.size // MOST_POINTS))
+    for k, name in enumerate(o.states):
+        top, first, second = axes[3 * k : 3 * k + 3, 0]
+        top.plot(o.t[pick], o.measured[pick, k], color=style.MEASURED, lw=3.2, alpha=0.35, label="measured")
+        top.plot(o.t[pick], o.before[pick, k], color=style.BEFORE, ls=(0, (5, 2)), label="before")
+        top.plot(o.t[pick], o.after[pick, k], color=style.AFTER, lw=1.3, label="after")
+        top.set_ylabel(axis_label(name, units))
+        sides = ((first, o.before, style.BEFORE, (0, (5, 2)), "before"), (second, o.after, style.AFTER, "-", "after"))
+        for low, predicted, colour, dash, word in sides:  # each on its own scale, or the noise could not be seen
+            low.axhspan(-2 * o.sigma[k], 2 * o.sigma[k], color=style.FLOOR, alpha=0.45, lw=0, label="noise, ±2σ")
+            low.plot(o.t[pick], (o.measured - predicted)[pick, k], color=colour, ls=dash, lw=1.3)
+            low.set_ylabel(f"left {word}\n({pretty_unit(units[name])})")
+    if o.inputs:
+        colours = (style.GREEN, style.PURPLE, style.ORANGE, style.SKY)
+        for j, name in enumerate(o.inputs):
+            axes[-1, 0].step(o.t[pick], o.u[pick, j], where="post", lw=1.2, color=colours[j % 4], label=name)
+        axes[-1, 0].set_ylabel(axis_label(o.inputs[0], units) if len(o.inputs) == 1 else "inputs")
+        if len(o.inputs) > 1:
+            axes[-1, 0].legend(loc="upper right", ncols=4)
+    for axis in axes[:, 0]:
+        for a, b in () if o.whole else o.held_out:
+            axis.axvspan(a, b, color=style.YELLOW, alpha=0.25, lw=0, label="never fitted")
+    axes[0, 0].set_title(f"{o.trace}: " + ("never fitted" if o.whole else "shaded windows were never fitted"))
+    axes[-1, 0].set_xlabel("time (s)")
+    figure.align_ylabels()
+    entries = [axis.get_legend_handles_labels() for axis in axes[:3, 0]]
+    named = {label: handle for handles, labels in entries for handle, label in zip(handles, labels, strict=True)}
+    figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=5, columnspacing=1.2)
+    return figure
+
+
+def missing_figure(m: Missing) -> Any:
+    """The missing term against each regressor, under the nominal and under the corrected model."""
+    import matplotlib.pyplot as plt
+
+    names = list(m.before)[:3]
+    figure, axes = plt.subplots(1, len(names), sharey=True, figsize=(style.WIDTH, 3.5), squeeze=False)
+    for axis, name in zip(axes[0], names, strict=True):
+        _errorbars(axis, m.before[name], style.BEFORE, "s", "before")
+        _errorbars(axis, m.after[name], style.AFTER, "o", "after")
+        axis.axhline(0.0, color="#55595F", lw=1.0)
+        axis.set_xlabel(axis_label(name, m.units))
+    axes[0, 0].set_ylabel(f"missing {_folded(m.label)}\n({pretty_unit(m.unit)})")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
+    return figure
+
+
+def _folded(label: str) -> str:
+    return label.replace(" at ", "\nat ")
+
+
+def _errorbars(axis: Any, b: Binned, colour: str, marker: str, label: str) -> None:
+    axis.errorbar(
+        b.centre, b.mean, yerr=b.half, color=colour, marker=marker, ms=5, lw=1.4, elinewidth=1.1, capsize=0, label=label
+    )
+
+
+def _gain(value: float) -> str:
+    """Whole numbers as far as they leave room for what stands beside them."""
+    return (f"{value:,.0f}" if abs(value) < 1e7 else f"{value:.3g}").replace("-", "\u2212")
+
+
+def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
+    """From the model as declared to the answer, one effect at a time: what each option of a step leaves of chi^2/dof.
+
+    Args:
+        steps: each with `chi2_dof` before it and its `options`, what was taken first; the last step takes none.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.lines import Line2D
+
+    rows = [row for k, step in enumerate(steps) for row in _rows_of(k, step)]
+    figure, (axis, numbers) = plt.subplots(
+        1, 2, sharey=True, width_ratios=(2.6, 1.0), figsize=(style.WIDTH, 1.5 + 0.34 * max(len(rows), 3))
+    )
+    numbers.set_axis_off()
+    for y, (_, before, option) in enumerate(rows):
+        if option is None:
+            continue
+        colour, width, size = (style.AFTER, 5.0, 8.0) if option["taken"] else (OTHER, 2.5, 6.0)
+        ends = [max(float(x), NO_LESS) for x in (before, option["chi2_dof"])]
+        axis.plot(ends, [y, y], color=colour, lw=width, solid_capstyle="butt", zorder=2)
+        axis.plot(ends[1], y, "o", color=colour, ms=size, zorder=3)
+        for x, said in (
+            (0.38, f"{option['chi2_dof']:.4g}"),
+            (1.0, _gain(float(option["bic_gain"]))),
+        ):
+            numbers.text(x, y, said, va="center", ha="right", fontsize=11)
+    for x, head in ((0.38, "left"), (1.0, "BIC gain")):
+        numbers.text(x, 0, head, va="center", ha="right", fontsize=11, fontweight="bold")
+    axis.set_yticks(range(len(rows)), [label for label, *_ in rows])
+    for tick, (_, _, option) in zip(axis.get_yticklabels(), rows, strict=True):
+        tick.set_fontweight("bold" if option is None else "normal")
+    axis.set_ylim(len(rows) - 0.3, -0.7)
+    largest = max((float(o["chi2_dof"]) for *_, o in rows if o is not None), default=1.0)
+    axis.set_xscale("log")
+    axis.set_xlim(NO_LESS, 2.0 * max(largest, 5.0, *(before for _, before, _ in rows)))
+    axis.axvline(1.0, color="#55595F", lw=1.4, ls=(0, (4, 2)))
+    axis.set_xlabel("chi²/dof that is left (log); 1 is the noise (dashed)")
+    axis.grid(axis="y", visible=False)
+    kinds = (("in the answer", style.AFTER, 5.0), ("fitted there, not taken", OTHER, 2.5))
+    handles = [Line2D([], [], color=c, lw=w, marker="o") for _, c, w in kinds]
+    figure.legend(handles, [label for label, *_ in kinds], loc="outside upper left", ncols=2)
+    return figure
+
+
+def _rows_of(k: int, step: Mapping[str, Any]) -> list[tuple[str, float, Mapping[str, Any] | None]]:
+    """A title without an option, then the options: label, chi^2/dof before, and the option."""
+    before, options = float(step["chi2_dof"]), step["options"][:MOST_OPTIONS]
+    taken = any(o["taken"] for o in options)
+    title = f"step {k + 1}, from {before:.4g}" if taken else "nothing more taken" if k else "nothing taken"
+    return [(title, before, None), *((phrase(o), before, o) for o in options)]
+
+
+def error_figure(error: Mapping[str, Any], units: Mapping[str, str]) -> Any:
+    """Error h seconds ahead on held-out data: before, after and the floor of a perfect model, one panel a state."""
+    import matplotlib.pyplot as plt
+
+    states = list(error["before"]["horizon_rmse"])
+    figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.2), squeeze=False)
+    rows = (
+        ("noise_floor", style.FLOOR, "perfect\nmodel"),
+        ("after", style.AFTER, "after"),
+        ("before", style.BEFORE, "before"),
+    )
+    for axis, state in zip(axes[0], states, strict=True):
+        for y, (which, colour, _) in enumerate(rows):
+            value = float(error[which]["horizon_rmse"][state])
+            axis.barh(y, value, color=colour, height=0.66)
+            axis.annotate(f" {value:.3g}", (value, y), va="center", fontsize=11)
+        axis.set_yticks(range(3), [label for _, _, label in rows])
+        axis.set_xlabel(f"RMS error {error['before']['horizon_s']:g} s ahead, {axis_label(state, units)}")
+        axis.margins(x=0.18)
+        axis.grid(axis="y", visible=False)
+    return figure

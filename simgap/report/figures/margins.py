@@ -1,0 +1,99 @@
+"""Pictures of the one-step margins: by how much gamma could grow at each winning cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from simgap.arrays import Floats
+from simgap.geometry import Grid
+from simgap.io import figure_style as style
+from simgap.notation import axis_label, pretty_unit
+from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
+
+MAP = "cividis"  # one hue after another in order of lightness, alike to all kinds of colour vision
+FACTOR = "gamma may grow by a factor of"
+REACHED = 1e-5  # a margin this near to the largest that is looked for is that one: margins are rounded down
+APART = 0.25  # of a colour bar that is kept free of ticks beside a label of its end
+
+
+def plane_figure(grid: Grid, factor: Floats, extra: Floats, states: Sequence[str], units: Mapping[str, str]) -> Any:
+    """Margins over two states: the common factor, and what may be added to each state alone.
+
+    Args:
+        grid: cells; factor: (cells,), extra: (cells, 2), not numbers where a cell does not win.
+        states, units: names and units.
+    """
+    import matplotlib.pyplot as plt
+
+    titles = ["factor on gamma", *(f"added to {n} alone ({pretty_unit(units.get(n, ''))})" for n in states)]
+    figure, axes = plt.subplots(1, 3, figsize=(1.4 * style.WIDTH, 4.2), sharex=True, sharey=True)
+    most = (LARGEST_FACTOR, *(2.0 * grid.h * grid.cells).tolist())
+    for axis, title, values, end in zip(axes, titles, (factor, *extra.T), most, strict=True):
+        picture = _layer(axis, grid, values.reshape(grid.cells), _scale(values))
+        axis.set_title(title)
+        axis.set_xlabel(axis_label(states[0], units))
+        _ends(figure.colorbar(picture, ax=axis, orientation="horizontal", shrink=0.95), values, end)
+    axes[0].set_ylabel(axis_label(states[1], units))
+    return figure
+
+
+def slices_figure(grid: Grid, factor: Floats, states: Sequence[str], units: Mapping[str, str], count: int = 6) -> Any:
+    """The common factor (cells,) over the first two states at `count` values of the third, those with any."""
+    import matplotlib.pyplot as plt
+
+    shown = factor.reshape(grid.cells)
+    layers = [k for k in shown_layers(grid.cells[2], count) if np.isfinite(shown[:, :, k]).any()] or [0]
+    columns = min(3, len(layers))
+    rows = -(-len(layers) // columns)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(style.WIDTH, 2.75 * rows + 0.5), sharex=True, sharey=True, squeeze=False
+    )
+    scale = _scale(factor)
+    picture: Any = None
+    for axis, k in zip(axes.ravel(), layers, strict=False):
+        picture = _layer(axis, grid, shown[:, :, k], scale, "equal")
+        third = grid.box.lo[2] + grid.h[2] * (2 * k + 1)
+        axis.set_title(f"{states[2]} = {third:.2f} {pretty_unit(units.get(states[2], ''))}")
+    for axis in axes[-1]:
+        axis.set_xlabel(axis_label(states[0], units))
+    for axis in axes[:, 0]:
+        axis.set_ylabel(axis_label(states[1], units))
+    _ends(figure.colorbar(picture, ax=axes, label=FACTOR, shrink=0.8), factor, LARGEST_FACTOR)
+    return figure
+
+
+def _scale(values: Floats) -> Any:
+    """A logarithmic scale over what occurs, the lowest thousandth cut off."""
+    from matplotlib.colors import LogNorm
+
+    known = values[np.isfinite(values) & (values > 0)]
+    low, high = (float(v) for v in np.quantile(known, (0.001, 1.0))) if len(known) else (1.0, 10.0)
+    return LogNorm(low, max(high, 1.01 * low))
+
+
+def _ends(bar: Any, values: Floats, most: float) -> None:
+    """Say at the ends of a colour bar that margins were looked for up to `most` only, and that small ones are cut."""
+    bar.ax.minorticks_off()
+    low, high = bar.norm.vmin, bar.norm.vmax
+    known = values[values > 0]
+    ticks = [tick for tick in bar.get_ticks() if low < tick < high]
+    names = [f"{tick:g}" for tick in ticks]
+    if len(known) and known.max() >= most * (1.0 - REACHED):
+        apart = [k for k, tick in enumerate(ticks) if tick < high * (low / high) ** APART]
+        ticks, names = [*(ticks[k] for k in apart), high], [*(names[k] for k in apart), f"\u2265 {high:.3g}"]
+    if len(known) and known.min() < low:
+        apart = [k for k, tick in enumerate(ticks) if tick > low * (high / low) ** APART]
+        ticks, names = [low, *(ticks[k] for k in apart)], [f"\u2264 {low:.3g}", *(names[k] for k in apart)]
+    bar.set_ticks(ticks, labels=names)
+
+
+def _layer(axis: Any, grid: Grid, values: Floats, scale: Any, aspect: str = "auto") -> Any:
+    extent = (grid.box.lo[0], grid.box.hi[0], grid.box.lo[1], grid.box.hi[1])
+    shown = np.ma.masked_invalid(np.where(values > 0, values, np.where(np.isnan(values), np.nan, scale.vmin)).T)
+    axis.grid(visible=False)
+    return axis.imshow(
+        shown, origin="lower", extent=extent, aspect=aspect, cmap=MAP, norm=scale, interpolation="nearest"
+    )

@@ -1,0 +1,1 @@
+"""The abstraction: for each cell and input a box of cells that holds every successor."""

@@ -1,0 +1,223 @@
+"""Every way in which an input takes cells to cells, sorted so that each eroded set is made once and used at once.
+
+Cells that differ along an idle axis share their boxes. A *slab* is all cells of one index along the other axes: rows of
+bits (along the bit axis), one below the other along a second idle axis where there is one. A *move* is a slab, a class
+and an input: the cells of the slab that the input takes into the winning set are those of another slab of that set,
+eroded by the extent of the box and shifted by its lower offset, by whole rows and bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.arrays import Bools, Ints
+
+
+class Boxes(Protocol):
+    """What is read of a row system, see `reach_rows.RowSystem`."""
+
+    @property
+    def lengths(self) -> Ints: ...  # noqa: D102
+    @property
+    def periodic(self) -> Ints: ...  # noqa: D102
+    @property
+    def slab_rows(self) -> int: ...  # noqa: D102
+    @property
+    def count(self) -> int: ...  # noqa: D102
+    @property
+    def layer(self) -> NDArray[np.int32]: ...  # noqa: D102
+    @property
+    def rel(self) -> NDArray[np.int32]: ...  # noqa: D102
+    @property
+    def extent(self) -> NDArray[np.int32]: ...  # noqa: D102
+    @property
+    def swept(self) -> NDArray[np.int32]: ...  # noqa: D102
+    @property
+    def swept_of(self) -> NDArray[np.int32]: ...  # noqa: D102
+    @property
+    def swept_shapes(self) -> Ints: ...  # noqa: D102
+
+
+class Moves(NamedTuple):
+    """Blocks of jobs of moves: a block is an AND of neighbouring slabs, a job an erosion of it within the slab.
+
+    Attributes:
+        lead: (2, 3) how many slabs there are along each of the other axes; which of these axes wrap.
+        size: (3,) rows of a slab, words of a row, the widest box in rows.
+        block_class, block_at, block_extent: (B,), (B, 3), (B, 3) whose winning set, first slab, slabs along each axis.
+        block_jobs: (B + 1,) where its jobs begin.
+        job_bits, job_rows: (J,) extent of the box along a row and in rows. job_moves: (J + 1,) where its moves begin.
+        to: (V,) class times slabs plus slab that is moved from. rows, words, bits: (V,) the offset: rows; words of a
+            flat slab, the rows' included; bits.
+        clear_at: (V,) first word of the slab of free cells eroded by the swept box, -1 where nothing is swept;
+            clear_rows, clear_words, clear_bits: its offset.
+        inputs_from: (V + 1,) where the inputs of a move begin in `inputs`: several may have the same boxes.
+    """
+
+    lead: Ints
+    size: Ints
+    block_class: NDArray[np.int32]
+    block_at: NDArray[np.int32]
+    block_extent: NDArray[np.int32]
+    block_jobs: Ints
+    job_bits: NDArray[np.int32]
+    job_rows: NDArray[np.int32]
+    job_moves: Ints
+    to: NDArray[np.int32]
+    rows: NDArray[np.int32]
+    words: NDArray[np.int32]
+    bits: NDArray[np.uint64]
+    clear_at: Ints
+    clear_rows: NDArray[np.int32]
+    clear_words: NDArray[np.int32]
+    clear_bits: NDArray[np.uint64]
+    inputs_from: Ints
+    inputs: NDArray[np.int32]
+
+
+def words_of_a_row(systems: Sequence[Boxes]) -> int:
+    """Words that hold a row and, behind it, as many empty bits as the farthest shift along a row."""
+    count = systems[0].count
+    farthest = max(
+        (int(np.abs(a[..., 3]).clip(max=count).max(initial=1)) for s in systems for a in (s.rel, s.swept)), default=1
+    )
+    return (count + farthest + 63) // 64
+
+
+def moves_of(systems: Sequence[Boxes], kind: Ints, wanted: Sequence[Bools] | None = None) -> Moves:
+    """The moves of all inputs of all classes, of those that stay on the grid.
+
+    Args:
+        systems: boxes after a previous input of each class; their `swept_of` counts through common shapes.
+        kind: (M,) class of each input.
+        wanted: for each class the inputs to look at, (layers, M); all when None.
+    """
+    first, words = systems[0], words_of_a_row(systems)
+    lead, rows = _lead(first), first.slab_rows
+    found = [
+        _of_class(c, s, kind, lead, words, None if wanted is None else wanted[c][s.layer[::rows]])
+        for c, s in enumerate(systems)
+    ]
+    table = {name: np.concatenate([f[name] for f in found]) for name in found[0]}
+    return _sorted(table, lead, rows, words)
+
+
+def _lead(s: Boxes) -> Ints:
+    """Lengths and wrapping of the axes along which slabs lie, (2, 3)."""
+    lead = np.stack([s.lengths, s.periodic]).astype(np.int64)
+    if s.slab_rows > 1:
+        lead[:, 2] = 1, 0
+    return lead
+
+
+def _of_class(c: int, s: Boxes, kind: Ints, lead: Ints, words: int, wanted: Bools | None) -> dict[str, Ints]:
+    """Columns of one class's moves, unsorted: slab by slab, input by input."""
+    slabs, inputs, n = int(lead[0].prod()), len(kind), s.slab_rows
+    layer = s.layer[::n]
+    rel, extent = s.rel[layer].astype(np.int64), s.extent[layer].astype(np.int64)
+    at = np.stack(np.unravel_index(np.arange(slabs), tuple(lead[0])), axis=-1)[:, None, :]
+    start, good = _slab_of(at, rel, lead, n, extent)
+    limit = np.array([*lead[0], s.count])
+    limit[2] = max(limit[2], n)
+    good &= np.all(extent <= limit, axis=2) & (np.abs(rel[..., 3]) < s.count)
+    good &= np.abs(rel[..., 2]) < n if n > 1 else True
+    columns = {
+        "class": np.broadcast_to(kind[None, :], (slabs, inputs)),
+        "start": start,
+        **{f"e{j}": np.broadcast_to(extent[..., j], (slabs, inputs)) for j in range(4)},
+        "to": np.broadcast_to((c * slabs + np.arange(slabs))[:, None], (slabs, inputs)),
+        "rows": rel[..., 2] if n > 1 else np.zeros((slabs, inputs), np.int64),
+        "bits": rel[..., 3],
+        "clear": np.full((slabs, inputs), -1),
+        "clear_rows": np.zeros((slabs, inputs), np.int64),
+        "clear_bits": np.zeros((slabs, inputs), np.int64),
+        "input": np.broadcast_to(np.arange(inputs)[None, :], (slabs, inputs)),
+    }
+    if len(s.swept):
+        swept, of = s.swept[layer].astype(np.int64), s.swept_of[layer].astype(np.int64)
+        shape = s.swept_shapes[of]
+        along, stays = _slab_of(at, swept, lead, n, shape)
+        good &= stays & (np.abs(swept[..., 3]) < s.count)
+        columns["clear"] = (of * slabs + along) * n * words
+        columns["clear_rows"] = swept[..., 2] if n > 1 else columns["clear_rows"]
+        columns["clear_bits"] = swept[..., 3]
+    if wanted is not None:
+        good &= wanted
+    if n > 1:
+        columns["e2"], columns["rows_extent"] = np.ones((slabs, inputs), np.int64), columns["e2"]
+    else:
+        columns["rows_extent"] = np.ones((slabs, inputs), np.int64)
+    return {name: np.ascontiguousarray(column[good]) for name, column in columns.items()}
+
+
+def _slab_of(at: Ints, rel: Ints, lead: Ints, rows: int, extent: Ints) -> tuple[Ints, Bools]:
+    """Slab in which the box begins, and whether it stays on the axes along which slabs lie."""
+    own = rel[..., :3].copy()
+    size = extent[..., :3].copy()
+    if rows > 1:
+        own[..., 2], size[..., 2] = 0, 1
+    low = at + own
+    good = np.all((lead[1] == 1) | ((low >= 0) & (low + size <= lead[0])), axis=2)
+    low %= lead[0]
+    return (low[..., 0] * lead[0, 1] + low[..., 1]) * lead[0, 2] + low[..., 2], good
+
+
+def _sorted(t: dict[str, Ints], lead: Ints, rows: int, words: int) -> Moves:
+    """Columns by block, job and place; equal moves of several inputs become one."""
+    place = _code(t, ("rows", "bits"))
+    clear = _code(t, ("clear", "clear_rows", "clear_bits"))
+    block = _code(t, ("start", "class", "e0", "e1", "e2"))  # moves to near slabs stay near each other in memory
+    job = _code({"block": block, **t}, ("block", "e3", "rows_extent"))
+    order = np.lexsort((t["input"], clear, place, t["to"], job))
+    t = {name: column[order] for name, column in t.items()}
+    block, job, place, clear = (column[order] for column in (block, job, place, clear))
+    new_block, new_job = _new(block), _new(job)
+    new_move = new_job | _new(t["to"]) | _new(place) | _new(clear)
+    moves, jobs, blocks = (np.flatnonzero(flags) for flags in (new_move, new_job, new_block))
+    number, job_number = np.cumsum(new_move) - 1, np.cumsum(new_job) - 1
+    one = {name: column[moves] for name, column in t.items()}
+    starts = np.stack(np.unravel_index(t["start"][blocks], tuple(lead[0])), axis=-1).reshape(-1, 3)
+    return Moves(
+        lead=lead,
+        size=np.array([rows, words, t["rows_extent"].max(initial=1)], np.int64),
+        block_class=t["class"][blocks].astype(np.int32),
+        block_at=starts.astype(np.int32),
+        block_extent=np.stack([t[f"e{j}"][blocks] for j in range(3)], axis=-1).astype(np.int32),
+        block_jobs=np.append(job_number[blocks], len(jobs)),
+        job_bits=t["e3"][jobs].astype(np.int32),
+        job_rows=t["rows_extent"][jobs].astype(np.int32),
+        job_moves=np.append(number[jobs], len(moves)),
+        to=one["to"].astype(np.int32),
+        rows=one["rows"].astype(np.int32),
+        words=(one["rows"] * words + (one["bits"] >> 6)).astype(np.int32),
+        bits=(one["bits"] & 63).astype(np.uint64),
+        clear_at=one["clear"],
+        clear_rows=one["clear_rows"].astype(np.int32),
+        clear_words=(one["clear_rows"] * words + (one["clear_bits"] >> 6)).astype(np.int32),
+        clear_bits=(one["clear_bits"] & 63).astype(np.uint64),
+        inputs_from=np.append(moves, len(order)),
+        inputs=t["input"].astype(np.int32),
+    )
+
+
+def _code(t: dict[str, Ints], names: Sequence[str]) -> Ints:
+    """One number for several columns that sorts as they do, the first before the others."""
+    code = np.zeros(len(t[names[0]]), np.int64)
+    largest = 1
+    for name in names:
+        low, high = int(t[name].min(initial=0)), int(t[name].max(initial=0))
+        if largest > 2**62 // (high - low + 1):
+            values, code = np.unique(code, return_inverse=True)
+            largest = len(values)
+        code = code * (high - low + 1) + (t[name] - low)
+        largest *= high - low + 1
+    return code
+
+
+def _new(column: Ints) -> Bools:
+    """Where a sorted column differs from the entry before."""
+    return np.concatenate([np.ones(min(1, len(column)), bool), column[1:] != column[:-1]])
