@@ -14,7 +14,7 @@ from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, enough, excursion, flow_of
 
 
-def check_path(context: Context) -> None:
+def refuse_free_path(context: Context) -> None:
     """Refuse a case whose nominal path alone may stray by half of X or more between samples.
 
     The gap makes it no less, so that what is refused here would win nothing after the roll-outs.

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from simgap import plugins
+from simgap import plugins, reading
 from simgap.config.case import Case
-from simgap.lint.wheeled_drive import driven_as_told
+from simgap.errors import UserError
+from simgap.lint.wheels import driven_as_told
 from simgap.plants.context import Context
-from simgap.plants.model_file import Link, ModelFile
+from simgap.plants.model_file import Link, ModelFile, read_model_file
 from simgap.simulators.base import Engine
 from simgap.simulators.drive_trial import Drive, drives
 from simgap.simulators.process import run_in_processes
@@ -74,3 +75,19 @@ def ask_engine(case: Case, folder: Path, x: Any, u: Any) -> tuple[Mapping[str, L
         return simulator.loaded(), max(used / count, least)
     finally:
         simulator.close()
+
+
+def model_file(context: Context) -> ModelFile | None:
+    """The file that the simulator loads, its meshes there; the nominal model's where there is no simulator."""
+    section, own = context.case.simulator, context.case.plant.urdf
+    files = [name for name in (own, section.urdf if section is not None else None) if name is not None]
+    read = [read_model_file(context.folder / name) for name in files]
+    for file in read:
+        for mesh in file.meshes:
+            if mesh.startswith("package://"):
+                continue  # found through the paths of a ROS installation, if at all
+            if not reading.is_file(file.path.parent / mesh.removeprefix("file://")):
+                raise UserError(
+                    "the mesh does not exist", file=file.path, key=f"mesh '{mesh}'", remedy="Correct its path."
+                )
+    return read[-1] if read else None

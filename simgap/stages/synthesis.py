@@ -28,10 +28,10 @@ from simgap.provenance import provenance
 from simgap.simulators.behind_commands import acts_at_once
 from simgap.simulators.body_samples import BodySamples
 from simgap.specifications.base import specification_of
+from simgap.specifications.path_aware_baseline import path_aware_baseline
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages import log
-from simgap.stages.fair_baseline import minding_the_path
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
 from simgap.synthesis.controller import Controller
@@ -61,7 +61,7 @@ def run(
     context = Context.load(case_path)
     record = provenance("synthesis", context.case, context.folder, rests=CONTROLLED[1:] if gap_path is not None else ())
     if careful:
-        context = minding_the_path(context)
+        context = path_aware_baseline(context)
     with context.blame():
         affordable(context, [cost for cost in costs(context) if cost.stage == "synthesis"])
         problem, between = pose(context, gap_path)

@@ -8,7 +8,7 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
-from simgap.lint.wheel_sizes import wheel_sizes
+from simgap.lint.wheels import wheel_sizes
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.wheeled import PyBulletWheeled

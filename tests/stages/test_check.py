@@ -13,8 +13,9 @@ import yaml
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.io.parquet import read_parquet
-from simgap.lint import costs
-from simgap.lint import engine as engine_check
+from simgap.lint import costs, engine, equations
+from simgap.lint.gap import refuse_basis
+from simgap.lint.specification import refuse_specification
 from simgap.lint.switching import sudden
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context
@@ -99,7 +100,7 @@ def step(path, x, u):
 def findings(path):
     """Without the nominal model, which takes Drake seconds to build."""
     context = Context.load(path)
-    return check.of_engine(context, check.model_file(context))[0]
+    return engine.of_engine(context, engine.model_file(context))[0]
 
 
 def test_a_plain_file_has_no_surprise(tmp_path):
@@ -212,7 +213,7 @@ def test_a_degree_of_millions_of_terms_is_refused_at_once(tmp_path):
 )
 def test_a_term_of_a_basis_is_refused_before_the_roll_outs_for_what_it_is(tmp_path, term, words):
     with pytest.raises(UserError) as refused:
-        check._basis(Context.load(written(tmp_path, case={"gap.basis": [term, 1]})))
+        refuse_basis(Context.load(written(tmp_path, case={"gap.basis": [term, 1]})))
     assert (refused.value.key, words in refused.value.problem) == ("gap.basis", True), str(refused.value)
 
 
@@ -287,9 +288,9 @@ def test_a_fair_baseline_of_samples_alone_is_refused_before_anything_runs(vary):
 def test_one_input_a_cell_is_refused_before_anything_runs_where_it_cannot_be_kept(tmp_path, changes, what):
     aim = {"kind": "reach_avoid", "target": {"q": [0.1, 0.2], "w": [-0.5, 0.5]}}
     plain = {"synthesis": {"cells": [10, 10], "specification": aim, "record": "one"}}
-    check._specification(Context.load(written(tmp_path, case=plain)))
+    refuse_specification(Context.load(written(tmp_path, case=plain)))
     with pytest.raises(UserError, match=what) as refused:
-        check._specification(Context.load(written(tmp_path, case=plain | changes)))
+        refuse_specification(Context.load(written(tmp_path, case=plain | changes)))
     assert refused.value.key == "synthesis.record"
 
 
@@ -311,9 +312,9 @@ def test_one_input_a_cell_is_refused_before_anything_runs_where_it_cannot_be_kep
 def test_layers_are_refused_before_anything_runs_where_they_are_not_made(tmp_path, changes, what):
     aim = {"kind": "invariance", "safe": {"q": [0, 0.2], "w": [-0.5, 0.5]}}
     plain = {"synthesis": {"cells": [10, 10], "specification": aim, "layers": 3}}
-    check._specification(Context.load(written(tmp_path, case=plain)))
+    refuse_specification(Context.load(written(tmp_path, case=plain)))
     with pytest.raises(UserError, match=what) as refused:
-        check._specification(Context.load(written(tmp_path, case=plain | changes)))
+        refuse_specification(Context.load(written(tmp_path, case=plain | changes)))
     assert refused.value.key == "synthesis.layers"
 
 
@@ -336,7 +337,7 @@ def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch
             pass
 
     monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Slow())
-    _, seconds = engine_check.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
+    _, seconds = engine.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert least <= seconds < most
 
 
@@ -356,7 +357,7 @@ def test_what_an_engine_costs_is_that_of_many_rollouts_at_once(monkeypatch):
             pass
 
     monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Vectorised())
-    _, seconds = engine_check.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
+    _, seconds = engine.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert seconds < 2e-5
 
 
@@ -374,13 +375,13 @@ def test_what_building_a_model_takes_counts_in_every_stage_that_builds_it(case):
 
 @pytest.mark.parametrize(("terms", "told"), [(50, False), (400, True)])
 def test_a_step_of_very_many_operations_is_told(terms, told, monkeypatch):
-    monkeypatch.setattr(check, "HEAVY", 500)  # so many as the number says take SymPy a minute
+    monkeypatch.setattr(equations, "HEAVY", 500)  # so many as the number says take SymPy a minute
     x = sp.Symbol("x")
     step = sum((sp.sin(k * x) for k in range(1, terms)), sp.Integer(0))
     plant = SimpleNamespace(sampled=NominalModel((x,), (), (step,), 0.1))
-    found = check.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=object()), plant=plant))
+    found = equations.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=object()), plant=plant))
     assert [finding.key for finding in found] == ["plant"] * told
-    assert check.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=None), plant=plant)) == []
+    assert equations.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=None), plant=plant)) == []
 
 
 def test_a_check_ends_with_what_a_run_takes(tmp_path):

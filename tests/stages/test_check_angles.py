@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from simgap.errors import UserError
-from simgap.lint.angle_units import in_degrees, refuse_seams
+from simgap.lint.angles import in_degrees, refuse_seams
 from simgap.plants.context import Context
 from simgap.plants.model_file import FileJoint
 from simgap.stages import check

@@ -10,7 +10,7 @@ import yaml
 from little_cart import CASE, write_cart
 
 from simgap.errors import UserError
-from simgap.lint.mixed_units import mixed_units, refuse_prefixes, wrong_dimensions
+from simgap.lint.equations import mixed_units, refuse_prefixes, wrong_dimensions
 from simgap.lint.sampling_time import long_steps
 from simgap.model.dimensions import rate_mismatch
 from simgap.plants.context import Context

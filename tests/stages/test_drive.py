@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from simgap.errors import UserError
+from simgap.lint.engine import model_file, of_engine
 from simgap.plants.context import Context
-from simgap.stages import check
 
 ROOT = Path(__file__).parents[2]
 TYRE = '<collision><geometry><sphere radius="0.0975"/></geometry></collision>'
@@ -28,7 +28,7 @@ def robot(tmp_path, engine="pybullet_wheeled", spoil=None, U=None, **keys):
     path = tmp_path / "robot.yaml"
     path.write_text(yaml.safe_dump(case, sort_keys=False))
     context = Context.load(path)
-    return check.of_engine(context, check.model_file(context))[0]
+    return of_engine(context, model_file(context))[0]
 
 
 def cylinder(turned):

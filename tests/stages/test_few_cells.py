@@ -3,7 +3,7 @@
 import pytest
 
 from simgap.errors import UserError
-from simgap.lint.few_cells import refuse_few_cells
+from simgap.lint.gap import refuse_few_cells
 from simgap.plants.context import Context
 
 

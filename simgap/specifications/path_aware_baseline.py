@@ -9,7 +9,7 @@ from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
 
 
-def minding_the_path(context: Context) -> Context:
+def path_aware_baseline(context: Context) -> Context:
     """The case with a nominal-only controller that minds what its model does between samples.
 
     Raises:

@@ -1,4 +1,4 @@
-"""A grid of samples that is too coarse along a state for slopes: told before any roll-out."""
+"""A `gap` section that would be refused after the roll-outs: too few cells along a state, symbols that do not exist."""
 
 from __future__ import annotations
 
@@ -28,3 +28,23 @@ def refuse_few_cells(context: Context) -> None:
             key=key, remedy=f"At most {width:.3g} there: {FEWEST} cells. A state on which the gap does not depend "
             "goes under symmetry.along.",
         )  # fmt: skip
+
+
+def refuse_basis(context: Context) -> None:
+    """Refuse a basis with symbols that do not exist, or without a range over X and U.
+
+    Raises:
+        UserError: with the key.
+    """
+    section = context.case.gap
+    if section is None or section.bound not in ("scenario", "conformal") or context.case.domain is None:
+        return
+    from simgap.gap.bounds.forms import widened
+    from simgap.gap.fitting.linear_fit import listed_basis  # takes a second: only paid by cases that get this far
+
+    try:
+        free = free_axes(context.case)
+        basis = listed_basis(section.basis, context.states, context.inputs, context.box, free)
+        _ = basis.ranges(widened(context.box), context.input_set)
+    except UserError as error:
+        raise UserError(error.problem, key=error.key or "gap.basis", remedy=error.remedy) from None

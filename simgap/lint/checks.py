@@ -1,0 +1,36 @@
+"""Every check of a case, in the order in which they run: `(Context) -> findings`, or a refusal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from simgap.lint.angles import refuse_seams
+from simgap.lint.between_samples import refuse_free_path
+from simgap.lint.equations import heavy_steps, mixed_units, refuse_prefixes, wrong_dimensions
+from simgap.lint.gap import refuse_basis, refuse_few_cells
+from simgap.lint.sampling_time import long_steps
+from simgap.lint.specification import refuse_specification
+from simgap.lint.switching import stuck, sudden
+from simgap.lint.wheels import wheel_sizes
+from simgap.plants.context import Context
+from simgap.simulators.surprises import Finding
+
+Check = Callable[[Context], list[Finding] | None]
+"""What is odd about a case; what no stage could use raises UserError with the key and the remedy."""
+
+OF_CASE: tuple[Check, ...] = (
+    refuse_prefixes, refuse_few_cells, refuse_seams, refuse_specification, refuse_basis, refuse_free_path,
+)  # fmt: skip
+"""What takes no engine; asked first, since starting one takes seconds."""
+
+OF_NUMBERS: tuple[Check, ...] = (mixed_units, wrong_dimensions, heavy_steps, long_steps, wheel_sizes, sudden, stuck)
+"""What is asked once the engine has loaded its model file: its reasons come before those that follow from them."""
+
+
+def found_by(checks: tuple[Check, ...], context: Context) -> list[Finding]:
+    """All that these checks find.
+
+    Raises:
+        UserError: the first refusal.
+    """
+    return [finding for check in checks for finding in check(context) or ()]
