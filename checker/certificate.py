@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from fractions import Fraction
-from math import prod
+from math import inf, prod
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from expressions import Malformed, exact, interval, well_formed
 from reach import OWN, Reach, classes_of, reach_of, reach_tables
 
 FORMAT, VERSION = "simgap certificate", 1
+LARGEST_HEADER = 2**26  # bytes of certificate.json
 INVARIANCE, REACH = "invariance", "reach_avoid"
 
 
@@ -73,7 +74,7 @@ def read(folder: Path) -> Certificate:
         Malformed: what is missing, damaged or not of this format.
     """
     try:
-        header = json.loads((folder / "certificate.json").read_text())
+        header = json.loads(_regular(folder / "certificate.json", LARGEST_HEADER).read_text())
         if (header["format"], header["version"]) != (FORMAT, VERSION):
             raise Malformed("it is no certificate of this format and version")
         if header["kind"] not in (INVARIANCE, REACH):
@@ -95,9 +96,16 @@ def digest_of(header: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(rest, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
+def _regular(path: Path, most: float = inf) -> Path:
+    """The path of a file that has a size: a pipe keeps its reader waiting, and a device never ends."""
+    if path.exists() and not (path.is_file() and 0 < path.stat().st_size <= most):
+        raise Malformed(f"{path.name} is no regular file, is empty, or is larger than such a file can be")
+    return path
+
+
 def _table(path: Path, digest: str) -> np.ndarray:
     """An array that stays on disk: a robot's table of inputs is a gigabyte."""
-    with path.open("rb") as stream:
+    with _regular(path).open("rb") as stream:
         found = hashlib.file_digest(stream, "sha256").hexdigest()
     if found != digest:
         raise Malformed(f"{path.name} was changed: its SHA-256 is not that of the header")

@@ -19,6 +19,7 @@ from typing import Any
 ANY = ("+", "*", "min", "max")  # of one argument or more
 ONE = ("/", "sin", "cos", "abs")
 DEEPEST = 200  # lists within lists
+HIGHEST = 10_000  # power of a name, powers of powers included
 
 
 class Malformed(Exception):
@@ -162,7 +163,7 @@ def interval(ends, name: str) -> tuple[Fraction, Fraction]:
     return exact(ends[0]), exact(ends[1])
 
 
-def well_formed(e, names: set[str], depth: int = 0) -> None:
+def well_formed(e, names: set[str], depth: int = 0, power: int = 1) -> None:
     """Look through an expression before it is evaluated: operations, number of arguments, numbers and names.
 
     Raises:
@@ -183,7 +184,10 @@ def well_formed(e, names: set[str], depth: int = 0) -> None:
         n = arguments.pop()
         if not isinstance(n, int) or isinstance(n, bool) or n < 1:
             raise Malformed(f"the exponent {str(n)[:60]!r} is no positive integer")
+        power *= n
+        if power > HIGHEST:
+            raise Malformed(f"an expression has a higher power than {HIGHEST}")
     elif not (name in ANY or (name in ONE and len(arguments) == 1)):
         raise Malformed(f"{repr(e)[:60]} is no expression")
     for part in arguments:
-        well_formed(part, names, depth + 1)
+        well_formed(part, names, depth + 1, power)

@@ -24,10 +24,15 @@ def tolerance(c: Certificate, j: int) -> Fraction:
 
 
 def copies(c: Certificate, j: int, ends: Interval) -> list[Interval]:
-    """The copies of an interval that may meet anything within one period of the grid; itself where an axis ends."""
+    """The copies of an interval that may meet anything within one period of the grid; itself where an axis ends.
+
+    Those of an interval that is a period long are all of the axis.
+    """
     if not c.periodic[j]:
         return [ends]
     period = c.hi[j] - c.lo[j]
+    if ends[1] - ends[0] >= period:
+        return [(c.lo[j] - 2 * period, c.hi[j] + 2 * period)]
     first, last = floor((c.lo[j] - ends[1]) / period) - 1, ceil((c.hi[j] - ends[0]) / period) + 1
     return [(ends[0] + n * period, ends[1] + n * period) for n in range(first, last + 1)]
 

@@ -2,11 +2,13 @@
 
 The code of a file of tests is the file, the helpers that it imports, and the import closure in the package of all of
 them, as results of stages know it, with every plug-in; a file that imports nothing of the package starts it as a
-process, and is of all of it. What is not Python (cases, rules, templates, the lock file) counts for every file.
+process, and is of all of it. What is not Python (cases, rules, templates, the lock file) and what pytest reads for every
+file count for every file; of the folders of `NAMED`, what a text in the file names.
 """
 
 from __future__ import annotations
 
+import ast
 import json
 from collections.abc import Iterable
 from functools import cache
@@ -46,6 +48,8 @@ ROOT = TESTS.parent
 PASSED = TESTS / "slow_passed.json"
 """Digests of the code with which each file of slow tests passed; `--record` writes it."""
 OTHERS = ("configs/**/*", "rules/*", "reports/**/*", "profiles/**/*", "Snakefile", "uv.lock", "docs/tutorial/*")
+OTHERS += ("pyproject.toml", "tests/conftest.py", "tests/stale.py")
+NAMED = ("benchmarks", "checker", "docs")
 
 
 def is_slow(file: Path) -> bool:
@@ -79,6 +83,7 @@ def made_of(file: Path) -> str:
         for name in imported_names(path.read_bytes()):
             modules |= closure(name)
             waiting += _helpers(path, name)
+        own |= {_name(place): file_digest(place) for place in _named_in(path)}
     found = modules | _plugged() if modules else import_graph().modules
     return digest([own, module_digests({*found, *UNHASHED}), _others()])
 
@@ -87,6 +92,14 @@ def _helpers(path: Path, name: str) -> list[Path]:
     """The file of a helper that stands beside the tests or is named from the root, if it is one."""
     relative = Path(*name.split(".")).with_suffix(".py")
     return [place for place in (path.parent / relative, ROOT / relative) if place.is_file() and TESTS in place.parents]
+
+
+def _named_in(path: Path) -> list[Path]:
+    """Files of the folders of `NAMED` that a text in it names, or that lie in a folder that it does."""
+    texts = {n.value for n in ast.walk(ast.parse(path.read_bytes())) if isinstance(n, ast.Constant)}
+    places = [ROOT / text for text in texts if isinstance(text, str) and text.partition("/")[0] in NAMED]
+    files = [file for place in places for file in (place, *place.rglob("*")) if "__pycache__" not in file.parts]
+    return [file for file in files if file.is_file()]
 
 
 @cache

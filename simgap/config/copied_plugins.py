@@ -48,14 +48,14 @@ def _function(case: Case, source: Path) -> tuple[CopiedPlugin, ...]:
     """The file of a simulator that is a Python function, under a name of its own.
 
     Raises:
-        UserError: a file that imports others beside it: their names cannot be changed.
+        UserError: a file that needs others beside it: their names cannot be changed.
     """
     if case.simulator is None or case.simulator.engine != "python":
         return ()
     found = FunctionFile.find(getattr(case.simulator, "function", ""), source)
     if found.neighbours:
         raise UserError(
-            f"the simulator's file imports {', '.join(p.name for p in found.neighbours)}, which would not stand beside "
+            f"the simulator's file needs {', '.join(p.name for p in found.neighbours)}, which would not stand beside "
             "a corrected case", file=found.path, key=KEY, remedy="Put what it needs into the one file.",
         )  # fmt: skip
     content = reading.read_bytes(found.path)

@@ -1,12 +1,13 @@
 """A person's function in a file beside the case, `my_sim.py:step`: found and hashed here, never run here.
 
-Nothing of the file is executed: that it holds the function, and which neighbours it imports, is read from its syntax
-tree. The neighbours count as part of it, so that editing one makes again what the function made.
+Nothing of the file is executed: that it holds the function, and which neighbours it imports or names, is read from its
+syntax tree. The neighbours count as part of it, so that editing one makes again what the function made.
 """
 
 from __future__ import annotations
 
 import ast
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,8 @@ from simgap import reading
 from simgap.errors import UserError, excerpt
 
 KEY = "simulator.function"
+MOST_NAME = 256
+"""Characters of a text that may name a file."""
 
 
 @dataclass(frozen=True)
@@ -53,35 +56,37 @@ class FunctionFile:
         return FunctionFile(path, name)
 
     def digests(self) -> dict[str, str]:
-        """A short hash of the file and of each neighbour that it imports, however indirectly, by name."""
-        return {path.name: reading.sha256(path)[:16] for path in sorted(_closure(self.path))}
+        """A short hash of the file and of each neighbour, by its place beside it."""
+        found = (self.path, *self.neighbours)
+        return {path.relative_to(self.path.parent).as_posix(): reading.sha256(path)[:16] for path in found}
 
     @property
     def neighbours(self) -> tuple[Path, ...]:
-        """Files of the same folder that it imports, however indirectly."""
-        return tuple(sorted(_closure(self.path) - {self.path}))
+        """Files of the same folder that it imports or names, however indirectly."""
+        found, waiting = {self.path}, [self.path]
+        while waiting:
+            path = waiting.pop()
+            new = {*_needed(path, self.path.parent)} - found if path.suffix == ".py" else set()
+            found |= new
+            waiting += new
+        return tuple(sorted(found - {self.path}))
 
 
-def _closure(path: Path) -> set[Path]:
-    found, open_ = {path}, [path]
-    while open_:
-        new = set(_imported(open_.pop())) - found
-        found |= new
-        open_ += sorted(new)
-    return found
+def _needed(path: Path, folder: Path) -> Iterator[Path]:
+    """Files in `folder` that a file of it imports, as Python would find them there, or names in a text.
 
-
-def _imported(path: Path) -> Iterator[Path]:
-    """Files of the same folder that a file imports."""
+    A folder without an `__init__.py` is a package as well. Which of its modules are used is not looked for.
+    """
     for node in ast.walk(_tree(path)):
         names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
         names += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
-        for name in names:
-            beside = path.parent / name.partition(".")[0]
-            if reading.is_file(beside.with_suffix(".py")):
-                yield reading.real(beside.with_suffix(".py"))
-            if reading.is_file(beside / "__init__.py"):
-                yield from (reading.real(inner) for inner in sorted(beside.rglob("*.py")))
+        tops = [name.partition(".")[0] for name in names]
+        found = [place for top in tops for place in (*folder.glob(f"{top}.*"), *(folder / top).rglob("*.py"))]
+        text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+        if len(text) < MOST_NAME and not Path(text).is_absolute():
+            found.append(Path(os.path.normpath(folder / text)))
+        code = (".py", ".so", ".pyd") if tops else (Path(text).suffix,)
+        yield from (p for p in found if p.suffix in code and p.is_relative_to(folder) and reading.is_file(p))
 
 
 def _defined(path: Path) -> set[str]:

@@ -3,6 +3,7 @@
 import ast
 import hashlib
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -330,7 +331,7 @@ def test_a_malformed_header_is_one_line_and_unreadable(checker, tmp_path, capsys
         ["^", "x"], ["^", "x", 2, 2], ["^", "x", 0], ["^", "x", True], ["^", "x", "0x1.0p+1"], ["/", "x", "x"], ["/"],
         ["sin", "x", "x"], ["abs"], ["+"], [["+", "x"], "x"], ["hull", "0x0.0p+0"], ["by_input", "x"], ["tan", "x"],
         [], "y", "1/0", "0x1p+9999", "1" + "0" * 400 + "/3", 10**400, 0.5, None, {"x": 1}, "x\ny",
-        ["*", "x", ["/", "x", "x"]], nested(201),
+        ["*", "x", ["/", "x", "x"]], nested(201), ["^", "x", 10**9], ["^", ["+", ["^", "x", 9_999]], 2],
     ],
 )  # fmt: skip
 def test_a_malformed_expression_is_one_line_and_unreadable(checker, tmp_path, capsys, e):
@@ -353,6 +354,23 @@ def test_a_table_that_is_empty_or_of_something_else_is_unreadable(checker, tmp_p
         assert checker([str(folder)]) == 2
         assert len(capsys.readouterr().out.splitlines()) == 1
     assert checker([str(tmp_path / "nowhere")]) == 2
+
+
+@pytest.mark.parametrize("name", ["certificate.json", "winning.npy"])
+@pytest.mark.parametrize("kind", ["pipe", "device", "empty", "folder"])
+def test_what_would_keep_its_reader_waiting_is_not_opened(tmp_path, name, kind):
+    """In a process of its own, which would wait for ever."""
+    folder = tmp_path / "line"
+    _, tables = line(folder, "x", "0x0.0p+0")
+    change(folder, **tables)
+    path = folder / name
+    path.unlink()
+    make = {"pipe": os.mkfifo, "device": lambda p: p.symlink_to("/dev/zero"), "empty": Path.touch, "folder": Path.mkdir}
+    make[kind](path)
+    command = [sys.executable, str(CHECKER / "check.py"), str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=20)
+    assert (done.returncode, done.stderr, len(done.stdout.splitlines())) == (2, "", 1)
+    assert f"UNREADABLE: {name} is no regular file" in done.stdout
 
 
 def test_a_sample_is_at_least_one_pair(checker, tmp_path, capsys):

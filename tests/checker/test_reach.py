@@ -309,3 +309,15 @@ def test_regions_are_those_of_the_definition(across_the_seam, tmp_path):
             shift = np.array([0.0, 0.0, 2 * np.pi * turn])
             meets |= bool(np.all((hi > box.lo + shift - keep + 1e-9) & (lo < box.hi + shift + keep - 1e-9)))
         assert bad[tuple(k)] == (wall or meets)
+
+
+@pytest.mark.parametrize(
+    "ends", [("-0x1.0p+900", "0x1.0p+900"), ("0x1.0p+900", "0x1.0p+901"), ("-0x1.8p+0", "0x1.8p+0")]
+)
+def test_a_box_of_many_periods_is_all_of_the_axis_and_costs_no_more(across_the_seam, tmp_path, ends):
+    """Not a copy for each period: of [-2^900, 2^900] there are more than anybody counts."""
+    write_certificate(tmp_path / "wide", across_the_seam, {})
+    whole = float.fromhex(ends[1]) - float.fromhex(ends[0]) >= 2 * np.pi
+    change(tmp_path / "wide", lambda head: head.update(obstacles=[{"t": list(ends)}], target={"t": list(ends)}))
+    status, words = run(tmp_path / "wide", "--exact", "0", "--sample", "1")
+    assert (status, whole) == (1, "is too near to an obstacle" in words), words

@@ -76,3 +76,16 @@ def test_a_larger_set_is_preferred_where_it_surely_predicts_better_by_a_size_tha
     noise = spread * (lambda x: x - x.mean())(rng.standard_normal(12))
     densities = [np.full(12, gains[0]), gains[1] + noise]
     assert preferred_of(densities, (1, 2), bic, (0, 1))[0] == chosen
+
+
+@pytest.mark.parametrize("nothing", [np.zeros(1), np.full(1, -np.inf), np.full(9, -np.inf), np.full(9, np.nan)])
+def test_where_nothing_is_predicted_the_fits_decide(nothing):
+    """One block, or no number in any: the smaller set by far the worse fit is not chosen because it is smaller."""
+    assert preferred_of([nothing] * 3, (0, 1, 2), (900.0, 500.0, 10.0), (1, 2)) == [2]
+    assert preferred_of([nothing] * 3, (0, 1, 2), (900.0, 12.0, 10.0), (1, 2)) == [1, 2]
+
+
+@pytest.mark.parametrize("broken", [np.nan, -np.inf])
+def test_a_set_whose_prediction_is_no_number_is_not_chosen_beside_one_that_predicts(broken):
+    away = np.array([0.5, broken, 0.5])
+    assert preferred_of([np.zeros(3), away, np.ones(3)], (0, 1, 2), (900.0, 10.0, 10.0), (1, 2)) == [2]

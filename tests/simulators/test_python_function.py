@@ -7,6 +7,7 @@ import pytest
 from little_cart import write_cart
 
 from simgap.config.copied_plugins import copied_plugins
+from simgap.config.function_file import FunctionFile
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.provenance import sections_digest
@@ -99,19 +100,44 @@ def test_nothing_runs_while_a_case_is_read_and_it_is_told_that_it_is_code(tmp_pa
     assert f"{tmp_path / 'my_sim.py'} is code and runs with your rights" in caplog.text
 
 
-def test_an_edit_of_the_file_or_of_what_it_imports_beside_it_makes_results_again(tmp_path):
-    (tmp_path / "beside.py").write_text("A = 1\n")
-    path = written(tmp_path, "import beside\n" + GOOD)
+@pytest.mark.parametrize(
+    ("head", "named"),
+    [
+        ("import beside", "beside.py"),
+        ("from lib.beside import A", "lib/beside.py"),  # no __init__.py
+        ("import lib.one\nimport other.one", "lib/one/__init__.py"),
+        ("import lib.one\nimport other.one", "other/one/__init__.py"),
+        ("import lib.inner", "beside.py"),  # by lib/inner.py
+        ("TABLE = open(__file__[:-9] + 'table.csv')", "table.csv"),
+        ("TABLE = __file__[:-9] + 'data/table.csv'", "data/table.csv"),
+    ],
+)  # fmt: skip
+def test_an_edit_of_the_file_or_of_what_it_needs_beside_it_makes_results_again(tmp_path, head, named):
+    for name in ("lib/one/__init__.py", "other/one/__init__.py", "table.csv", "data/table.csv"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("")
+    (tmp_path / "lib/inner.py").write_text("import beside\n")
+    (tmp_path / named).write_text("A = 1\n")
+    path = written(tmp_path, f"{head}\n{GOOD}")
 
     def digest():
         return sections_digest(load_case(path), ("simulator",), tmp_path)
 
     seen = [digest()]
-    (tmp_path / "beside.py").write_text("A = 2\n")
+    (tmp_path / named).write_text("A = 2\n")
     seen.append(digest())
-    written(tmp_path, "import beside\n" + GOOD + "# an edit\n")
+    (tmp_path / "unused.py").write_text("A = 3\n")
+    assert digest() == seen[-1]
+    written(tmp_path, f"{head}\n{GOOD}# an edit\n")
     seen.append(digest())
     assert len(set(seen)) == 3
+
+
+def test_a_text_that_names_no_file_of_the_folder_is_no_neighbour(tmp_path):
+    (tmp_path / "link").symlink_to("link")
+    texts = ["/dev/null", "../" * 30 + "etc/hostname", "a" * 300, "x" * 250 + "/y", "", ".", "\0"]
+    written(tmp_path, f"NAMED = {texts!r}\n{GOOD}")
+    assert FunctionFile.find("my_sim.py:step", tmp_path).neighbours == ()
 
 
 def test_a_corrected_case_takes_the_file_along(tmp_path):

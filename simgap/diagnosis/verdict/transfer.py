@@ -150,13 +150,19 @@ def preferred_of(
     """Numbers of the sets that cannot be told from the one that predicts best, the smallest and best of them first.
 
     Each parameter has to take a share of the error away that matters. Two sets are told apart where one surely predicts
-    better by the spread over blocks, or has the lower BIC: few blocks are sure of little.
+    better by the spread over blocks, or has the lower BIC: few blocks are sure of little, and one of nothing. A
+    prediction that is no number is none.
 
     Args:
         densities: (b,) log density in each block; counts: parameters, bic: of each set; among: what may be chosen.
     """
-    means = [float(np.mean(d)) + n * math.log(1.0 - WORTH_SAYING) for d, n in zip(densities, counts, strict=True)]
-    best = max(among, key=means.__getitem__)
+    known = [len(d) > 1 and bool(np.isfinite(d).all()) for d in densities]
+    among = [k for k in among if known[k]] or among
+    means = [
+        float(np.mean(d)) + n * math.log(1.0 - WORTH_SAYING) if some else 0.0
+        for d, n, some in zip(densities, counts, known, strict=True)
+    ]
+    best = max(among, key=lambda k: (means[k], -bic[k]))
     level = [k for k in among if bic[k] <= bic[best] + AMBIGUOUS and not gained(densities[k], densities[best]).sure]
     return sorted(level, key=lambda k: (counts[k], -means[k]))
 
