@@ -15,7 +15,6 @@ from simgap.io.documents import read_json
 from simgap.io.gap_file import load_gap as _load_gap
 from simgap.plants.context import Context
 from simgap.stages import check as _check
-from simgap.stages import diagnosis as _diagnosis
 from simgap.stages import new as _new
 from simgap.stages.check import Checked
 
@@ -64,8 +63,10 @@ def diagnose(
     Raises:
         UserError: whatever is wrong with case or data.
     """
+    from simgap.stages import diagnosis as stage  # compiles: imported by who asks for it
+
     files = [data] if isinstance(data, Path | str) else data
-    return _diagnosis.run(Path(case), [Path(file) for file in files], Path(out))
+    return stage.run(Path(case), [Path(file) for file in files], Path(out))
 
 
 def new_case(name: str, urdf: Path | str | None = None, folder: Path | str = ".") -> Path:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
@@ -21,6 +20,7 @@ from simgap.gap.bounds.linear import LinearGap
 from simgap.gap.bounds.supremum import supremum
 from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box
+from simgap.late import sympy as sp
 from simgap.model.expressions import parse
 from simgap.synthesis.synthesise import Problem, synthesise
 

@@ -10,18 +10,18 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
-import sympy as sp
 
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.symbolic import Parameter, SymbolicModel, Variable, symbol
 
 Kind = Literal["coordinate", "input", "state", "parameter", "plant"]
-Values = Mapping[str, sp.Expr]
+Values: TypeAlias = "Mapping[str, sp.Expr]"
 PLANT, FORCE, SENSOR, COMMAND = 0, 100, 200, 300
 """Ranks: in the plant itself, forces on it, its sensors, the path of a command from the plant backwards."""
 

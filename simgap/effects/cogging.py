@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-import sympy as sp
-
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 from simgap.units import full_turn
 

@@ -6,9 +6,8 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar
 
-import sympy as sp
-
 from simgap.effects.base import COMMAND, Effect, Kind, Values
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, Variable, symbol
 
 

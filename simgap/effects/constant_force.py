@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import sympy as sp
-
 from simgap.effects.base import AppliedEffect, CoordinateEffect, EffectParameter, Values, driven_by
 from simgap.effects.quoted import Quoted
 from simgap.effects.steady import steady_biases
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
 

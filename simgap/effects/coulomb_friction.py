@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import sympy as sp
-
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
 from simgap.effects.quoted import Quoted
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import sympy as sp
-
 from simgap.effects.base import EffectParameter, MemoryForceEffect, Values
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
+from simgap.late import sympy as sp
 
 
 class DahlFriction(MemoryForceEffect):

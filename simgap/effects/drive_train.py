@@ -7,18 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import sympy as sp
-
 from simgap.effects.base import PLANT, CoordinateTarget, Effect, Values, driven_by
 from simgap.effects.reflected_inertia import ReflectedInertia
 from simgap.effects.start import Scales, Start
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, Variable, symbol
 
 RIGID = (
     "reflected_inertia", "parameter_error", "input_gain", "input_curve", "input_lag", "input_delay", "input_dead_zone",
 )  # fmt: skip
 """Effects that stand in for a motor behind its joint where it tells little: as if the two were rigid, or late."""
-_ZERO = sp.Integer(0)
 _NOTHING = 1e-24  # beside the square of an inertia
 
 
@@ -32,13 +30,13 @@ class Law:
     """
 
     inertia: sp.Expr
-    stiffness: sp.Expr = _ZERO
-    damping: sp.Expr = _ZERO
-    half: sp.Expr = _ZERO
-    stops: sp.Expr = _ZERO
-    pressed: sp.Expr = _ZERO
-    depth: sp.Expr = _ZERO
-    read: sp.Expr = _ZERO
+    stiffness: sp.Expr = 0
+    damping: sp.Expr = 0
+    half: sp.Expr = 0
+    stops: sp.Expr = 0
+    pressed: sp.Expr = 0
+    depth: sp.Expr = 0
+    read: sp.Expr = 0
 
     def __add__(self, other: Law) -> Law:
         """Of two, of which one at most acts."""
@@ -55,7 +53,7 @@ class Law:
     def numbers(self) -> tuple[sp.Expr, ...]:
         """In the order in which they are given."""
         own = self.inertia, self.stiffness, self.damping
-        return *own, self.half, self.stops, self.pressed, self.depth, self.read
+        return tuple(map(sp.sympify, (*own, self.half, self.stops, self.pressed, self.depth, self.read)))
 
     def at_the_motor(self) -> Law:
         """The same torque, read on the motor's side; nothing where there is no motor."""

@@ -5,10 +5,9 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import ClassVar
 
-import sympy as sp
-
 from simgap.effects.base import COMMAND, Effect, Kind, Values, drives
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import sympy as sp
-from scipy.interpolate import CubicSpline
 
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
+from simgap.late import scipy
+from simgap.late import sympy as sp
 
 KNOTS = 11
 _NAMES = tuple(f"F_{k}" for k in range(KNOTS))
@@ -72,7 +72,7 @@ class ForceCurve(CoordinateEffect):
 def _powers() -> tuple[tuple[float | None, tuple[float, ...]], ...]:
     """(None for the line, or a knot of ()_+^3) -> what each value gives to its coefficient, on [0, 1]."""
     knots = np.linspace(0.0, 1.0, KNOTS)
-    unit = CubicSpline(knots, np.eye(KNOTS), bc_type="natural")
+    unit = scipy.interpolate.CubicSpline(knots, np.eye(KNOTS), bc_type="natural")
     jumps = np.diff(unit.c[0], axis=0, prepend=0.0, append=0.0)  # of the third derivative over 6: none outside
     line = tuple(unit.c[2][0].tolist())
     return (None, line), *((float(at), tuple(row.tolist())) for at, row in zip(knots, jumps, strict=True))

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-import sympy as sp
-
 from simgap.effects.base import PLANT, Effect, EffectParameter, Values
 from simgap.effects.quoted import Quoted
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
 

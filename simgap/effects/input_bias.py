@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import sympy as sp
-
 from simgap.effects.base import COMMAND, EffectParameter, Values
 from simgap.effects.commands import StaticInputEffect
 from simgap.effects.quoted import Quoted
+from simgap.late import sympy as sp
 
 
 class InputBias(StaticInputEffect):

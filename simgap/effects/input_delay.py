@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sympy as sp
-
 from simgap.effects.base import COMMAND, EffectParameter, Values
 from simgap.effects.commands import MemoryInputEffect
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
+from simgap.late import sympy as sp
 
 
 class InputDelay(MemoryInputEffect):

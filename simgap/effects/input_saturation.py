@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-import sympy as sp
-
 from simgap.effects.base import COMMAND, EffectParameter, Values
 from simgap.effects.commands import StaticInputEffect
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import sympy as sp
-
 from simgap.effects.base import FORCE, EffectParameter, Values
 from simgap.effects.drives import DriveEffect
 from simgap.effects.quoted import Quoted
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
 

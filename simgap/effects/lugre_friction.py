@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import sympy as sp
-
 from simgap.effects.base import EffectParameter, MemoryForceEffect, Values
 from simgap.effects.dahl_friction import DahlFriction
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
 _RISE = 0.4  # of the sliding force, to begin at

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-
-import sympy as sp
+from typing import TypeAlias
 
 from simgap.effects.base import PLANT, CoordinateTarget, EffectParameter, Values
 from simgap.effects.quoted import Quoted
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
-Column = tuple[sp.Expr, ...]
+Column: TypeAlias = "tuple[sp.Expr, ...]"
 
 
 class ReflectedInertia(CoordinateTarget):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import sympy as sp
-
 from simgap.effects.base import PLANT, EffectParameter, Values, WheelEffect
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start, multiple
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import sympy as sp
-
 from simgap.effects.base import SENSOR, AppliedEffect, Effect, EffectParameter, Values
 from simgap.effects.quoted import Quoted
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
 LINEAR = {"viscous_friction", "spring", "parameter_error", "reflected_inertia", "input_delay", "input_lag"}

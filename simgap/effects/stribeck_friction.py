@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import sympy as sp
-
 from simgap.effects.base import CoordinateEffect, EffectParameter, Values
 from simgap.effects.coulomb_friction import CoulombFriction
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
 _FLANK = (0.25, 0.5, 1.0, 2.0)  # shares of the Stribeck speed between which the peak falls by exp(-4)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-import sympy as sp
-
 from simgap.effects.base import EffectParameter, Values
 from simgap.effects.drives import DriveEffect
 from simgap.effects.input_saturation import InputSaturation
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 
 

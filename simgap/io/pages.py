@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from simgap import reading
-from simgap.diagnosis.verdict.words import phrase
 from simgap.errors import UserError
 from simgap.notation import number, pretty_unit, printable
 
@@ -49,6 +48,8 @@ def render(template: str, **content: Any) -> str:
     """A page from a template, printable; figures given as SVG text are put in as they are, all else is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
+
+    from simgap.diagnosis.verdict.words import phrase
 
     environment = Environment(
         loader=FileSystemLoader(folder()),

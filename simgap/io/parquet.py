@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from simgap import reading
 from simgap.arrays import Floats
@@ -17,6 +15,8 @@ from simgap.errors import UserError, excerpt
 from simgap.io import checksum
 from simgap.io.atomic import atomic
 from simgap.io.unpacked import require_room, table_size
+from simgap.late import pyarrow as pa
+from simgap.late import pyarrow_parquet as pq
 
 
 def table(

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
 from simgap.io.parquet import stack, table
+from simgap.late import pyarrow as pa
+from simgap.late import pyarrow_compute as pc
 
 SIMULATOR, MODEL = "simulator", "nominal model"
 ROBUST, NOMINAL, CAREFUL = "gap", "nominal", "careful"  # the last: of the model alone, minding the path

@@ -8,11 +8,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.io.pages import text
+from simgap.late import scipy
 
 SAME = 1e-6
 """Up to which places and directions are the same, m and 1: rounding of rpy in files is far less for right angles."""
@@ -86,7 +86,7 @@ def axle(joint: ElementTree.Element) -> tuple[Floats, Floats]:
     """Place (3,) and direction (3,) of a joint's axis, in the frame of its parent."""
     origin, axis = joint.find("origin"), joint.find("axis")
     place = numbers(origin, "xyz", "0 0 0")
-    turned = Rotation.from_euler("xyz", numbers(origin, "rpy", "0 0 0"))
+    turned = scipy.spatial.transform.Rotation.from_euler("xyz", numbers(origin, "rpy", "0 0 0"))
     return place, np.asarray(turned.apply(numbers(axis, "xyz", "1 0 0")))
 
 

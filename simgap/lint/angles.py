@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.lint.costs import StageCost, affordable
 from simgap.lint.sampling_time import LONGEST_RULE
 from simgap.model.symbolic import symbol

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import sympy as sp
 
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.dimensions import rate_mismatch
 from simgap.plants.context import Context
 from simgap.simulators.surprises import Finding

@@ -6,10 +6,10 @@ import itertools
 import math
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.runge_kutta import RungeKutta
 from simgap.model.symbolic import symbol
 from simgap.notation import pretty_unit

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from simgap import reading
 from simgap.errors import UserError
 from simgap.io.wheeled_urdf import axle, numbers, wheels_of
+from simgap.late import scipy
 from simgap.plants.context import Context
 from simgap.simulators.drive_trial import Drive
 from simgap.simulators.surprises import Finding
@@ -166,7 +166,7 @@ def wheel_fault(urdf: Path, joint: str) -> tuple[str, str] | None:
     if shape is None:
         return f"link '{name}': <collision>", "The wheel has none, so that nothing carries the robot: give it a sphere."
     origin = link.find("collision/origin")
-    along = Rotation.from_euler("xyz", numbers(origin, "rpy", "0 0 0")).apply([0.0, 0.0, 1.0])
+    along = scipy.spatial.transform.Rotation.from_euler("xyz", numbers(origin, "rpy", "0 0 0")).apply([0.0, 0.0, 1.0])
     turning = numbers(own.find("axis"), "xyz", "1 0 0")
     if shape.tag == "cylinder" and abs(float(np.asarray(along) @ turning)) < 1.0 - ALIGNED:
         return (

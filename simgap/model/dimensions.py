@@ -7,16 +7,17 @@ dimension. Small whole numbers and their quotients are pure.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import Any
 
-import sympy as sp
-
+from simgap.late import sympy as sp
+from simgap.model.symbolic import kinds
 from simgap.units import PURE, Dimension, dimension
 
-_PURE_NUMBERS = frozenset(sp.Rational(a, b) for a in range(-6, 7) for b in (1, 2, 3, 4, 6, 12))
-_OF_PURE = (sp.sin, sp.cos, sp.tan, sp.asin, sp.acos, sp.atan, sp.exp, sp.log, sp.sinh, sp.cosh, sp.tanh)
-_LIKE_ITS_TERMS = (sp.Add, sp.Abs, sp.Min, sp.Max)
-_PURE_RESULT = (sp.sign, sp.atan2, sp.Heaviside)
+_PURE_NUMBERS = frozenset(Fraction(a, b) for a in range(-6, 7) for b in (1, 2, 3, 4, 6, 12))
+_OF_PURE = "sin cos tan asin acos atan exp log sinh cosh tanh"
+_LIKE_ITS_TERMS = "Add Abs Min Max"
+_PURE_RESULT = "sign atan2 Heaviside"
 
 
 class Mismatch(ValueError):
@@ -35,14 +36,14 @@ def of_expression(expr: sp.Expr, known: Mapping[str, Dimension]) -> Dimension | 
     if expr.is_Symbol:
         return known.get(str(expr))
     if expr.is_number:
-        return PURE if expr in _PURE_NUMBERS else None
-    if isinstance(expr, _LIKE_ITS_TERMS):
+        return PURE if expr.is_Rational and Fraction(int(expr.p), int(expr.q)) in _PURE_NUMBERS else None
+    if isinstance(expr, kinds(_LIKE_ITS_TERMS)):
         return _alike(expr.args, known)
     if isinstance(expr, sp.Mul):
         return _product([of_expression(a, known) for a in expr.args])
     if isinstance(expr, sp.Pow) and not isinstance(expr, sp.exp):
         return _power(expr, known)
-    if isinstance(expr, _OF_PURE):
+    if isinstance(expr, kinds(_OF_PURE)):
         inner = of_expression(expr.args[0], known)
         if inner is not None and inner != PURE:
             raise Mismatch(f"{expr.func.__name__}({expr.args[0]}) is taken of {inner}")
@@ -52,7 +53,7 @@ def of_expression(expr: sp.Expr, known: Mapping[str, Dimension]) -> Dimension | 
     for a in expr.args:
         if isinstance(a, sp.Expr):
             of_expression(a, known)
-    return PURE if isinstance(expr, _PURE_RESULT) else None
+    return PURE if isinstance(expr, kinds(_PURE_RESULT)) else None
 
 
 def rate_mismatch(expr: sp.Expr, unit: str, known: Mapping[str, Dimension]) -> str:

@@ -7,10 +7,10 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
 

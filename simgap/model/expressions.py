@@ -9,26 +9,18 @@ import ast
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-
-import sympy as sp
+from typing import Any
 
 from simgap.errors import UserError, excerpt
-from simgap.model.symbolic import NOT_NUMBERS, symbol
+from simgap.late import sympy as sp
+from simgap.model.symbolic import no_number, symbol
 
-FUNCTIONS: Mapping[str, sp.Function] = {
-    "sin": sp.sin,
-    "cos": sp.cos,
-    "tan": sp.tan,
-    "atan": sp.atan,
-    "tanh": sp.tanh,
-    "exp": sp.exp,
-    "log": sp.log,
-    "sqrt": sp.sqrt,
-    "abs": sp.Abs,
-    "sign": sp.sign,
-    "min": sp.Min,
-    "max": sp.Max,
+FUNCTIONS = {name: name for name in ("sin", "cos", "tan", "atan", "tanh", "exp", "log", "sqrt", "sign")} | {
+    "abs": "Abs",
+    "min": "Min",
+    "max": "Max",
 }
+"""What may be called, and SymPy's name of it."""
 SEVERAL = frozenset({"min", "max"})
 """Functions of one or more arguments; all others have exactly one."""
 LONGEST = 10_000
@@ -45,8 +37,9 @@ MOST_COMPARED = 16
 """Arguments of all `min` and `max` together: SymPy compares each with each."""
 SIMPLE = 50
 """Operations of an argument that SymPy may expand to simplify a function of it."""
-CONSTANTS: Mapping[str, sp.Expr] = {"pi": sp.pi}
-_OPERATORS: Mapping[type[ast.operator], Callable[[sp.Expr, sp.Expr], sp.Expr]] = {
+CONSTANTS = frozenset({"pi"})
+"""Also SymPy's names."""
+_OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
@@ -145,9 +138,10 @@ class _Reader:
         values = [self._number(self.convert(a)) for a in arguments]
         if name in ("log", "sqrt"):
             self._not_negative(values[0])
+        function = getattr(sp, FUNCTIONS[name])
         simple = len(values) > 1 or values[0].is_extended_real or values[0].count_ops() <= SIMPLE
         try:
-            return self._number(FUNCTIONS[name](*values) if simple else FUNCTIONS[name](*values, evaluate=False))
+            return self._number(function(*values) if simple else function(*values, evaluate=False))
         except (TypeError, ValueError):  # SymPy: such as the larger of two things that are not real
             raise self._refused(f"has a {name} that is no real number", "Correct it.") from None
 
@@ -155,7 +149,7 @@ class _Reader:
         if name in self.known:
             return symbol(name)
         if name in CONSTANTS:
-            return CONSTANTS[name]
+            return getattr(sp, name)
         known = excerpt(", ".join(sorted(self.known)), 300)
         raise self._refused(f"names '{excerpt(name, 40)}', which is not known", f"Known: {known}.")
 
@@ -174,7 +168,7 @@ class _Reader:
 
 
 def _is_finite_real(value: sp.Expr) -> bool:
-    if value.has(*NOT_NUMBERS):
+    if no_number(value):
         return False
     try:
         number = complex(value.evalf(15))
@@ -185,7 +179,7 @@ def _is_finite_real(value: sp.Expr) -> bool:
 
 def _whole(value: sp.Expr, told: str) -> sp.Expr:
     """The value; refused where constants that met made a part no finite real number, as in sqrt(-1)*x."""
-    numbers = all(abs(n) <= LARGEST_NUMBER for n in value.atoms(sp.Number)) if not value.has(*NOT_NUMBERS) else False
+    numbers = all(abs(n) <= LARGEST_NUMBER for n in value.atoms(sp.Number)) if not no_number(value) else False
     if not numbers or (value.is_number and not _is_finite_real(value)):
         raise UserError(f"{told} has a part that is no finite real number", remedy="Correct it.")
     return value

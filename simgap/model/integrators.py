@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-
-import sympy as sp
+from typing import TypeAlias
 
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.runge_kutta import RungeKutta, rk4_exprs
 from simgap.model.symbolic import SymbolicModel, symbol
 
-Exprs = tuple[sp.Expr, ...]
+Exprs: TypeAlias = "tuple[sp.Expr, ...]"
 WRITTEN_OUT = 1_000
 """Operations, by `RungeKutta.operations`, of a step of rk4 up to which its expressions are compiled as they are.
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from simgap.late import njit
 
 _ULPS = 2.0**-51
 _LIBM = 2.0**-49

@@ -23,11 +23,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numba as nb
 import numpy as np
 
 from simgap import reading
 from simgap.cache import cache_folder, kernel_sources
+from simgap.late import numba
 
 Kernel = Callable[..., Any]
 _PACKAGE = "simgap_kernels"
@@ -40,7 +40,7 @@ class _NotWritable(Exception):
 
 def kept(function: Callable[..., Any]) -> Kernel:
     """`numba.njit(error_model="numpy")` of a closure; its machine code is kept between processes where it can be."""
-    return _kept(function, "njit", "", lambda f: nb.njit(error_model="numpy")(f))
+    return _kept(function, "njit", "", lambda f: numba.njit(error_model="numpy")(f))
 
 
 def kept_as(signature: Any, decorator: str = "njit") -> Callable[[Callable[..., Any]], Any]:
@@ -48,7 +48,7 @@ def kept_as(signature: Any, decorator: str = "njit") -> Callable[[Callable[..., 
 
     def decorate(function: Callable[..., Any]) -> Any:
         name = next(name for name, value in function.__globals__.items() if value is signature)
-        compiled = getattr(nb, decorator)(signature, error_model="numpy")
+        compiled = getattr(numba, decorator)(signature, error_model="numpy")
         return _kept(function, decorator, f"{name}, ", compiled, name)
 
     return decorate
@@ -155,7 +155,7 @@ def _whole(path: Path) -> Iterator[Any]:
 @cache
 def _sources() -> str:
     """The package's kernels and the version of the compiler: what a kernel calls may stand in any of their files."""
-    return "".join([nb.__version__, sys.version, kernel_sources()])
+    return "".join([numba.__version__, sys.version, kernel_sources()])
 
 
 @cache

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
+from simgap.late import sympy as sp
 from simgap.model.integrators import discretise
 from simgap.model.symbolic import SymbolicModel
 

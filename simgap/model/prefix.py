@@ -9,11 +9,10 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
-import sympy as sp
-
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 
-_OPERATIONS = {sp.Add: "+", sp.Mul: "*", sp.sin: "sin", sp.cos: "cos", sp.Abs: "abs", sp.Min: "min", sp.Max: "max"}
+_OPERATIONS = {"Add": "+", "Mul": "*", "sin": "sin", "cos": "cos", "Abs": "abs", "Min": "min", "Max": "max"}
 
 
 def prefix(e: Any) -> Any:
@@ -29,8 +28,9 @@ def prefix(e: Any) -> Any:
         return float(e).hex()
     if e.is_Rational:
         return fraction(Fraction(int(e.p), int(e.q)))
-    if type(e) in _OPERATIONS:
-        return [_OPERATIONS[type(e)], *(prefix(part) for part in e.args)]
+    operation = type(e).__name__
+    if operation in _OPERATIONS and type(e) is getattr(sp, operation):
+        return [_OPERATIONS[operation], *(prefix(part) for part in e.args)]
     if e.is_Pow:
         return _power(e)
     raise UserError(

@@ -18,15 +18,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
-import sympy as sp
 
+from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
 from simgap.model.interval import iadd, imul
 from simgap.model.kept import kept
 
-Exprs = tuple[sp.Expr, ...]
+Exprs: TypeAlias = "tuple[sp.Expr, ...]"
 Axes = frozenset[int]
 STAGES = 4
 _REACH = np.array([0.0, 0.5, 0.5, 1.0])

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-import sympy as sp
 from numpy.typing import ArrayLike
 
 from simgap.arrays import Floats
 from simgap.geometry import rows
+from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
 from simgap.model.kept import kept
 from simgap.model.runge_kutta import RungeKutta

@@ -15,13 +15,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import sympy as sp
-
 from simgap import reading
 from simgap.cache import cache_folder
+from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 
-_OPERATIONS = {op.__name__: op for op in (sp.Add, sp.Mul, sp.Pow, sp.sin, sp.cos, sp.tan)}
+_OPERATIONS = frozenset({"Add", "Mul", "Pow", "sin", "cos", "tan"})
 _RULE = "1"  # of how it is written here
 
 
@@ -91,7 +90,7 @@ def _written(e: sp.Expr) -> Any:
     if e.is_Rational:
         return {"p": str(e.p), "q": str(e.q)}
     name = type(e).__name__
-    if _OPERATIONS.get(name) is not type(e):
+    if name not in _OPERATIONS or getattr(sp, name) is not type(e):
         raise _Other(name)
     return [name, *(_written(a) for a in e.args)]
 
@@ -101,4 +100,6 @@ def _expression(node: Any) -> sp.Expr:
         return symbol(node)
     if isinstance(node, dict):
         return sp.Rational(int(node["p"]), int(node["q"]))
-    return _OPERATIONS[node[0]](*(_expression(a) for a in node[1:]))
+    if node[0] not in _OPERATIONS:
+        raise _Other(node[0])
+    return getattr(sp, node[0])(*(_expression(a) for a in node[1:]))

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-
-import sympy as sp
-from sympy.core.function import AppliedUndef
+from functools import cache
+from typing import Any
 
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 
-NOT_NUMBERS = (sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I)
-"""What no rate of change may hold: infinities, what is undefined, and the imaginary unit."""
+
+def no_number(e: sp.Expr) -> bool:
+    """Whether something in it is what no rate of change may hold: infinite, undefined or imaginary."""
+    return bool(e.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I))
+
+
+@cache
+def kinds(names: str) -> tuple[Any, ...]:
+    """SymPy's classes of these names, for `isinstance` and `has`."""
+    return tuple(getattr(sp, name) for name in names.split())
 
 
 def symbol(name: str) -> sp.Symbol:
@@ -114,7 +122,7 @@ class SymbolicModel:
     @property
     def derived(self) -> bool:
         """Whether the equations are written out; those of an arm of several joints hold numeric stand-ins."""
-        return not any(sp.sympify(e).has(AppliedUndef) for e in self.xdot)
+        return not any(sp.sympify(e).has(sp.core.function.AppliedUndef) for e in self.xdot)
 
     def coordinate(self, name: str) -> Coordinate:
         """The coordinate of that name.
@@ -140,7 +148,7 @@ class SymbolicModel:
         values = self.values()
         found = tuple(sp.sympify(e).subs(values) for e in self.xdot)
         for state, rate in zip(self.states, found, strict=True):
-            if rate.has(*NOT_NUMBERS):
+            if no_number(rate):
                 raise UserError(
                     f"the rate of '{state.name}' is no finite real number with the declared parameters",
                     key="plant",

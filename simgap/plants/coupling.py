@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
-import sympy as sp
 
 from simgap.config.plant import SymbolicCoordinate, SymbolicPlant
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 
-Column = tuple[sp.Expr, ...]
-Parse = Callable[[str, str], sp.Expr]
+Column: TypeAlias = "tuple[sp.Expr, ...]"
+Parse: TypeAlias = "Callable[[str, str], sp.Expr]"
 """Text of an expression and its key -> expression."""
 _DRAWS = 20  # positions at which numbers are looked at, within one unit of zero
 _SAME = 1e-9  # relative

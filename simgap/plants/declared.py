@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import sympy as sp
-
 from simgap.config.plant import PlantSection, SymbolicPlant
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.expressions import parse
 from simgap.model.symbolic import (
     Coordinate,

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import sympy as sp
-
+from simgap.late import sympy as sp
 from simgap.model.symbolic import Parameter, symbol
 
 MOST_DERIVED = 2

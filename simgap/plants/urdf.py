@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import sympy as sp
-
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.simplified import simplified
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
 from simgap.plants import numeric_terms

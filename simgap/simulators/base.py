@@ -11,12 +11,11 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.simulator import EngineSection
+from simgap.late import sympy as sp
 from simgap.plants.model_file import Link
 from simgap.simulators.traits import FileTraits
 
 if TYPE_CHECKING:  # a case names engines, and its sections are found through them
-    import sympy as sp
-
     from simgap.config.case import Case
     from simgap.effects.base import Effect
     from simgap.simulators.surprises import Finding

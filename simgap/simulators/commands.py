@@ -11,13 +11,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.config.plant import AddedEffect
 from simgap.effects import StaticInputEffect, effect
 from simgap.effects.commands import InputEffect, MemoryInputEffect
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 
 

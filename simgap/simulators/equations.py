@@ -12,11 +12,10 @@ from simgap.arrays import Floats
 from simgap.config.plant import Integrator, SymbolicPlant
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.simulators.map_engine import MapEngine
 
 if TYPE_CHECKING:
-    import sympy as sp
-
     from simgap.config.case import Case
     from simgap.effects.base import Effect
     from simgap.model.sampled import NominalModel
@@ -83,8 +82,6 @@ class EquationsEngine(MapEngine):
         Raises:
             UserError: as `build`, and a map that is too large to be enclosed.
         """
-        import sympy as sp
-
         from simgap.model.sampled import MOST_OPERATIONS
 
         if _section(case).slopes == "sampled":

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import sympy as sp
-
 from simgap import reading
 from simgap.config.case import Case
 from simgap.config.plant import AddedEffect
 from simgap.effects import CoordinateEffect, StaticInputEffect, effect
 from simgap.effects.drives import DriveEffect
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.plants.joint_units import check_joint_units
 from simgap.simulators.commands import static_path
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.late import sympy as sp
 from simgap.plants.model_file import FileJoint, read_model_file
 from simgap.simulators import mjcf
 from simgap.simulators.joint_loads import Felt, of_file, of_nominal
@@ -20,8 +21,6 @@ from simgap.simulators.surprises import Finding, differ, efforts, ranges
 from simgap.simulators.traits import FileTraits
 
 if TYPE_CHECKING:
-    import sympy as sp
-
     from simgap.config.case import Case
 
 LEARN = "Declare {} in plant.effects if the model should know it; gamma covers it otherwise."
@@ -54,8 +53,6 @@ def switches(case: Case, folder: Path) -> tuple[sp.Expr, ...]:
     Raises:
         UserError: what `mjcf.check_mjcf` refuses.
     """
-    import sympy as sp
-
     from simgap.model.symbolic import symbol
 
     model, found = mjcf.check_mjcf(case, folder), []

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from simgap.arrays import Floats
 from simgap.config.simulator import Damping, EngineSection
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf, loading
 from simgap.simulators import mjcf, mjcf_findings, mujoco_divergence
@@ -20,8 +21,6 @@ from simgap.simulators.joint_engine import JointEngine
 from simgap.simulators.traits import FileTraits
 
 if TYPE_CHECKING:
-    import sympy as sp
-
     from simgap.config.case import Case
     from simgap.simulators.joints import JointPlant
     from simgap.simulators.surprises import Finding

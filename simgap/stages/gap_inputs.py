@@ -7,13 +7,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, overload
 
-import pyarrow as pa
-
 from simgap.errors import UserError
 from simgap.gap.sampling.points import Columns, Points, state_names
 from simgap.io.documents import read_json
 from simgap.io.parquet import read_parquet, record_of
 from simgap.io.samples import read_columns, read_points
+from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 
 

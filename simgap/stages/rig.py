@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
@@ -13,6 +12,7 @@ from simgap.config.rig import Rig, case_of_rig, load_rig
 from simgap.errors import UserError
 from simgap.excitation import multisine
 from simgap.io.parquet import table, write_parquet
+from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes

@@ -9,7 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
 import yaml
 
 from simgap.config.copied_plugins import copied_plugins, renamed
@@ -21,6 +20,7 @@ from simgap.io.atomic import write_text
 from simgap.io.documents import read_json
 from simgap.io.pages import render
 from simgap.io.parquet import write_parquet
+from simgap.late import pyarrow as pa
 from simgap.lint.costs import affordable, costs
 from simgap.plants.context import Context
 from simgap.report.figures.sweep import figure

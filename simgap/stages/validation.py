@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pyarrow as pa
 
 from simgap.arrays import Floats, Ints
 from simgap.closed_loop import Sensing, batch_loop, closed_loop
@@ -26,6 +25,7 @@ from simgap.io.parquet import write_parquet
 from simgap.io.shared_solution import SharedSolution
 from simgap.io.traces import CAREFUL, MODEL, NOMINAL, ROBUST, SIMULATOR, Trace, to_table
 from simgap.judge import Judge
+from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import engine_pool

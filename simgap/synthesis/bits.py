@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
+from simgap.late import njit
 
 Bytes = NDArray[np.uint8]
 
@@ -28,7 +28,7 @@ def preferred(mask: Bytes, order: Ints) -> NDArray[np.int16]:
     return out
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _preferred(mask, order, out):  # type: ignore[no-untyped-def]
     for i in range(mask.shape[0]):
         out[i] = -1

@@ -13,10 +13,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import numba as nb
 import numpy as np
 
 from simgap.errors import UserError
+from simgap.late import njit, numba
 from simgap.synthesis.abstraction.nominal import Model
 from simgap.synthesis.abstraction.product import Kernel, no_gap
 from simgap.synthesis.refusals import extremes
@@ -228,7 +228,7 @@ def _verdict(problem: Problem, first: str, tries: Sequence[Try]) -> tuple[str, s
 def _narrowed(gap: Kernel, share: float) -> Kernel:
     """The gap with a share of its width around its middle."""
 
-    @nb.njit(error_model="numpy")
+    @numba.njit(error_model="numpy")
     def narrowed(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
         gap(xlo, xhi, u, lo, hi)
         for i in range(len(lo)):
@@ -239,7 +239,7 @@ def _narrowed(gap: Kernel, share: float) -> Kernel:
     return found
 
 
-@nb.njit(error_model="numpy")
+@njit(error_model="numpy")
 def _widest(gap, centres, h, inputs, out):  # type: ignore[no-untyped-def]
     """Largest size and width of the gap over the cells around `centres` (k, n), for each dimension: (n, 2)."""
     n = centres.shape[1]

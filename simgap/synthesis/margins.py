@@ -29,12 +29,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.geometry import Grid
+from simgap.late import njit
 from simgap.model.kept import kept
 from simgap.synthesis.abstraction.frame import Frame, cell_box, to_cells
 from simgap.synthesis.abstraction.holes import count_holes, layout, table_size
@@ -52,7 +52,7 @@ NEAR, FAR = 1.02, 3.0
 next, until it is larger than the second."""
 
 
-@nb.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _grown(shape, n, tables, c, lo, hi, by, size, header, work):  # type: ignore[no-untyped-def]
     """Whether the cells in which [lo, hi], grown by size * by on both sides, can be measured lie in the set c.
 
@@ -87,7 +87,7 @@ def _grown(shape, n, tables, c, lo, hi, by, size, header, work):  # type: ignore
     return fits
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _known(shape, n, tables, c, lo, hi, by, guess, header, work):  # type: ignore[no-untyped-def]
     """A size that fits and one that does not, close to a guess: 0 and infinity where that is not known.
 
@@ -115,7 +115,7 @@ def _known(shape, n, tables, c, lo, hi, by, guess, header, work):  # type: ignor
     return fits, fails
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _largest(shape, n, tables, c, lo, hi, by, best, most, guess, header, work):  # type: ignore[no-untyped-def]
     """Largest size in (best, most] whose box fits, rounded down; `best` if none is larger by the resolution.
 
@@ -155,7 +155,7 @@ def _largest(shape, n, tables, c, lo, hi, by, best, most, guess, header, work): 
         stage = min(stage + 1, 3)
 
 
-@nb.njit(inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 def _placed(m, q, boxes, shift, spare):  # type: ignore[no-untyped-def]
     """The box of input m and how it grows: by gamma's half-widths for q = 0, else along axis q - 1 alone."""
     for j in range(shift.size):
@@ -163,7 +163,7 @@ def _placed(m, q, boxes, shift, spare):  # type: ignore[no-untyped-def]
         spare[2, j] = boxes[2, m, j] if q == 0 else (1.0 if q - 1 == j else 0.0)
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _of_input(  # type: ignore[no-untyped-def]
     m, q, best, most, boxes, shift, spare, kind, shape, tables, header, work
 ):  # fmt: skip
@@ -173,7 +173,7 @@ def _of_input(  # type: ignore[no-untyped-def]
     return _largest(shape, n, tables, kind[m], low, high, by, best, most, -1.0, header, work)
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _of_inputs(  # type: ignore[no-untyped-def]
     q, most, admitted, liked, last, boxes, shift, spare, kind, shape, tables, header, work
 ):  # fmt: skip
@@ -202,7 +202,7 @@ def _of_inputs(  # type: ignore[no-untyped-def]
     return best
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _others(index, reach, wide, wraps, seen, common, rows):  # type: ignore[no-untyped-def]
     """What each measurement of a cell admits beyond what all of them do, into `rows`: how many measurements that is.
 
@@ -228,7 +228,7 @@ def _others(index, reach, wide, wraps, seen, common, rows):  # type: ignore[no-u
     return total
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _worst_measurement(  # type: ignore[no-untyped-def]
     rows, found, q, best, most, boxes, shift, spare, kind, shape, tables, header, work, score
 ):  # fmt: skip

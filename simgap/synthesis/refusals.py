@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numba as nb
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.geometry import Grid
+from simgap.late import njit
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.nominal import Model
@@ -85,7 +85,7 @@ def reason_for_empty(
     )
 
 
-@nb.njit(error_model="numpy")
+@njit(error_model="numpy")
 def extremes(kernel, gap, centres, inputs, out):  # type: ignore[no-untyped-def]
     """Per centre and dimension over U: least and largest f_i - x_i, then the least -lo_i and hi_i of the gap."""
     n = centres.shape[1]

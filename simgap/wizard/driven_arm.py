@@ -15,12 +15,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Box
+from simgap.late import numba
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.specifications.reach_avoid import ReachAvoid
@@ -191,7 +191,7 @@ def _target(model: SymbolicModel, posture: Posture, half: Floats) -> dict[str, t
 def constant(spread: Floats) -> Kernel:
     """A gap of +-spread everywhere."""
 
-    @nb.njit(error_model="numpy")
+    @numba.njit(error_model="numpy")
     def gap(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
         for i in range(len(lo)):
             lo[i], hi[i] = -spread[i], spread[i]

@@ -12,11 +12,10 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
-import scipy.linalg as sl
 
 from simgap.arrays import Floats
+from simgap.late import numba, scipy
 from simgap.model.symbolic import SymbolicModel
 from simgap.synthesis.abstraction.product import Kernel
 from simgap.wizard.posture import Posture
@@ -83,7 +82,7 @@ def rubbing(model: SymbolicModel, posture: Posture, friction: Mapping[str, float
     n, m, k = len(names), posture.b.shape[1], len(rubs)
     whole = np.zeros((n + m + k, n + m + k))
     whole[:n] = np.hstack([posture.a, posture.b, forces * sizes])
-    step = sl.expm(whole * tau)[:n]
+    step = scipy.linalg.expm(whole * tau)[:n]
     speeds = tuple(names.index(c.velocity) for c in rubs)
     following = step[list(speeds), : n + m]
     return Rubbing(
@@ -93,13 +92,13 @@ def rubbing(model: SymbolicModel, posture: Posture, friction: Mapping[str, float
 
 
 def _kernel(speeds: Floats, pushed: Floats, following: Floats, rest: Floats, block: Floats, spread: Floats) -> Kernel:
-    @nb.njit(error_model="numpy")
+    @numba.njit(error_model="numpy")
     def against(v, then):  # type: ignore[no-untyped-def]
         """Share of a step for which the force points backwards, less that for which it points forwards."""
         both = abs(v) + abs(then)
         return (v + then) / both if both > 0.0 else 0.0
 
-    @nb.njit(error_model="numpy")
+    @numba.njit(error_model="numpy")
     def gap(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
         n = len(lo)
         for i in range(n):

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
 STILL = 1e-6

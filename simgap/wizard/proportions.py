@@ -22,10 +22,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg as sl
-from scipy.optimize import minimize
 
 from simgap.arrays import Floats
+from simgap.late import scipy
 
 TURNS = (0.45, 0.6, 0.8)
 """Sampling times looked at: shares of 1 / the fastest rate of the linear model. Judgement: at most an eighth turn, and
@@ -81,13 +80,13 @@ def proportions(a: Floats, b: Floats, rate: float, taus: Sequence[float] | None 
 
 def _at(a: Floats, b: Floats, tau: float) -> Proportions | None:
     n, m = b.shape
-    both = sl.expm(np.block([[a, b], [np.zeros((m, n + m))]]) * tau)
+    both = scipy.linalg.expm(np.block([[a, b], [np.zeros((m, n + m))]]) * tau)
     ad, bd = both[:n, :n], both[:n, n:]
 
     def of(unknown: Floats) -> tuple[Floats, Floats, Floats] | None:
         weights, r = np.exp(np.clip(unknown[:n], -12, 12)), np.exp(np.clip(unknown[n:], -12, 12))
         try:
-            cost = sl.solve_discrete_are(ad, bd, np.diag(weights), np.eye(m))
+            cost = scipy.linalg.solve_discrete_are(ad, bd, np.diag(weights), np.eye(m))
         except (np.linalg.LinAlgError, ValueError):
             return None
         gain = np.linalg.solve(np.eye(m) + bd.T @ cost @ bd, bd.T @ cost @ ad)
@@ -101,7 +100,7 @@ def _at(a: Floats, b: Floats, tau: float) -> Proportions | None:
     start = np.zeros(2 * n)
     options = {"maxfev": EVALUATIONS * 2 * n, "adaptive": True}
     for _ in range(2):  # begun again where it stopped: Nelder and Mead's simplex may have collapsed
-        start = minimize(size, start, method="Nelder-Mead", options=options).x
+        start = scipy.optimize.minimize(size, start, method="Nelder-Mead", options=options).x
     found = of(start)
     return None if found is None else Proportions(tau, *found)
 

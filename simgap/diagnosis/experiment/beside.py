@@ -14,7 +14,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
 
 from simgap.arrays import Floats
 from simgap.diagnosis.experiment.bench import Bench
@@ -29,6 +28,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.thresholds import AMBIGUOUS
+from simgap.distributions import norm
 from simgap.model.symbolic import SymbolicModel
 
 _UNSEEN = 1e-10

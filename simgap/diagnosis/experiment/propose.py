@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
 
 from simgap.arrays import Bools, Floats
 from simgap.diagnosis.experiment.bench import Bench, Rival, margins
 from simgap.diagnosis.experiment.beside import Beside
 from simgap.diagnosis.experiment.waves import Wave, waves
+from simgap.distributions import norm
 from simgap.excitation import multisine
 
 SIZES = (1.0, 0.5, 0.2)

@@ -13,12 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import float64, int64, njit
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.reading.noise import noise_floor
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.stillness import resolution
+from simgap.late import njit
 
 _HARMONICS = np.arange(1, 50)
 _FEWEST = 50  # slow readings from which the white noise is estimated
@@ -102,7 +102,7 @@ def _placed(ratio: float) -> float:
     return float(np.sum(np.exp(-4.0 * (np.pi * ratio * _HARMONICS) ** 2) / _HARMONICS**2) / (2.0 * np.pi**2))
 
 
-@njit(float64[::1](int64[::1]), cache=True)
+@njit("float64[::1](int64[::1])", cache=True)
 def _company(place: Ints) -> Floats:
     """How many readings (n,) each shares its count with.
 

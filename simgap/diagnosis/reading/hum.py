@@ -12,12 +12,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from simgap.arrays import Floats
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.thresholds import HUM_ACCELERATION, HUM_LINE
+from simgap.late import scipy
 
 _MOST_LINES = 3
 _TURNS, _EVEN = 4.0 * math.pi, 4.0  # of steady turning: least travel, and times the scatter around it
@@ -122,7 +122,7 @@ def _sine(trace: Trace, values: Floats, hertz: float) -> Floats:
 
 def _refined(trace: Trace, values: Floats, hertz: float, width: float) -> float:
     """The frequency near `hertz` with the largest amplitude."""
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda f: -float(np.hypot(*_sine(trace, values, f))), bounds=(hertz - width, hertz + width), method="bounded",
         options={"xatol": 1e-4 * width},
     )  # fmt: skip

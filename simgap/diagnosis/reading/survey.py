@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.diagnosis.reading.encoder import worth
@@ -22,6 +21,7 @@ from simgap.diagnosis.thresholds import (
     REVERSED_SHARE,
     SMALL_SWING_RAD,
 )
+from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
 from simgap.units import full_turn
 

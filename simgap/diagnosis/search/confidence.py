@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import t as student
 
 from simgap.arrays import Floats
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.distributions import student
 
 
 def standard_errors(problem: Problem, at: Fit, steps: dict[int, float], reduced: float, at_floor: bool) -> Floats:

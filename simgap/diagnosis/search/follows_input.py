@@ -8,11 +8,11 @@ sec. 16.6), here of a residual that is white already, so that chance needs no co
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import f as fisher
 
 from simgap.arrays import Floats
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import BY_CHANCE
+from simgap.distributions import fisher
 
 _LAGS = 1 + 2 * np.arange(12)  # samples; a command of the same one may be fed back from the reading, noise and all
 

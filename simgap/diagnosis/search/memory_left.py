@@ -5,12 +5,12 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import chi2
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import LAGS_ASKED, MEMORY_BY_CHANCE
+from simgap.distributions import chi2
 
 
 def memory_left(problem: Problem, found: Fit) -> bool:

@@ -13,13 +13,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import minimize
 
 from simgap.arrays import Floats
 from simgap.diagnosis.search.follows_input import follows_input
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from simgap.diagnosis.simulation.problem import Problem, interval
 from simgap.diagnosis.thresholds import COLOUR_EVIDENCE, STATIONARY
+from simgap.late import scipy
 
 Law = Callable[[Floats], Floats]
 _FIRST = 3  # the initial states of a window take what is slower
@@ -109,7 +109,7 @@ def _best(law: Law, power: Floats, worth: float, shortest: float, dt: float) -> 
 
     level, low = float(np.median(power[len(power) // 2 :])), float(np.mean(power[: max(len(power) // 8, 2)]))
     ends = [
-        minimize(loss, [np.log(level), np.log(max(low, level)) + extra, np.log(max(tau * dt, shortest))],
+        scipy.optimize.minimize(loss, [np.log(level), np.log(max(low, level)) + extra, np.log(max(tau * dt, shortest))],
                  method="Nelder-Mead", bounds=[(-40, 40), (-40, 60), (np.log(shortest), np.log(1e4 * dt + shortest))],
                  options={"maxiter": 600})
         for tau, extra in ((1.0, 0.0), (5.0, -2.0), (50.0, -4.0))

@@ -13,7 +13,6 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi_squared
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.reading.windows import Span, Windows, joined, left_out
@@ -21,6 +20,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit_from_all
 from simgap.diagnosis.thresholds import CELL_S, LEFT_OUT_MOST, MIN_SAMPLES, MOST_OF_THE_ERROR, PIECE_TELLS
+from simgap.distributions import chi2 as chi_squared
 
 
 @dataclass(frozen=True)

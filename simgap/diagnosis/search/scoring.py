@@ -6,7 +6,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.diagnosis.search.fit import Fit
@@ -15,6 +14,7 @@ from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_d
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.effects.base import driven_by, drives
 from simgap.effects.start import Scales, Start
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
 Key = tuple[str, str]

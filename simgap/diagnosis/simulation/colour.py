@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import float64, int64, njit, void
 
 from simgap.arrays import Floats, Ints
+from simgap.late import njit
 
 ORDER = 60  # of the prediction
 
@@ -76,7 +76,7 @@ class Colour:
         return weights, spread
 
 
-@njit(void(float64[:, ::1], int64[::1], float64[:, :, ::1], float64[:, ::1]), cache=True)
+@njit("void(float64[:, ::1], int64[::1], float64[:, :, ::1], float64[:, ::1])", cache=True)
 def whiten(residual: Floats, rows: Ints, weights: Floats, spread: Floats) -> None:
     """Residuals (n, k) become errors of prediction over their standard deviation, in place, window by window.
 

@@ -12,11 +12,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
-
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.release import stop_at_release
 from simgap.diagnosis.simulation.runge_kutta import input_at, rk4
+from simgap.late import njit
 
 EPS = 1e-12  # s: two instants closer than this are one
 CREEP = 1e-14  # a speed below this is rest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-import sympy as sp
+from simgap.late import sympy as sp
 
 
 def hoist(

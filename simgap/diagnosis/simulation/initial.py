@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
 _SAMPLES = 15

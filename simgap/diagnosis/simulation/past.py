@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import float64, int64, njit, void
-from scipy.signal import savgol_filter
 
 from simgap.arrays import Floats, Ints
+from simgap.late import njit
 from simgap.model.symbolic import Coordinate
+from simgap.savitzky_golay import savgol_filter
 
 if TYPE_CHECKING:
     from simgap.diagnosis.simulation.supermodel import SuperModel
@@ -80,7 +80,7 @@ def memories(model: SuperModel, theta: Floats, t: Floats, speeds: Floats, firsts
     return out
 
 
-@njit(void(float64[::1], float64[::1], float64[::1], int64[::1], float64[::1]), cache=True)
+@njit("void(float64[::1], float64[::1], float64[::1], int64[::1], float64[::1])", cache=True)
 def _followed(t: Floats, drive: Floats, fade: Floats, firsts: Ints, out: Floats) -> None:
     """Solve z' = drive - fade z from 0 at the first stamp of each trace, exactly between stamps."""
     trace = 0

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numba import float64, int64, njit, void
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.reading.record import Record
@@ -19,6 +18,7 @@ from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
 from simgap.diagnosis.simulation.trains import twists, twists_by_torque
 from simgap.diagnosis.thresholds import LAGS_REMEMBERED
+from simgap.late import njit
 
 Drive = tuple[Floats, Floats, Floats, Floats]
 _REMEMBERED = 8
@@ -310,7 +310,7 @@ class Problem:
                 level[a:b, c] = level[np.minimum(np.arange(a, b) + ahead, b - 1), c]
 
 
-@njit(float64[::1](float64[::1], float64[::1], int64[::1], float64), cache=True)
+@njit("float64[::1](float64[::1], float64[::1], int64[::1], float64)", cache=True)
 def lagged_excess(t: Floats, level: Floats, firsts: Ints, lag: float) -> Floats:
     """Lagged input minus its target at each stamp, exactly, for inputs held between stamps: (n,).
 
@@ -326,7 +326,7 @@ def lagged_excess(t: Floats, level: Floats, firsts: Ints, lag: float) -> Floats:
     return excess
 
 
-@njit(void(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1]), cache=True)
+@njit("void(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1])", cache=True)
 def _compare(readings: Floats, sigma: Floats, used: Floats, predicted: Floats) -> None:
     """Predictions become (measured - predicted) / sigma, in place; what diverged becomes a large number."""
     for i in range(predicted.shape[0]):

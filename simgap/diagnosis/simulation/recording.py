@@ -10,8 +10,6 @@ from abc import abstractmethod
 from typing import ClassVar
 
 import numpy as np
-import sympy as sp
-from numba import float64, int64, njit, void
 
 from simgap.arrays import Floats, Ints
 from simgap.effects import EFFECTS, Effect, EffectParameter, MemoryInputEffect, effect
@@ -19,6 +17,8 @@ from simgap.effects.base import COMMAND, SENSOR, Kind, Values
 from simgap.effects.quoted import Quoted
 from simgap.effects.sensor_gain import is_linear
 from simgap.effects.start import Scales, Start, multiple
+from simgap.late import njit
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
 
@@ -206,7 +206,7 @@ class LateReading(ReadingFault):
         return f"{on} that is logged {quoted.number('late', 1e3, 'ms')} later than the other channels"
 
 
-@njit(float64(float64[::1], float64[::1], int64, int64, int64, float64), cache=True)
+@njit("float64(float64[::1], float64[::1], int64, int64, int64, float64)", cache=True)
 def _parabola(reading: Floats, t: Floats, i: int, j: int, k: int, at: float) -> float:
     """Through three samples."""
     a, b, c = t[i], t[j], t[k]
@@ -215,7 +215,7 @@ def _parabola(reading: Floats, t: Floats, i: int, j: int, k: int, at: float) -> 
     return first + second + reading[k] * (at - a) * (at - b) / ((c - a) * (c - b))
 
 
-@njit(void(float64[::1], float64, float64[::1], int64[::1]), cache=True)
+@njit("void(float64[::1], float64, float64[::1], int64[::1])", cache=True)
 def _shift(reading: Floats, late: float, t: Floats, rows: Ints) -> None:
     for w in range(rows.size - 1):
         a, b = rows[w], rows[w + 1]
@@ -238,7 +238,7 @@ def _shift(reading: Floats, late: float, t: Floats, rows: Ints) -> None:
         reading[a:b] = before
 
 
-@njit(void(float64[::1], float64, float64[::1], float64[::1], int64[::1]), cache=True)
+@njit("void(float64[::1], float64, float64[::1], float64[::1], int64[::1])", cache=True)
 def _filter(reading: Floats, lag: float, t: Floats, begin: Floats, rows: Ints) -> None:
     for w in range(rows.size - 1):
         a, b = rows[w], rows[w + 1]

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
-
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.runge_kutta import input_at, rk4
+from simgap.late import njit
 
 RELEASED = 1e-6  # of a step, or of the grip: an instant as late is that of the release
 

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Ints
 from simgap.diagnosis.simulation.hoist import hoist
 from simgap.diagnosis.simulation.runge_kutta import GLIDE_SIGNATURE, RHS_SIGNATURE, SLOPE_SIGNATURE
+from simgap.late import sympy as sp
 from simgap.model.compile import compile_kernel
 from simgap.model.kept import kept_as
-from simgap.model.symbolic import SymbolicModel, symbol
+from simgap.model.symbolic import SymbolicModel, kinds, symbol
 
-_TRANSCENDENTAL = (sp.sin, sp.cos, sp.tan, sp.tanh, sp.atan, sp.exp, sp.log)
+_TRANSCENDENTAL = "sin cos tan tanh atan exp log"
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Dynamics:
 
 def is_costly(force: sp.Expr) -> bool:
     """Whether a term is worth skipping while it is switched off."""
-    return bool(force.has(*_TRANSCENDENTAL))
+    return bool(force.has(*kinds(_TRANSCENDENTAL)))
 
 
 def compile_dynamics(plant: SymbolicModel, costly: Costly, theta: tuple[sp.Symbol, ...]) -> Dynamics:

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import sympy as sp
 from numba import float64 as f64
 from numba import types, void
 
@@ -23,6 +22,7 @@ from simgap.effects.base import CoordinateEffect, MemoryForceEffect
 from simgap.effects.commands import InputEffect, MemoryInputEffect
 from simgap.effects.drive_train import DriveTrainEffect, with_motor
 from simgap.errors import UserError
+from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, compile_kernel
 from simgap.model.kept import kept_as
 from simgap.model.symbolic import SymbolicModel, symbol

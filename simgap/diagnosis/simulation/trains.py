@@ -12,12 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import sympy as sp
-from numba import float64, int64, njit, void
 
 from simgap.arrays import Floats, Ints
 from simgap.effects.base import Effect, driven_by
 from simgap.effects.drive_train import DriveTrainEffect, Law, with_motor
+from simgap.late import njit
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
 _RIGID = 10.0  # rad between two readings: a spring that is quicker is simulated no more, as each turn costs steps
@@ -109,7 +109,8 @@ def twists_by_torque(t: Floats, v: Floats, u: Floats, law: Floats, firsts: Ints)
 
 
 @njit(
-    void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], int64[::1], float64[:, ::1]), cache=True
+    "void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], int64[::1], float64[:, ::1])",
+    cache=True,
 )
 def twists(t: Floats, q: Floats, v: Floats, u: Floats, law: Floats, firsts: Ints, out: Floats) -> None:
     """Twist and its rate at every stamp, (n, 2), with the link as measured, (n,): semi-implicit steps between stamps.

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2 as chi_squared
 
 from simgap.arrays import Floats
 from simgap.diagnosis.result import Judged, Verdict
@@ -31,6 +30,7 @@ from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error
 from simgap.diagnosis.verdict.score import Errors, Gain
 from simgap.diagnosis.verdict.size import negligible
 from simgap.diagnosis.verdict.strays import strays
+from simgap.distributions import chi2 as chi_squared
 
 
 @dataclass(frozen=True, eq=False)

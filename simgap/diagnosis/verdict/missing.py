@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import sympy as sp
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from simgap.arrays import Floats
 from simgap.diagnosis.reading.record import Record, Trace
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
+from simgap.savitzky_golay import savgol_coeffs, savgol_filter
 
 SPAN_S, MIN_POINTS, BINS, ORDER = 0.08, 9, 24, 3
 

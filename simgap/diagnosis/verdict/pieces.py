@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtrc
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.thresholds import RUNS_DIFFER
+from simgap.late import scipy
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,4 +85,4 @@ def _differ(score: Floats, run: Ints, block: Ints) -> bool:
     means = np.bincount(of, sizes) / np.bincount(of)
     within = float(np.sum((sizes - means[of]) ** 2)) / (blocks - runs)
     between = float(np.sum((means[of] - sizes.mean()) ** 2)) / (runs - 1)  # a block, one term
-    return within == 0.0 or bool(fdtrc(runs - 1, blocks - runs, between / within) < RUNS_DIFFER)
+    return within == 0.0 or bool(scipy.special.fdtrc(runs - 1, blocks - runs, between / within) < RUNS_DIFFER)

@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.thresholds import WORTH_SAYING
+from simgap.distributions import student
 
 _TAILS = 4.0  # degrees of freedom of the law
 _PARTS = 10  # the data are scored by so many parts, each under the scale of the others

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.gap.bounds.enclosures import enclose
 from simgap.geometry import Box
+from simgap.late import sympy as sp
 from simgap.model.expressions import parse
 from simgap.model.symbolic import symbol
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from simgap.arrays import Floats
 from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel
 from simgap.gap.bounds.input_index import input_index
 from simgap.gap.bounds.tiers import Tier
+from simgap.late import njit
 from simgap.model.kept import kept
 
 _SLACK = 1.0 + 2.0**-48  # outward rounding of the few operations of a bound

@@ -19,12 +19,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.enclosures import enclose
 from simgap.geometry import Grid
+from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, compile_interval_kernel
 from simgap.model.kept import kept
 from simgap.model.sampled import NominalModel

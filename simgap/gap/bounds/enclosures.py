@@ -13,11 +13,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import sympy as sp
-
 from simgap.errors import UserError
-from simgap.model import interval
+from simgap.late import interpreted
+from simgap.late import sympy as sp
+from simgap.model import interval as compiled
 
+interval = interpreted(compiled)  # a few calls are no reason to wait for a compiler
 _UNIT = 2.0**-52  # twice the unit roundoff: covers second-order terms
 _LIBM = 2.0**-49  # library functions, a few units in the last place
 _LITERAL = 2.0**-46  # generated code may print a literal to 15 digits only
@@ -90,7 +91,7 @@ def _number(e: sp.Expr) -> Enclosure:
 def _add(parts: list[Enclosure]) -> Enclosure:
     pair = parts[0].pair
     for part in parts[1:]:
-        pair = interval.iadd.py_func(pair, part.pair)
+        pair = interval.iadd(pair, part.pair)
     size = sum(p.magnitude + p.error for p in parts)
     return Enclosure(pair[0], pair[1], sum(p.error for p in parts) + len(parts) * _UNIT * size)
 
@@ -101,7 +102,7 @@ def _product(parts: list[Enclosure]) -> Enclosure:
         a, b = total.magnitude, p.magnitude
         error = a * p.error + b * total.error + total.error * p.error
         error += _UNIT * (a + total.error) * (b + p.error) + _TINY
-        lo, hi = interval.imul.py_func(total.pair, p.pair)
+        lo, hi = interval.imul(total.pair, p.pair)
         total = Enclosure(lo, hi, error)
     return total
 
@@ -117,13 +118,13 @@ def _pow(e: sp.Pow, base: Enclosure) -> Enclosure:
     n = abs(int(exponent))
     size = base.magnitude + base.error
     error = n * size ** (n - 1) * base.error + 4.0 * n * _UNIT * size**n + _TINY
-    lo, hi = interval.ipow.py_func(base.pair, n)
+    lo, hi = interval.ipow(base.pair, n)
     power = Enclosure(lo, hi, error)
     return power if exponent > 0 else _inverse(e, power)
 
 
 def _inverse(e: sp.Expr, a: Enclosure) -> Enclosure:
-    lo, hi = interval.iinv.py_func(a.pair)
+    lo, hi = interval.iinv(a.pair)
     nearest = min(abs(a.lo), abs(a.hi)) - a.error
     if not math.isfinite(lo) or nearest <= 0.0:
         raise UserError(f"'{e}' divides by what may be 0 on the state and input sets", remedy=_FINITE)
@@ -133,7 +134,7 @@ def _inverse(e: sp.Expr, a: Enclosure) -> Enclosure:
 def _sqrt(e: sp.Expr, a: Enclosure) -> Enclosure:
     if a.lo < 0.0:
         raise UserError(f"'{e}' takes the root of what may be negative on the state and input sets", remedy=_FINITE)
-    lo, hi = interval.isqrt.py_func(a.pair)
+    lo, hi = interval.isqrt(a.pair)
     error = math.sqrt(a.error) if a.lo <= a.error else a.error / math.sqrt(a.lo - a.error)
     return Enclosure(lo, hi, error + _LIBM * hi)
 
@@ -142,7 +143,7 @@ def _extreme(e: sp.Expr, parts: list[Enclosure]) -> Enclosure:
     join = interval.imin if isinstance(e, sp.Min) else interval.imax
     pair = parts[0].pair
     for part in parts[1:]:
-        pair = join.py_func(pair, part.pair)
+        pair = join(pair, part.pair)
     return Enclosure(pair[0], pair[1], max(p.error for p in parts))
 
 
@@ -152,7 +153,10 @@ def _function(e: sp.Expr, parts: list[Enclosure]) -> Enclosure:
     if primitive is None or len(parts) != 1:
         raise UserError(f"'{e}' has no interval version", remedy=_KNOWN)
     a = parts[0]
-    lo, hi = (float(v) for v in primitive(a.pair))
+    try:
+        lo, hi = (float(v) for v in primitive(a.pair))
+    except (OverflowError, ValueError):  # of Python, where compiled code has an infinity
+        lo, hi = -math.inf, math.inf
     if name == "sign" and a.error > 0.0 and a.lo <= a.error and a.hi >= -a.error:
         return Enclosure(lo, hi, 2.0)  # a rounded argument may fall on the other side of the jump
     if name in _MONOTONE_SLOPE:

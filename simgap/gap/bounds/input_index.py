@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from numba import njit
+from simgap.late import njit
 
 
 @njit(error_model="numpy", cache=True)

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
@@ -17,6 +16,7 @@ from simgap.gap.bounds.forms import Form, difference, make_form, negated
 from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel
 from simgap.gap.bounds.supremum import supremum
 from simgap.gap.bounds.tiers import Tier
+from simgap.late import sympy as sp
 from simgap.model.compile import compile_kernel
 from simgap.model.kept import kept
 from simgap.model.symbolic import symbol

@@ -7,11 +7,11 @@ and cut at the seam; what is moved is widened by the rounding of doing so. A box
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from simgap.arrays import Floats
 from simgap.geometry import Box
+from simgap.late import njit
 from simgap.model.kept import kept
 
 PARTS = 3

@@ -8,9 +8,9 @@ angle is a multiple of pi or an odd multiple of pi/2.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from simgap.arrays import Floats
+from simgap.late import njit
 
 _SLACK = 1e-13  # relative: arctan2, cos and hypot are each off by some 1e-16, angles are below 100 rad
 

@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
@@ -23,6 +22,7 @@ from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.bounds.rotation import rotated_box, to_body
 from simgap.gap.bounds.tiers import Tier
 from simgap.gap.thresholds import NOMINAL_TOLERANCE
+from simgap.late import njit
 from simgap.model.kept import kept
 
 

@@ -13,11 +13,11 @@ from functools import cached_property
 from itertools import combinations_with_replacement
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.gap.bounds.bases import Basis
 from simgap.gap.sampling.values import Held, OfStates, Rows, Values
+from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 
 Term = Callable[..., Floats | float]

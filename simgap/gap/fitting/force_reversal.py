@@ -14,7 +14,6 @@ slope there. The kick by the nominal plant's own rates stands beside it, for lin
 from __future__ import annotations
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.config.plant import AddedEffect
@@ -22,6 +21,7 @@ from simgap.effects import AppliedEffect, apply_effects, effect
 from simgap.gap.bounds.tiers import Tier
 from simgap.gap.sampling.borders import BESIDE
 from simgap.gap.sampling.switching import switching_surfaces
+from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import betaincinv
 
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.outside import Outside, worst_outside
 from simgap.gap.bounds.tiers import Tier
+from simgap.late import scipy
 
 
 def clopper_pearson_upper(n: int, violations: int, confidence: float = 0.95) -> float:
@@ -23,7 +23,7 @@ def clopper_pearson_upper(n: int, violations: int, confidence: float = 0.95) -> 
     """
     if n < 1 or not 0 <= violations <= n:
         raise UserError(f"{violations} violations among {n} samples cannot be")
-    return 1.0 if violations == n else float(betaincinv(violations + 1, n - violations, confidence))
+    return 1.0 if violations == n else float(scipy.special.betaincinv(violations + 1, n - violations, confidence))
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.stats import chi2, kstest, weibull_max
 
 from simgap.arrays import Floats
+from simgap.distributions import chi2
+from simgap.late import scipy
 
 _SHAPES = (1.0, 1e3)  # c >= 1: the likelihood is unbounded below it
 _REACH = 1e6  # farthest location tried, in units of the spread of the maxima
@@ -40,12 +40,14 @@ def fit_reverse_weibull(maxima: Floats, starts: int = 80) -> ReverseWeibull:
     values = np.array([_profile(maxima, top + np.exp(t))[0] for t in mesh])
     k = int(values.argmax())
     ends = mesh[max(k - 1, 0)], mesh[min(k + 1, starts - 1)]
-    fine = minimize_scalar(lambda t: -_profile(maxima, top + np.exp(t))[0], bounds=ends, method="bounded")
+    fine = scipy.optimize.minimize_scalar(
+        lambda t: -_profile(maxima, top + np.exp(t))[0], bounds=ends, method="bounded"
+    )
     location = top + float(np.exp(fine.x if -fine.fun >= values[k] else mesh[k]))
     likelihood, shape = _profile(maxima, location)
     farthest = location - float(maxima.min())
     scale = farthest * float(np.mean(((location - maxima) / farthest) ** shape) ** (1.0 / shape))
-    p = float(kstest(maxima, weibull_max(shape, loc=location, scale=scale).cdf).pvalue)
+    p = float(scipy.stats.kstest(maxima, scipy.stats.weibull_max(shape, loc=location, scale=scale).cdf).pvalue)
     return ReverseWeibull(shape, location, scale, likelihood, p)
 
 
@@ -91,5 +93,7 @@ def _profile(maxima: Floats, location: float) -> tuple[float, float]:
         c = float(np.exp(log_shape))
         return -(n * np.log(c) - n * np.log(np.mean(z**c)) + (c - 1.0) * log_z.sum() - n - n * np.log(unit))
 
-    found = minimize_scalar(negative, bounds=tuple(np.log(_SHAPES)), method="bounded", options={"xatol": 1e-6})
+    found = scipy.optimize.minimize_scalar(
+        negative, bounds=tuple(np.log(_SHAPES)), method="bounded", options={"xatol": 1e-6}
+    )
     return -float(found.fun), float(np.exp(found.x))

@@ -16,7 +16,6 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import minimum_filter
 
 from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
@@ -27,6 +26,7 @@ from simgap.gap.lipschitz.stencils import double_steps, modes, steps, to_cells, 
 from simgap.gap.sampling.values import Centres, Values, values
 from simgap.gap.thresholds import CROWDED
 from simgap.geometry import Grid
+from simgap.late import scipy
 
 FEWEST = 4
 """Cells along an axis at least: a difference over two cells and one over one have to be compared."""
@@ -141,4 +141,6 @@ def moving_axes(grid: Grid, free: tuple[int, ...]) -> tuple[int, ...]:
 
 def _spread(e: Floats, grid: Grid, axes: tuple[int, ...]) -> Floats:
     """Largest less least value around each cell."""
-    return np.asarray(widest(e, grid, axes) - minimum_filter(e, size=window(grid, axes), mode=modes(grid)))
+    return np.asarray(
+        widest(e, grid, axes) - scipy.ndimage.minimum_filter(e, size=window(grid, axes), mode=modes(grid))
+    )

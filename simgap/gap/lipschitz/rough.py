@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 from simgap.arrays import Bools, Floats
 from simgap.gap.lipschitz.slabs import slabs
@@ -20,6 +19,7 @@ from simgap.gap.lipschitz.stencils import contain, double_steps, middle, modes, 
 from simgap.gap.sampling.values import Values
 from simgap.gap.thresholds import GATE, SPLIT_GATE, STEEP_SHARE
 from simgap.geometry import Grid
+from simgap.late import scipy
 
 REACH = 2
 """Cells by which a mark may be away from the difference that makes it."""
@@ -51,7 +51,9 @@ class Roughness:
                 far = np.abs(double_steps(e, j, grid)) > two
                 rough |= middle(far & ~contain(out, j, grid, 1), j, grid)
         if rough.any():
-            rough = maximum_filter(rough.view(np.uint8), size=window(grid, self.axes), mode=modes(grid)) > 0
+            rough = (
+                scipy.ndimage.maximum_filter(rough.view(np.uint8), size=window(grid, self.axes), mode=modes(grid)) > 0
+            )
         return rough
 
 

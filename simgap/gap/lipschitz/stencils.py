@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 from simgap.arrays import Bools, Floats
 from simgap.geometry import Grid
+from simgap.late import scipy
 
 
 def steps(e: Floats, j: int, grid: Grid) -> Floats:
@@ -81,4 +81,4 @@ def modes(grid: Grid) -> list[str]:
 
 def widest(e: Floats, grid: Grid, axes: tuple[int, ...]) -> Floats:
     """Largest value around each cell, diagonal neighbours included."""
-    return np.asarray(maximum_filter(e, size=window(grid, axes), mode=modes(grid)))
+    return np.asarray(scipy.ndimage.maximum_filter(e, size=window(grid, axes), mode=modes(grid)))

@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.thresholds import MOST_BORDER_STATES
+from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 
 BESIDE = 1e-9

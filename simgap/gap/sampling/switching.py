@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import combinations
 
-import sympy as sp
-
 from simgap import reading
 from simgap.effects import effect
+from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
 from simgap.plants.stops import joint_stops

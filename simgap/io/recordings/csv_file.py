@@ -9,12 +9,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.csv as pcsv
-
 from simgap import reading
 from simgap.errors import UserError
+from simgap.late import pyarrow as pa
+from simgap.late import pyarrow_compute as pc
+from simgap.late import pyarrow_csv as pcsv
 
 _SHEET = ("is a spreadsheet, not text", "Export the sheet as CSV in UTF-8.")
 _OTHERS = {

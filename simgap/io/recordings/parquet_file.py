@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.io import checksum
 from simgap.io.parquet import record_of
 from simgap.io.unpacked import require_room, table_size
+from simgap.late import pyarrow as pa
+from simgap.late import pyarrow_parquet as pq
 
 _MAGIC = b"PAR1"
 

@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from simgap import reading
 from simgap.arrays import Floats
@@ -20,6 +18,8 @@ from simgap.io.recordings.json_samples import is_json
 from simgap.io.recordings.mcap_file import mcap_header, read_mcap
 from simgap.io.recordings.mcap_messages import is_mcap
 from simgap.io.recordings.parquet_file import is_parquet, parquet_header, parquet_schema, read_parquet_columns
+from simgap.late import pyarrow as pa
+from simgap.late import pyarrow_compute as pc
 
 _GIVE = "Give the path of a CSV, Parquet, JSON or MCAP file."
 

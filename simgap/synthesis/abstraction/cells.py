@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
 from simgap.geometry import Grid
+from simgap.late import njit
 from simgap.synthesis.abstraction.holes import layout
 from simgap.synthesis.abstraction.swept import SweptCells
 
@@ -64,7 +64,7 @@ class Abstraction:
         return out
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _boxes(post, k, first, last, meta, data, table, out):  # type: ignore[no-untyped-def]
     for i in range(k.shape[0]):
         post(k[i].ctypes, 1, 1, first, last, meta.ctypes, data.ctypes, table.ctypes, out[i].ctypes)

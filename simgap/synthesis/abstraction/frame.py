@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.geometry import Grid
+from simgap.late import njit
 from simgap.synthesis.abstraction.tables import table_meta
 
 PAD = 2.0**-42
@@ -56,7 +56,7 @@ class Frame:
         return np.concatenate([np.array(counts, np.int64), layout.reshape(-1)]), data
 
 
-@nb.njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def cell_box(k, n, data, lo, hi):  # type: ignore[no-untyped-def]
     """Where the true state can be when the measured one is in cell `k`: the cell with error and pad, inside X."""
     for j in range(n):
@@ -66,14 +66,14 @@ def cell_box(k, n, data, lo, hi):  # type: ignore[no-untyped-def]
         hi[j] = min(left + data[n + j] + grow, data[3 * n + j])
 
 
-@nb.njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def cell_boxes(cells, data, lo, hi):  # type: ignore[no-untyped-def]
     """`cell_box` of many cells (rows, n) -> lo, hi (rows, n)."""
     for row in range(cells.shape[0]):
         cell_box(cells[row], cells.shape[1], data, lo[row], hi[row])
 
 
-@nb.njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def to_cells(lo, hi, i, n, data):  # type: ignore[no-untyped-def]
     """Cells of axis `i` in which [lo, hi] can be measured; far outside when a bound is not finite or far too large."""
     origin, width, grow = data[i], data[n + i], data[4 * n + i] + data[5 * n + i]

@@ -6,11 +6,11 @@ is stored twice in a row, so that a box that runs across the seam is one contigu
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Ints
+from simgap.late import njit
 
 Counts = NDArray[np.int32]
 
@@ -37,7 +37,7 @@ def table_size(shape: Ints, n: int) -> int:
     return int(np.prod(shape[2, :n]))
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def count_holes(inside, shape, n, table):  # type: ignore[no-untyped-def]
     """Fill `table` with the summed-area counts of the cells where `inside` (flat, row-major, uint8) is 0."""
     table[:] = 0
@@ -67,7 +67,7 @@ def count_holes(inside, shape, n, table):  # type: ignore[no-untyped-def]
                 table[i] += table[i - stride]
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def clip_boxes(shape, n, boxes, first, count, ok):  # type: ignore[no-untyped-def]
     """Bring boxes into the table's range, in place; `ok[i]` = 0 where box `first + i` leaves the grid.
 
@@ -91,7 +91,7 @@ def clip_boxes(shape, n, boxes, first, count, ok):  # type: ignore[no-untyped-de
                 boxes[at], boxes[at + n] = lo - turns, hi - turns
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def drop_boxes_with_holes(table, shape, n, boxes, first, count, ok):  # type: ignore[no-untyped-def]
     """Set `ok[i]` = 0 for every clipped box that holds a hole: 2, 4, 8 or 16 loads a box. Others stay as they are.
 

@@ -18,13 +18,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import sympy as sp
 
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise
 from simgap.geometry import Box
+from simgap.late import sympy as sp
 from simgap.model.sampled import NominalModel
-from simgap.model.symbolic import SymbolicModel
+from simgap.model.symbolic import SymbolicModel, kinds
 
 Rates = Callable[[Floats, Floats, Floats], tuple[Floats, Floats]]
 _ROUNDS = 50
@@ -36,7 +36,7 @@ _PIECES, _ALONG, _NARROWED, _SAME = 20_000, 12, 10, 0.99
 a path may stray is bounded anew where it then may be, and the share of it that is as good as all. Of an arm of two
 links the enclosed rates fall by a fifth from one piece to 8 along an axis, and by a fiftieth from there to 16."""
 _SLACK = 1e-12
-_KINKED = (sp.sign, sp.Abs, sp.Min, sp.Max, sp.Heaviside, sp.Piecewise)
+_KINKED = "sign Abs Min Max Heaviside Piecewise"
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ def flow_of(model: SymbolicModel, smooth: bool = True) -> Flow:
     x, u = (tuple(v.symbol for v in group) for group in (model.states, model.inputs))
     own = NominalModel(x, u, model.numeric(), 0.0)
     read = set[sp.Basic]().union(*(e.free_symbols for e in own.f))
-    kinked = any(e.has(*_KINKED) for e in own.f)
+    kinked = any(e.has(*kinds(_KINKED)) for e in own.f)
     axes = tuple(j for j, symbol in enumerate(x) if symbol in read)
     return Flow(own.enclosure, own.jacobian_enclosure if smooth and not kinked else None, axes)
 

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-import numba as nb
 import numpy as np
 
+from simgap.late import njit, numba
 from simgap.model.kept import kept, kept_as
 from simgap.synthesis.abstraction.frame import cell_box, to_cells
 from simgap.synthesis.abstraction.tables import POST
@@ -23,7 +23,7 @@ from simgap.synthesis.abstraction.tables import POST
 Kernel = Callable[..., Any]
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def no_gap(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
     """The gap kernel of the nominal model alone."""
     lo[:] = 0.0
@@ -52,7 +52,7 @@ def image(f: Kernel, jacobian: Kernel) -> Kernel:
     return image_of_box
 
 
-@nb.njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def group_box(index, extra, n, data, lo, hi, spare):  # type: ignore[no-untyped-def]
     """`cell_box` of the cell `index` and of the `extra` cells after it along the last axis, together."""
     if extra:
@@ -69,10 +69,12 @@ def direct_post(f: Kernel, jacobian: Kernel, gap: Kernel) -> Any:
     """The post that evaluates the model for every pair, because nothing can be tabulated."""
     image_of_box = image(f, jacobian)
 
+    carray = numba.carray
+
     @kept_as(POST, "cfunc")
     def post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
         n, nu = meta[0], meta[2]
-        numbers = nb.carray(data, (meta[3],))
+        numbers = carray(data, (meta[3],))
         index, work = np.empty(n, np.int64), np.empty((9, n))
         for j in range(n):
             index[j] = k[j]
@@ -99,10 +101,12 @@ def direct_post(f: Kernel, jacobian: Kernel, gap: Kernel) -> Any:
 def tabulated_post(gap: Kernel) -> Any:
     """The post that reads the model from tables and evaluates the gap for every pair or group of pairs."""
 
+    carray = numba.carray
+
     @kept_as(POST, "cfunc")
     def post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
         n, inputs, nu = meta[0], meta[1], meta[2]
-        numbers = nb.carray(data, (meta[3],))
+        numbers = carray(data, (meta[3],))
         index, row, work = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((5, n))
         for i in range(n):
             index[i] = k[i]
@@ -178,7 +182,7 @@ def gap_adder(gap: Kernel) -> Kernel:
     return add_gap
 
 
-@nb.njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def whole_cells(offsets, i, n, header, out):  # type: ignore[no-untyped-def]
     """Offsets from the centre of a cell as whole cells: (rows, M, 2) -> (rows, M, 2) int32."""
     axis = header.copy()

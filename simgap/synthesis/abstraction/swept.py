@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Floats, Ints
 from simgap.gap.bounds.rotation import rotated_box
 from simgap.geometry import Grid
+from simgap.late import njit
 
 SHRINK = 1e-9  # of a cell, as in `regions`: a path that only touches a face does not enter the cell behind it
 
@@ -60,7 +60,7 @@ def planar_swept_cells(
     return SweptCells(k, low, high)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _sweep(box, first, step, off, i, j, width_i, width_j, low, high):  # type: ignore[no-untyped-def]
     for layer in range(low.shape[0]):
         t0 = first + step * layer
@@ -70,6 +70,6 @@ def _sweep(box, first, step, off, i, j, width_i, width_j, low, high):  # type: i
             low[layer, m, j], high[layer, m, j] = _cells(y0, y1, width_j)
 
 
-@nb.njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def _cells(a, b, width):  # type: ignore[no-untyped-def]
     return np.int32(np.floor(a / width + SHRINK)), np.int32(np.ceil(1.0 + b / width - SHRINK) - 1)

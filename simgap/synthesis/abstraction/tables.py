@@ -6,30 +6,20 @@ from functools import cache
 from math import prod
 from typing import Any
 
-import numba as nb
 import numpy as np
-from numba import types
 
 from simgap.arrays import Ints
 from simgap.geometry import Grid
+from simgap.late import numba
 
-POST = types.void(
-    types.CPointer(types.int64),
-    types.int64,
-    types.int64,
-    types.int64,
-    types.int64,
-    types.CPointer(types.int64),
-    types.CPointer(types.float64),
-    types.CPointer(types.int32),
-    types.CPointer(types.int32),
-)
+_WHOLE, _REAL, _SHORT = "CPointer(int64)", "CPointer(float64)", "CPointer(int32)"
+POST = f"void({_WHOLE}, int64, int64, int64, int64, {_WHOLE}, {_REAL}, {_SHORT}, {_SHORT})"
 
 
 @cache
 def table_post() -> Any:
     """The post that reads integer tables; compiled on first use and kept on disk."""
-    return nb.cfunc(POST, cache=True)(_post)
+    return numba.cfunc(POST, cache=True)(_post)
 
 
 def _post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]

@@ -6,11 +6,11 @@ The erosion by a box is that by its edges, one axis after the other, and one edg
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Ints
+from simgap.late import njit
 from simgap.synthesis.games.threads import over_items
 
 Rows = NDArray[np.uint64]
@@ -47,7 +47,7 @@ class BoxErosion:
             _replace(stage[3], eroded[s], grew[s])
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _erode_axis(lengths, periodic, axis, extent, source, out, spare):  # type: ignore[no-untyped-def]
     """out row i = AND of rows i .. i + extent - 1 of `source` along one axis, by doubling; `spare` is overwritten."""
     n, inner = lengths[axis], source.shape[1]
@@ -71,7 +71,7 @@ def _erode_axis(lengths, periodic, axis, extent, source, out, spare):  # type: i
         have += by
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _replace(new, old, grew):  # type: ignore[no-untyped-def]
     """old = new, with a flag for every row that differs."""
     for r in range(new.shape[0]):
@@ -103,7 +103,7 @@ def _dilate_axis(flags: NDArray[np.uint8], wraps: bool, lower: int, upper: int, 
     return np.moveaxis(out, 0, axis)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def erode_along_rows(bits, width, out):  # type: ignore[no-untyped-def]
     """out bit j = AND of bits j .. j + width - 1 of the same row; beyond the row there are no cells."""
     words = bits.shape[1]
@@ -115,7 +115,7 @@ def erode_along_rows(bits, width, out):  # type: ignore[no-untyped-def]
             out[r, w] = total
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _shifted(bits, r, w, by, words):  # type: ignore[no-untyped-def]
     """Word `w` of row `r` moved so that its bit j is bit j + by of the row; zero beyond both ends."""
     word, bit = w + (by >> 6), np.uint64(by & 63)

@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools
+from simgap.late import njit
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.holes import clip_boxes, count_holes, drop_boxes_with_holes, layout, table_size
 from simgap.synthesis.games.threads import over_rows
@@ -78,7 +78,7 @@ def invariance(abstraction: Abstraction, safe: Bools | None = None, threads: int
     return Invariance(inside.view(np.bool_), mask, pairs, passes)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def row_index(r, shape, n, k):  # type: ignore[no-untyped-def]
     """Cell indices of the first cell of row `r` (cells that differ along the last axis only)."""
     k[n - 1] = 0
@@ -87,7 +87,7 @@ def row_index(r, shape, n, k):  # type: ignore[no-untyped-def]
         r //= shape[0, j]
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _next_input(post, meta, data, tab, shape, n, inputs, table, k, first, out, ok):  # type: ignore[no-untyped-def]
     """First input >= `first` whose box lies in the set (its clipped box is left in `out[:2n]`), or `inputs`."""
     m = first
@@ -105,7 +105,7 @@ def _next_input(post, meta, data, tab, shape, n, inputs, table, k, first, out, o
     return inputs
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _start(post, meta, data, tab, shape, n, row, table, boxes, first, last):  # type: ignore[no-untyped-def]
     """Remember input 0 for every cell of the rows first..last; boxes that leave the grid become -1, a hole for good."""
     k = np.zeros(4, np.int64)
@@ -121,7 +121,7 @@ def _start(post, meta, data, tab, shape, n, row, table, boxes, first, last):  # 
     return 0
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _idle(changed, lead_shape, lead, reach, r, dirty):  # type: ignore[no-untyped-def]
     """Whether no cell that row `r` relies on has been lost in the last pass."""
     dirty[0] = 1
@@ -130,7 +130,7 @@ def _idle(changed, lead_shape, lead, reach, r, dirty):  # type: ignore[no-untype
     return dirty[0] == 1
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _pass(  # type: ignore[no-untyped-def]
     post, meta, data, tab, shape, lead_shape, n, inputs, row, table, changed,
     inside, remembered, boxes, reach, unchanged, start, first, last,
@@ -166,7 +166,7 @@ def _pass(  # type: ignore[no-untyped-def]
     return lost
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _rely(inside, boxes, reach, r, row, n, lead):  # type: ignore[no-untyped-def]
     """The box of leading indices that the remembered boxes of row `r` cover (empty if no cell is left)."""
     for j in range(n - 1):
@@ -179,7 +179,7 @@ def _rely(inside, boxes, reach, r, row, n, lead):  # type: ignore[no-untyped-def
         reach[2 * lead * r + lead + j] = most
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _fits(post, meta, data, tab, shape, n, k, m, table, out, ok):  # type: ignore[no-untyped-def]
     """Whether the tightest box of one pair lies in the set."""
     post(k.ctypes, 1, 1, m, m + 1, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
@@ -188,7 +188,7 @@ def _fits(post, meta, data, tab, shape, n, k, m, table, out, ok):  # type: ignor
     return ok[0]
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _admissible(  # type: ignore[no-untyped-def]
     post, meta, data, tab, shape, n, inputs, row, group, table, inside, mask, first, last
 ):

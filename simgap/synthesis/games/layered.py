@@ -21,12 +21,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
 from simgap.errors import UserError
+from simgap.late import njit
 from simgap.synthesis.abstraction.cells import MAX_AXES, Abstraction
 from simgap.synthesis.bits import packed_width
 from simgap.synthesis.games.invariance import Invariance
@@ -72,7 +72,7 @@ def members(made: Board) -> Bools:
     return np.ascontiguousarray(flags[:, : made.cells[-1]]).reshape(-1).view(np.bool_)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def all_are(cells, words, bits, lo, hi, inside):  # type: ignore[no-untyped-def]
     """Whether all cells of the box [lo, hi] (4,), which lies in the grid, are in the set (or none, if not `inside`).
 
@@ -98,7 +98,7 @@ def all_are(cells, words, bits, lo, hi, inside):  # type: ignore[no-untyped-def]
     return True
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def take_out(board, lo, hi, now):  # type: ignore[no-untyped-def]
     """Take the cells of the box [lo, hi] (4,), which lies in the grid, out of the set in pass `now`."""
     for i in range(lo[0], hi[0] + 1):
@@ -111,7 +111,7 @@ def take_out(board, lo, hi, now):  # type: ignore[no-untyped-def]
                     board.lost[block * board.blocks[3] + c // BLOCK] = now
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def lost_since(cells, blocks, lost, lo, hi, since):  # type: ignore[no-untyped-def]
     """Whether a cell of a block that the box [lo, hi] (4,) meets was lost in the pass `since` or later."""
     for i in range(max(lo[0], 0) // BLOCK, min(hi[0], cells[0] - 1) // BLOCK + 1):
@@ -178,7 +178,7 @@ def layered_invariance(
     return Invariance(members(made), mask, pairs, now), [int(count) for count in asked[:, 0]]
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _place(count, side, rows, parents, parent_side, node, first, row, lo):  # type: ignore[no-untyped-def]
     """Write the node's `first` fine cell and its rows of the table, (4,) each; returns its parent."""
     rest, above = node, 0
@@ -194,7 +194,7 @@ def _place(count, side, rows, parents, parent_side, node, first, row, lo):  # ty
     return above
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _judge(table, first, row, lo, hi, cells, words, bits, m, holds, finest):  # type: ignore[no-untyped-def]
     """FAILS, MAYBE or HOLDS of a node and the input `m`; whether it holds is asked only if `holds`."""
     inside, empty = True, False
@@ -219,7 +219,7 @@ def _judge(table, first, row, lo, hi, cells, words, bits, m, holds, finest):  # 
     return MAYBE if all_are(cells, words, bits, lo, hi, True) else FAILS
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _decide(  # type: ignore[no-untyped-def]
     table, first, row, lo, hi, cells, words, bits, status, old, options, deepest, finest, asked
 ):  # fmt: skip
@@ -246,7 +246,7 @@ def _decide(  # type: ignore[no-untyped-def]
     return LOST, start
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _quiet(table, first, row, lo, hi, cells, blocks, lost, m, since):  # type: ignore[no-untyped-def]
     """Whether nothing was lost near the box of a node and the input `m` in the pass `since` and later."""
     for i in range(MAX_AXES):
@@ -254,7 +254,7 @@ def _quiet(table, first, row, lo, hi, cells, blocks, lost, m, since):  # type: i
     return not lost_since(cells, blocks, lost, lo, hi, since)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _sweep(layer, parent, made, at, deepest, finest, now, asked):  # type: ignore[no-untyped-def]
     """Ask all nodes of a layer whose parent is open; returns how many were lost by themselves.
 
@@ -293,7 +293,7 @@ def _sweep(layer, parent, made, at, deepest, finest, now, asked):  # type: ignor
     return lost
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _admit(layer, parent, made, at, finest, mask, asked):  # type: ignore[no-untyped-def]
     """Write the inputs that hold of each node to its cells; those that may stay `alive` for its smaller nodes."""
     cells, words, bits, _, _ = made
@@ -327,7 +327,7 @@ def _admit(layer, parent, made, at, finest, mask, asked):  # type: ignore[no-unt
             _give(cells, words, bits, lo, hi, held, mask)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _give(cells, words, bits, lo, hi, held, mask):  # type: ignore[no-untyped-def]
     """Add the inputs `held` to those of the cells of the set in the box [lo, hi]."""
     for i in range(lo[0], hi[0] + 1):

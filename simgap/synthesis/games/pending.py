@@ -19,13 +19,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, partial
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
 from simgap.errors import UserError
 from simgap.geometry import Grid
+from simgap.late import njit
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.holes import clip_boxes, count_holes, drop_boxes_with_holes, table_size
 from simgap.synthesis.abstraction.swept import SweptCells
@@ -86,7 +86,7 @@ def common_inputs(
     return state
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _common(  # type: ignore[no-untyped-def]
     post, meta, data, tab, shape, n, inputs, row, kind, allowed, holes, quiet, todo, sets, state, first, last
 ):
@@ -119,7 +119,7 @@ def _common(  # type: ignore[no-untyped-def]
     return 0
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _and_over_box(shape, n, boxes, at, allowed, out):  # type: ignore[no-untyped-def]
     """AND of `allowed` (cells, words) over the clipped box `boxes[at:]` into `out` (words,); whether any is left."""
     total = np.int64(1)
@@ -155,7 +155,7 @@ def clear_paths(grid: Grid, shape: Ints, swept: SweptCells, free: Bools) -> Bool
     return out.view(np.bool_)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _clear(shape, n, axis, lower, upper, table, out):  # type: ignore[no-untyped-def]
     k, inputs = np.zeros(4, np.int64), out.shape[1]
     boxes = np.zeros(2 * n * inputs, np.int32)

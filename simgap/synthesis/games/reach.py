@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
 from simgap.errors import UserError
+from simgap.late import njit
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.holes import clip_boxes, count_holes, drop_boxes_with_holes, table_size
 from simgap.synthesis.bits import packed_width, preferred
@@ -126,7 +126,7 @@ def reach_by_table(
     return value, mask
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _reach(post, meta, data, tab, shape, n, inputs, row, reach, first, last):  # type: ignore[no-untyped-def]
     """Box of offsets that the boxes of a row's cells span, relative to the cell: (rows, 2n)."""
     k = np.zeros(4, np.int64)
@@ -145,7 +145,7 @@ def _reach(post, meta, data, tab, shape, n, inputs, row, reach, first, last):  #
     return 0
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _surroundings(shape, n, k, row, reach, boxes, ok):  # type: ignore[no-untyped-def]
     """The clipped box that each cell of a row can reach at all; `ok` is 1 for every one of them."""
     for i in range(row):
@@ -158,7 +158,7 @@ def _surroundings(shape, n, k, row, reach, boxes, ok):  # type: ignore[no-untype
     clip_boxes(shape, n, boxes, np.int64(0), row, ok)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _level(  # type: ignore[no-untyped-def]
     post, meta, data, tab, shape, n, inputs, row, table, news, reach, free, quiet, value, mask, level, first, last
 ):

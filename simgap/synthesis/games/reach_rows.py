@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
 from simgap.geometry import Grid
+from simgap.late import njit
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.abstraction.tables import reduced_cells, reduced_size
@@ -29,7 +29,7 @@ from simgap.synthesis.games.threads import over_items, over_rows
 COMPARED = 256
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def pack_rows(cells, base, stride, count, bits):  # type: ignore[no-untyped-def]
     """Pack flags of cells (flat uint8) into rows (rows, words) uint64; cell j of a row is `base[row] + j stride`."""
     for r in range(base.size):
@@ -52,7 +52,7 @@ def smallest_boxes(lower: NDArray[np.int32], upper: NDArray[np.int32]) -> Bools:
     return kept
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _smallest(lower, upper, order, kept):  # type: ignore[no-untyped-def]
     smallest = np.zeros(COMPARED, np.int64)
     for layer in range(lower.shape[0]):

@@ -7,8 +7,9 @@ loops are flat over the words of a slab; bits behind the end of a row are empty,
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
+
+from simgap.late import njit
 
 GAP = 256  # words without a change that are cheaper made again than stepped over: judgement
 CHUNK = 64  # words that are looked at together
@@ -23,13 +24,13 @@ def stage_size(rows: int, words: int, widest: int) -> tuple[int, int]:
     return 5, (rows + widest + 2) * words
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def lowest(word):  # type: ignore[no-untyped-def]
     """Number of the lowest bit of a word that is not 0 (de Bruijn; Leiserson, Prokop and Randall, 1998)."""
     return _PLACE[np.int64(((word & (~word + np.uint64(1))) * _DEBRUIJN) >> np.uint64(58))]
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _and_of_slabs(lead, at, extent, won, news, out):  # type: ignore[no-untyped-def]
     """out = AND of a box of slabs (slabs, words); False, with nothing written, if none of them has news."""
     any_news = False
@@ -54,7 +55,7 @@ def _and_of_slabs(lead, at, extent, won, news, out):  # type: ignore[no-untyped-
     return True
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _runs(new, old, rows, words, widest, runs):  # type: ignore[no-untyped-def]
     """Ranges of rows whose erosion may differ, since a row of `new` that it covers differs from `old`; how many.
 
@@ -75,7 +76,7 @@ def _runs(new, old, rows, words, widest, runs):  # type: ignore[no-untyped-def]
     return number
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _moved_and(source, out, first, last, by, bits):  # type: ignore[no-untyped-def]
     """out = source AND source moved by words and bits, for the words first..last of two buffers."""
     here, there, to = source[first:last], source[first + by : last + by + 1], out[first:last]
@@ -84,7 +85,7 @@ def _moved_and(source, out, first, last, by, bits):  # type: ignore[no-untyped-d
         to[q] = here[q] & (there[q] >> bits | there[q + 1] << np.uint64(1) << left)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _eroded(stage, source, spare, extent, along, first, last, words):  # type: ignore[no-untyped-def]
     """Erode the rows first..last of buffer `source` by doubling into one of two spare buffers; which one holds it.
 
@@ -104,7 +105,7 @@ def _eroded(stage, source, spare, extent, along, first, last, words):  # type: i
     return at
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _empty(buffer, first, last):  # type: ignore[no-untyped-def]
     """Whether no bit is set in the words first..last."""
     seen, part = np.uint64(0), buffer[first:last]
@@ -113,7 +114,7 @@ def _empty(buffer, first, last):  # type: ignore[no-untyped-def]
     return seen == 0
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def spread(  # type: ignore[no-untyped-def]
     moves, won, todo, news, made, clear, stage, runs, line, fresh, ends, entries, count, every,
     workers, block,
@@ -153,7 +154,7 @@ def spread(  # type: ignore[no-untyped-def]
     return -1
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _spread_run(  # type: ignore[no-untyped-def]
     moves, todo, clear, stage, line, fresh, ends, entries, count, every, first_job, last_job, low, high
 ):
@@ -178,7 +179,7 @@ def _spread_run(  # type: ignore[no-untyped-def]
                 )  # fmt: skip
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _meet(  # type: ignore[no-untyped-def]
     source, v, to, rows, words, first, last, by, bits, todo, clear, clear_at, clear_rows, clear_by, clear_bits,
     line, fresh, ends, entries, count, every,
@@ -218,7 +219,7 @@ def _meet(  # type: ignore[no-untyped-def]
     count[0] = n
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def place(entries, count, ends, placed):  # type: ignore[no-untyped-def]
     """The entries in the order of their words; `ends`, how many each word has, becomes where those of a word end."""
     total = 0
@@ -232,7 +233,7 @@ def place(entries, count, ends, placed):  # type: ignore[no-untyped-def]
         ends[to] += 1
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def settle(  # type: ignore[no-untyped-def]
     moves, fresh, ends, placed, every, won, todo, news, base, stride, level, order, value, mask, chosen, first, last
 ):
@@ -271,7 +272,7 @@ def settle(  # type: ignore[no-untyped-def]
     return 0
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _write(new, c, start, stride, level, sets, value, mask):  # type: ignore[no-untyped-def]
     """Give the cells of a word their level and their inputs (64, bytes)."""
     while new:
@@ -281,7 +282,7 @@ def _write(new, c, start, stride, level, sets, value, mask):  # type: ignore[no-
         mask[start + j * stride, c] = sets[j, : mask.shape[2]]
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _choose(inputs, order, left, c, start, stride, chosen):  # type: ignore[no-untyped-def]
     """Give each cell of a word the first of its inputs; inputs (M,), words of cells, are emptied."""
     for m in order:
@@ -293,7 +294,7 @@ def _choose(inputs, order, left, c, start, stride, chosen):  # type: ignore[no-u
             own &= own - np.uint64(1)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _collect(inputs_from, input_of, placed, ends, at, cells):  # type: ignore[no-untyped-def]
     """Add what the entries of a word hold to the cells of their inputs (M,)."""
     for n in range(ends[at - 1] if at else 0, ends[at]):
@@ -302,7 +303,7 @@ def _collect(inputs_from, input_of, placed, ends, at, cells):  # type: ignore[no
             cells[input_of[i]] |= placed[n, 1]
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _turn(inputs, sets):  # type: ignore[no-untyped-def]
     """Words of cells, one an input (64 k,), into words of inputs, k a cell (64, k); the first are emptied."""
     for k in range(sets.shape[1]):
@@ -321,7 +322,7 @@ def _turn(inputs, sets):  # type: ignore[no-untyped-def]
             square[i] = 0
 
 
-@nb.njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def _swap(square, by, lower):  # type: ignore[no-untyped-def]
     """One of six steps that transpose a square of bits (Warren, Hacker's Delight, section 7-3)."""
     for block in range(0, 64, 2 * by):

@@ -17,13 +17,13 @@ from __future__ import annotations
 
 from functools import partial
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
 from simgap.geometry import Grid
+from simgap.late import njit
 from simgap.specifications.solution import Solution
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.holes import clip_boxes
@@ -181,7 +181,7 @@ def _after(abstraction: Abstraction, allowed: Words, threads: int) -> Words:
     return out
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _after_rows(post, meta, data, tab, shape, n, inputs, row, allowed, full, out, first, last):  # type: ignore[no-untyped-def]
     k = np.zeros(4, np.int64)
     boxes, ok = np.zeros(2 * n * inputs, np.int32), np.zeros(inputs, np.uint8)
@@ -200,7 +200,7 @@ def _after_rows(post, meta, data, tab, shape, n, inputs, row, allowed, full, out
     return 0
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _and_over_box(shape, n, boxes, at, allowed, out, cell, m):  # type: ignore[no-untyped-def]
     """AND of `allowed` over the clipped box `boxes[at:]` into `out[cell, m]`."""
     total = np.int64(1)

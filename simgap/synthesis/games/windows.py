@@ -5,12 +5,12 @@ Sets are rows of little-endian uint32 words, bit m % 32 of word m // 32 is input
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Floats
 from simgap.geometry import Box, Grid
+from simgap.late import njit
 
 Words = NDArray[np.uint32]
 
@@ -85,7 +85,7 @@ def window_and(values: NDArray[np.uint32], grid: Grid, margin: tuple[int, ...]) 
     return values
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _along(values, margin, periodic, out):  # type: ignore[no-untyped-def]
     cells = values.shape[1]
     for o in range(values.shape[0]):

@@ -1,0 +1,82 @@
+"""What each stage imports and spends before it computes: `python benchmarks/start_up.py` writes results/start_up.json.
+
+Every stage of a tiny case on PyBullet (`tiny_cases.py`) runs as its rule types it, in a fresh process, twice: the
+first fills the caches of machine code, the second is what the table tells. CPU seconds of the process and of its engines, the
+modules that it had imported when it ended, and which of the large libraries were among them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from stage_runs import environment
+from tiny_cases import write_cases
+
+ROOT = Path(__file__).parents[1]
+RESULT = ROOT / "benchmarks" / "results" / "start_up.json"
+LARGE = (
+    "numba",
+    "sympy",
+    "scipy",
+    "pyarrow",
+    "pydrake",
+    "matplotlib",
+    "rerun",
+    "cvxpy",
+    "clarabel",
+    "jinja2",
+    "pandas",
+)
+STAGE = """
+import json, os, sys
+from simgap.cli import main
+sys.argv = ["simgap", *sys.argv[2:]]
+try:
+    main(sys.argv[1:])
+finally:
+    used = os.times()
+    found = {"modules": len(sys.modules), "large": [name for name in %r if name in sys.modules]}
+    found |= {"cpu_s": round(used.user + used.system, 2)}
+    found |= {"engines_cpu_s": round(used.children_user + used.children_system, 2)}
+    open(os.environ["TOLD"], "w").write(json.dumps(found))
+""" % (LARGE,)
+
+
+def commands(folder: Path) -> list[list[str]]:
+    """The stages of the case, each as its rule types it."""
+    plan = [sys.executable, "-m", "simgap.cli", "run", "small.yaml", "--cores", "1", "-n", "-p"]
+    told = subprocess.run(plan, cwd=folder, env=environment(), capture_output=True, text=True, check=True).stdout
+    return [shlex.split(line)[1:] for line in re.findall(r"Shell command: (simgap .*)", told)]
+
+
+def stage(folder: Path, command: list[str]) -> dict[str, object]:
+    """One stage in a process of its own."""
+    told = folder / "told.json"
+    words = [sys.executable, "-c", STAGE, "-", *command]
+    subprocess.run(words, cwd=folder, env=environment(TOLD=str(told)), check=True, stdout=subprocess.DEVNULL)
+    return {"stage": command[0], **json.loads(told.read_text())}
+
+
+def main() -> None:
+    """Run every stage twice; a stage that comes several times is told once."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        write_cases(folder)
+        rows: dict[str, dict[str, object]] = {}
+        for command in commands(folder):
+            stage(folder, command)
+            rows[command[0]] = stage(folder, command)
+            print(json.dumps(rows[command[0]]), flush=True)
+    machine = {"cores": os.cpu_count(), "python": sys.version.split()[0]}
+    RESULT.write_text(json.dumps({"machine": machine, "rows": list(rows.values())}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
