@@ -21,7 +21,7 @@ from simgap.lint.between_samples import check_path
 from simgap.lint.costs import StageCost, affordable, costs, duration, size
 from simgap.lint.engine import of_engine
 from simgap.lint.few_cells import refuse_few_cells
-from simgap.lint.measured import check_measured
+from simgap.lint.measured import check_measured, no_coordinates
 from simgap.lint.mixed_units import mixed_units, refuse_prefixes, wrong_dimensions
 from simgap.lint.sampling_time import long_steps
 from simgap.lint.switching import stuck, sudden
@@ -100,7 +100,7 @@ def run(
     compared = findings is not None
     of_equations = [*mixed_units(context), *wrong_dimensions(context)]
     of_case = [*of_equations, *heavy_steps(context), *long_steps(context), *of_wheels]
-    of_case += [*of_angles, *sudden(context), *stuck(context)]
+    of_case += [*of_angles, *sudden(context), *stuck(context), *no_coordinates(context)]
     result = Checked(found, _cells(context), [*(findings or []), *of_case], compared)
     for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)
