@@ -2,8 +2,8 @@
 
 The code of a file of tests is the file, the helpers that it imports, and the import closure in the package of all of
 them, as results of stages know it, with every plug-in; a file that imports nothing of the package starts it as a
-process, and is of all of it. What is not Python (cases, rules, templates, the lock file) and what pytest reads for
-every file count for every file; of the folders of `NAMED`, what a text in the file names.
+process, and is of all of it. What is not Python (cases, rules, templates, the lock file) and what pytest reads anyway
+count for every file; of the folders of `NAMED`, what a text in the file names.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ ROOT = TESTS.parent
 PASSED = TESTS / "slow_passed.json"
 """Digests of the code with which each file of slow tests passed; `--record` writes it."""
 OTHERS = ("configs/**/*", "rules/*", "reports/**/*", "profiles/**/*", "Snakefile", "uv.lock", "docs/tutorial/*")
-OTHERS += ("pyproject.toml", "tests/conftest.py", "tests/stale.py")
+OTHERS += ("pyproject.toml", "tests/conftest.py")
 NAMED = ("benchmarks", "checker", "docs")
 
 

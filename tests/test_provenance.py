@@ -10,6 +10,7 @@ import yaml
 
 from simgap import plugins, provenance
 from simgap.config.load import load_case
+from simgap.config.model_files import named_by
 from simgap.config.reads import READS
 from simgap.config.rig import case_of_rig
 from simgap.provenance import closure, code_digest, sections_digest, versions
@@ -92,6 +93,15 @@ def test_sections_are_narrow(vary):
     assert {stage for stage in READS if base[stage] != changed[stage]} == {"validation", *WHOLE}
     changed = _digests(vary, {"plant.integrator": "rk4"})
     assert not {"rollouts", "fresh", "rig"} & {stage for stage in READS if base[stage] != changed[stage]}
+
+
+@pytest.mark.parametrize("place", ["rod", "rod/urdf", "rod/urdf/plain"])
+def test_a_mesh_is_found_where_pybullet_looks_for_its_package(tmp_path, place):
+    model, mesh = tmp_path / place / "rod.urdf", tmp_path / "rod/meshes/rod.obj"
+    for path, content in ((model, '<robot><mesh filename="package://rod/meshes/rod.obj"/></robot>'), (mesh, "v 0 0 0")):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content)
+    assert mesh in [Path(found).resolve() for _, found in named_by(model)]
 
 
 def test_meshes_of_a_model_are_part_of_what_was_made(vary, root, tmp_path):

@@ -13,6 +13,9 @@ from simgap import reading
 KEYS = ("urdf", "mjcf", "fmu")
 """Keys of `plant`, of `simulator` and of the engine that it is a twin of."""
 
+ABOVE = 5
+"""Folders in which PyBullet looks for a package, the model's own among them."""
+
 
 def named_files(section: Any) -> Iterator[tuple[str, str]]:
     """Key and relative path of the model files that a section names, those of `twin.of` included."""
@@ -28,8 +31,9 @@ def named_files(section: Any) -> Iterator[tuple[str, str]]:
 def named_by(model: Path) -> Iterator[tuple[str, Path]]:
     """Files that a model file names in turn, such as meshes, as far as they are there: how it does, and where they lie.
 
-    In a URDF `package://` means the folder above its own. An MJCF file is read with all that it includes, and its files
-    are told by their place beside it. What is no XML names none; whoever loads it says why.
+    In a URDF `package://` means the folder above its own, or as PyBullet looks for it a folder of the package's name
+    beside or above. An MJCF file is read with all that it includes, and its files are told by their place beside it.
+    What is no XML names none; whoever loads it says why.
 
     Raises:
         UserError: a file that `reading` does not open.
@@ -42,9 +46,12 @@ def named_by(model: Path) -> Iterator[tuple[str, Path]]:
         return
     for name in dict.fromkeys(e.get("filename") for e in root.iter()):
         scheme, _, rest = (name or "").rpartition("://")
-        base, own = (model.parent.parent, rest.partition("/")[2]) if scheme == "package" else (model.parent, rest)
-        if name and own and reading.is_file(base / own):
-            yield name, base / own
+        places = [model.parent / rest] if rest else []
+        if scheme == "package":
+            above = Path(os.path.abspath(model)).parents[:ABOVE]
+            places = [model.parent.parent / rest.partition("/")[2], *(folder / rest for folder in above)]
+        for k, place in enumerate(found for found in places if reading.is_file(found)):
+            yield f"{name}{f' ({k})' if k else ''}", place
 
 
 def _root(path: Path) -> ElementTree.Element | None:

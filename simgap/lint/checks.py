@@ -8,6 +8,7 @@ from simgap.lint.angles import refuse_seams
 from simgap.lint.between_samples import refuse_free_path
 from simgap.lint.equations import heavy_steps, mixed_units, refuse_prefixes, wrong_dimensions
 from simgap.lint.gap import refuse_basis, refuse_few_cells
+from simgap.lint.measured import no_coordinates
 from simgap.lint.sampling_time import long_steps
 from simgap.lint.specification import refuse_specification
 from simgap.lint.switching import stuck, sudden
@@ -23,7 +24,9 @@ OF_CASE: tuple[Check, ...] = (
 )  # fmt: skip
 """What takes no engine; asked first, since starting one takes seconds."""
 
-OF_NUMBERS: tuple[Check, ...] = (mixed_units, wrong_dimensions, heavy_steps, long_steps, wheel_sizes, sudden, stuck)
+OF_NUMBERS: tuple[Check, ...] = (
+    mixed_units, wrong_dimensions, heavy_steps, long_steps, wheel_sizes, sudden, stuck, no_coordinates,
+)  # fmt: skip
 """What is asked once the engine has loaded its model file: its reasons come before those that follow from them."""
 
 

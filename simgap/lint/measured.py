@@ -19,6 +19,7 @@ from simgap.io.recordings.measured import channels_of, condition_channels, displ
 from simgap.io.recordings.tables import read_header
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.context import Context
+from simgap.simulators.surprises import Finding
 
 
 def check_measured(context: Context) -> None:
@@ -44,6 +45,20 @@ def check_measured(context: Context) -> None:
             for path in paths:
                 _refuse_columns(context, section, (*channels, *told), path)
             _refuse_other_files(section, [display_name(path, context.folder) for path in paths])
+
+
+def no_coordinates(context: Context) -> list[Finding]:
+    """Equations of which a diagnosis seeks no force: it would blame what is left on inputs and sensors."""
+    model = context.plant.declared
+    if context.case.measured is None or model.wheels is not None or model.coordinates:
+        return []
+    return [
+        Finding(
+            "plant.symbolic.coordinates",
+            "is not given, so that a diagnosis seeks no friction, spring or other force on the motion",
+            "Name the degrees of freedom there if something moves",
+        )
+    ]
 
 
 def named_files(context: Context, section: MeasuredSection) -> list[Path]:

@@ -1,10 +1,13 @@
 """Recordings that no program should have written: each is one short line with its file."""
 
+import os
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from simgap import reading
 from simgap.errors import UserError
 from simgap.io.recordings.tables import read_recording
 
@@ -28,6 +31,11 @@ def csv(text):
     return "run.csv", lambda path: path.write_bytes(text if isinstance(text, bytes) else text.encode())
 
 
+def sparse(path):
+    path.write_bytes(b"t,q\n" + b"0,1\n" * 500)
+    os.truncate(path, 4 * reading.MOST + 1)
+
+
 LISTS = [[1.0], [2.0], [3.0]]
 REFUSED = {
     "list column": (parquet({"t": T, "q": LISTS}), "'q' holds list<.*>, not numbers"),
@@ -44,6 +52,7 @@ REFUSED = {
     "many columns": (csv(",".join(f"c{k}" for k in range(5000)) + "\n"), "no time column 't' among"),
     "late bytes": (csv(b"t,q\n" + b"0,1\n" * 500 + b"1,\xff\xfe\n"), "run.csv"),
     "ragged bytes": (csv(b"t,q\n" + b"0,1\n" * 500 + b"1,\xff\xfe,3\n"), "run.csv"),
+    "sparse": (("run.csv", sparse), "has .* bytes; the most are"),  # an hour to hash, and no byte on the disk
     "null bytes": (csv(b"t,q\n0,\x00\n"), "row 1, column 'q'"),
 }
 

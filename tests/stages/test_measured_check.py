@@ -130,3 +130,14 @@ def test_an_arm_of_many_joints_takes_no_conditions(said):
     with pytest.raises(UserError, match=r"knows no such conditions.*measured\.payloads") as caught:
         refuse_arm_conditions(MeasuredSection.model_validate(said))
     assert caught.value.key == f"measured.{next(iter(said))}"
+
+
+def test_it_is_told_that_no_force_is_sought_where_nothing_says_what_moves(ball):
+    path = ball()
+    assert "plant.symbolic.coordinates" not in [f.key for f in check.run(path).findings]
+    content = yaml.safe_load(path.read_text())
+    del content["plant"]["symbolic"]["coordinates"]
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    (found,) = check.run(path).findings
+    assert found.key == "plant.symbolic.coordinates"
+    assert "seeks no friction" in found.problem

@@ -42,9 +42,11 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
     _refuse_no_file(path, file)
     if is_mcap(path):
         return _whole(read_mcap(path, list(wanted), file, reading.sha256(path)), path, file)
+    if not (parquet := is_parquet(path)):
+        reading.checked(path, 4 * reading.MOST)  # its columns are held: none is hashed that is larger than the memory
     if is_json(path):
         return _whole(read_json_table(path, list(wanted), time, trace, file, reading.sha256(path)), path, file)
-    parquet, sha256 = is_parquet(path), reading.sha256(path)
+    sha256 = reading.sha256(path)
     layout = None if parquet else csv_layout(path, file)
     header = parquet_header(path, file) if layout is None else layout.header
     if time not in header:
