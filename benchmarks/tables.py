@@ -2,7 +2,8 @@
 
     python benchmarks/tables.py
 
-Rewrites the text between `<!-- table NAME -->` and `<!-- end -->` in docs/*.md; without results a table stays as it is.
+Rewrites the text between `<!-- table NAME -->` and `<!-- end -->` in docs; without results a table stays as it is.
+A name that is not listed below is that of a table beside the results, NAME.md.
 """
 
 from __future__ import annotations
@@ -186,25 +187,6 @@ def recording_faults(data: Sequence[Mapping[str, Any]]) -> str:
     return markdown(head, rows)
 
 
-def diagnosis_cost(data: Sequence[Mapping[str, Any]]) -> str:
-    """CPU seconds and answers of two versions of the search."""
-    now = {r["record"]: r for r in data if r["version"] == "now"}
-    before = {r["record"]: r for r in data if r["version"] == "before"}
-    rows = []
-    for name in [n for n in before if n in now]:
-        old, new = before[name], now[name]
-        same = all(old[k] == new[k] for k in ("verdict", "effects", "chi2_dof", "held_out"))
-        named = ", ".join(new["effects"]) or "-"
-        seconds = [f"{r['cpu_s']:g}" for r in (old, new)]
-        rows.append(
-            [name, f"{old['sets']}, {new['sets']}", *seconds, new["verdict"], named, "the same" if same else "differs"]
-        )
-    return markdown(
-        ["record", "sets fitted before, now", "CPU s before", "CPU s now", "verdict", "effects", "answer as before"],
-        rows,
-    )
-
-
 def suprema(_: Mapping[str, Any]) -> str:
     """Sup of gamma for every eps of a plain run of the pendulum."""
     rows = []
@@ -216,29 +198,6 @@ def suprema(_: Mapping[str, Any]) -> str:
     return markdown(head, rows)
 
 
-def undeclared(data: Mapping[str, Any]) -> str:
-    """Hidden effects and what was answered."""
-    figures = data.get("figures", data)
-    shown = (
-        "records",
-        "exact",
-        "listed",
-        "one right",
-        "two right",
-        "attributed",
-        "error median",
-        "delay error median",
-        "error median where an equal is the answer",
-        "intervals that cover",
-        "held-out over floor, median",
-    )
-
-    def text(value: Any) -> str:
-        return "" if value is None else str(value) if isinstance(value, int) else f"{value:.3g}"
-
-    return markdown(["study", *shown], [[n, *(text(f.get(k)) for k in shown)] for n, f in figures.items()])
-
-
 def synthesis(data: Mapping[str, Any]) -> str:
     """Time and memory of synthesis beside goals and SCOTS."""
     rows = []
@@ -246,7 +205,15 @@ def synthesis(data: Mapping[str, Any]) -> str:
         once = r["process_s"] - r["cpu_s"]  # the process solves twice
         goal, scots = (f"{r[k]:g}" if k in r else "" for k in ("goal_s", "scots_process_s"))
         rows.append(
-            [r["problem"], f"{r['winning']:,}", f"{r['cpu_s']:.2f}", goal, f"{once:.1f}", scots, f"{r['peak_MiB']:,}"]
+            [
+                r["problem"],
+                f"{r['winning']:,}",
+                f"{r['cpu_s']:.2f}",
+                goal,
+                f"{once:.1f}" if once > r["cpu_s"] else "-",
+                scots,
+                f"{r['peak_MiB']:,}",
+            ]
         )
     head = ["problem", "winning cells", "CPU s", "goal", "whole process, CPU s", "SCOTS v0.2", "peak MiB"]
     return markdown(head, rows)
@@ -276,9 +243,16 @@ def faults(_: Any) -> str:
     return markdown(["what", "number", "outcome", "command"], rows)
 
 
-def drive_library(_: Any) -> str:
-    """As the study itself writes it."""
-    return (RESULTS / "drive_library.md").read_text().strip()
+def real_records(data: Mapping[str, Any]) -> str:
+    """Answers on recordings of real hardware."""
+    shown = ("record", "fitted", "confirmed", "verdict", "named", "result")
+    return markdown(list(shown), [[r[key] for key in shown] for r in data["records"]])
+
+
+def ur10e(data: Mapping[str, Any]) -> str:
+    """Friction of an arm of six joints beside what others found."""
+    head = ["joint", "viscous, N m s/rad", "others", "Coulomb, N m", "others"]
+    return markdown([*head, "error on `free_5harm`, N m: before", "after"], [list(r.values()) for r in data["ur10e"]])
 
 
 TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
@@ -289,31 +263,42 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "closed_loop": ("../../results/pendulum_sensing/summary.json", closed_loop),
     "synthesis": ("synthesis.json", synthesis),
     "lipschitz": ("lipschitz.json", lipschitz),
-    "undeclared": ("undeclared.json", undeclared),
     "rollouts": ("rollouts.json", rollouts),
     "dry_friction": ("dry_friction.json", dry_friction),
     "encoders": ("encoders.json", encoders),
     "recording_faults": ("recording_faults.json", recording_faults),
-    "diagnosis_cost": ("diagnosis_cost.json", diagnosis_cost),
     "long_record": ("long_record.json", long_record),
     "strange": ("strange.json", strange),
-    "drive_library": ("drive_library.json", drive_library),
+    "real_records": ("real_records.json", real_records),
+    "ur10e": ("real_records.json", ur10e),
     "faults": ("fuzz.json", faults),
     "suprema": ("../../results/pendulum/full/summary.json", suprema),
 }
 
 
+def made(name: str) -> str | None:
+    """A table by its name: of the results, or as the study wrote it; none where its results are not kept."""
+    file, make = TABLES.get(name, (f"{name}.md", None))
+    path = RESULTS / file
+    if not path.is_file():
+        return None
+    return make(json.loads(path.read_text())) if make else path.read_text().strip()
+
+
+def filled(text: str) -> str:
+    """A page with its tables made anew."""
+
+    def table(found: re.Match[str]) -> str:
+        new = made(found[1])
+        return found[0] if new is None else f"<!-- table {found[1]} -->\n{new}\n<!-- end -->"
+
+    return re.sub(r"<!-- table (\w+) -->\n.*?<!-- end -->", table, text, flags=re.S)
+
+
 def main() -> None:
     """Rewrite every table whose results are there."""
-    for page in sorted((ROOT / "docs").glob("*.md")):
-        text = page.read_text()
-        for name, (file, make) in TABLES.items():
-            if (RESULTS / file).is_file():
-                table = make(json.loads((RESULTS / file).read_text()))
-                pattern = rf"(<!-- table {name} -->\n).*?(<!-- end -->)"
-                text = re.sub(pattern, lambda m, t=table: f"{m[1]}{t}\n{m[2]}", text, flags=re.S)
-        page.write_text(text)
-        print(page.relative_to(ROOT))
+    for page in sorted((ROOT / "docs").rglob("*.md")):
+        page.write_text(filled(page.read_text()))
 
 
 if __name__ == "__main__":

@@ -17,9 +17,14 @@ status 1. These are all of them, by the room of the package that says them; `…
 list is read from the sources.
 
 """
+COMMANDS = """# Commands
+
+`simgap COMMAND --help` prints the same. A stage of the workflow is a command too; `simgap run` calls them in order.
+
+"""
 PYTHON = """# Python
 
-The public names, from their docstrings; [the names at a glance](api.md). Everything else may change.
+The public names, from their docstrings; [how to use them](../how-to/python.md). Everything else may change.
 
 """
 
@@ -32,9 +37,10 @@ def on_files(files: Any, config: Any) -> Any:
         "index.md": from_root("README.md"),
         "contributing.md": from_root("CONTRIBUTING.md"),
         "changelog.md": from_root("CHANGELOG.md"),
-        "notebook.md": notebook(ROOT / "docs/notebook.ipynb"),
-        "messages.md": messages(ROOT / "simgap"),
-        "python.md": python_names(),
+        "tutorials/notebook.md": notebook(ROOT / "docs/tutorials/notebook.ipynb"),
+        "reference/commands.md": commands(),
+        "reference/messages.md": messages(ROOT / "simgap"),
+        "reference/python.md": python_names(),
     }
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
@@ -44,7 +50,7 @@ def on_files(files: Any, config: Any) -> Any:
 def from_root(name: str) -> str:
     """A page that stands beside docs/, its links as they are inside."""
     text = (ROOT / name).read_text()
-    text = text.replace("](docs/notebook.ipynb)", "](notebook.md)")
+    text = text.replace("notebook.ipynb)", "notebook.md)")
     for outside, inside in (("docs/", ""), ("CHANGELOG.md", "changelog.md"), ("CONTRIBUTING.md", "contributing.md")):
         text = text.replace(f"]({outside}", f"]({inside}")
     return text
@@ -97,6 +103,27 @@ def words(node: ast.expr) -> str:
     else:
         text = "…"
     return " ".join(text.replace("|", "\\|").replace("<", "&lt;").replace("[", "\\[").split(" "))
+
+
+def commands() -> str:
+    """Every subcommand with its arguments and options, as `--help` says them."""
+    import typer
+
+    from simgap.cli import app
+
+    text = COMMANDS
+    group = typer.main.get_command(app)
+    for name, command in group.commands.items():  # type: ignore[attr-defined]
+        rows = "".join(
+            f"| `{' '.join(p.opts) if p.param_type_name == 'option' else (p.name or '').upper()}` | "
+            f"{words(ast.Constant(getattr(p, 'help', None) or ''))} |\n"
+            for p in command.params
+            if "--help" not in p.opts
+        )
+        text += f"## simgap {name}\n\n{command.help}\n\n" + (
+            f"| argument | meaning |\n|---|---|\n{rows}\n" if rows else ""
+        )
+    return text
 
 
 def python_names() -> str:

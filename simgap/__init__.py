@@ -1,6 +1,6 @@
 """Measures, bounds and closes the gap between a robot model, its simulator and its recordings.
 
-What the package offers is listed in `__all__` and described in docs/api.md. It is read on first use, so that
+What the package offers is listed in `__all__` and described in docs/how-to/python.md. It is read on first use, so that
 `import simgap` costs milliseconds.
 """
 

@@ -32,10 +32,14 @@ def superscript(digits: str) -> str:
 def pretty_unit(unit: str) -> str:
     """A unit as it is printed: 'N*m*s/rad' -> 'N m s/rad', 'kg*m^2' -> 'kg m²'; nothing for a pure number.
 
-    The units that an effect takes from what it acts on are named: '{force}*s/{position}' -> 'force s/position'.
+    Units that an effect takes from its coordinate are those of a rotation or a translation: '{force}*s/{position}' ->
+    'N m s/rad or N s/m'; an input's and a reading's are named.
     """
     if unit in ("1", ""):
         return ""
+    if "{force}" in unit or "{position}" in unit:
+        kinds = ({"force": "N*m", "position": "rad"}, {"force": "N", "position": "m"})
+        return " or ".join(pretty_unit(unit.format(**kind, input="{input}", state="{state}")) for kind in kinds)
     out, k = "", 0
     text = unit.replace("**", "^").replace("{", "").replace("}", "")
     while k < len(text):

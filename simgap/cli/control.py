@@ -20,7 +20,9 @@ def synthesis(
     out: Out,
     summary: Annotated[Path, typer.Option(help="File for the figures of the synthesis (JSON).")],
     bound: Annotated[Path | None, typer.Option("--gap", help="gap.json; the nominal model alone if not given.")] = None,
-    careful: Annotated[bool, typer.Option("--careful", help="Without a gap: mind the path between samples.")] = False,
+    careful: Annotated[
+        bool, typer.Option("--careful", help="Without a gap: check the path between samples (fair baseline).")
+    ] = False,
     workers: Annotated[int, typer.Option(help="Threads.")] = 2,
     log: Log = None,
 ) -> None:
@@ -55,7 +57,7 @@ def validation(
     bound: Annotated[Path, typer.Option("--gap", help="gap.json")],
     out: Out,
     traces: Annotated[Path, typer.Option(help="File for the traces that are kept (Parquet).")],
-    careful: Annotated[Path | None, typer.Option(help="Controller of the model that minds the path.")] = None,
+    careful: Annotated[Path | None, typer.Option(help="Controller of the fair baseline.")] = None,
     trials: TrialsOption = Trials.PLAIN,
     workers: Annotated[int, typer.Option(help="Engine processes.")] = 2,
     log: Log = None,

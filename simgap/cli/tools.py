@@ -49,13 +49,14 @@ def schema(
 
 @app.command()
 def reference(
-    out: Annotated[Path, typer.Option(help="File to write.", callback=new_file)] = Path("docs/reference.md"),
+    out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("docs/reference"),
 ) -> None:
-    """Write the reference of all keys of a case and of all effects."""
+    """Write the pages of all keys of a case and of all effects."""
     from simgap.io.atomic import write_text
-    from simgap.stages.reference import reference as text
+    from simgap.stages.reference import reference as pages
 
-    write_text(out, text())
+    for name, text in pages().items():
+        write_text(out / name, text)
 
 
 @app.command()

@@ -52,7 +52,9 @@ def run(
     context: typer.Context,
     cases: Annotated[list[Path], typer.Argument(help="Case files, all of one folder.", show_default=False)],
     cores: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 2,
-    full: Annotated[bool, typer.Option("--full", help="Also with more trials beside the proofs.")] = False,
+    full: Annotated[
+        bool, typer.Option("--full", help="Also run the larger number of simulated trials and attacks.")
+    ] = False,
 ) -> None:
     """Take cases through every stage that they have sections for; results go to results/ here.
 

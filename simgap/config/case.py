@@ -40,7 +40,7 @@ class Case(Section):
     symmetry: SymmetrySection | None = Field(None, description="A declared symmetry of the gap, measured before use.")
     hidden_state: HiddenStateSection | None = Field(None, description="How the simulator's memory is covered.")
     sensing: SensingSection | None = Field(None, description="What the controller knows of the state.")
-    synthesis: SynthesisSection | None = Field(None, description="What the controller is asked for.")
+    synthesis: SynthesisSection | None = Field(None, description="Specification, cells and options of the controller.")
     validation: ValidationSection | None = Field(None, description="The closed loop that checks it.")
     audit: AuditSection | None = Field(None, description="The adversary's budget against bound and controller.")
     twin: TwinSection | None = Field(None, description="Another engine that the simulator stands for.")

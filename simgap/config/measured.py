@@ -185,7 +185,7 @@ class MeasuredSection(Section):
         "it is may differ between machines. Without it the search takes what it needs.",
     )
     confidence: float = Field(
-        default=0.95, gt=0.5, lt=1, description="Coverage asked of the conformal bound on what no effect explains."
+        default=0.95, gt=0.5, lt=1, description="Requested coverage of the conformal bound on what no effect explains."
     )
     rig: Literal["simulator", "hardware"] = Field(
         default="hardware",
@@ -194,9 +194,9 @@ class MeasuredSection(Section):
     )
     into_simulator: bool | None = Field(
         default=None,
-        description="hardware: whether the simulator of the corrected case acts out the effects too. If not given it "
-        "follows the recordings that confirm with and without them and what misses less is taken; where that cannot be "
-        "told, a simulator made of the nominal model gets them and one with a model of its own does not.",
+        description="hardware: whether the simulator of the corrected case acts out the effects too. By default the "
+        "version with the smaller error on the confirming recordings is taken; where that cannot be "
+        "decided, a simulator made of the nominal model gets them and one with a model of its own does not.",
     )
 
     @model_validator(mode="after")

@@ -21,8 +21,8 @@ class SynthesisSection(Section):
     )
     nominal_between_samples: bool = Field(
         False,
-        description="Whether the controller of the nominal model alone also minds what that model does between "
-        "samples; as in the paper it looks at the sampling instants only.",
+        description="Whether the nominal-only controller also checks what its model does between samples; by "
+        "default, as in the paper, it looks at the sampling instants only.",
     )
     record: Literal["all", "one"] = Field(
         "all",

@@ -44,7 +44,7 @@ class HiddenStateSection(Section):
     )
     classes: dict[str, int] = Field(
         default_factory=dict,
-        description="For each input into how many intervals of values the previous input is told apart: the bound is "
+        description="For each input, the number of intervals that divide the previous input into classes: the bound is "
         "taken for each class, and the controller remembers the class. None: one class, no memory.",
     )
     length: int = Field(

@@ -69,7 +69,7 @@ def driven_as_told(context: Context, driven: list[Drive]) -> list[Finding]:
 def _refuse_another_way(drive: Drive, section: Any, urdf: Path) -> None:
     forwards, sideways, turned = drive.moved
     linear, angular = drive.told
-    told = f"told {linear:g} m/s and {angular:g} rad/s for two seconds"
+    told = f"commanded {linear:g} m/s and {angular:g} rad/s for two seconds"
     both = f"joints '{section.left}' and '{section.right}'"
 
     def refuse(problem: str, remedy: str, key: str = both) -> NoReturn:
@@ -105,7 +105,7 @@ def _refuse_standing(drive: Drive, section: Any, urdf: Path, problem: str, both:
         if fault is not None:
             raise UserError(problem, file=urdf, key=fault[0], remedy=fault[1])
     rates = f"its wheels turn at {drive.turning[0]:.2g} and {drive.turning[1]:.2g} rad/s"
-    asked = f"where {drive.asked[0]:.2g} and {drive.asked[1]:.2g} are asked for"
+    asked = f"instead of {drive.asked[0]:.2g} and {drive.asked[1]:.2g}"
     turns = max(abs(own) / abs(aim) for own, aim in zip(drive.turning, drive.asked, strict=True) if aim != 0.0) > 0.5
     raise UserError(
         f"{problem}; {rates} {asked}", file=urdf, key=both,
@@ -124,7 +124,7 @@ def _off(drive: Drive, section: Any) -> list[Finding]:
     if drive.straight and PULL * abs(told) < abs(pull) * section.track / 2:
         return [
             Finding(
-                "simulator.urdf", f"told {told:g} m/s and {drive.told[1]:g} rad/s, the robot turns by "
+                "simulator.urdf", f"commanded {told:g} m/s and {drive.told[1]:g} rad/s, the robot turns by "
                 f"{drive.moved[2]:.2g} rad/s in its engine: it pulls to one side",
                 "Compare the radii and places of both wheels, and what rubs on one side; the gap covers what it does",
             )
@@ -132,13 +132,13 @@ def _off(drive: Drive, section: Any) -> list[Finding]:
     if abs(share - 1.0) <= OFF:
         return []
     unit, verb = ("m/s", "drives") if drive.straight else ("rad/s", "turns")
-    problem = f"told {told:g} {unit} for two seconds, the robot {verb} at {moved:.3g} {unit} in its engine"
+    problem = f"commanded {told:g} {unit} for two seconds, the robot {verb} at {moved:.3g} {unit} in its engine"
     reached = min(own / aim for own, aim in zip(drive.turning, drive.asked, strict=True) if aim != 0.0)
     if reached < 1.0 - OFF:
         return [
             Finding(
                 "simulator.torque",
-                f"{problem}, its wheels at {reached:.0%} of the rate that is asked for",
+                f"{problem}, its wheels at {reached:.0%} of the commanded rate",
                 "Raise it if the motors are stronger; the gap covers what they do",
             )
         ]

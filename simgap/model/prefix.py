@@ -1,7 +1,7 @@
 """Expressions as nested lists, operation first, with exact numbers: what a certificate holds and any program can read.
 
 A number is the hexadecimal form of a double ('0x1.8p+0') or a fraction of integers ('1/3'); a state or an input is its
-name; everything else is a list [operation, argument, ...]. `docs/certificate.md` describes the form for its readers.
+name; everything else is a list [operation, argument, ...]. `docs/how-to/certificate.md` describes it for its readers.
 """
 
 from __future__ import annotations

@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
-from simgap.config.trials import Trials
-from simgap.gap.bounds.outside import Outside
 from simgap.gap.bounds.tiers import PROVEN
-from simgap.gap.fitting.fresh_check import clopper_pearson_upper
-from simgap.io.traces import CAREFUL, NOMINAL, ROBUST, SIMULATOR
+from simgap.io.traces import ROBUST, SIMULATOR
 from simgap.notation import pretty_unit
 from simgap.report import content as adversary
 from simgap.report import tables
+from simgap.report.headline import common_free, verdict
 from simgap.report.material import Material
 from simgap.specifications.base import specification_of
-from simgap.specifications.monitor import STUCK
 from simgap.specifications.space import Space
 
-SAID = ("little", "robust", "nominal", "careful", "arrival", "winning")
+SAID = ("plain", "little", "robust", "nominal", "careful", "arrival", "winning")
 """Sentences of the headline, in order."""
-LITTLE = 2
-"""Steps to the target, at the most, of a controller that is said to win next to nothing (judgement)."""
 
 
 def content(m: Material) -> dict[str, Any]:
@@ -59,128 +53,6 @@ def content(m: Material) -> dict[str, Any]:
         "too_noisy": tables.too_noisy(m),
         "sources": tables.sources(m),
     }
-
-
-def verdict(m: Material) -> dict[str, Any]:
-    """The headline: a class for its colour, a sentence each for both controllers, and for the winning domains."""
-    tallies = m.validation["controllers"]
-    robust, nominal = tallies[ROBUST][SIMULATOR], tallies[NOMINAL][SIMULATOR]
-    kept, runs = robust["runs_that_kept_the_specification"], robust["runs"]
-    attacked = m.audit["violations"] if m.audit is not None else 0
-    good = kept == runs and robust["steps_outside_gamma"] == 0 and not attacked
-    words, section = specification_of(m.context.case).words, m.context.case.validation
-    steps = section.steps if section is not None else math.inf
-    little = little_won(tables.promised_steps(m))
-    kept_words = "promise kept, of little" if little else "promise kept"
-    return {
-        "good": good,
-        "badge": kept_words if good else "promise broken",
-        "little": little,
-        "robust": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
-        f"{robust['steps_outside_gamma']:,} of {robust['steps']:,} steps outside gamma.",
-        "sample": _sample(m),
-        "nominal": f"Nominal-only controller: {_violations(nominal, steps)}.",
-        "careful": _careful(m),
-        "arrival": _arrival(m),
-        "winning": f"The gap-aware controller wins {_won(m, ROBUST)} of the {words.allowed} with the gap taken into "
-        f"account; the nominal model alone would promise {_won(m, NOMINAL)}.{_own_share(m)}",
-        "adversary": adversary.sentence(m),
-        "tolerated": m.gap.get("fresh", {}).get("violations", 0),
-        "outside": str(Outside(**worst)) if (worst := m.gap.get("fresh", {}).get("outside")) else "",
-    }
-
-
-def little_won(promised: int | None) -> str:
-    """What is to be said of a promise that ends a step or two from the target; `promised` steps are the longest way."""
-    if promised is None or promised > LITTLE:
-        return ""
-    samples = "one sample" if promised == 1 else f"{promised} samples"
-    return (
-        f"It wins next to nothing: every winning state lies within {samples} of the target. Stronger inputs "
-        "(domain.U), another domain.tau, finer synthesis.cells or a smaller gap carry it further."
-    )
-
-
-def common_free(syntheses: Mapping[str, Mapping[str, Any]]) -> int:
-    """The cells that shares of all controllers are of: the largest set in which one of them may be.
-
-    What a motion sweeps between samples takes cells from those who mind it, so that a share of their own rest is more.
-    """
-    return max(int(s["free_cells"]) for s in syntheses.values())
-
-
-def _won(m: Material, kind: str) -> str:
-    """The share of the common cells that is won, and how many cells it is."""
-    cells = int(m.syntheses[kind]["winning_cells"])
-    return f"{cells / max(1, common_free(m.syntheses)):.3f} ({cells:,} cells)"
-
-
-def _own_share(m: Material) -> str:
-    """What the gap-aware controller wins of the cells that stay free between samples, where these are fewer."""
-    found, every = m.syntheses[ROBUST], common_free(m.syntheses)
-    if found["free_cells"] == every:
-        return ""
-    return (
-        f" Both are shares of {every:,} cells; {found['free_cells']:,} of them stay free between samples, of which it "
-        f"wins {found['winning_fraction']:.3f}."
-    )
-
-
-def _violations(tally: Mapping[str, Any], steps: float) -> str:
-    bad, runs = tally["runs_that_violated_it"], tally["runs"]
-    if not bad:
-        return f"none of {runs:,} runs violates the specification in the simulator; here it happens to survive"
-    text = f"{bad:,} of {runs:,} runs violate the specification in the simulator"
-    if stuck := min(bad, tally["ends"].get(STUCK, 0)):  # nobody knows what the plant would do next
-        own = "all" if stuck == bad else f"{stuck:,}"
-        text = f"{bad:,} of {runs:,} runs fail in the simulator, {own} of them in a state without an admissible input"
-    median = tally.get("median_steps_until_violation")
-    # a run that never got there is counted at its end, which tells nothing
-    return text + (f", half of these within {median:,.0f} steps" if median and median < steps else "")
-
-
-def _sample(m: Material) -> str:
-    """What the number of runs alone says, whatever bound and controller rest on, and what more would."""
-    tally, section = m.validation["controllers"][ROBUST][SIMULATOR], m.context.case.validation
-    given = len(section.first) if section is not None else 0
-    bad, drawn = tally["runs_that_violated_it"], tally["runs"] - given
-    if drawn < 1:
-        return ""
-    share = f"Of starts drawn like these at most {_at_most(drawn, min(bad, drawn))} fail, with 95 % confidence"
-    full = section.count(Trials.FULL) - given if section is not None else 0
-    return share + (f"; a full run makes it {_at_most(full, 0)}." if full > drawn and not bad else ".")
-
-
-def _at_most(n: int, bad: int) -> str:
-    """The upper bound of a share, rounded up to a tenth of a per cent."""
-    return f"{math.ceil(1000.0 * clopper_pearson_upper(n, bad)) / 10.0:g} %"
-
-
-def _arrival(m: Material) -> str:
-    """When the target is reached at the latest, promised and seen."""
-    steps, tau = m.validation["controllers"][ROBUST][SIMULATOR].get("steps_to_target"), m.context.domain.tau
-    promised = tables.promised_steps(m)
-    if not steps or promised is None:
-        return ""
-    return (
-        f"The gap-aware controller promises the target within {promised * tau:g} s from every winning state, whatever "
-        f"the gap does within gamma; its longest run here took {max(steps) * tau:g} s."
-    )
-
-
-def _careful(m: Material) -> str:
-    """What the fair baseline did, and what it did not have: the promise."""
-    tally = m.validation["controllers"].get(CAREFUL, {}).get(SIMULATOR)
-    if tally is None:
-        return ""
-    words = specification_of(m.context.case).words
-    kept, runs = tally["runs_that_kept_the_specification"], tally["runs"]
-    left, steps = tally.get("steps_that_left_the_certified_box"), tally["steps"]
-    outside = f", {left:,} of {steps:,} steps outside what it had counted on" if left is not None else ""
-    return (
-        "Nominal-only controller that minds the path of its model between samples, the fair baseline: "
-        f"{kept:,} of {runs:,} runs {words.kept}{outside}."
-    )
 
 
 def unproven(gap: Mapping[str, Any]) -> str:
@@ -290,6 +162,11 @@ def figures(m: Material) -> dict[str, Any] | None:
     }
 
 
+def attempts(audit: Mapping[str, Any]) -> int:
+    """Steps of every kind in which the adversary looked for a violation."""
+    return int(audit["evaluations"] + sum(loop["steps"] for loop in audit["closed_loop"].values()))
+
+
 def sentence(m: Material) -> str:
     """One line for the verdict."""
     if m.audit is None:
@@ -297,8 +174,8 @@ def sentence(m: Material) -> str:
     loops = m.audit["closed_loop"]
     steps = sum(loop["steps"] for loop in loops.values())
     return (
-        f"Under attack: {m.audit['violations']:,} violations in {m.audit['evaluations']:,} searched steps of the "
-        f"simulator and {steps:,} closed-loop steps under the worst admissible inputs."
+        f"Adversary: {m.audit['violations']:,} violations in {m.audit['evaluations']:,} single steps that attack the "
+        f"bound and {steps:,} closed-loop steps under the worst admissible inputs."
     )
 
 

@@ -25,12 +25,12 @@ MEANING = {
         "candidate gains enough. Faults of the recording, if any were found, are allowed for."
     ),
     "attributed": (
-        "With these effects the fit reaches the noise floor, and so do data that were never fitted, which ask for each "
+        "With these effects the fit reaches the noise floor, and so do data that were never fitted, which need each "
         "of them."
     ),
     "partial": (
-        "The effects have their physical sign, agree between folds and surely lower the error ahead, by a tenth or "
-        "more, on data that were never fitted; the noise floor is not reached."
+        "The effects have their physical sign, agree between folds and significantly lower the error ahead, by a tenth "
+        "or more, on data that were never fitted; the noise floor is not reached. They may stand in for another cause."
     ),
     "unexplained": (
         "No set of effects reaches the noise floor or surely predicts better what was never fitted. The "

@@ -191,13 +191,13 @@ def _inside(m: Material) -> tuple[Any, Any]:
 
 
 def too_noisy(m: Material) -> str:
-    """Why the recordings are not held against gamma, where their noise alone leaves it; "" where they are."""
+    """Why the recordings are not compared with gamma, where their noise alone leaves it; "" where they are."""
     first, second = _inside(m)
     if not first or not second or max(first["noise_alone"], second["noise_alone"]) >= SEES_GAMMA:
         return ""
     return (
-        f"The {first['transitions']:,.0f} held-out transitions that lie in X cannot be held against f ± gamma one by "
-        "one: the noise of their readings is wider than gamma."
+        f"The {first['transitions']:,.0f} held-out transitions that lie in X cannot be compared with f ± gamma one "
+        "by one: the noise of their readings is wider than gamma."
     )
 
 

@@ -74,6 +74,8 @@ class Words(Section):
     """'From every winning cell the controller ... if gamma holds.'"""
     violated: str = "breaks the specification"
     """Legend of a run's last state where it breaks the specification."""
+    failed: str = "failed"
+    """The same in the past tense, in a sentence: 'the controller never ...', '... in 289 of 980 runs'."""
     limits: str = "region"
     """What the ends that are drawn beside each state belong to: 'the safe set'."""
 

@@ -36,6 +36,7 @@ class Invariance(Specification):
         allowed="safe set",
         promise="stays safe for ever",
         violated="leaves the safe set",
+        failed="left the safe set",
         limits="safe set",
     )
 

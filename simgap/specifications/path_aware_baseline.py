@@ -10,14 +10,14 @@ from simgap.specifications.base import specification_of
 
 
 def path_aware_baseline(context: Context) -> Context:
-    """The case with a nominal-only controller that minds what its model does between samples.
+    """The case with the fair baseline: a nominal-only controller that checks its model between samples.
 
     Raises:
         UserError: a specification of the samples alone.
     """
     if not specification_of(context.case).between_samples:
         raise UserError(
-            "asks for a controller that minds the path between samples; the specification is about samples alone",
+            "needs a specification between samples; this one is about sampling instants alone",
             file=context.path, key="validation.fair_baseline", remedy="Take the key out.",
         )  # fmt: skip
     section = context.need(context.case.synthesis, "synthesis")

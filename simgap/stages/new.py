@@ -185,7 +185,7 @@ def _proposed(
     try:
         found = numbers(case, out, {a.position: a.centre for a in axes}, limits, room, tell, seconds, about["rubs"])
     except UserError as error:
-        note(f"No controller is asked for yet, and a run ends with the bound: {error.problem}. {error.remedy}")
+        note(f"The case has no controller yet; a run ends with the bound: {error.problem}. {error.remedy}")
         return {"refused": f"{error.problem}. {error.remedy}"}
     own = found.proposal
     cells = " x ".join(map(str, own.cells))

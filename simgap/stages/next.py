@@ -103,7 +103,7 @@ def _sets(document: Mapping[str, Any], found: Path) -> tuple[Explained, ...]:
     if "joints" in document:
         raise UserError(
             "an arm of three joints or more has no simulation to try inputs on", file=found / DIAGNOSIS,
-            remedy="Vary postures and speeds; docs/diagnosis.md says what each effect needs.",
+            remedy="Vary postures and speeds; docs/reference/effects.md says what each effect needs.",
         )  # fmt: skip
     if not document["effects"]:
         raise UserError(

@@ -51,7 +51,7 @@ class Numbers:
         return (
             f"X is small: {part:.2g} of what is sought along an axis; the joints' limits, the largest inputs or "
             "the pull of one joint on another leave no more. Stronger drives, or tau, X and U by hand, may do better "
-            "(docs/tutorial.md)."
+            "(docs/how-to/four_states.md)."
         )
 
     @property

@@ -1,4 +1,4 @@
-"""docs/reference.md: every key of a case file and every effect, generated from what simgap itself reads."""
+"""Pages of docs/reference that are generated from what simgap itself reads: keys of a case file, and effects."""
 
 from __future__ import annotations
 
@@ -10,40 +10,70 @@ from simgap.config.schema import schema_text
 from simgap.effects import EFFECTS
 from simgap.notation import axis_label
 
-_HEAD = """# Reference
+_WRITTEN = "Written by `simgap reference`; do not edit."
+_KEYS = f"""# Keys of a case: {{}}
 
-Written by `simgap reference`; do not edit. `<name>` stands for a name of yours, `[]` for each entry of a list.
+{_WRITTEN} `<name>` stands for a name of yours, `[]` for each entry of a list. {{}}
+"""
+_TABLE = """
+## {}
 
-## Keys of a case
-
-| key | value | default | what it is |
+| key | value | default | meaning |
 |---|---|---|---|
 """
-_EFFECTS = """
-## Effects
+_PAGES = {
+    "keys_system.md": ("plant and simulator", "What is done with them: [stages and recordings](keys_stages.md)."),
+    "keys_stages.md": ("stages and recordings", "What they are applied to: [plant and simulator](keys_system.md)."),
+}
+_STAGES = ("grid", "gap", "synthesis", "validation", "audit", "budget", "measured")
+"""Sections that say what is done with a plant and a simulator; all others say what these are."""
+_TWIN = (
+    "| `twin.*` | as `simulator.*` | | An engine that stands for the simulator; its keys are those of `simulator`. |\n"
+)
+_EFFECTS = f"""# Effects
 
-What a diagnosis looks for, `plant.effects` adds to the nominal model, and `simulator.effects` to the simulator where it
-can act them out. In a unit, force and position are those of the coordinate
-(N m and rad, or N and m), input and state those of what the effect acts on.
+{_WRITTEN} The diagnosis searches for these effects. `plant.effects` adds them to the nominal model, and
+`simulator.effects` to a simulator that can act them out. Units are those of a rotation or a translation;
+*input* and *state* are the units of what the effect acts on. `simgap effects CASE.yaml` prints those of a case.
 
-| effect | on | formula | parameters | source |
-|---|---|---|---|---|
+The column *tried* says when the search takes an effect up: *first*; *second*, where the first leave more than noise, or
+in place of an effect that was found and that it resembles; *last*, after all others. *Motion* is what makes it visible.
+
+| effect | on | formula | parameters | tried | motion | source |
+|---|---|---|---|---|---|---|
 """
 _DEEPEST = 8  # sections inside sections; none is inside itself
 
 
-def reference() -> str:
-    """The text of docs/reference.md."""
+def reference() -> dict[str, str]:
+    """The text of each page by its name in docs/reference."""
     schema = json.loads(schema_text())
-    keys = "".join(f"| `{key}` | {_cell(kind)} | {_cell(default)} | {_cell(what)} |\n" for key, kind, default, what in
-                   _keys(schema, schema["$defs"], ""))  # fmt: skip
+    sections: dict[str, str] = {}
+    for key, kind, default, what in _keys(schema, schema["$defs"], ""):
+        name = key.split(".")[0]
+        row = f"| `{key}` | {_cell(kind)} | {_cell(default)} | {_cell(what)} |\n"
+        sections[name] = sections.get(name, "") + (row if name != "twin" or key == name else "")
+    sections["twin"] += _TWIN
+    pages = {name: _KEYS.format(*words) for name, words in _PAGES.items()}
+    for name, rows in sections.items():
+        pages["keys_stages.md" if name in _STAGES else "keys_system.md"] += _TABLE.format(f"`{name}`") + rows
     rows = ""
-    for name, kind in EFFECTS.items():
-        numbers = "; ".join(
-            f"`{p.symbol}` {axis_label(p.description, {p.description: p.unit})}" for p in kind.parameters
+    for name, effect in EFFECTS.items():
+        symbols = [f"`{p.symbol}` {axis_label(p.description, {p.description: p.unit})}" for p in effect.parameters]
+        numbers = "; ".join(symbols if not effect.one_curve or len(symbols) < 4 else [symbols[0], "...", symbols[-1]])
+        tried = "last" if effect.last else "second" if effect.second else "first"
+        if effect.resembles:
+            tried += "; in place of " + ", ".join(f"`{other}`" for other in effect.resembles)
+        cells = (
+            effect.kind,
+            f"`{_cell(effect.formula)}`",
+            _cell(numbers),
+            tried,
+            effect.excitation,
+            _cell(effect.source),
         )
-        rows += f"| `{name}` | {kind.kind} | `{_cell(kind.formula)}` | {_cell(numbers)} | {_cell(kind.source)} |\n"
-    return _HEAD + keys + _EFFECTS + rows
+        rows += f"| `{name}` | {' | '.join(cells)} |\n"
+    return pages | {"effects.md": _EFFECTS + rows}
 
 
 def _keys(schema: Mapping[str, Any], defs: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str, str, str]]:

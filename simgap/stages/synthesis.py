@@ -136,7 +136,7 @@ def _between(context: Context, flow: Flow, region: Box, extra: Floats, needed: b
     except BrokenPromise as error:
         if needed:
             raise
-        log.warning("nothing is promised between samples, and nothing told of it: %s", error)
+        log.warning("no promise between samples, and no bound on the path there: %s", error)
         return np.full((2, len(context.states)), np.inf)
 
 

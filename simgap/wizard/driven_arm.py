@@ -117,7 +117,7 @@ def driven(
     if best is None or best.wins == 0.0:
         raise UserError(
             f"no torques win at tau = {tau:g} s: {reason}", key="domain",
-            remedy="A shorter tau, a smaller X or stronger drives by hand (docs/two_link.md).",
+            remedy="A shorter tau, a smaller X or stronger drives by hand (docs/evidence/two_link.md).",
         )  # fmt: skip
     return best
 

@@ -8,7 +8,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def cells(root):
-    return json.loads((root / "docs/notebook.ipynb").read_text())["cells"]
+    return json.loads((root / "docs/tutorials/notebook.ipynb").read_text())["cells"]
 
 
 def test_every_cell_runs(cells, root, tmp_path, monkeypatch, capsys):

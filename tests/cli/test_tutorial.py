@@ -11,8 +11,9 @@ import pytest
 import yaml
 
 ROOT = Path(__file__).parents[2]
-TEXT = (ROOT / "docs/tutorial.md").read_text()
-COMMANDS = [row for block in re.findall(r"```\n(.*?)```", TEXT, flags=re.S) for row in block.splitlines()]
+TEXT, RECORDINGS = ((ROOT / f"docs/tutorials/{name}.md").read_text() for name in ("robot", "recordings"))
+FENCES = re.findall(r"```(\w*)\n(.*?)```", TEXT + RECORDINGS, flags=re.S)
+COMMANDS = list(dict.fromkeys("".join(code for language, code in FENCES if not language).splitlines()))
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +30,7 @@ def done(tmp_path_factory):
 
 
 def test_all_steps_are_there():
-    assert [command.split()[1] for command in COMMANDS] == ["tutorial", "new", "check", "diagnose", "run"]
+    assert [command.split()[1] for command in COMMANDS] == ["tutorial", "new", "check", "diagnose", "run", "next"]
 
 
 def test_what_it_says_is_found(done):
@@ -44,6 +45,9 @@ def test_what_it_says_is_found(done):
         low - 0.002 < 0.15 < high + 0.002
     )  # what docs/tutorial/make.py was given; the step of its encoder is not noise
     assert "Coulomb friction of 0.15 N m at the hinge" in TEXT
+    assert f"attributed: {found['sentence']}" in RECORDINGS
+    assert "to 57 % of their present intervals" in said["simgap next rod.yaml found/"]
+    assert "to 57 % of the\npresent one" in RECORDINGS
     corrected = yaml.safe_load((folder / "found/corrected_case.yaml").read_text())
     assert corrected["name"] == "rod_corrected"
 

@@ -221,7 +221,7 @@ def test_what_a_urdf_cannot_say_is_refused(tmp_path, vary):
 
 
 def test_the_public_names_are_there_and_documented(root):
-    page = (root / "docs/api.md").read_text()
+    page = (root / "docs/how-to/python.md").read_text()
     for name in simgap.__all__:
         assert getattr(simgap, name).__doc__
         assert f"`{name}" in page, name

@@ -5,7 +5,7 @@ import pytest
 import yaml
 from scratch import block, gap_of, scratch
 
-PAGE = "docs/plugins.md"
+PAGE = "docs/how-to/plugins.md"
 ENGINE, BASIS = "An engine in a file beside the case", "A basis in a file beside the case"
 RIPPLE, WAVELENGTH, TAU = 0.2, 0.5, 0.01
 

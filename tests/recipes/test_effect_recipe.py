@@ -10,7 +10,7 @@ from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages.effects import listing
 
-PAGE, HEADING = "docs/plugins.md", "An effect in a distribution"
+PAGE, HEADING = "docs/how-to/plugins.md", "An effect in a distribution"
 TAU, C = 0.005, 0.4
 
 

@@ -9,7 +9,7 @@ from simgap.config.load import load_case
 from simgap.io.parquet import read_parquet, stack
 from simgap.provenance import code_digest
 
-PAGE, HEADING = "docs/plugins.md", "An engine in a file beside the case"
+PAGE, HEADING = "docs/how-to/plugins.md", "An engine in a file beside the case"
 TAU, FRICTION = 0.01, 0.3
 
 

@@ -28,7 +28,7 @@ from simgap.stages import synthesis, validation
 
 @pytest.fixture
 def case(vary, root):
-    page = (root / "docs/specifications.md").read_text()
+    page = (root / "docs/how-to/specifications.md").read_text()
     python, section = (re.search(rf"```{kind}\n(.*?)```", page, flags=re.S).group(1) for kind in ("python", "yaml"))
     asked = yaml.safe_load(section)["specification"]
     changes = {

@@ -47,7 +47,7 @@ def test_a_case_in_equations_gets_a_controller_that_keeps_its_promise(vary, tmp_
 
 
 def test_the_arm_reaches_its_posture_and_avoids_the_other(root, tmp_path):
-    """By the nominal model alone; with the gap and in PyBullet in docs/two_link.md."""
+    """By the nominal model alone; with the gap and in PyBullet in docs/evidence/two_link.md."""
     path, out = root / "configs/cases/two_link.yaml", tmp_path / "controller.npz"
     synthesis.run(path, None, out, tmp_path / "synthesis.json", threads=1)
     context, controller, rng = Context.load(path), load_controller(out), np.random.default_rng(3)
@@ -66,7 +66,7 @@ def test_the_arm_reaches_its_posture_and_avoids_the_other(root, tmp_path):
 
 
 def test_a_robot_of_another_make_gets_through_the_door(vary, root, tmp_path):
-    """Fewer inputs and cells than `configs/cases/pioneer.yaml`; in full in docs/pioneer.md."""
+    """Fewer inputs and cells than `configs/cases/pioneer.yaml`; in full in docs/evidence/pioneer.md."""
     hidden = {"classes": {"v": 2, "w": 3}, "previous": {"v": 3, "w": 3}, "chains": 20, "chain_length": 100}
     changes = {
         "simulator.urdf": str(root / "configs/models/pioneer.urdf"),

@@ -272,7 +272,7 @@ def test_the_counts_are_those_of_the_stages(tmp_path):
 
 def test_a_fair_baseline_of_samples_alone_is_refused_before_anything_runs(vary):
     path = vary("pendulum", {"validation.fair_baseline": True})
-    with pytest.raises(UserError, match="the specification is about samples alone") as caught:
+    with pytest.raises(UserError, match="this one is about sampling instants alone") as caught:
         check.run(path)
     assert caught.value.key == "validation.fair_baseline"
 

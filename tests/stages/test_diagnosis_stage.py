@@ -92,8 +92,8 @@ def test_the_page_tells_what_comes_nearest_and_what_else_would_help(tmp_path):
     near = Nearest((drag,), 0.43, ("halves of the data give different numbers",))
     write(tmp_path, "unexplained", nearest=near, left_over=(LeftOver(bias, 0.27),))
     page = (tmp_path / "out" / "report.html").read_text()
-    nearest = page[page.index("What comes nearest") : page.index("What else would take")]
-    over = page[page.index("What else would take") : page.index("Before and after, on data")]
+    nearest = page[page.index("Nearest explanation") : page.index("Other effects that would reduce")]
+    over = page[page.index("Other effects that would reduce") : page.index("Error before and after")]
     for told in ("viscous_friction", "0.0714", "43 %", "halves of the data give different numbers"):
         assert told in nearest
     for told in ("input_bias", "0.031", "27 %", "None is established"):
@@ -117,11 +117,11 @@ def test_the_page_stands_alone(written):
     assert [link for link in outside if not link.startswith("http://www.w3.org")] == []
     assert "from <em>confirm</em> alone: 2 to 3 s of bench and 6 to 7 s of bench" in page
     for heading in (
-        "Before and after",
+        "Error before and after",
         "Measured against predicted",
-        "The residual against",
+        "Residual against",
         "Step by step",
-        "A look at the data",
+        "The recordings",
     ):
         assert heading in page
     assert "&lt;svg" not in page

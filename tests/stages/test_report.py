@@ -73,6 +73,10 @@ def page(folder):
 
 def test_the_verdict_is_the_counts(pendulum):
     text = page(pendulum[0]).text
+    assert "In 2 simulated runs, the controller that knows the gap never left the safe set." in text
+    assert re.search(
+        r"The controller that trusts the model left the safe set in 2 of 2, half of these within [\d.]+ s\.", text
+    )
     assert "Gap-aware controller: 2 of 2 runs safe, 0 of 80 steps outside gamma." in text
     assert "Nominal-only controller: 2 of 2 runs violate the specification in the simulator" in text
     assert "promise kept" in text
@@ -233,8 +237,9 @@ def test_the_adversary_stands_beside_the_random_samples(pendulum, tmp_path):
     shown, summary = told(audit)
     assert shown.figures == 6  # and the map of the margins
     assert (
-        "Under attack: 0 violations in 5,678 searched steps of the simulator and 5,555 closed-loop steps" in shown.text
+        "Adversary: 0 violations in 5,678 single steps that attack the bound and 5,555 closed-loop steps" in shown.text
     )
+    assert "An adversary found no violation in 11,233 attempts." in shown.text
     assert (
         "The worst step found (at x1 = -0.2 rad, x2 = 0.5 rad/s) lies 0.25 of the bound's width inside it."
         in shown.text
@@ -272,7 +277,7 @@ def test_the_index_links_every_case(pendulum, robot, tmp_path):
     assert f"data:image/png;base64,{base64.b64encode(pixel).decode()}" in shown.addresses
     assert "A robot among obstacles" in shown.text
     assert re.search(r"corrected\s*kept.*0\.812", shown.text)
-    assert "1 of 2 nominal-only, minding the path" in shown.text
+    assert "1 of 2 fair baseline" in shown.text
     size = content["sup_gamma"][0]["states"]["heading"]["size"]
     assert f"heading {number(size, 3)} rad" in shown.text
 
@@ -306,8 +311,8 @@ def test_the_fair_baseline_is_told(robot, tmp_path):
     given = example.arguments(robot) | {"validation": tmp_path / "validation.json"}
     report.run(robot / "case.yaml", Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
     text = page(tmp_path).text
-    assert "the fair baseline: 2 of 2 runs in the target without touching anything, 7 of 60 steps outside" in text
-    assert any("the fair baseline" in s for s in example.read_json(tmp_path / "summary.json")["verdict"])
+    assert "between samples): 2 of 2 runs in the target without touching anything, 7 of 60 steps outside" in text
+    assert any("Fair baseline" in s for s in example.read_json(tmp_path / "summary.json")["verdict"])
 
 
 def test_a_missing_result_is_named(pendulum, tmp_path):

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 from simgap.config.validation import ValidationSection
 from simgap.gap.bounds.tiers import PROVEN, deterministic_tier
-from simgap.report import content, tables
-from simgap.report.content import little_won, unproven
+from simgap.report import headline, tables
+from simgap.report.content import unproven
+from simgap.report.headline import little_won
 
 
 def test_an_influence_that_rises_with_age_is_told_from_a_memory_of_the_robot():
@@ -64,12 +65,12 @@ def test_shares_of_both_controllers_are_of_the_same_cells():
         "nominal": {"winning_cells": 9900, "free_cells": 10000, "winning_fraction": 0.99},
     }
     m = SimpleNamespace(syntheses=syntheses)
-    assert content.common_free(syntheses) == 10000
-    assert content._won(m, "gap") == "0.795 (7,952 cells)"
-    assert content._won(m, "nominal") == "0.990 (9,900 cells)"
-    assert "8,000 of them stay free between samples, of which it wins 0.994" in content._own_share(m)
+    assert headline.common_free(syntheses) == 10000
+    assert headline._won(m, "gap") == "0.795 (7,952 cells)"
+    assert headline._won(m, "nominal") == "0.990 (9,900 cells)"
+    assert "8,000 of them stay free between samples, of which it wins 0.994" in headline._own_share(m)
     same = SimpleNamespace(syntheses={k: s | {"free_cells": 10000} for k, s in syntheses.items()})
-    assert content._own_share(same) == ""
+    assert headline._own_share(same) == ""
 
 
 def test_a_table_is_signed_where_its_sides_differ():
@@ -89,10 +90,10 @@ def test_the_headline_says_what_its_number_of_runs_excludes():
             context=SimpleNamespace(case=case), validation={"controllers": {"gap": {"simulator": tally}}}
         )
 
-    plain = content._sample(page(300, 0))
+    plain = headline._sample(page(300, 0))
     assert "at most 1 % fail" in plain  # 1 - 0.05^(1/300) = 0.9936 %
     assert plain.endswith("a full run makes it 0.3 %.")  # 0.2992 %
-    assert content._sample(page(1000, 0)) == "Of starts drawn like these at most 0.3 % fail, with 95 % confidence."
-    assert "full run" not in content._sample(page(20, 0, starts=20))  # a full run takes no more than the case says
-    assert "at most 14 %" in content._sample(page(21, 0, first=1, starts=21))  # 13.91 %: a given start is not drawn
-    assert "at most 2.1 %" in content._sample(page(300, 2))  # 0.0209: rounded up
+    assert headline._sample(page(1000, 0)) == "Of starts drawn like these at most 0.3 % fail, with 95 % confidence."
+    assert "full run" not in headline._sample(page(20, 0, starts=20))  # a full run takes no more than the case says
+    assert "at most 14 %" in headline._sample(page(21, 0, first=1, starts=21))  # 13.91 %: a given start is not drawn
+    assert "at most 2.1 %" in headline._sample(page(300, 2))  # 0.0209: rounded up

@@ -1,0 +1,189 @@
+"""The first screen of a page: a plain sentence for whoever answers for the machine, key figures, then the details."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from simgap.config.trials import Trials
+from simgap.gap.bounds.outside import Outside
+from simgap.gap.fitting.fresh_check import clopper_pearson_upper
+from simgap.io.traces import CAREFUL, EVERY_TITLE, NOMINAL, ROBUST, SIMULATOR
+from simgap.report import content as adversary
+from simgap.report import tables
+from simgap.report.material import Material
+from simgap.specifications.base import specification_of
+from simgap.specifications.monitor import STUCK
+
+LITTLE = 2
+"""Steps to the target, at the most, of a controller that is said to win next to nothing (judgement)."""
+
+
+def verdict(m: Material) -> dict[str, Any]:
+    """Whether the promise was kept, in plain words and figures; a technical sentence on each part of the evidence."""
+    tallies = m.validation["controllers"]
+    robust, nominal = tallies[ROBUST][SIMULATOR], tallies[NOMINAL][SIMULATOR]
+    kept, runs = robust["runs_that_kept_the_specification"], robust["runs"]
+    attacked = m.audit["violations"] if m.audit is not None else 0
+    good = kept == runs and robust["steps_outside_gamma"] == 0 and not attacked
+    words, section = specification_of(m.context.case).words, m.context.case.validation
+    steps = section.steps if section is not None else math.inf
+    little = little_won(tables.promised_steps(m))
+    kept_words = "promise kept, of little" if little else "promise kept"
+    return {
+        "good": good,
+        "badge": kept_words if good else "promise broken",
+        "plain": plain(m),
+        "tiles": tiles(m),
+        "little": little,
+        "robust": f"Gap-aware controller: {kept:,} of {runs:,} runs {words.kept}, "
+        f"{robust['steps_outside_gamma']:,} of {robust['steps']:,} steps outside gamma.",
+        "sample": _sample(m),
+        "nominal": f"Nominal-only controller: {_violations(nominal, steps)}.",
+        "careful": _careful(m),
+        "arrival": _arrival(m),
+        "winning": f"The gap-aware controller wins {_won(m, ROBUST)} of the {words.allowed} for every gap within its "
+        f"bound; the nominal-only controller wins {_won(m, NOMINAL)}, for the model alone.{_own_share(m)}",
+        "adversary": adversary.sentence(m),
+        "tolerated": m.gap.get("fresh", {}).get("violations", 0),
+        "outside": str(Outside(**worst)) if (worst := m.gap.get("fresh", {}).get("outside")) else "",
+    }
+
+
+def plain(m: Material) -> str:
+    """What happened, for a reader who does not know the terms: both controllers, and the adversary."""
+    tallies, failed = m.validation["controllers"], specification_of(m.context.case).words.failed
+    robust, nominal = tallies[ROBUST][SIMULATOR], tallies[NOMINAL][SIMULATOR]
+    bad, runs = robust["runs_that_violated_it"], robust["runs"]
+    said = f"In {runs:,} simulated runs, the controller that knows the gap "
+    said += f"never {failed}. " if not bad else f"failed {bad:,} times. "
+    if outside := robust["steps_outside_gamma"]:
+        said += f"But {outside:,} of {robust['steps']:,} steps lay outside the bound of the gap. "
+    said += f"The controller that trusts the model {_trusting(nominal, failed, m.context.domain.tau)}."
+    if m.audit is None:
+        return said
+    found, tried = m.audit["violations"], adversary.attempts(m.audit)
+    return f"{said} An adversary found {found or 'no'} violation{'s' * (found > 1)} in {tried:,} attempts."
+
+
+def _trusting(tally: Mapping[str, Any], failed: str, tau: float) -> str:
+    """What became of the nominal-only controller, after the words that name it."""
+    bad, runs, median = tally["runs_that_violated_it"], tally["runs"], tally.get("median_steps_until_violation")
+    if not runs:
+        return "promises nothing at any of these starts"
+    if not bad:
+        return f"did not fail in {runs:,} runs either, but nothing guarantees that"
+    what = "failed" if tally["ends"].get(STUCK) else failed
+    soon = f", half of these within {median * tau:.2g} s" if median and bad > 1 else ""
+    return f"{what} in {bad:,} of {runs:,}{soon}"
+
+
+def tiles(m: Material) -> list[tuple[str, str]]:
+    """Key figures: a value, and what it is."""
+    tallies, words = m.validation["controllers"], specification_of(m.context.case).words
+    found = [
+        (f"{t['runs_that_kept_the_specification']:,} of {t['runs']:,}", f"runs {words.kept}, {name}")
+        for t, name in ((tallies[k][SIMULATOR], EVERY_TITLE[k]) for k in (ROBUST, CAREFUL, NOMINAL) if k in tallies)
+    ]
+    if m.audit is not None:
+        found.append(
+            (f"{m.audit['violations']:,}", f"violations in {adversary.attempts(m.audit):,} attempts of an adversary")
+        )
+    share = m.syntheses[ROBUST]["winning_cells"] / max(1, common_free(m.syntheses))
+    return [*found, (f"{share:.1%}", f"of the {words.allowed}: states where the promise holds")]
+
+
+def little_won(promised: int | None) -> str:
+    """What is to be said of a promise that ends a step or two from the target; `promised` steps are the longest way."""
+    if promised is None or promised > LITTLE:
+        return ""
+    samples = "one sample" if promised == 1 else f"{promised} samples"
+    return (
+        f"It wins next to nothing: every winning state lies within {samples} of the target. Stronger inputs "
+        "(domain.U), another domain.tau, finer synthesis.cells or a smaller gap carry it further."
+    )
+
+
+def common_free(syntheses: Mapping[str, Mapping[str, Any]]) -> int:
+    """The cells that shares of all controllers are of: the largest set in which one of them may be.
+
+    The path between samples takes cells from controllers that check it, so that a share of their own rest is more.
+    """
+    return max(int(s["free_cells"]) for s in syntheses.values())
+
+
+def _won(m: Material, kind: str) -> str:
+    """The share of the common cells that is won, and how many cells it is."""
+    cells = int(m.syntheses[kind]["winning_cells"])
+    return f"{cells / max(1, common_free(m.syntheses)):.3f} ({cells:,} cells)"
+
+
+def _own_share(m: Material) -> str:
+    """What the gap-aware controller wins of the cells that stay free between samples, where these are fewer."""
+    found, every = m.syntheses[ROBUST], common_free(m.syntheses)
+    if found["free_cells"] == every:
+        return ""
+    return (
+        f" Both are shares of {every:,} cells; {found['free_cells']:,} of them stay free between samples, of which it "
+        f"wins {found['winning_fraction']:.3f}."
+    )
+
+
+def _violations(tally: Mapping[str, Any], steps: float) -> str:
+    bad, runs = tally["runs_that_violated_it"], tally["runs"]
+    if not bad:
+        return f"none of {runs:,} runs violates the specification in the simulator, which nothing guarantees"
+    text = f"{bad:,} of {runs:,} runs violate the specification in the simulator"
+    if stuck := min(bad, tally["ends"].get(STUCK, 0)):  # nobody knows what the plant would do next
+        own = "all" if stuck == bad else f"{stuck:,}"
+        text = (
+            f"{bad:,} of {runs:,} runs fail in the simulator; {own} of them reach a state without an admissible input"
+        )
+    median = tally.get("median_steps_until_violation")
+    # a run that never failed is counted at its end, which tells nothing
+    return text + (f"; half of the failures occur within {median:,.0f} steps" if median and median < steps else "")
+
+
+def _sample(m: Material) -> str:
+    """What the number of runs alone says, whatever bound and controller rest on, and what more would."""
+    tally, section = m.validation["controllers"][ROBUST][SIMULATOR], m.context.case.validation
+    given = len(section.first) if section is not None else 0
+    bad, drawn = tally["runs_that_violated_it"], tally["runs"] - given
+    if drawn < 1:
+        return ""
+    share = f"Of starts drawn like these at most {_at_most(drawn, min(bad, drawn))} fail, with 95 % confidence"
+    full = section.count(Trials.FULL) - given if section is not None else 0
+    return share + (f"; a full run makes it {_at_most(full, 0)}." if full > drawn and not bad else ".")
+
+
+def _at_most(n: int, bad: int) -> str:
+    """The upper bound of a share, rounded up to a tenth of a per cent."""
+    return f"{math.ceil(1000.0 * clopper_pearson_upper(n, bad)) / 10.0:g} %"
+
+
+def _arrival(m: Material) -> str:
+    """When the target is reached at the latest, promised and seen."""
+    steps, tau = m.validation["controllers"][ROBUST][SIMULATOR].get("steps_to_target"), m.context.domain.tau
+    promised = tables.promised_steps(m)
+    if not steps or promised is None:
+        return ""
+    return (
+        f"The gap-aware controller promises the target within {promised * tau:g} s from every winning state, whatever "
+        f"the gap does within gamma; its longest run here took {max(steps) * tau:g} s."
+    )
+
+
+def _careful(m: Material) -> str:
+    """What the fair baseline did, and what it did not have: the promise."""
+    tally = m.validation["controllers"].get(CAREFUL, {}).get(SIMULATOR)
+    if tally is None:
+        return ""
+    words = specification_of(m.context.case).words
+    kept, runs = tally["runs_that_kept_the_specification"], tally["runs"]
+    left, steps = tally.get("steps_that_left_the_certified_box"), tally["steps"]
+    outside = f", {left:,} of {steps:,} steps outside the box that it predicted" if left is not None else ""
+    return (
+        "Fair baseline (nominal-only, but it checks the model's path between samples): "
+        f"{kept:,} of {runs:,} runs {words.kept}{outside}."
+    )

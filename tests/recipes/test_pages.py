@@ -1,0 +1,102 @@
+"""Pages: files that they name are there, no page is too long to read, and their tables are those of the results."""
+
+import importlib.util
+import json
+import re
+import sys
+
+import pytest
+
+LINES, PARAGRAPH, ITEM = 250, 90, 60
+GENERATED = ("effects.md", "keys_stages.md", "keys_system.md")
+
+
+def pages(root):
+    return [root / "README.md", root / "CONTRIBUTING.md", *sorted(root.glob("docs/**/*.md"))]
+
+
+@pytest.fixture
+def tables(root, monkeypatch):
+    monkeypatch.syspath_prepend(str(root / "benchmarks"))
+    spec = importlib.util.spec_from_file_location("documented_tables", root / "benchmarks/tables.py")
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, module)
+    spec.loader.exec_module(module)
+    return module
+
+
+def blocks(text):
+    """Paragraphs, items of lists and cells of tables: their kind and words, without code and comments."""
+    kind, words = "", []
+    for line in [*re.sub(r"```.*?```|<!--.*?-->", "", text, flags=re.S).splitlines(), ""]:
+        cells = re.match(r"\s*\|(.*)\|\s*$", line)
+        item = re.match(r"\s*(?:\d+\.|[-*])\s+(.*)", line)
+        if cells or item or not line.strip() or line.startswith("#"):
+            if words:
+                yield kind, words
+            kind, words = "", []
+        if cells:
+            yield from (("cell", cell.split()) for cell in re.split(r"(?<!\\)\|", cells[1]))
+        elif item:
+            kind, words = "item", item[1].split()
+        elif line.strip() and not line.startswith("#"):
+            kind, words = kind or "paragraph", words + line.split()
+
+
+def test_no_page_is_too_long_to_read(root):
+    limits = {"paragraph": PARAGRAPH, "item": ITEM, "cell": ITEM}
+    long = []
+    for path in pages(root):
+        text = path.read_text()
+        if len(text.splitlines()) > LINES:
+            long.append((path.name, len(text.splitlines()), "lines"))
+        if path.name not in GENERATED:
+            long += [(path.name, len(w), " ".join(w[:8])) for kind, w in blocks(text) if len(w) > limits[kind]]
+    assert long == []
+
+
+def test_a_long_item_is_seen():
+    text = "1. one\n   two\n\nthree four\n\n| five | six |\n|---|---|\n\n```\nnot this\n```\n- seven"
+    found = [(kind, len(words)) for kind, words in blocks(text) if kind != "cell"]
+    assert found == [("item", 2), ("paragraph", 2), ("item", 1)]
+
+
+def test_every_file_that_is_named_is_there(root):
+    texts = [*pages(root), root / "Snakefile", *root.glob("simgap/**/*.py"), *root.glob("rules/*.smk"),
+             *root.glob("reports/*.j2"), *root.glob("benchmarks/*.py")]  # fmt: skip
+    pattern = r"\b(?:configs/[\w./-]+\.(?:yaml|json|urdf|xml)|docs/[\w./-]+\.(?:md|ipynb|png))\b"
+    named = {(str(path.relative_to(root)), name) for path in texts for name in re.findall(pattern, path.read_text())}
+    assert len(named) > 20
+    assert [pair for pair in sorted(named) if not (root / pair[1]).is_file()] == []
+
+
+def test_tables_are_those_of_the_results(root, tables):
+    compared = 0
+    for path in pages(root):
+        text = path.read_text()
+        compared += sum(tables.made(name) is not None for name in re.findall(r"<!-- table (\w+) -->", text))
+        assert tables.filled(text) == text, f"{path.name}: run `python benchmarks/tables.py`"
+    assert compared >= 20
+
+
+def test_figures_in_sentences_are_those_of_the_results(root):
+    def results(name):
+        return json.loads((root / f"benchmarks/results/{name}.json").read_text())
+
+    def page(name):
+        return " ".join((root / name).read_text().split())
+
+    outside = results("outside_library")
+    partial = sum(r["verdict"] == "partial" for r in outside)
+    for name in ("README.md", "docs/explanation/diagnosis.md"):
+        assert f"{partial} were `partial`" in page(name), name
+        assert f"Of {len(outside)} recordings" in page(name), name
+    assert sum(r["verdict"] == "attributed" for r in outside) == 1
+    assert "one was wrongly `attributed`" in page("docs/explanation/diagnosis.md")
+    assert f"{partial} of {len(outside)} are `partial`" in page("docs/evidence/diagnosis.md")
+    quoted = {"pendulum": ("691 of 980", "1,000 of 1,000"), "turtlebot": ("993 of 1,000",),
+              "diagnosis": ("0.0099 ± 0.0006 N m s/rad", "0.0051 ± 0.0003 N m s²/rad²")}  # fmt: skip
+    for name, figures in quoted.items():
+        for figure in figures:
+            assert figure in page("README.md"), figure
+            assert figure in page(f"docs/evidence/{name}.md"), (name, figure)
