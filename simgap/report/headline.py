@@ -10,8 +10,7 @@ from simgap.config.trials import Trials
 from simgap.gap.bounds.outside import Outside
 from simgap.gap.fitting.fresh_check import clopper_pearson_upper
 from simgap.io.traces import CAREFUL, EVERY_TITLE, NOMINAL, ROBUST, SIMULATOR
-from simgap.report import content as adversary
-from simgap.report import tables
+from simgap.report import adversary, tables
 from simgap.report.material import Material
 from simgap.specifications.base import specification_of
 from simgap.specifications.monitor import STUCK

@@ -1,0 +1,77 @@
+"""What the page of a case says of the audit: counts of the adversary beside those of random samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from simgap.io.traces import ROBUST, SIMULATOR
+from simgap.notation import pretty_unit
+from simgap.report.material import Material
+
+
+def figures(m: Material) -> dict[str, Any] | None:
+    """For `summary.json`: evaluations, steps, violations and witnesses; the steps against the disturbance apart."""
+    if m.audit is None:
+        return None
+    disturbance = m.audit["closed_loop"]["disturbance"]
+    return {
+        "evaluations": m.audit["evaluations"],
+        "steps": m.audit["steps"],
+        "steps_against_the_disturbance": disturbance["steps"],
+        "violations": m.audit["violations"],
+        "largest_share": m.audit["gap"]["largest_share"],
+        "witnesses": m.audit["witnesses"],
+    }
+
+
+def attempts(audit: Mapping[str, Any]) -> int:
+    """Steps of every kind in which the adversary looked for a violation."""
+    return int(audit["evaluations"] + sum(loop["steps"] for loop in audit["closed_loop"].values()))
+
+
+def sentence(m: Material) -> str:
+    """One line for the verdict."""
+    if m.audit is None:
+        return ""
+    loops = m.audit["closed_loop"]
+    steps = sum(loop["steps"] for loop in loops.values())
+    return (
+        f"Adversary: {m.audit['violations']:,} violations in {m.audit['evaluations']:,} single steps that attack the "
+        f"bound and {steps:,} closed-loop steps under the worst admissible inputs."
+    )
+
+
+def section(m: Material) -> dict[str, Any] | None:
+    """Rows of random samples and of the adversary, where the worst step lies, and counts by search and rule."""
+    if m.audit is None:
+        return None
+    loops, gap = m.audit["closed_loop"], m.audit["gap"]
+    fresh, random = m.gap.get("fresh", {}), m.validation["controllers"][ROBUST][SIMULATOR]
+    rows = [
+        _row("gamma, single steps", "random", None, fresh.get("samples", 0), fresh.get("violations", 0)),
+        _row("gamma, single steps", "adversary", None, m.audit["evaluations"], gap["violations"]),
+        _row("closed loop in the simulator", "random starts, the controller's own choice", random["runs"],
+             random["steps"], random["runs_that_violated_it"]),
+    ]  # fmt: skip
+    named = (("simulator", "closed loop in the simulator"), ("disturbance", "closed loop against the worst of gamma"))
+    rows += [_row(what, "adversary", loops[k]["runs"], loops[k]["steps"], loops[k]["violations"]) for k, what in named]
+    by = [(f"gamma: {name}", count) for name, count in gap["evaluations_by_search"].items()]
+    for k, what in named:
+        by += [(f"{what}: {name}", count) for name, count in loops[k]["steps_by_rule"].items()]
+    return {"rows": rows, "by": by, "place": _place(m)}
+
+
+def _row(what: str, how: str, runs: int | None, steps: int, violations: int) -> dict[str, Any]:
+    return {"what": what, "how": how, "runs": runs, "steps": steps, "violations": violations}
+
+
+def _place(m: Material) -> str:
+    gap = (m.audit or {})["gap"]
+    if gap["largest_share"] is None:
+        return ""
+    units = m.context.units
+    where = ", ".join(f"{n} = {x:.4g} {pretty_unit(units[n])}".strip() for n, x in gap["worst"].items())
+    side = "inside" if gap["largest_share"] <= 0 else "outside"
+    at = f" (at {where})" if m.context.case.hidden_state is None else ""
+    return f"The worst step found{at} lies {abs(gap['largest_share']):.3g} of the bound's width {side} it."
