@@ -113,6 +113,18 @@ def rollouts(data: Mapping[str, Any]) -> str:
     return markdown(["roll-outs per second and core", "bare PyBullet loop", "ratio"], [row])
 
 
+def contact_solver(data: Mapping[str, Any]) -> str:
+    """PyBullet's contact solvers on the robot: what a step costs, what headings, mirror and reference differ by."""
+
+    def of(values: Sequence[float]) -> str:
+        return ", ".join(f"{1e3 * v:.2g}" for v in values)
+
+    differences = ("between_headings", "from_mirror_image", "from_reference")
+    rows = [[name, f"{r['ms_a_step']:.2f}", *(of(r[d]) for d in differences)] for name, r in data["rows"].items()]
+    head = ["solver", "CPU ms a step", "between headings", "from its mirror image", "from the reference"]
+    return markdown([*head[:2], *(f"{h}: x, y, theta (mm, mm, mrad)" for h in head[2:])], rows)
+
+
 def long_record(data: Sequence[Mapping[str, Any]]) -> str:
     """What a diagnosis costs."""
     rows = [
@@ -291,6 +303,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "lipschitz": ("lipschitz.json", lipschitz),
     "undeclared": ("undeclared.json", undeclared),
     "rollouts": ("rollouts.json", rollouts),
+    "contact_solver": ("contact_solver.json", contact_solver),
     "dry_friction": ("dry_friction.json", dry_friction),
     "encoders": ("encoders.json", encoders),
     "recording_faults": ("recording_faults.json", recording_faults),
