@@ -125,6 +125,17 @@ def contact_solver(data: Mapping[str, Any]) -> str:
     return markdown([*head[:2], *(f"{h}: x, y, theta (mm, mm, mrad)" for h in head[2:])], rows)
 
 
+def plain_run(data: Mapping[str, Any]) -> str:
+    """CPU seconds by stage and case, before and now."""
+    cases = list(data["before"]["cases"])
+    head = ["CPU s, before -> now", *(case.split("/")[-1] for case in cases)]
+    rows = []
+    for stage in data["before"]["cases"][cases[0]]:
+        both = [[data[run]["cases"].get(case, {}).get(stage) for run in ("before", "now")] for case in cases]
+        rows.append([stage, *(" -> ".join("not run" if v is None else f"{v:.0f}" for v in pair) for pair in both)])
+    return markdown(head, rows)
+
+
 def long_record(data: Sequence[Mapping[str, Any]]) -> str:
     """What a diagnosis costs."""
     rows = [
@@ -303,6 +314,7 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "lipschitz": ("lipschitz.json", lipschitz),
     "undeclared": ("undeclared.json", undeclared),
     "rollouts": ("rollouts.json", rollouts),
+    "plain_run": ("plain_run.json", plain_run),
     "contact_solver": ("contact_solver.json", contact_solver),
     "dry_friction": ("dry_friction.json", dry_friction),
     "encoders": ("encoders.json", encoders),
