@@ -63,7 +63,7 @@ def peaks(count: float) -> tuple[int, dict[str, float]]:
         borders = str(folder / "borders.parquet")
         found["borders"] = stage("borders", str(path), "--point", point, "--out", borders, *log)
         rolled = [word for file in files for word in ("--rollouts", file)]
-        common = (str(path), "--state", "w", "--grid", grid, *rolled, "--out", str(folder / "out.json"), *log)
+        common = (str(path), "--grid", grid, *rolled, "--out", str(folder / "out.json"), *log)
         found["lipschitz"] = stage("lipschitz", *common)
         found["scp"] = stage("scp", *common, "--borders", borders)
         total = sum(pq.read_metadata(file).num_rows for file in files)

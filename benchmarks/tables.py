@@ -114,6 +114,29 @@ def rollouts(data: Mapping[str, Any]) -> str:
     return markdown(["roll-outs per second and core", "bare PyBullet loop", "ratio"], [row])
 
 
+def contact_solver(data: Mapping[str, Any]) -> str:
+    """PyBullet's contact solvers on the robot: what a step costs, what headings, mirror and reference differ by."""
+
+    def of(values: Sequence[float]) -> str:
+        return ", ".join(f"{1e3 * v:.2g}" for v in values)
+
+    differences = ("between_headings", "from_mirror_image", "from_reference")
+    rows = [[name, f"{r['ms_a_step']:.2f}", *(of(r[d]) for d in differences)] for name, r in data["rows"].items()]
+    head = ["solver", "CPU ms a step", "between headings", "from its mirror image", "from the reference"]
+    return markdown([*head[:2], *(f"{h}: x, y, theta (mm, mm, mrad)" for h in head[2:])], rows)
+
+
+def plain_run(data: Mapping[str, Any]) -> str:
+    """CPU seconds by stage and case, before and now."""
+    cases = list(data["before"]["cases"])
+    head = ["CPU s, before -> now", *(case.split("/")[-1] for case in cases)]
+    rows = []
+    for stage in data["before"]["cases"][cases[0]]:
+        both = [[data[run]["cases"].get(case, {}).get(stage) for run in ("before", "now")] for case in cases]
+        rows.append([stage, *(" -> ".join("not run" if v is None else f"{v:.0f}" for v in pair) for pair in both)])
+    return markdown(head, rows)
+
+
 def long_record(data: Sequence[Mapping[str, Any]]) -> str:
     """What a diagnosis costs."""
     rows = [
@@ -264,6 +287,8 @@ TABLES: Mapping[str, tuple[str, Callable[[Any], str]]] = {
     "synthesis": ("synthesis.json", synthesis),
     "lipschitz": ("lipschitz.json", lipschitz),
     "rollouts": ("rollouts.json", rollouts),
+    "plain_run": ("plain_run.json", plain_run),
+    "contact_solver": ("contact_solver.json", contact_solver),
     "dry_friction": ("dry_friction.json", dry_friction),
     "encoders": ("encoders.json", encoders),
     "recording_faults": ("recording_faults.json", recording_faults),

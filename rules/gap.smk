@@ -1,23 +1,9 @@
-# The bound of the gap: scp and lipschitz, one job a dimension, then gap, which puts the dimensions together.
-
-
-def states_of(case):
-    """Names of the states, in order; what was found on hardware may have added some."""
-    if case == base(case) or simulated(case) == base(case):
-        return list(case_of(case).plant.states)
-    return list(
-        load_case(
-            Path(checkpoints.diagnosis.get(case=base(case)).output.corrected)
-        ).plant.states
-    )
+# The bound of the gap: scp and lipschitz, dimension by dimension, then gap, which puts the dimensions together.
 
 
 def dimensions(stage):
-    """Results of a stage for all dimensions, in the order of the states; points of a sweep share those that are alike."""
-    return lambda wildcards: [
-        f"results/{maker(wildcards.case, stage)}/gap/{wildcards.point}/{stage}/{state}.json"
-        for state in states_of(wildcards.case)
-    ]
+    """Results of a stage for all dimensions; points of a sweep share those that are alike."""
+    return lambda w: f"results/{maker(w.case, stage)}/gap/{w.point}/{stage}.json"
 
 
 def maker(name, stage):
@@ -38,11 +24,11 @@ rule scp:
         rollouts=shards,
         borders=borders,
     output:
-        "results/{case}/gap/{point}/scp/{state}.json",
+        "results/{case}/gap/{point}/scp.json",
     log:
-        "results/{case}/logs/scp-{point}-{state}.log",
+        "results/{case}/logs/scp-{point}.log",
     benchmark:
-        "results/{case}/benchmarks/scp-{point}-{state}.tsv"
+        "results/{case}/benchmarks/scp-{point}.tsv"
     priority: page_first
     resources:
         mem_mb=2000,
@@ -55,9 +41,9 @@ rule scp:
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
         borders=lambda w, input: flagged("--borders", input.borders),
     message:
-        "{wildcards.case}: scenario program of {wildcards.state}, {wildcards.point}"
+        "{wildcards.case}: scenario programs, {wildcards.point}"
     shell:
-        "simgap scp {params.case:q} --state {wildcards.state:q} --grid {params.grid:q} {params.shards:q}"
+        "simgap scp {params.case:q} --grid {params.grid:q} {params.shards:q}"
         " {params.borders:q} --out {output:q} --log {log:q}"
 
 
@@ -67,11 +53,11 @@ rule lipschitz:
         grid=grid_files,
         rollouts=shards,
     output:
-        "results/{case}/gap/{point}/lipschitz/{state}.json",
+        "results/{case}/gap/{point}/lipschitz.json",
     log:
-        "results/{case}/logs/lipschitz-{point}-{state}.log",
+        "results/{case}/logs/lipschitz-{point}.log",
     benchmark:
-        "results/{case}/benchmarks/lipschitz-{point}-{state}.tsv"
+        "results/{case}/benchmarks/lipschitz-{point}.tsv"
     priority: page_first
     resources:
         mem_mb=2000,
@@ -83,9 +69,9 @@ rule lipschitz:
         code=code("lipschitz"),
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
     message:
-        "{wildcards.case}: Lipschitz constant of {wildcards.state}, {wildcards.point}"
+        "{wildcards.case}: Lipschitz constants, {wildcards.point}"
     shell:
-        "simgap lipschitz {params.case:q} --state {wildcards.state:q} --grid {params.grid:q} {params.shards:q}"
+        "simgap lipschitz {params.case:q} --grid {params.grid:q} {params.shards:q}"
         " --out {output:q} --log {log:q}"
 
 
@@ -116,12 +102,10 @@ rule gap:
         reads=reads("gap"),
         code=code("gap"),
         shards=lambda w, input: flagged("--rollouts", input.rollouts),
-        scp=lambda w, input: flagged("--scp", input.scp),
-        lipschitz=lambda w, input: flagged("--lipschitz", input.lipschitz),
         drawn=lambda w, input: flagged("--calibration", input.calibration),
         borders=lambda w, input: flagged("--borders", input.borders),
     message:
         "{wildcards.case}: dimensions put together, padded and checked on fresh samples, {wildcards.point}"
     shell:
-        "simgap gap {params.case:q} --grid {params.grid:q} {params.shards:q} {params.scp:q} {params.lipschitz:q}"
+        "simgap gap {params.case:q} --grid {params.grid:q} {params.shards:q} --scp {input.scp:q} --lipschitz {input.lipschitz:q}"
         " --fresh {input.fresh:q} {params.drawn:q} {params.borders:q} --out {output.gap:q} --samples {output.samples:q} --log {log:q}"

@@ -13,7 +13,7 @@ COMMANDS = (
     "new", "tutorial", "run", "diagnose", "sweep", "point", "sweep-page", "paper", "nothing",
 )  # fmt: skip
 OPTIONS = (
-    "--out", "--log", "--point", "--grid", "--shard", "--rollouts", "--state", "--gap", "--controller",
+    "--out", "--log", "--point", "--grid", "--shard", "--rollouts", "--gap", "--controller",
     "--workers", "--samples", "--fresh", "--urdf", "--equations", "--traces", "--nominal", "--robust", "--summary",
     "--cores", "--help", "-x", "--", "--version", "--times", "--witness", "--margins", "--scp", "--lipschitz",
 )  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import Borders, CasePath, Grid, Log, Out, Shards, State, app, new_file, new_folder, start_log
+from simgap.cli.options import Borders, CasePath, Grid, Log, Out, Shards, app, new_file, new_folder, start_log
 from simgap.cli.terminal import console
 
 
@@ -109,23 +109,21 @@ def calibration(
 
 
 @app.command()
-def scp(
-    case: CasePath, state: State, samples: Grid, shards: Shards, out: Out, borders: Borders = None, log: Log = None
-) -> None:
-    """Solve the scenario program of one dimension of the gap."""
+def scp(case: CasePath, samples: Grid, shards: Shards, out: Out, borders: Borders = None, log: Log = None) -> None:
+    """Solve the scenario programs of the gap, one for each dimension."""
     from simgap.stages import scp as stage
 
     start_log(log)
-    stage.run(case, state, samples, shards, out, borders)
+    stage.run(case, samples, shards, out, borders)
 
 
 @app.command()
-def lipschitz(case: CasePath, state: State, samples: Grid, shards: Shards, out: Out, log: Log = None) -> None:
-    """Estimate the Lipschitz constant of one dimension of the gap."""
+def lipschitz(case: CasePath, samples: Grid, shards: Shards, out: Out, log: Log = None) -> None:
+    """Estimate the Lipschitz constants of the gap, one for each dimension."""
     from simgap.stages import lipschitz as stage
 
     start_log(log)
-    stage.run(case, state, samples, shards, out)
+    stage.run(case, samples, shards, out)
 
 
 @app.command()
@@ -133,8 +131,8 @@ def gap(
     case: CasePath,
     grid: Grid,
     shards: Shards,
-    programs: Annotated[list[Path], typer.Option("--scp", help="Scenario program of each state.")],
-    slopes: Annotated[list[Path], typer.Option("--lipschitz", help="Lipschitz estimate of each state.")],
+    programs: Annotated[Path, typer.Option("--scp", help="Scenario programs.")],
+    slopes: Annotated[Path, typer.Option("--lipschitz", help="Lipschitz estimates.")],
     checked: Annotated[Path, typer.Option("--fresh", help="Fresh samples to check the bound on.")],
     out: Out,
     samples: Annotated[Path, typer.Option(help="File for thinned samples, for pictures (Parquet).")],

@@ -66,7 +66,6 @@ Shards = Annotated[list[Path], typer.Option("--rollouts", help="Roll-out shards 
 Borders = Annotated[
     Path | None, typer.Option("--borders", help="Samples on borders and beside switching surfaces; not for a robot.")
 ]
-State = Annotated[str, typer.Option(help="Which state.", show_default=False)]
 Log = Annotated[Path | None, typer.Option(help="File for the log of this stage; stderr if not given.")]
 
 

@@ -147,8 +147,7 @@ def _samples(context: Context, rollout: float, eps: float | None, begun: float) 
             more = attacks * (1 + case.hidden_state.search_length) * rollout if case.hidden_state and attacks else 0.0
             terms = _terms(context) if stage == "scp" else 0
             program = max(PROGRAM * terms**2, LARGE_PROGRAM * terms**3)
-            processes = 1 if stage == "gap" else nx
-            seconds = processes * begun + nx * (count * rate + program) + more
+            seconds = begun + nx * (count * rate + program) + more
             cheaper = "gap.basis" if nx * program > 0.5 * seconds else key
             words = f"{of}, {terms} terms" if cheaper == "gap.basis" else of
             yield StageCost(stage, count, words, seconds, held, cheaper)

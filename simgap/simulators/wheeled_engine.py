@@ -45,8 +45,8 @@ class WheeledSettings(EngineSection):
     solver_iterations: int = Field(
         100,
         ge=1,
-        description="Most iterations of the contact solver an engine step; too few make turns differ between headings, "
-        "because friction is solved along the axes of the world.",
+        description="Most iterations of the contact solver an engine step, in PyBullet where its direct solver finds "
+        "no solution; too few make turns differ between headings: friction is solved along the axes of the world.",
     )
     settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
     effects: tuple[AddedEffect, ...] = Field(
@@ -169,8 +169,11 @@ class WheeledEngine(Engine, PathSimulator):
         self.reset(here)
         for u in history:
             here = self.advance(u)
-        kept, remembered, turned = self._kept(), copy.deepcopy(self._memory), self._turned
+        if len(inputs) == 1:  # keeping a state costs as much as a step
+            self.advance(inputs[0])
+            return self._in_body_frame(here)[None]
         out = np.empty((len(inputs), *self.path.shape))
+        kept, remembered, turned = self._kept(), copy.deepcopy(self._memory), self._turned
         for m, u in enumerate(inputs):
             self._return_to(kept)
             self._turned, self._memory = turned, copy.deepcopy(remembered)

@@ -6,26 +6,24 @@ import resource
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from simgap.errors import UserError, excerpt
 from simgap.gap.whole_bound import Made, gap, seeds
 from simgap.io.documents import write_json
 from simgap.io.samples import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
-from simgap.stages.gap_inputs import Shards, blame_shards, points_of_case, result_of, samples_of
+from simgap.stages.gap_inputs import Shards, blame_shards, by_state, points_of_case, samples_of
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """Files that the stages before this one wrote: `scp` and `lipschitz` one for each state."""
+    """Files that the stages before this one wrote."""
 
     grid: Path
     rollouts: Sequence[Path]
-    scp: Sequence[Path]
-    lipschitz: Sequence[Path]
+    scp: Path
+    lipschitz: Path
     fresh: Path
     calibration: Path | None = None
     borders: Path | None = None
@@ -60,28 +58,3 @@ def run(case_path: Path, made: Inputs, out: Path, thinned: Path) -> None:
     record = provenance("gap", case, folder, seeds(context), point=content.points.name)
     write_json(out, bound.content | {"provenance": record})
     log.info("peak memory %d MiB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
-
-
-def by_state(context: Context, stage: str, point: str, paths: Sequence[Path]) -> dict[str, Any]:
-    """Results of a stage for single dimensions by the state that each is of, all made of this case on this grid.
-
-    A case that says the same under another name will do: points of a sweep share what they have in common.
-
-    Raises:
-        UserError: a state without a result or with two, a damaged one, or one that was made of something else.
-    """
-    found: dict[str, Any] = {}
-    for path in paths:
-        content = result_of(context, path, stage)
-        if "state" not in content:
-            raise UserError("not the result of one dimension", file=path, remedy="Delete it and run again.")
-        other = content["provenance"].get("point")
-        if other != point:
-            raise UserError(f"of the grid {excerpt(other)}, not {point}", file=path, remedy=f"Run `{stage}` again.")
-        if content["state"] in found:
-            raise UserError(f"a second result for {content['state']}", file=path, remedy="Give one for each state.")
-        found[content["state"]] = content
-    missing = [name for name in context.states if name not in found]
-    if missing:
-        raise UserError(f"no result for {', '.join(missing)}", file=paths[0], remedy="Give one file for each state.")
-    return found

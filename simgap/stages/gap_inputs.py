@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, Protocol, overload
 
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 from simgap.gap.sampling.points import Columns, Points, state_names
-from simgap.io.documents import read_json
+from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet, record_of
 from simgap.io.samples import read_columns, read_points
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
+from simgap.provenance import provenance
+from simgap.stages import log
 
 
 def points_of_case(context: Context, grid: Path) -> Points:
@@ -76,18 +79,6 @@ class Shards(Sequence[Columns]):
         return samples_of(self._context, self.paths[k], "rollouts")
 
 
-def dimension(context: Context, state: str) -> int:
-    """Which dimension a state is.
-
-    Raises:
-        UserError: for a name that is no state, with those that are.
-    """
-    if state not in context.states:
-        known = ", ".join(context.states)
-        raise UserError(f"'{state}' is no state", file=context.path, key="plant.states", remedy=f"States: {known}.")
-    return context.states.index(state)
-
-
 @contextmanager
 def blame_shards(shards: Sequence[Path]) -> Iterator[None]:
     """Name the first shard in mistakes about the roll-outs, which have neither file nor key."""
@@ -97,3 +88,49 @@ def blame_shards(shards: Sequence[Path]) -> Iterator[None]:
         if error.file is None and error.key is None:
             raise UserError(error.problem, file=shards[0], remedy=error.remedy) from None
         raise
+
+
+class Found(Protocol):
+    """What was found out about one dimension."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+
+
+def dimensions(
+    context: Context, stage: str, grid: Path, shards: Sequence[Path], out: Path,
+    find: Callable[[Points, Shards, int], Found],
+) -> None:  # fmt: skip
+    """Write what `find` finds out about each dimension, the i-th, from the roll-outs of a grid.
+
+    Raises:
+        UserError: damaged shards, settings that do not fit.
+    """
+    found = {}
+    with blame_shards(shards):
+        points = points_of_case(context, grid)
+        log.info("%d samples x %d inputs", len(points.states), len(points.inputs))
+        for i, state in enumerate(context.states):
+            began = time.perf_counter()
+            found[state] = {"state": state, **find(points, Shards(context, shards), i).to_json()}
+            log.info("%s in %.2f s, roll-outs read and compared", state, time.perf_counter() - began)
+    record = provenance(stage, context.case, context.folder, point=points.name)
+    write_json(out, {"states": found, "provenance": record})
+
+
+def by_state(context: Context, stage: str, point: str, path: Path) -> dict[str, Any]:
+    """What `dimensions` wrote, by state, made of this case on this grid.
+
+    A case that says the same under another name will do: points of a sweep share what they have in common.
+
+    Raises:
+        UserError: a state without a result, a damaged one, or one that was made of something else.
+    """
+    content = result_of(context, path, stage)
+    other, found = content["provenance"].get("point"), content.get("states", {})
+    if other != point:
+        raise UserError(f"of the grid {excerpt(other)}, not {point}", file=path, remedy=f"Run `{stage}` again.")
+    missing = [name for name in context.states if name not in found]
+    if missing:
+        raise UserError(f"no result for {', '.join(missing)}", file=path, remedy=f"Run `{stage}` again.")
+    return dict(found)

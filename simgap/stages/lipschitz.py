@@ -1,8 +1,7 @@
-"""Stage `lipschitz`: how fast one dimension of the gap changes between samples."""
+"""Stage `lipschitz`: how fast each dimension of the gap changes between samples."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,30 +16,21 @@ from simgap.gap.sampling.points import Columns, Points, remembers
 from simgap.gap.sampling.tables import HISTORY
 from simgap.gap.sampling.values import Held, Room
 from simgap.gap.settings import GapSettings
-from simgap.io.documents import write_json
 from simgap.io.spilled_numbers import room_in
 from simgap.plants.context import Context
-from simgap.provenance import provenance
-from simgap.stages import log
-from simgap.stages.gap_inputs import Shards, blame_shards, dimension, points_of_case
+from simgap.stages.gap_inputs import dimensions
 
 
-def run(case_path: Path, state: str, grid: Path, shards: Sequence[Path], out: Path) -> None:
-    """Estimate the Lipschitz constant of one state from the roll-outs of a grid.
+def run(case_path: Path, grid: Path, shards: Sequence[Path], out: Path) -> None:
+    """Estimate the Lipschitz constant of each state from the roll-outs of a grid.
 
     Raises:
-        UserError: a state that the case does not have, damaged shards, settings that do not fit.
+        UserError: damaged shards, settings that do not fit.
     """
     context = Context.load(case_path)
-    i = dimension(context, state)
-    with context.blame(), blame_shards(shards):
-        points = points_of_case(context, grid)
-        log.info("%s of %d samples x %d inputs", state, len(points.states), len(points.inputs))
-        began = time.perf_counter()
-        found = lipschitz(context, points, Shards(context, shards), i, room_in(out.parent))
-    log.info("estimated in %.2f s, roll-outs read and compared with the nominal model", time.perf_counter() - began)
-    record = provenance("lipschitz", context.case, context.folder, point=points.name)
-    write_json(out, {"state": state, **found.to_json(), "provenance": record})
+    with context.blame():
+        room = room_in(out.parent)
+        dimensions(context, "lipschitz", grid, shards, out, lambda p, rolled, i: lipschitz(context, p, rolled, i, room))
 
 
 def lipschitz(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -75,25 +76,29 @@ def run(
     with context.blame():
         others = {kind: one for kind, one in controllers.items() if kind != ROBUST}
         begin = starts_by_kind(context, section, controllers[ROBUST], others, trials)
-    for kind, controller in controllers.items():
-        with context.blame():
-            monitor = specification.monitor(space, controller.solution)
-        judge = Judge(space, monitor, section.steps, controller.input_set, model, gap)
-        proven = replace(judge, certificate=controller.solution, tolerant=tolerated(context.case) > 0)
-        for plant, runs in (
-            (SIMULATOR, _simulated(context, controller, begin[kind].x, workers, traces.parent / TABLES, engine_log)),
-            (MODEL, batch_loop(model.step, controller, begin[kind].x, section.steps, monitor)),
-        ):
-            own = proven if (kind, plant) == (ROBUST, SIMULATOR) else judge
-            figures, kept = own.count(runs, begin[kind].numbers.tolist(), section.kept, shown)
-            shown = shown or kept
-            tallies.setdefault(kind, {})[plant] = figures
-            log.info("%s controller, %s: %s", kind, plant, _short(figures))
-            names = context.states, context.inputs, context.units
-            about = {"case": context.case.name, "controller": kind, "plant": plant}
-            if kind == CAREFUL:
-                continue
-            parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in kept.items()]
+    # A robot's table of inputs is a gigabyte: it is read and checked once, and the workers map what they look at. All
+    # runs are given to them at once, so that they are started once and none waits for those of another controller.
+    with scratch(traces.parent / TABLES) as folder, engine_pool(workers, engine_log) as pool:
+        jobs = {k: _submitted(pool, context, one, begin[k].x, folder / k) for k, one in controllers.items()}
+        for kind, controller in controllers.items():
+            with context.blame():
+                monitor = specification.monitor(space, controller.solution)
+            judge = Judge(space, monitor, section.steps, controller.input_set, model, gap)
+            proven = replace(judge, certificate=controller.solution, tolerant=tolerated(context.case) > 0)
+            for plant, runs in (
+                (SIMULATOR, _simulated(jobs[kind], len(begin[kind].x))),
+                (MODEL, batch_loop(model.step, controller, begin[kind].x, section.steps, monitor)),
+            ):
+                own = proven if (kind, plant) == (ROBUST, SIMULATOR) else judge
+                figures, kept = own.count(runs, begin[kind].numbers.tolist(), section.kept, shown)
+                shown = shown or kept
+                tallies.setdefault(kind, {})[plant] = figures
+                log.info("%s controller, %s: %s", kind, plant, _short(figures))
+                names = context.states, context.inputs, context.units
+                about = {"case": context.case.name, "controller": kind, "plant": plant}
+                if kind == CAREFUL:
+                    continue
+                parts += [to_table(trace_of(judge, about, k, v), *names, about, record) for k, v in kept.items()]
     write_parquet(traces, pa.concat_tables(parts).unify_dictionaries())
     counts = {"trials": trials.value, "starts": section.count(trials), "steps": section.steps}
     write_json(out, counts | {"controllers": tallies, "provenance": record})
@@ -127,19 +132,22 @@ def _short(figures: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in figures.items() if not isinstance(value, list)}
 
 
-def _simulated(
-    context: Context, controller: Controller, starts: Floats, workers: int, tables: Path, engine_log: Path | None
-) -> Iterator[Run]:
-    """Runs in the order of their starts, a chunk a job."""
+def _submitted(
+    pool: ProcessPoolExecutor, context: Context, controller: Controller, starts: Floats, folder: Path
+) -> list[Future[list[Run]]]:
+    """Runs of a controller, a chunk a job; its tables go to the folder."""
+    folder.mkdir()
+    shared = Shared.of(controller, folder)
     chunks = [starts[k : k + CHUNK] for k in range(0, len(starts), CHUNK)]
-    # A robot's table of inputs is a gigabyte: it is read and checked once, and the workers map what they look at.
-    with scratch(tables) as folder, engine_pool(workers, engine_log) as pool:
-        shared = Shared.of(controller, folder)
-        jobs = [pool.submit(simulate_chunk, context.case, context.folder, shared, x, k) for k, x in enumerate(chunks)]
-        for k, job in enumerate(jobs):
-            yield from job.result()
-            if (k + 1) % 5 == 0 or k + 1 == len(jobs):
-                log.info("simulated %d of %d runs", min((k + 1) * CHUNK, len(starts)), len(starts))
+    return [pool.submit(simulate_chunk, context.case, context.folder, shared, x, k) for k, x in enumerate(chunks)]
+
+
+def _simulated(jobs: Sequence[Future[list[Run]]], count: int) -> Iterator[Run]:
+    """Runs in the order of their starts, `count` of them."""
+    for k, job in enumerate(jobs):
+        yield from job.result()
+        if (k + 1) % 5 == 0 or k + 1 == len(jobs):
+            log.info("simulated %d of %d runs", min((k + 1) * CHUNK, count), count)
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ def simgap(command, case, *words):
     assert ended.value.code == 0
 
 
-def gap_of(case, states):
+def gap_of(case):
     """The stages from the grid to the gap, one shard: -> the gap function; files stand beside the case."""
     out = case.parent
     grid, shard, fresh = out / "grid", out / "shard.parquet", out / "fresh.parquet"
@@ -47,10 +47,9 @@ def gap_of(case, states):
     parts, borders = [], ("--borders", out / "borders.parquet")
     simgap("borders", case, "--out", borders[1])
     for stage in ("scp", "lipschitz"):
-        for state in states:
-            made = out / f"{stage}-{state}.json"
-            simgap(stage, case, "--state", state, *rolled, *(borders if stage == "scp" else ()), "--out", made)
-            parts += [f"--{stage}", made]
+        made = out / f"{stage}.json"
+        simgap(stage, case, *rolled, *(borders if stage == "scp" else ()), "--out", made)
+        parts += [f"--{stage}", made]
     result = out / "gap.json"
     simgap(
         "gap", case, *rolled, *parts, *borders, "--fresh", fresh, "--out", result, "--samples", out / "samples.parquet"

@@ -22,7 +22,7 @@ def gap(tmp_path_factory):
     case |= {"grid": {"eps": 0.03, "shards": 1}, "gap": case["gap"] | named["gap"]}
     case["simulator"]["friction"] = 0.0
     path = scratch(folder, case, {"my_engine.py": pushed, "my_basis.py": block(PAGE, BASIS, "python")})
-    return gap_of(path, ("x", "v"))
+    return gap_of(path)
 
 
 def test_the_terms_are_those_of_the_file(gap):

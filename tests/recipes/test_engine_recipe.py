@@ -18,7 +18,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("engine")
     case = yaml.safe_load(block(PAGE, HEADING, "yaml"))
     path = scratch(folder, case, {"my_engine.py": block(PAGE, HEADING, "python")})
-    return path, gap_of(path, ("x", "v"))
+    return path, gap_of(path)
 
 
 def test_the_rollouts_are_those_of_the_file(made):

@@ -57,10 +57,7 @@ def bound(case: Path, folder: Path, shards: list[Path], fresh: Path, out: Path, 
     """Scenario programs, Lipschitz constants and the bound of a case whose roll-outs are there."""
     made, on_borders = {}, beside(case, folder)
     for name, stage in (("scp", scp), ("lipschitz", lipschitz)):
-        made[name] = []
-        for state in Context.load(case).states:
-            made[name].append(folder / name / f"{state}.json")
-            more = (on_borders,) if stage is scp else ()
-            stage.run(case, state, folder / "grid", shards, made[name][-1], *more)
+        made[name] = folder / f"{name}.json"
+        stage.run(case, folder / "grid", shards, made[name], *((on_borders,) if stage is scp else ()))
     inputs = gap.Inputs(folder / "grid", shards, made["scp"], made["lipschitz"], fresh, calibration, on_borders)
     gap.run(case, inputs, out, folder / "thinned.parquet")

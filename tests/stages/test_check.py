@@ -366,8 +366,7 @@ def test_what_building_a_model_takes_counts_in_every_stage_that_builds_it(case):
     context = Context.load(Path(__file__).parents[2] / "configs" / "cases" / f"{case}.yaml")
     without, built = ({c.stage: c.seconds for c in costs.costs(context, 1e-6, build=b)} for b in (0.0, 10.0))
     more = {stage: (built[stage] - without[stage]) / 10.0 for stage in built}
-    states = len(context.states)
-    times = {"rollouts": 0, "fresh": 0, "borders": 1, "scp": states, "lipschitz": states, "gap": 1, "synthesis": 2}
+    times = {"rollouts": 0, "fresh": 0, "borders": 1, "scp": 1, "lipschitz": 1, "gap": 1, "synthesis": 2}
     assert {s: round(n, 6) for s, n in more.items() if s in times} == times
     assert more["validation"] >= 1
     assert more["audit"] >= 1

@@ -1,4 +1,4 @@
-"""Results of single dimensions are put together only if they were made of this very case, on this grid."""
+"""Results of the dimensions are put together only if they were made of this very case, on this grid."""
 
 import pytest
 
@@ -6,16 +6,17 @@ from simgap.errors import UserError
 from simgap.io.documents import write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.stages.gap import by_state
+from simgap.stages.gap_inputs import by_state
 
 
 @pytest.fixture
 def results(vary, tmp_path):
     context, other = Context.load(vary("pendulum", {})), Context.load(vary("pendulum", {"gap.padding": "per_axis"}))
 
-    def write(of, state, stage="scp", point="eps~0.0022"):
-        path = tmp_path / f"{state}-{stage}-{point}-{of is other}.json"
-        write_json(path, {"state": state, "provenance": provenance(stage, of.case, of.folder, point=point)})
+    def write(of, *states, stage="scp", point="eps~0.0022"):
+        path = tmp_path / "made.json"
+        record = provenance(stage, of.case, of.folder, point=point)
+        write_json(path, {"states": {state: {"state": state} for state in states}, "provenance": record})
         return path
 
     return context, other, write
@@ -23,22 +24,20 @@ def results(vary, tmp_path):
 
 def test_results_of_this_case_are_taken(results):
     context, _, write = results
-    found = by_state(context, "scp", "eps~0.0022", [write(context, "x1"), write(context, "x2")])
+    found = by_state(context, "scp", "eps~0.0022", write(context, "x1", "x2"))
     assert sorted(found) == ["x1", "x2"]
 
 
 def test_results_of_anything_else_are_refused(results):
     context, other, write = results
-    own = write(context, "x1")
-    for foreign, told in (
-        (write(other, "x2"), "differs in gap.padding=inflate"),
-        (write(context, "x2", stage="lipschitz"), "not what `scp` makes, but `lipschitz`"),
-        (write(context, "x2", point="eps~0.1"), "of the grid eps~0.1, not eps~0.0022"),
+    for of, given, told in (
+        (other, {}, "differs in gap.padding=inflate"),
+        (context, {"stage": "lipschitz"}, "not what `scp` makes, but `lipschitz`"),
+        (context, {"point": "eps~0.1"}, "of the grid eps~0.1, not eps~0.0022"),
     ):
+        path = write(of, "x1", "x2", **given)
         with pytest.raises(UserError, match=told) as caught:
-            by_state(context, "scp", "eps~0.0022", [own, foreign])
-        assert caught.value.file == foreign
-    with pytest.raises(UserError, match="a second result for x1"):
-        by_state(context, "scp", "eps~0.0022", [own, own])
+            by_state(context, "scp", "eps~0.0022", path)
+        assert caught.value.file == path
     with pytest.raises(UserError, match="no result for x2"):
-        by_state(context, "scp", "eps~0.0022", [own])
+        by_state(context, "scp", "eps~0.0022", write(context, "x1"))

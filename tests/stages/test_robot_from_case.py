@@ -203,7 +203,7 @@ def test_a_symmetry_that_the_model_does_not_have(small, bound, tmp_path, capsys)
     shutil.copytree(bound[1], folder)
     shards = [f"--rollouts={folder / f'shard-{k}.parquet'}" for k in (0, 1)]
     out = tmp_path / "new.json"
-    given = ["--state", "x", "--grid", folder / "grid", *shards, "--out", out, "--log", tmp_path / "log"]
+    given = ["--grid", folder / "grid", *shards, "--out", out, "--log", tmp_path / "log"]
     line = refused(capsys, ["scp", case, *given])
     assert "symmetry.group" in line
     assert "declared but false" in line

@@ -27,7 +27,7 @@ from simgap.cli import main
 for words in (["grid", "cart.yaml", "--out", "grid", "--log", "logs/a"],
               ["rollouts", "cart.yaml", "--grid", "grid", "--shard", "0", "--out", "shard.parquet", "--log", "logs/b"],
               ["fresh", "cart.yaml", "--out", "fresh.parquet", "--workers", workers, "--log", "logs/c"],
-              ["lipschitz", "cart.yaml", "--state", "v", "--grid", "grid", "--rollouts", "shard.parquet",
+              ["lipschitz", "cart.yaml", "--grid", "grid", "--rollouts", "shard.parquet",
                "--out", "v.json", "--log", "logs/d"]):
     try:
         main(words)

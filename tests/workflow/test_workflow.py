@@ -161,7 +161,7 @@ def test_each_stage_of_the_bound_is_kept_for_itself(project, change, again):
     jobs = project.planned()
     project.case.write_text(original)
     assert ROAD & set(jobs) == again
-    assert all(jobs[stage] == (2 if stage in ("scp", "lipschitz") else 1) for stage in again)
+    assert all(jobs[stage] == 1 for stage in again)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_the_rule_graph_shows_the_road(project):
 @pytest.mark.parametrize("point", ["hidden-state", "full-table"])
 def test_a_robot_takes_the_same_road(project, point):
     jobs = project.planned("--", f"results/turtlebot/gap/{point}/gap.json")
-    assert jobs == {"grid": 1, "rollouts": 2, "fresh": 1, "scp": 3, "lipschitz": 3, "gap": 1}
+    assert jobs == {"grid": 1, "rollouts": 2, "fresh": 1, "scp": 1, "lipschitz": 1, "gap": 1}
 
 
 def test_a_robot_has_its_fair_baseline(project):
@@ -269,7 +269,7 @@ def test_an_overlay_of_the_sweep_adds_only_new_points(project):
     overlay.write_text(yaml.safe_dump({"sweeps": {"small": {"eps": [0.02, 0.05]}}}))
     jobs = project.planned("--configfile", str(overlay), "--", "results/small/full/report.html")
     assert {stage: jobs.get(stage) for stage in ROAD - {"fresh"}} == {
-        "grid": 1, "rollouts": 2, "borders": 1, "scp": 2, "lipschitz": 2, "gap": 1
+        "grid": 1, "rollouts": 2, "borders": 1, "scp": 1, "lipschitz": 1, "gap": 1
     }  # fmt: skip
     assert not {"fresh", "synthesis"} & set(jobs)
     assert jobs["validation"] == jobs["audit"] == jobs["report"] == 1  # the trials of a full run
@@ -279,7 +279,7 @@ def test_a_truncated_shard_is_one_line_with_the_file_and_the_remedy(project, tmp
     shard = project.folder / "results/small/rollouts/eps~0.02/shard-0.parquet"
     cut = tmp_path / "cut.parquet"
     cut.write_bytes(shard.read_bytes()[:-200])
-    command = [sys.executable, "-m", "simgap.cli", "scp", str(project.case), "--state", "x1", "--rollouts", str(cut)]
+    command = [sys.executable, "-m", "simgap.cli", "scp", str(project.case), "--rollouts", str(cut)]
     command += ["--rollouts", str(shard.with_name("shard-1.parquet"))]
     command += ["--grid", str(project.folder / "results/small/grid/eps~0.02")]
     command += ["--borders", str(project.folder / "results/small/borders/eps~0.02/samples.parquet")]
