@@ -1,6 +1,6 @@
 """What `import simgap` offers beyond readers of single files: the calls that take paths and return values.
 
-Every one raises `UserError` for a person's mistake, one line with file, key and remedy, `BrokenPromise` for a
+Every one raises `UserError` for a user's mistake, one line with file, key and remedy, `BrokenPromise` for a
 guarantee that does not hold, and `EngineCrash` where a simulator's process died. None of them needs a `__main__` guard.
 """
 
@@ -73,6 +73,6 @@ def new_case(name: str, urdf: Path | str | None = None, folder: Path | str = "."
     """Write a commented case for a URDF, or for equations to be replaced: its path.
 
     Raises:
-        UserError: a name that is none, a file that is there already, or a model file that cannot be taken.
+        UserError: an invalid name, a file that exists already, or a model file that is refused.
     """
     return _new.run(name, None if urdf is None else Path(urdf), Path(folder))

@@ -42,7 +42,7 @@ def twin(
     traces: Annotated[Path | None, typer.Option(help="Traces that the validation kept (Parquet).")] = None,
     log: Log = None,
 ) -> None:
-    """Hold the simulator against the engine that it stands for, on every sample of the run."""
+    """Compare the simulator with the engine that it stands for, on every sample of the run."""
     from simgap.stages import twin as stage
 
     start_log(log)
@@ -96,7 +96,7 @@ def replay(
     witness: Annotated[Path, typer.Argument(help="witness.json of an audit.", show_default=False)],
     out: Annotated[Path | None, typer.Option(help="Recording for Rerun to write.", callback=new_file)] = None,
 ) -> None:
-    """Simulate again what an audit found, and print it step by step."""
+    """Simulate a witness of an audit again, and print it step by step."""
     from simgap.stages import replay as stage
 
     start_log(None)

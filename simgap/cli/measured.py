@@ -64,7 +64,7 @@ def next_experiment(
     start: Annotated[str, typer.Option(help="State at its first sample, such as q=0.5,v=0.")] = "",
     log: Log = None,
 ) -> None:
-    """Propose the recording that separates what a diagnosis could not tell apart."""
+    """Propose the recording that separates explanations that a diagnosis left open."""
     from simgap.cli.progress import progress
     from simgap.stages import next as stage
 

@@ -22,7 +22,7 @@ def sweep(
 ) -> None:
     """Make every point of a sweep, one table and one page: results/sweeps/<name> of this folder.
 
-    Other options, such as --dry-run, --unlock or --keep-going, are handed to Snakemake.
+    Other options, such as --dry-run, --unlock or --keep-going, are passed to Snakemake.
     """
     from simgap.cli.workflow import looks_on, require_made, snakemake, split
     from simgap.stages.sweep import checked_points

@@ -31,7 +31,7 @@ def view(
     what: Annotated[
         Path, typer.Argument(help="results/CASE, the folder of a diagnosis, or a recording.", show_default=False)
     ],
-    web: Annotated[bool, typer.Option("--web", help="In the browser; so it is where there is no display.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="In the browser, the default without a display.")] = False,
     only_print: Annotated[bool, typer.Option("--print", help="Print the command and stop.")] = False,
     picture: Annotated[
         Path | None, typer.Option(help="Write what the viewer shows as PNG and stop.", callback=new_file)

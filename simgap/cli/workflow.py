@@ -56,9 +56,9 @@ def run(
         bool, typer.Option("--full", help="Also run the larger number of simulated trials and attacks.")
     ] = False,
 ) -> None:
-    """Take cases through every stage that they have sections for; results go to results/ here.
+    """Run every stage of one or more cases; results go to results/ in this folder.
 
-    Other options, such as --dry-run, --unlock, --until=gap or --report=report.zip, are handed to Snakemake.
+    Other options, such as --dry-run, --unlock, --until=gap or --report=report.zip, are passed to Snakemake.
     """
     from simgap.config.load import load_case
 
@@ -152,7 +152,7 @@ def new(
     out: Annotated[Path, typer.Option(help="Folder for the case.", callback=new_folder)] = Path(),
     seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for finding tau, X, U and cells.")] = 120.0,
 ) -> None:
-    """Write a commented case for a robot of yours: NAME.yaml, which runs as it stands."""
+    """Write a commented case for your robot, NAME.yaml, which runs as it stands."""
     from simgap.cli.progress import progress
     from simgap.stages import new as stage
 
@@ -175,7 +175,7 @@ def propose(
     at: Annotated[str, typer.Option(help="Posture around which to work, such as q2=3.1416; 0 for other states.")] = "",
     seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for the search.")] = 120.0,
 ) -> None:
-    """Find tau, X, U and cells with which the nominal model of a case wins something, and print them as sections."""
+    """Find tau, X, U and cells for which a controller exists, by the nominal model, and print them as sections."""
     from simgap.cli.progress import progress
     from simgap.stages import propose as stage
 
@@ -208,7 +208,7 @@ def refine(
 def tutorial(
     out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path(),
 ) -> None:
-    """Put the files of the tutorial here: the URDF of a rod, and a recording of a real one."""
+    """Copy the files of the tutorial here: the URDF of a rod, and a recording."""
     from simgap.io.atomic import atomic
 
     source = workflow_file("tutorial") if (PACKAGE / "workflow").is_dir() else PACKAGE.parent / "docs/tutorial"
