@@ -1,8 +1,6 @@
 """What is hashed: sections that a stage reads, code that it reaches, plug-ins of the case, model files as bytes."""
 
 import ast
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -215,21 +213,6 @@ def test_what_a_file_imports_from_the_package_is_its_code(own):
     sources = provenance._sources("engines", "still.py:Still", own.parent)
     assert {"", "simgap.simulators.base", "simgap.simulators.joint_engine"} <= set(sources)
     assert not list(own.parent.rglob("__pycache__"))
-
-
-def test_cases_and_hashes_take_no_engine_and_no_algebra(root):
-    """Each start of the workflow reads its cases and hashes their stages: that must not import what takes seconds."""
-    code = (
-        "import sys; from pathlib import Path; from simgap.config.load import load_case\n"
-        "from simgap.config.reads import READS; from simgap.provenance import code_digest, versions\n"
-        "for path in sorted(Path('configs/cases').glob('*.yaml')):\n"
-        "    case = load_case(path)\n"
-        "    for stage in READS: code_digest(stage, case, path.parent), versions(stage, case, path.parent)\n"
-        "heavy = ('sympy', 'numba', 'scipy.linalg', 'scipy.sparse', 'pydrake', 'pybullet', 'mujoco')\n"
-        "print([m for m in heavy if m in sys.modules])"  # pint asks whether scipy is there
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def test_over_hidden_states_the_bound_depends_on_its_engine(root):

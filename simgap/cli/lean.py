@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
 from typing import Any
 
-_ROOM = "simgap.io."
+_ROOMS = ("simgap.io.", "pyarrow.dataset")
 
 
 class _NotForArrow(MetaPathFinder):
-    """Finds nothing; says that there is no pandas where a module of `simgap.io` converts: none of them imports it."""
+    """Finds nothing; says that there is no pandas where `simgap.io` converts and Rerun asks for datasets."""
 
     def find_spec(self, fullname: str, path: Sequence[str] | None, target: Any = None) -> None:
         """See `importlib.abc.MetaPathFinder`."""
@@ -24,7 +24,7 @@ class _NotForArrow(MetaPathFinder):
         frame = sys._getframe(1)
         while frame.f_back is not None and "importlib" in frame.f_code.co_filename:
             frame = frame.f_back
-        if str(frame.f_globals.get("__name__", "")).startswith(_ROOM):  # compiled code of pyarrow has no frame
+        if str(frame.f_globals.get("__name__", "")).startswith(_ROOMS):  # compiled code of pyarrow has no frame
             raise ModuleNotFoundError("no stage needs pandas", name="pandas")
 
 

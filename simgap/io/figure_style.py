@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from simgap.io.atomic import atomic
+from simgap.io.atomic import atomic, write_text
 from simgap.io.traces import CAREFUL, NOMINAL, ROBUST
 from simgap.notation import one_line, printable, superscript
 from simgap.specifications.picture import Look
@@ -112,12 +112,13 @@ def save_picture(figure: Any, path: Path) -> None:
 
 
 def kept(figure: Any, path: Path) -> str:
-    """A figure written as PNG and returned as SVG text, then freed."""
-    text_alone(figure)
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # laid out once, drawn twice
-    save_picture(figure, path)
-    text = svg_text(figure)
+    """A figure drawn once, as its file asks, then freed: -> the text of an SVG, which is what a page takes."""
+    text = ""
+    if path.suffix == ".png":
+        save_picture(figure, path)
+    else:
+        text = svg_text(figure)
+        write_text(path, text)
     close(figure)
     return text
 

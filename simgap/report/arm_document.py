@@ -35,13 +35,13 @@ MEANING = {
 
 
 def draw(found: ArmDiagnosis, inputs: Sequence[str], units: Mapping[str, str], folder: Path) -> dict[str, Any]:
-    """All figures: written as PNG into `folder`, returned as SVG text for the page."""
+    """All figures: SVG files in `folder`, and their text for the page."""
 
     longest = sorted(found.predictions, key=lambda p: -len(p.t))[:MOST_TRACES]
     with style.figure_style():
-        error = style.drawn(lambda: torque_error_figure(found, inputs, units), folder / "error.png")
+        error = style.drawn(lambda: torque_error_figure(found, inputs, units), folder / "error.svg")
         overlays = [
-            style.drawn(partial(torque_figure, p, inputs, units), folder / f"torques-{k + 1}.png")
+            style.drawn(partial(torque_figure, p, inputs, units), folder / f"torques-{k + 1}.svg")
             for k, p in enumerate(longest)
         ]
     return {"error": error, "overlays": overlays}

@@ -91,22 +91,22 @@ def overlays(
 def draw(
     document: Mapping[str, Any], stretches: Sequence[Overlay], missing: Sequence[Missing], folder: Path
 ) -> dict[str, Any]:
-    """All figures: written as PNG into `folder`, returned as SVG text for the page."""
+    """All figures: SVG files in `folder`, and their text for the page."""
     units = document["units"]
     texts: dict[str, Any] = {"overlays": [], "missing": [], "error": "", "steps": ""}
 
     with style.figure_style():
         if document["error"]["before"]["horizon_rmse"]:
-            texts["error"] = style.drawn(lambda: error_figure(document["error"], units), folder / "error.png")
+            texts["error"] = style.drawn(lambda: error_figure(document["error"], units), folder / "error.svg")
         for k, o in enumerate(stretches):
-            drawn = style.drawn(partial(overlay_figure, o, units), folder / f"measured-{k + 1}.png")
+            drawn = style.drawn(partial(overlay_figure, o, units), folder / f"measured-{k + 1}.svg")
             texts["overlays"].append((o.trace, drawn))
         for k, m in enumerate(missing):
             texts["missing"].append(
-                (m.label, style.drawn(partial(missing_figure, m), folder / f"residual-{k + 1}.png"))
+                (m.label, style.drawn(partial(missing_figure, m), folder / f"residual-{k + 1}.svg"))
             )
         if document["steps"]:
-            texts["steps"] = style.drawn(lambda: steps_figure(document["steps"]), folder / "steps.png")
+            texts["steps"] = style.drawn(lambda: steps_figure(document["steps"]), folder / "steps.svg")
     return texts
 
 

@@ -86,10 +86,10 @@ def run(
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, made_of))
     write_json(out_dir / JSON, content)
+    tell(f"{content['verdict']}: {content['sentence']}")
     title = context.case.title or context.case.name
     write_text(out_dir / PAGE, page(content, title, draw(found, inputs, context.units, out_dir)))
     write_recording(out_dir / RECORDING, windows, inputs, (), context.units, context.case.name)
-    tell(f"{content['verdict']}: {content['sentence']}")
     return content
 
 

@@ -138,10 +138,8 @@ def run(
         tell("searching for what the model lacks")
         found = diagnose(conditioned(model, names), record, _settings(section, reading), tell)
         reading = replace(reading, record=record)
-    tell("bounding what is left, drawing, writing")
-    content = conclude(context, section, found, reading, look, paths, out_dir)
-    tell(f"{content['verdict']}: {content['sentence']}")
-    return content
+    tell("bounding what is left")
+    return conclude(context, section, found, reading, look, paths, out_dir, tell)
 
 
 def conclude(
@@ -152,8 +150,9 @@ def conclude(
     look: Survey,
     paths: Sequence[Path],
     out_dir: Path,
+    tell: Callable[[str], None] = lambda words: None,
 ) -> dict[str, Any]:
-    """Bound what is left and write all files: the content of `diagnosis.json`."""
+    """Bound what is left, write the answer, say it, then draw it: the content of `diagnosis.json`."""
     model, shifts = context.plant.corrected_by(found.applied)
     corrected = conditioned(model, _conditions(reading, context)), shifts
     remainder = _remainder(context, section, corrected, found, reading)
@@ -165,6 +164,8 @@ def conclude(
     content = document(found, reading, look, remainder, use, context.units, made_of)
     content["simulator"] = simulated.document() if simulated is not None else None
     _write(context, section, corrected, found, reading, content, use, simulated, paths, out_dir)
+    tell(f"{content['verdict']}: {content['sentence']}")
+    _show(context, corrected, found, reading, content, out_dir)
     return content
 
 
@@ -240,20 +241,14 @@ def _write(
     paths: Sequence[Path],
     out_dir: Path,
 ) -> None:
-    """All files; first what holds the answer, its document the last of them, then what shows it."""
-    record, title = reading.record, context.case.title or context.case.name
+    """What holds the answer, its document the last of them."""
     model, shifts = corrected
-    sigma = np.array([found.sigma[s] for s in record.measured])
-    lacking = missing_terms(record, _declared(context, reading), model, shifts, sigma)
-    inputs = record.inputs[: len(context.inputs)]
-    windows = [replace(w, inputs=w.inputs[:, : len(inputs)]) for w in found.windows]
-    stretches = overlays(windows, record.measured, inputs, found.sigma)
     target = out_dir / CASE
     out_dir.mkdir(parents=True, exist_ok=True)  # first: `out/../rod.urdf` is no file before
     text = corrected_case(
         context.path, target, found.applied, paths, section.rig, content["sentence"], use, simulated=simulated
     )
-    noise = {s: found.sigma[s] for s in record.measured}
+    noise = {s: found.sigma[s] for s in reading.record.measured}
     columns = transition_columns(context, found.windows, noise, model, shifts, _as_declared(context, model))
     units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
@@ -262,6 +257,23 @@ def _write(
             temporary.write_bytes(plugin.content)
     write_text(target, text)
     write_json(out_dir / JSON, content)
+
+
+def _show(
+    context: Context,
+    corrected: Corrected,
+    found: Diagnosis,
+    reading: Reading,
+    content: Mapping[str, Any],
+    out_dir: Path,
+) -> None:
+    """What shows the answer: page, pictures, recording."""
+    record, title = reading.record, context.case.title or context.case.name
+    sigma = np.array([found.sigma[s] for s in record.measured])
+    lacking = missing_terms(record, _declared(context, reading), *corrected, sigma)
+    inputs = record.inputs[: len(context.inputs)]
+    windows = [replace(w, inputs=w.inputs[:, : len(inputs)]) for w in found.windows]
+    stretches = overlays(windows, record.measured, inputs, found.sigma)
     write_text(out_dir / PAGE, page(content, title, draw(content, stretches, lacking, out_dir)))
     names = (record.measured, inputs, context.units, context.case.name)
     write_recording(out_dir / RECORDING, windows, *names, content["sentence"])

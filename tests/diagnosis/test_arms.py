@@ -78,7 +78,7 @@ def test_the_weight_is_found_in_the_file_that_has_it(found):
 def test_all_files_are_written_and_the_folds_are_apart(found):
     result, folder = found
     written = {p.name for p in (folder / "found").iterdir()}
-    assert written >= {"diagnosis.json", "report.html", "corrected_case.yaml", "error.png", "torques-1.png"}
+    assert written >= {"diagnosis.json", "report.html", "corrected_case.yaml", "error.svg", "torques-1.svg"}
     assert written >= {"residual.rrd", "transitions.parquet"}  # what the workflow waits for
     assert len(load_plant(folder / "found" / "corrected_case.yaml").effects) == len(result["effects"])
     assert json.loads((folder / "found" / "diagnosis.json").read_text())["sentence"] == result["sentence"]

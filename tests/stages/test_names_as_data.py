@@ -51,10 +51,10 @@ def test_a_picture_that_fails_is_told_where_it_should_stand(tmp_path, monkeypatc
     monkeypatch.setattr(diagnosis_page, "overlay_figure", lambda *_: 1 / 0)
     write(tmp_path, "bench")
     page = (tmp_path / "out/report.html").read_text()
-    assert "measured-1.png could not be drawn" in page
+    assert "measured-1.svg could not be drawn" in page
     assert page.count("<svg") == 3
-    assert "measured-1.png could not be drawn: ZeroDivisionError" in caplog.text
-    assert not (tmp_path / "out/measured-1.png").exists()
+    assert "measured-1.svg could not be drawn: ZeroDivisionError" in caplog.text
+    assert not (tmp_path / "out/measured-1.svg").exists()
 
 
 def test_the_answer_is_written_before_anything_is_drawn(tmp_path, monkeypatch):
