@@ -43,17 +43,20 @@ def used(case, stage):
 
 
 def test_code_that_a_stage_reaches():
-    assert "synthesis/invariance" in reached("synthesis")
+    assert "games/invariance" in reached("synthesis")
     assert "simulators/build" in reached("rollouts")  # imported late, inside a function
-    assert not any(name.startswith(("synthesis/", "diagnosis/", "lipschitz/")) for name in reached("rollouts"))
+    elsewhere = ("games/", "abstraction/", "synthesis/", "diagnosis/", "lipschitz/", "fitting/")
+    assert not any(name.startswith(elsewhere) for name in reached("rollouts"))
     where_it_is_asked = {
-        f"gap/{name}" for name in ("points", "pairs", "hidden_state", "previous", "steps", "thresholds")
+        *("sampling/points", "sampling/tables", "memory/hidden_state", "memory/histories"),
+        *("bounds/previous", "gap/thresholds"),
     }
-    assert {name for name in reached("rollouts") if name.startswith("gap/")} <= where_it_is_asked
-    assert {"gap/scenario", "gap/padding"} <= reached("scp")
-    assert not {"gap/scenario", "gap/padding"} & reached("lipschitz")
+    of_the_gap = ("gap/", "sampling/", "memory/", "bounds/")
+    assert {name for name in reached("rollouts") if name.startswith(of_the_gap)} <= where_it_is_asked
+    assert {"fitting/scenario", "fitting/padding"} <= reached("scp")
+    assert not {"fitting/scenario", "fitting/padding"} & reached("lipschitz")
     assert "lipschitz/evt" in reached("lipschitz") - reached("scp") - reached("gap")
-    assert not any(name.startswith("synthesis/inv") for name in reached("gap"))
+    assert not any(name.startswith("games/inv") for name in reached("gap"))
 
 
 def test_the_closure_is_what_the_sources_say():

@@ -66,7 +66,7 @@ def test_machine_code_of_another_version_of_any_kernel_is_left_aside(tmp_path: P
     (tmp_path / "inner" / "called.py").write_text("from numba import njit  # another\n")
     kernel_sources.cache_clear()
     assert kernel_sources(tmp_path) != before
-    code = "import simgap, numba; from simgap.gap import cells; print(numba.config.CACHE_DIR)"
+    code = "import simgap, numba; from simgap.gap.bounds import cells; print(numba.config.CACHE_DIR)"
     env = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {"XDG_CACHE_HOME": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str(tmp_path / "simgap" / "machine_code" / kernel_sources())
