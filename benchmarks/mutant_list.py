@@ -258,9 +258,17 @@ MUTANTS: list[Mutant] = [
     *_of(
         "synthesis/abstraction/intersample.py",
         SETS,
-        ("a path strays for a quarter of the sampling time", "0.5 * tau * speed", "0.25 * tau * speed"),
+        (
+            "a path strays for a quarter of the sampling time",
+            "needed = 0.5 * tau * speed",
+            "needed = 0.25 * tau * speed",
+        ),
         ("what the real plant adds between samples is left out", ".max(axis=0) + added", ".max(axis=0)"),
-        ("rates are bounded at the samples alone", "(region.lo - reach, region.hi + reach)", "(region.lo, region.hi)"),
+        (
+            "rates are bounded at the samples alone",
+            "low, high = region.lo - reach, region.hi + reach",
+            "low, high = region.lo, region.hi",
+        ),
         ("rates backwards do not count", "np.maximum(np.abs(low), np.abs(high))", "np.abs(high)"),
     ),
     *_of(
@@ -283,8 +291,8 @@ MUTANTS: list[Mutant] = [
         ),
         (
             "walls need no clearance",
-            "lo, hi = grid.box.lo + keep, grid.box.hi - keep",
-            "lo, hi = grid.box.lo, grid.box.hi - keep",
+            "lo, hi = grid.box.lo + walls, grid.box.hi - walls",
+            "lo, hi = grid.box.lo, grid.box.hi - walls",
         ),
         ("obstacles do not grow", "cells_meeting(grid, grown(box, keep))", "cells_meeting(grid, box)"),
     ),
@@ -396,8 +404,12 @@ MUTANTS: list[Mutant] = [
     *_of(
         "gap/lipschitz/grid.py",
         BOUNDS,
+        ("the change of slope is left out", "(first + turns(step, j, slab.grid, axes)) / (2.0", "first / (2.0"),
+    ),
+    *_of(
+        "gap/lipschitz/stencils.py",
+        BOUNDS,
         ("slopes look ahead alone", "return np.maximum(np.abs(ahead), np.abs(behind))", "return np.abs(ahead)"),
-        ("the change of slope is left out", "local = (first + turns(step, j, grid, axes)) / s", "local = first / s"),
     ),
     *_of(
         "gap/lipschitz/result.py",
@@ -422,8 +434,8 @@ MUTANTS: list[Mutant] = [
         RANGES,
         (
             "the upper side covers the lower end",
-            "return np.ascontiguousarray(values if upper else -values)",
-            "return np.ascontiguousarray(self.d if upper else -values)",
+            "return self.upper if upper else -self.lower",
+            "return self.lower if upper else -self.lower",
         ),
     ),
     *_of(
@@ -431,8 +443,8 @@ MUTANTS: list[Mutant] = [
         RANGES,
         (
             "local padding leaves the change of slope out",
-            "to_cells(step, j, self.grid, expected) + self._turns[j])",
-            "to_cells(step, j, self.grid, expected))",
+            "to_cells(step, j, grid, expected) + turns(step, j, grid, axes)",
+            "to_cells(step, j, grid, expected)",
         ),
     ),
     *_of(
@@ -450,8 +462,8 @@ MUTANTS: list[Mutant] = [
         BOUNDS,
         (
             "an envelope's upper side starts from the lower end",
-            "upper = (samples.d if samples.d_upper is None else samples.d_upper)[flat] + numerical",
-            "upper = samples.d[flat] + numerical",
+            "upper = samples.ends[-1].take(flat) + numerical",
+            "upper = samples.d.take(flat) + numerical",
         ),
     ),
     *_of(
