@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -33,7 +34,26 @@ SCOTS_SECONDS = {  # whole process of SCOTS v0.2, -O3, measured on such a machin
     "(a) pendulum 1600 x 800 x 25": 5.5,
     "(b) unicycle 0.1, 121 inputs, bit_rows, values only": 30.7,
 }
-SCOTS_CONVERTER = 593_089, 893_803  # winning cells and pairs that it finds; of the vehicle 47,998 without the target
+SCOTS_CONVERTER = 593_089, 893_803  # winning cells and pairs that it finds; of the vehicle 48,018 without the target
+CONVERTER = {  # the same grid as a case; what a box of cells may reach is then found by simgap, rounded outward
+    "name": "converter",
+    "plant": {
+        "symbolic": {
+            "parameters": {name: {"value": value} for name, value in (
+                ("vs", 1.0), ("rl", 0.05), ("rc", 0.005), ("ro", 1.0), ("xl", 3.0), ("xc", 70.0))},
+            "dynamics": {
+                "i": "(vs - (rl + s*ro*rc/(ro + rc))*i - s*ro/(ro + rc)*v/5)/xl",
+                "v": "(5*s*ro/(ro + rc)*i - v/(ro + rc))/xc",
+            },
+        },
+        "states": {"i": {"unit": "1"}, "v": {"unit": "1"}},
+        "inputs": {"s": {"unit": "1"}},
+        "integrator": "rk4",
+    },
+    "domain": {"tau": 0.5, "X": {"i": [1.14975, 1.55025], "v": [5.44975, 5.85025]}, "U": {"s": {"values": [0, 1]}}},
+    "synthesis": {"cells": [801, 801], "specification": {
+        "kind": "invariance", "safe": {"i": [1.15, 1.55], "v": [5.45, 5.85]}}},
+}  # fmt: skip
 
 
 def _status(key: str) -> float:
@@ -125,6 +145,27 @@ def _scots(name: str) -> dict[str, object]:
     return _timed(f"SCOTS's {name}", run)
 
 
+def _command() -> dict[str, object]:
+    """`simgap synthesis` of the converter, in this process and once."""
+    import yaml
+
+    from simgap.cli import main as simgap
+
+    before = _status("VmRSS")
+    with tempfile.TemporaryDirectory() as folder:
+        case, summary = Path(folder, "converter.yaml"), Path(folder, "summary.json")
+        case.write_text(yaml.safe_dump(CONVERTER))
+        cpu, wall = time.process_time(), time.perf_counter()
+        files = ["--out", f"{folder}/c.npz", "--summary", str(summary), "--log", f"{folder}/log"]
+        with suppress(SystemExit):
+            simgap(["synthesis", str(case), *files])
+        cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+        found = json.loads(summary.read_text())
+    facts = {"winning": found["winning_cells"], "pairs": found["statistics"]["pairs"]}
+    timed = {"cpu_s": round(cpu, 3), "wall_s": round(wall, 3), "peak_MiB": round(_status("VmHWM") - before)}
+    return {"problem": "SCOTS's dcdc as a case, the command", **facts, **timed, "runs": 1}
+
+
 def _product(gap_kind: str, threads: int) -> dict[str, object]:
     import numpy as np
     import sympy as sp
@@ -207,12 +248,13 @@ JOBS = [
     ("_hundred_million", False),
     ("_hundred_million", True),
     *[("_scots", name) for name in ("dcdc", "vehicle", "aircraft")],
+    ("_command",),
     *[("_product", gap, threads) for gap in ("nominal", "constant gap", "gap in x and u") for threads in (1, 2)],
 ]
 
 
 def main() -> None:
-    """Run all jobs, those of a name, or one given as JSON (how the rows get a process of their own)."""
+    """Run all jobs, those of a name (other rows stay), or one given as JSON: how rows get a process of their own."""
     if len(sys.argv) > 1 and sys.argv[1].startswith("["):
         name, *arguments = json.loads(sys.argv[1])
         print(json.dumps(globals()[name](*arguments)))
@@ -231,7 +273,10 @@ def main() -> None:
         rows.append(json.loads(done.stdout) | {"process_s": spent[1], "cold_process_s": spent[0]})
         print("  ".join(f"{key} {value}" for key, value in rows[-1].items()), flush=True)
     machine = {"cores": os.cpu_count(), "platform": platform.platform(), "python": platform.python_version()}
-    RESULT.parent.mkdir(exist_ok=True)
+    if len(sys.argv) > 1:
+        new = {row["problem"]: row for row in rows}
+        kept = [new.pop(row["problem"], row) for row in json.loads(RESULT.read_text())["rows"]]
+        rows = [*kept, *new.values()]
     RESULT.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
 
 

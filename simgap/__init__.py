@@ -9,6 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from simgap.bytecode import keep_bytecode
 from simgap.cache import keep_machine_code_by_sources
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ _ROOMS = {
     "load_plant": "plants.plant_model",
 }
 
-
+keep_bytecode()
 keep_machine_code_by_sources()
 
 

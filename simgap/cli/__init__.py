@@ -5,9 +5,6 @@ from __future__ import annotations
 from simgap.cli.quiet import imported
 
 # isort: split
-import simgap.cli.bytecode  # noqa: F401  (first: the byte code of what follows is kept)
-
-# isort: split
 import errno
 import logging
 import os
@@ -19,7 +16,7 @@ import typer
 
 from simgap.cli import control, gap, measured, pages, sweeps, tools, view, workflow
 from simgap.cli.announce import announce_code
-from simgap.cli.lean import without_pandas
+from simgap.cli.lean import without_pandas, without_searching
 from simgap.cli.options import app
 from simgap.cli.terminal import say
 from simgap.errors import SimgapError, UserError, excerpt
@@ -45,6 +42,7 @@ def main(arguments: list[str] | None = None) -> None:
     os.environ["PYTHONSAFEPATH"] = "1"  # processes of engines and stages import nothing that stands in this folder
     follow_the_run()
     without_pandas()
+    without_searching()
     logging.getLogger("simgap").addHandler(logging.NullHandler())  # without a log, errors are told once, below
     announce_code()
     try:

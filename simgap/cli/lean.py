@@ -1,4 +1,4 @@
-"""A command does not import pandas because pyarrow asks for it: at its first conversion, for 0.3 s of CPU.
+"""What a command leaves out: pandas, which pyarrow would import at its first conversion, and most searches for garbage.
 
 Snakemake brings pandas along; no stage hands data of pandas to pyarrow. What a plug-in imports is not touched, and
 neither is a program that uses simgap as a library: only the command line calls this.
@@ -6,6 +6,8 @@ neither is a program that uses simgap as a library: only the command line calls 
 
 from __future__ import annotations
 
+import atexit
+import gc
 import sys
 from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
@@ -26,6 +28,16 @@ class _NotForArrow(MetaPathFinder):
             frame = frame.f_back
         if str(frame.f_globals.get("__name__", "")).startswith(_ROOMS):  # compiled code of pyarrow has no frame
             raise ModuleNotFoundError("no stage needs pandas", name="pandas")
+
+
+SELDOM = 20_000
+"""Objects made between two searches for cycles among them, 700 by default: libraries make 400,000 that stay."""
+
+
+def without_searching() -> None:
+    """Search seldom for cycles of objects, and not at the end of the process, where it took half a second of CPU."""
+    gc.set_threshold(SELDOM, *gc.get_threshold()[1:])
+    atexit.register(gc.freeze)
 
 
 def without_pandas() -> None:

@@ -1,14 +1,18 @@
 """Every sampled successor lies in the computed box, and every winning cell has an input that keeps it winning."""
 
 from dataclasses import replace
+from fractions import Fraction
+from math import floor
 
 import numpy as np
 import pytest
+import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from synthesis_plants import constant_gap, pendulum, random_plant, sloped_gap, small_slope, unicycle
 
 from simgap.geometry import Box, Grid
+from simgap.model.sampled import NominalModel
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
@@ -183,3 +187,27 @@ def test_a_periodic_reach_with_gap_goes_down_every_step():
         assert np.all(now[running] < left[running])
         left = now
     assert np.all(left == 0)
+
+
+@pytest.mark.parametrize("gap", ["none", "constant"])
+def test_boxes_of_a_map_that_is_affine_in_x_are_the_smallest(gap):
+    """Against fractions: cells of the exact image of a cell, found at its corners; its matrix depends on the input."""
+    a, b, s = sp.symbols("a b s", real=True)
+    half = Fraction(1, 2)
+    exact = {s_: ((1 - half * s_, Fraction(1, 4)), (-Fraction(1, 8), 1 + s_ * Fraction(1, 16))) for s_ in (0, 1)}
+    rule = (a - s * a / 2 + b / 4 + s * sp.Rational(1, 3), b + s * b / 16 - a / 8 - sp.Rational(1, 7))
+    model = NominalModel((a, b), (s,), rule, 0.1)
+    grid = Grid(Box([0.0, -1.0], [2.0, 1.0]), (11, 13))
+    kernel, axes, _ = GAPS[gap]
+    kernel = constant_gap(0.01, 0.02) if gap == "constant" else kernel
+    added = (Fraction(0.01), Fraction(0.02)) if gap == "constant" else (0, 0)
+    boxes = nominal_abstraction(model, grid, np.array([[0.0], [1.0]]), kernel, axes).boxes(np.arange(grid.size))
+    width = Fraction(2, 11), Fraction(2, 13)
+    for cell, (i, j) in enumerate(np.ndindex(*grid.cells)):
+        corners = [((i + p) * width[0], (j + q) * width[1] - 1) for p in (0, 1) for q in (0, 1)]
+        for m, row in exact.items():
+            moved = m * Fraction(1, 3), -Fraction(1, 7)
+            for k, low in enumerate((0, -1)):
+                ends = [row[k][0] * x + row[k][1] * y + moved[k] - low for x, y in corners]
+                wanted = [floor((min(ends) - added[k]) / width[k]), floor((max(ends) + added[k]) / width[k])]
+                assert boxes[cell, m, :, k].tolist() == wanted, (cell, m, k)

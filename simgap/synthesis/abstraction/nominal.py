@@ -16,6 +16,7 @@ from simgap.synthesis.abstraction.frame import Frame, cell_boxes
 from simgap.synthesis.abstraction.product import (
     Kernel,
     direct_post,
+    fill_affine,
     gap_adder,
     no_gap,
     table_filler,
@@ -123,11 +124,14 @@ def _together(
     model: Model, frame: Frame, gap: Kernel | BoxBounds | None, own: tuple[int, ...], same: list[int]
 ) -> Floats:
     """Offsets of the dimensions `same` on the cells over the axes `own`: (len(same), cells, M, 2)."""
-    fill = table_filler(model.interval_kernel, model.jacobian_interval_kernel)
     cells, which = reduced_cells(frame.grid, own), np.array(same)
     out = np.empty((len(same), len(cells), len(frame.inputs), 2))
     flags = np.array([j in own for j in range(model.nx)])
-    fill(cells, which, flags, frame.header, frame.inputs, out)
+    if any(axes for row in model.jacobian_axes for axes in row):
+        fill = table_filler(model.interval_kernel, model.jacobian_interval_kernel)
+        fill(cells, which, flags, frame.header, frame.inputs, out)
+    else:
+        fill_affine(cells, which, flags, frame.header, *_affine(model, frame), out)
     if isinstance(gap, BoxBounds):
         step = max(1, PAIRS // len(frame.inputs))
         for first in range(0, len(cells), step):
@@ -135,6 +139,15 @@ def _together(
     elif gap is not None:
         gap_adder(gap)(cells, which, frame.header, frame.inputs, out)
     return out
+
+
+def _affine(model: Model, frame: Frame) -> tuple[Floats, Floats, Floats]:
+    """A point, and for each input f there (M, nx, 2) and df/dx (M, nx, nx, 2), which is the same everywhere."""
+    start, n = 0.5 * (frame.grid.box.lo + frame.grid.box.hi), model.nx
+    points = [(start, start, u, u) for u in frame.inputs]
+    value = [np.array(model.interval_kernel(*p), dtype=np.float64) for p in points]
+    slope = [np.array(model.jacobian_interval_kernel(*p), dtype=np.float64) for p in points]
+    return start, np.stack(value), np.stack(slope).reshape(-1, n, n, 2)
 
 
 def _add_bounds(gap: BoxBounds, frame: Frame, cells: Ints, which: Ints, out: Floats) -> None:

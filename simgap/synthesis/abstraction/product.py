@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from simgap.late import njit, numba
+from simgap.model.interval import iadd, imul, widen
 from simgap.model.kept import kept, kept_as
 from simgap.synthesis.abstraction.frame import cell_box, to_cells
 from simgap.synthesis.abstraction.tables import POST
@@ -161,6 +162,33 @@ def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
                     out[d, row, m, 0], out[d, row, m, 1] = work[2, i] - centre, work[3, i] - centre
 
     return fill
+
+
+@njit(cache=True, error_model="numpy")
+def fill_affine(cells, which, own, header, start, value, slope, out):  # type: ignore[no-untyped-def]
+    """As `table_filler` where f is affine in x: value (M, n, 2) encloses f at `start`, slope (M, n, n, 2) df/dx."""
+    n = own.size
+    free = header.copy()
+    for j in range(n):
+        if not own[j]:
+            free[2 * n + j], free[3 * n + j] = -np.inf, np.inf
+    work = np.empty((4, n))
+    for row in range(cells.shape[0]):
+        cell_box(cells[row], n, free, work[0], work[1])
+        for j in range(n):
+            c = 0.5 * (work[0, j] + work[1, j])
+            work[2, j], work[3, j] = c - start[j], max(work[1, j] - c, c - work[0, j])
+        for m in range(value.shape[0]):
+            for d in range(which.size):
+                i = which[d]
+                at, spread = (value[m, i, 0], value[m, i, 1]), 0.0
+                for j in range(n):
+                    s = (slope[m, i, j, 0], slope[m, i, j, 1])
+                    at = iadd(at, imul(s, widen(work[2, j], work[2, j])))
+                    spread += max(-s[0], s[1]) * work[3, j]
+                spread *= 1.0 + 2.0**-48
+                centre = header[i] + header[n + i] * (cells[row, i] + 0.5)
+                out[d, row, m, 0], out[d, row, m, 1] = at[0] - spread - centre, at[1] + spread - centre
 
 
 @cache
