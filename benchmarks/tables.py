@@ -127,14 +127,13 @@ def contact_solver(data: Mapping[str, Any]) -> str:
 
 
 def plain_run(data: Mapping[str, Any]) -> str:
-    """CPU seconds by stage and case, before and now."""
-    cases = list(data["before"]["cases"])
-    head = ["CPU s, before -> now", *(case.split("/")[-1] for case in cases)]
+    """CPU seconds by stage and case, before and, where the case was run again, now."""
+    cases = data["before"]["cases"]
     rows = []
-    for stage in data["before"]["cases"][cases[0]]:
-        both = [[data[run]["cases"].get(case, {}).get(stage) for run in ("before", "now")] for case in cases]
-        rows.append([stage, *(" -> ".join("not run" if v is None else f"{v:.0f}" for v in pair) for pair in both)])
-    return markdown(head, rows)
+    for stage in next(iter(cases.values())):
+        runs = ([data[run]["cases"].get(case, {}).get(stage) for run in ("before", "now")] for case in cases)
+        rows.append([stage, *(" -> ".join(f"{v:.0f}" for v in pair if v is not None) for pair in runs)])
+    return markdown(["CPU s, before -> now", *(case.split("/")[-1] for case in cases)], rows)
 
 
 def long_record(data: Sequence[Mapping[str, Any]]) -> str:
