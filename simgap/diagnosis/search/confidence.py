@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import chi2 as chi_squared
 from scipy.stats import t as student
 
 from simgap.arrays import Floats
@@ -13,6 +14,12 @@ from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.diagnosis.thresholds import FIT_QUALITY, NO_MORE_THAN_NOISE
+
+
+def at_noise(chi2: float, free: float) -> bool:
+    """Whether a sum of squares with so many degrees of freedom is no more than noise; few numbers tell little."""
+    return chi2 <= max(FIT_QUALITY * free, float(chi_squared.ppf(NO_MORE_THAN_NOISE, free)))
 
 
 def standard_errors(problem: Problem, at: Fit, steps: dict[int, float], reduced: float, at_floor: bool) -> Floats:

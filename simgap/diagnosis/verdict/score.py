@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.thresholds import WORTH_SAYING
+from simgap.diagnosis.thresholds import MATTERS
 
 _TAILS = 4.0  # degrees of freedom of the law
 _PARTS = 10  # the data are scored by so many parts, each under the scale of the others
@@ -71,7 +71,7 @@ class Gain:
     @property
     def matters(self) -> bool:
         """Whether it is of a size that matters."""
-        return self.share[0] >= WORTH_SAYING
+        return self.share[0] >= MATTERS
 
     @property
     def sure(self) -> bool:
