@@ -26,7 +26,7 @@ from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
-from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, STRAY
+from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FAR
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
 from simgap.diagnosis.verdict.doubts import doubts
@@ -36,11 +36,11 @@ from simgap.diagnosis.verdict.judge import (
     HeldOut,
     chi2_dof,
     judged,
+    slight,
     verdict,
 )
 from simgap.diagnosis.verdict.restated import told
 from simgap.diagnosis.verdict.second_look import nearest, second_look
-from simgap.diagnosis.verdict.size import slight
 from simgap.diagnosis.verdict.steps import steps
 from simgap.effects import apply_effects
 from simgap.model.symbolic import SymbolicModel
@@ -73,13 +73,13 @@ def conclude(
         alternatives=told_of.listed,
         before=judged(known, base, old, horizon),
         after=judged(known, kept.fit, held, horizon),
-        floor=_floor(known, held, horizon),
+        floor=_floor(confirm, held, horizon),
         excess_share=seen.evidence.share if named else 1.0,
         explained_error=seen.evidence.gain.share if named and not chosen.at_floor else None,
-        sigma=dict(zip(record.measured, map(float, known.sigma), strict=True)),
+        sigma=dict(zip(record.measured, map(float, confirm.sigma), strict=True)),
         candidates=answer.candidate_scores(search, empty, chosen.barred),
         collinear=answer.collinear_table(collinear_pairs(search, empty), EXACTLY_COLLINEAR),
-        folds=FoldStretches(*(stretches(p.windows, known.t, names) for p in (parts.fit, parts.choose, confirm))),
+        folds=FoldStretches(*(stretches(p.windows, confirm.t, names) for p in (parts.fit, parts.choose, confirm))),
         warnings=(*said, *told_of.slight, *_warnings(search.watch, held, kept, horizon), *verdict_is.fitter),
         unconfirmed=verdict_is.further,
         faint_memory=verdict_is.faint,
@@ -181,7 +181,7 @@ def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) 
         said.append("The last fit had not settled: take its numbers with care.")
     if held.stray:
         said.append(
-            f"Single readings of the fold that confirms ({held.stray}) miss by more than {STRAY:g} noises between "
+            f"Single readings of the fold that confirms ({held.stray}) miss by more than {FAR:g} noises between "
             "neighbours that do not: noise with heavy tails, or bad readings. They are not counted in RMSE/sigma."
         )
     if horizon_s > 0 and held.horizon is None:

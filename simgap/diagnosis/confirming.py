@@ -9,13 +9,13 @@ import numpy as np
 
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.result import Concentrated
-from simgap.diagnosis.search.explanations import Explanation
+from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.simulation.parts import Parts
-from simgap.diagnosis.thresholds import HELD_OUT_QUALITY, LEAPS_ANYHOW
+from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW
 from simgap.diagnosis.verdict.concentration import concentrated
 from simgap.diagnosis.verdict.judge import Evidence, HeldOut, chi2_dof, excess_share, folds_agree, judge, needed
 from simgap.diagnosis.verdict.score import gained
-from simgap.diagnosis.verdict.steadier import steadier
 from simgap.diagnosis.verdict.transfer import independent_share
 
 
@@ -42,7 +42,7 @@ def confirmed(parts: Parts, chosen: Chosen, names: Sequence[str], horizon_s: flo
     found = _judged(parts, chosen, names, old, horizon_s)
     if not chosen.at_floor or found.evidence.agree:
         return found
-    less: Explanation | None = steadier(parts.known, chosen.full, chosen.kept)
+    less: Explanation | None = _steadier(parts.known, chosen.full, chosen.kept)
     return found if less is None else _judged(parts, chosen.less(less), names, old, horizon_s)
 
 
@@ -57,7 +57,7 @@ def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, new: HeldOut) -> Evide
     found, full, agree = chosen.kept, chosen.full, chosen.agree
     share = excess_share(old, new, known.sigma)
     wanted = bool(found.members) and needed(full, found, confirm, new)
-    sure = wanted and new.ratio <= HELD_OUT_QUALITY
+    sure = wanted and new.at_noise
     if found.members and chosen.search.watch.stopped:  # nothing compared the halves yet
         agree = folds_agree(known, found, full.steps, independent_share(known, found.fit))
     elif chosen.at_floor and (len(found.members) > LEAPS_ANYHOW or (found.members and not sure)):
@@ -67,3 +67,21 @@ def _evidence(parts: Parts, chosen: Chosen, old: HeldOut, new: HeldOut) -> Evide
     chose = (np.zeros(0), np.zeros(0)) if carried is None else (carried.declared, carried.predicted)
     whole = gained(*(np.concatenate(each) for each in zip(chose, here, strict=True)))
     return Evidence(before, after, old, new, share, whole, gained(*here).matters, agree, wanted)
+
+
+def _steadier(known: Problem, search: Search, found: Explanation) -> Explanation | None:
+    """The best smaller set that still reaches the noise and on which halves agree; None if there is none.
+
+    An effect that BIC adds for a small misfit (a drift of a position, where dry friction creeps before it slides) must
+    not take a right and steady one with it. One effect goes at a time, the one that BIC misses least.
+    """
+    while len(found.members) > 1:
+        smaller = [search.without(found, c) for c in found.members]
+        near = sorted((e for e in smaller if e.physical and chi2_dof(known, e.fit) <= FIT_QUALITY), key=lambda e: e.bic)
+        for e in near:
+            if folds_agree(known, e, search.steps, 1.0):
+                return e
+        if not near:
+            return None
+        found = near[0]
+    return None

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simgap.diagnosis.behind import behind
 from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import chosen
 from simgap.diagnosis.conclude import conclude
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.push import left_out_by, push_fault, suspected
+from simgap.diagnosis.push import left_out_by, one_is_enough, push_fault, suspected
 from simgap.diagnosis.reading.exchanged import put_back
 from simgap.diagnosis.reading.hum import without_hum
 from simgap.diagnosis.reading.record import Record
@@ -28,9 +27,9 @@ from simgap.diagnosis.seek import Searched, begun, fitted_again, searched, under
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
+from simgap.diagnosis.tiers import Tiers
 from simgap.diagnosis.verdict.faults import filtered_channels
 from simgap.diagnosis.verdict.judge import chi2_dof
-from simgap.diagnosis.widen import clearer, screened, widened
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
 
@@ -67,7 +66,7 @@ def _answer(
     watch, not_tried = Watch(settings.budget_s, tell), barred(model, record, settings.effects, settings.known)
     before = begun(parts.known, not_tried, watch)
     aside: tuple[Span, ...] = ()
-    if chi2_dof(before[0].problem, before[1]) > FIT_QUALITY:
+    if chi2_dof(before[0].problem, before[1]) > FIT_QUALITY and not (one_is_enough(*before) or watch.stopped):
         aside = suspected(parts, *before, not_tried, settings.max_effects)
     sought = not aside  # what stands out under what is found may still be left out, once
     while True:
@@ -92,6 +91,8 @@ def _answer(
         if apart is not None:
             return replace(apart, recording=(*faults, *apart.recording))
     parts, ends = louder or (found.parts, found.ends)
+    if watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
+        parts = replace(parts, known=ends[0].problem)
     put = chosen(parts, ends, settings, found.not_tried)
     return conclude(model, record, settings, parts, put, said, (*faults, *pushes, *found.filtered))
 
@@ -129,16 +130,13 @@ def _found(
 ) -> _Found:  # fmt: skip
     """Search a record with what it leaves out as it stands."""
     most = settings.max_effects
-    wider, wide = screened(model, record, settings, *before, not_tried)
+    tiers = Tiers(model, record, settings, not_tried)
+    wider, wide = tiers.screened(*before)
     if wider is None:
         ends = searched(parts.known, most, not_tried, watch, before=before)
-        wider = widened(model, record, settings, ends[0], ends[2], not_tried, wide)
-        wider = wider or clearer(model, record, settings, ends[0], ends[2], not_tried)
-    if wider is not None:
-        parts, ends = wider
-    loose = behind(model, record, settings, ends[0], ends[2], not_tried)
-    if loose is not None:
-        parts, ends = loose
+        wider = tiers.second(ends[0], ends[2], wide)
+    parts, ends = wider or (parts, ends)
+    parts, ends = tiers.motors(ends[0], ends[2]) or (parts, ends)
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown

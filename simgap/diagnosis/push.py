@@ -21,13 +21,14 @@ from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.outlying import Pieces, pieces
 from simgap.diagnosis.search.scoring import list_starts
 from simgap.diagnosis.search.watch import Stopped, Watch
+from simgap.diagnosis.seek import looked_again
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit_from_all, window_chi2
 from simgap.diagnosis.simulation.sensitivity import with_values
-from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, OTHERS_ASKED, PUSH_EXPLAINED, SUSPECTED_BY
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, MATTERS, NARROW, WIDTH
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import joined
@@ -46,6 +47,15 @@ def stands_out(known: Problem, theta: Floats) -> tuple[Span, ...]:
     """Times of the fitted windows that stand out at theta (q,)."""
     found = _pieces(known, theta).outlying()
     return () if found is None else found.spans
+
+
+def one_is_enough(begun: Search, base: Fit) -> bool:
+    """Whether a single effect explains the record down to its noise: then nobody pushed."""
+
+    def look() -> bool | None:
+        return any(begun.reached(e) for e in begun.joined(begun.empty(base))) or None
+
+    return bool(looked_again(begun.watch, look))
 
 
 def suspected(parts: Parts, begun: Search, base: Fit, not_tried: Collection[Key], most: int) -> tuple[Span, ...]:
@@ -74,9 +84,7 @@ def suspected(parts: Parts, begun: Search, base: Fit, not_tried: Collection[Key]
                 search = Search(kept, list_starts(kept, not_tried), watch=Watch(begun.watch.left))
                 at = fit(kept, kept.model.null, initial_states(kept), [], {})
             found = search.explain(found.members, found.fit.theta, at) if found.members else search.empty(at)
-            better = min(
-                search.joined(found, {*found.keys, *several}, SUSPECTED_BY), key=lambda e: e.bic, default=found
-            )
+            better = min(search.joined(found, {*found.keys, *several}, NARROW), key=lambda e: e.bic, default=found)
             if better.bic >= found.bic - BIC_GAIN:
                 break
             found = better
@@ -122,7 +130,7 @@ def _borne_out(
     whole = parts.known.past_the_unknown(parts.known.reach(theta))
     some = whole.on(_around(whole.windows, whole.t, still))
     level = max(1.0, chi2_dof(search.problem, found.fit))
-    return still if excess_left(coarse(some), theta, level, found.keys) > PUSH_EXPLAINED else ()
+    return still if excess_left(coarse(some), theta, level, found.keys) > MATTERS else ()
 
 
 def excess_left(some: Problem, theta: Floats, level: float, known: Collection[Key]) -> float:
@@ -150,7 +158,7 @@ def _around(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
     rows = zip(windows.trace.tolist(), t[windows.start], t[windows.stop - 1], strict=True)
     held = np.array([any(_meet((k, a, b), s) for s in spans) for k, a, b in rows])
     others = np.flatnonzero(~held)
-    count = min(len(others), OTHERS_ASKED)
+    count = min(len(others), 2 * WIDTH)
     held[others[np.linspace(0, len(others) - 1, count).round().astype(int)]] = True
     return windows.pick(held)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, HELD_OUT_QUALITY
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY
 from simgap.diagnosis.verdict.missing import Missing
 from simgap.io import figure_style as style
 from simgap.io.pages import render
@@ -141,7 +141,8 @@ def _meaning(document: Mapping[str, Any]) -> str:
 
 def _limits(quality: Mapping[str, Any]) -> str:
     fit, held = quality["chi2_dof"]["after"], quality["held_out_ratio"]["after"]
-    return f"Here: chi²/dof {fit:.3g}, limit {FIT_QUALITY:g}; RMSE/σ of confirm {held:.3g}, limit {HELD_OUT_QUALITY:g}."
+    limits = f"limits {FIT_QUALITY:g} and {FIT_QUALITY**0.5:.3g}, wider for few readings"
+    return f"Here: chi²/dof {fit:.3g}, RMSE/σ of confirm {held:.3g} ({limits})."
 
 
 def _quality(quality: Mapping[str, Any]) -> str:

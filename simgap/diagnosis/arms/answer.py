@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,9 +17,8 @@ from simgap.diagnosis.arms.gains import Gains, scaled
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload
 from simgap.diagnosis.arms.result import ArmDiagnosis, BaseParameter, FoundPayload, Prediction, Sought
 from simgap.diagnosis.arms.terms import TERMS
-from simgap.diagnosis.arms.thresholds import EXCESS_KEPT
 from simgap.diagnosis.result import Estimate, FoundEffect, RecordingFault, Verdict
-from simgap.diagnosis.thresholds import HELD_OUT_QUALITY
+from simgap.diagnosis.thresholds import FIT_QUALITY, MOST
 from simgap.effects import AppliedEffect, effect
 from simgap.model.tree import PARAMETERS, UNITS, Tree
 
@@ -152,11 +152,11 @@ def verdict(before: Floats, after: Floats, floor: Floats, share: float, somethin
     )
     if not len(floor):
         return "unexplained"  # no torque says anything
-    if old <= HELD_OUT_QUALITY:
+    if old <= math.sqrt(FIT_QUALITY):
         return "none"
-    if something and new <= HELD_OUT_QUALITY:
+    if something and new <= math.sqrt(FIT_QUALITY):
         return "attributed"
-    return "partial" if something and share <= EXCESS_KEPT else "unexplained"
+    return "partial" if something and share <= MOST else "unexplained"
 
 
 def _gains(found: Found, inputs: Sequence[str]) -> list[FoundEffect]:

@@ -17,8 +17,7 @@ from simgap.diagnosis.arms.fit import solve
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part
 from simgap.diagnosis.arms.select import forward
 from simgap.diagnosis.arms.terms import TERMS
-from simgap.diagnosis.arms.thresholds import MOST_LONE
-from simgap.diagnosis.thresholds import BIC_GAIN
+from simgap.diagnosis.thresholds import BIC_GAIN, MOST
 
 GAIN = "input_gain"
 SAID = (
@@ -46,7 +45,7 @@ def lone_gains(
     chosen = forward(wider, gram, right, judged, together, given, own, most)
     g = 1.0 + solve(gram, right, chosen.active, len(wider)).theta[size:]
     off = int(np.sum(g != 1.0))
-    if chosen.bic >= bic - BIC_GAIN or not 0 < off <= MOST_LONE * n or not np.all(g > 0.0):
+    if chosen.bic >= bic - BIC_GAIN or not 0 < off <= MOST * n or not np.all(g > 0.0):
         return None
     return np.asarray(g)
 

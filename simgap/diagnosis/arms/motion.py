@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.arms.thresholds import BAND, EDGE_PERIODS, ENERGY, MOST_OF_THE_RATE, REST_SHARE, STILL
+from simgap.diagnosis.arms.thresholds import BAND, ENERGY, MOST_OF_THE_RATE, REST_SHARE, STILL
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.errors import UserError
 
@@ -145,7 +145,7 @@ def _smooth(name: str, raw: tuple[Floats, Floats, Floats, Floats], low_pass: Fil
     t, q, v, u = raw
     v = low_pass(v)
     rows = np.zeros(len(t), dtype=bool)
-    edge = int(EDGE_PERIODS * low_pass.rate / low_pass.cut)
+    edge = int(low_pass.rate / low_pass.cut)
     every = max(1, int(low_pass.rate / (2.5 * low_pass.cut)))
     rows[edge : len(t) - edge : every] = True
     a = np.gradient(v, 1.0 / low_pass.rate, axis=0)

@@ -11,7 +11,7 @@ from simgap.arrays import Floats, Ints
 from simgap.diagnosis.arms.base import BaseParameters, independent
 from simgap.diagnosis.arms.motion import Motion
 from simgap.diagnosis.arms.terms import TERMS
-from simgap.diagnosis.arms.thresholds import TURNING_SHARE
+from simgap.diagnosis.thresholds import MATTERS
 from simgap.model.inverse_dynamics import regressor
 from simgap.model.tree import PARAMETERS, Tree
 
@@ -94,7 +94,7 @@ def part_of(
     for m in motions:
         whole = m.smooth(regressor(tree, m.q, m.v, m.a))[m.used]
         felt = m.smooth(m.a)  # as in the regressor: an inertia of bodies and of a rotor are compared alike
-        way = m.smooth(np.clip(m.v / (TURNING_SHARE * rest), -1.0, 1.0))
+        way = m.smooth(np.clip(m.v / (MATTERS * rest), -1.0, 1.0))
         terms = np.zeros((*m.q.shape, tree.size, len(TERMS)))
         for j in range(tree.size):
             for k, term in enumerate(TERMS.values()):

@@ -15,8 +15,8 @@ from simgap.arrays import Floats
 from simgap.diagnosis.arms.fit import Solution, score, solve
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part
 from simgap.diagnosis.arms.terms import TERMS
-from simgap.diagnosis.arms.thresholds import EXPECTED, SAME_DIRECTION, TERM_GAIN
-from simgap.diagnosis.thresholds import BIC_GAIN
+from simgap.diagnosis.arms.thresholds import EXPECTED, SAME_DIRECTION
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN
 from simgap.effects import effect
 
 
@@ -64,7 +64,7 @@ def forward(
                 if not physical(keys, solve(gram, right, trial, len(keys))):
                     continue
                 value = _bic(gram, right, judge, together, trial)
-                enough = TERM_GAIN if keys[k].effect in EXPECTED else BIC_GAIN
+                enough = AS_GOOD if keys[k].effect in EXPECTED else BIC_GAIN
                 if bic - value > enough and (best is None or value < best[0]):
                     best = value, k
         if best is None:

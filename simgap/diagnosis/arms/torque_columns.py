@@ -14,8 +14,9 @@ from simgap.arrays import Floats
 from simgap.diagnosis.arms.fit import correlation_rows, solve, standard_errors
 from simgap.diagnosis.arms.problem import Part
 from simgap.diagnosis.arms.terms import TERMS
-from simgap.diagnosis.arms.thresholds import CONSTANT, OTHER_COLUMN, OTHER_SCALE, OWN_SHARE
+from simgap.diagnosis.arms.thresholds import CONSTANT, OTHER_SCALE
 from simgap.diagnosis.result import RecordingFault
+from simgap.diagnosis.thresholds import MATTERS, MOST
 
 _TAKEN_OUT = "Nothing is fitted to that."
 
@@ -38,12 +39,12 @@ class _Line:
     @property
     def tells(self) -> bool:
         """Whether the model's torque takes away most of what friction and a bias leave."""
-        return self.left**2 < (1.0 - OWN_SHARE) * self.without**2
+        return self.left**2 < (1.0 - MOST) * self.without**2
 
     @property
     def is_scaled(self) -> bool:
         """Whether the torque is another multiple of the model's, which explains most of what a multiple of 1 leaves."""
-        return self.slope > 0.0 and self.left**2 < OTHER_COLUMN * self.at_one**2
+        return self.slope > 0.0 and self.left**2 < MATTERS * self.at_one**2
 
 
 def faulty_columns(
@@ -94,7 +95,7 @@ def _other(part: Part, first: int, j: int, own: _Line, others: Sequence[int]) ->
     fits = {
         k: line.left
         for k, line in lines.items()
-        if line.tells and 1.0 / OTHER_SCALE < line.slope < OTHER_SCALE and line.left**2 < OTHER_COLUMN * own.left**2
+        if line.tells and 1.0 / OTHER_SCALE < line.slope < OTHER_SCALE and line.left**2 < MATTERS * own.left**2
     }
     return min(fits, key=lambda k: fits[k]) if fits else None
 

@@ -25,7 +25,7 @@ from simgap.diagnosis.reading.windows import Windows
 from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
-from simgap.diagnosis.thresholds import AMBIGUOUS
+from simgap.diagnosis.thresholds import BIC_GAIN
 from simgap.geometry import Box
 
 
@@ -132,11 +132,11 @@ class Bench:
 def margins(d: Floats, rivals: Sequence[Rival], bench: Bench) -> Floats:
     """How surely the one at [A, .] is told from the one at [., B] if it is right, in standard deviations, (r, r).
 
-    BIC of B must exceed that of A by `AMBIGUOUS`; the difference of their chi^2 has mean D and variance 4 D, and that
+    BIC of B must exceed that of A by `BIC_GAIN`; the difference of their chi^2 has mean D and variance 4 D, and that
     of the parameters that one has more. d: (r, r) with D(A, B) at [A, B].
     """
     size = math.log(max(bench.counted + bench.compared, 2))
     more = np.array([[a.count - b.count for b in rivals] for a in rivals], dtype=np.float64)
     spread = np.sqrt(4.0 * d + 2.0 * np.maximum(np.abs(more), 1.0))
-    z = (d - AMBIGUOUS - more * size) / spread
+    z = (d - BIC_GAIN - more * size) / spread
     return np.where(np.eye(len(rivals), dtype=bool), np.inf, z)

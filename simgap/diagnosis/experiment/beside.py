@@ -27,7 +27,7 @@ from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
-from simgap.diagnosis.thresholds import AMBIGUOUS
+from simgap.diagnosis.thresholds import BIC_GAIN
 from simgap.distributions import norm
 from simgap.model.symbolic import SymbolicModel
 
@@ -93,7 +93,7 @@ def _sure(d: Floats, more: Floats, log: float) -> Floats:
     z = np.full_like(d, np.inf)
     other = np.isfinite(d)
     left, more = d[other], more[other]
-    z[other] = (left - AMBIGUOUS - more * log) / np.sqrt(4.0 * left + 2.0 * np.maximum(np.abs(more), 1.0))
+    z[other] = (left - BIC_GAIN - more * log) / np.sqrt(4.0 * left + 2.0 * np.maximum(np.abs(more), 1.0))
     return np.asarray(norm.cdf(z))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from simgap.diagnosis.reading.lag import VelocityLag, velocity_lag
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
-from simgap.diagnosis.thresholds import DERIVATIVE_MISMATCH, DERIVATIVE_SCALE, EXCHANGED_MISMATCH
+from simgap.diagnosis.thresholds import DERIVATIVE_SCALE, EXCHANGED_MISMATCH, MOST
 from simgap.model.symbolic import Coordinate
 
 
@@ -30,7 +30,7 @@ def put_back(record: Record, coordinates: Sequence[Coordinate]) -> tuple[Record,
         as_called, other_way = (
             velocity_lag(record, *names) for names in ((c.position, c.velocity), (c.velocity, c.position))
         )
-        if _derivative(other_way, EXCHANGED_MISMATCH) and not _derivative(as_called, DERIVATIVE_MISMATCH):
+        if _derivative(other_way, EXCHANGED_MISMATCH) and not _derivative(as_called, MOST):
             record = _exchanged(record, record.measured.index(c.position), record.measured.index(c.velocity))
             faults.append(swap(c.position, c.velocity))
     return record, tuple(faults)

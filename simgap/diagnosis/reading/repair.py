@@ -1,4 +1,5 @@
-"""Readings that are no measurement: stale ones and spikes. They are bridged, and nothing is held against them."""
+"""Readings that are no measurement: lost rows, a sensor at its limit, stale ones, spikes. They are bridged by straight
+lines, and nothing is held against them."""
 
 from __future__ import annotations
 
@@ -10,30 +11,42 @@ import numpy as np
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.reading.noise import ORDER, difference_weights, noise_floor
 from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.stillness import resolution
+from simgap.diagnosis.reading.stillness import resolution, runs
 from simgap.diagnosis.result import RecordingFault
-from simgap.diagnosis.thresholds import LEAST_STALE, MOST_SPIKES, MOST_STALE, SPIKE, STALE_MISS, STALE_STEPS
+from simgap.diagnosis.thresholds import A_FEW, LEAST_STALE, MATTERS, MOST, SPIKE, STALE_MISS, STALE_STEPS
 
 _ENOUGH = 50_000  # readings for a median
+_HELD = 3  # readings that equal the extreme of a channel without counts are at a limit
 _LONGEST = 4  # samples from one fresh count to the next across stale ones
 
 
 def repaired(record: Record) -> tuple[Record, tuple[RecordingFault, ...]]:
-    """The record with stale readings and spikes bridged by straight lines and marked as unused, and what was found."""
-    sigma, quantum = noise_floor(record), resolution(record)
-    lost = [np.zeros(trace.y.shape, dtype=bool) for trace in record.traces]
-    faults: list[RecordingFault] = []
+    """The record with such readings bridged and marked as unused, and what was found."""
+    quantum, faults = resolution(record), list[RecordingFault]()
+    rows = record.rows
+    record = replace(record, traces=tuple(_filled(trace) for trace in record.traces))
+    if record.rows > rows:
+        faults.append(_said("missing_rows", "", 1.0 - rows / record.rows, "are missing"))
+    lost = [~trace.compared.astype(bool) for trace in record.traces]
+    sigma = noise_floor(record)
     for k, name in enumerate(record.measured):
-        stale = [_stale(trace, k, float(sigma[k]), float(quantum[k])) for trace in record.traces]
+        held = _held([trace.y[:, k] for trace in record.traces], quantum[k] == 0.0)
+        if any(m.any() for m in held):
+            faults.append(_said("saturated_reading", name, _share(held), "are at the limit of the sensor"))
+            lost = [_with(mask, k, found) for mask, found in zip(lost, held, strict=True)]
+        stale = [
+            _stale(trace, k, float(sigma[k]), float(quantum[k])) & ~mask[:, k]
+            for trace, mask in zip(record.traces, lost, strict=True)
+        ]
         share = _share(stale)
-        if LEAST_STALE < share <= MOST_STALE:
+        if LEAST_STALE < share <= MOST:
             faults.append(_said("stale", name, share, "repeat the one before while it moves"))
             lost = [_with(mask, k, found) for mask, found in zip(lost, stale, strict=True)]
         whole = [_bridged(trace, mask) for trace, mask in zip(record.traces, lost, strict=True)]
         scale = _scale(whole, k, float(quantum[k]))
         spikes = [_spikes(trace.y[:, k], scale) for trace in whole]
         share = _share(spikes)
-        if 0.0 < share <= MOST_SPIKES:
+        if 0.0 < share <= A_FEW:
             faults.append(_said("spikes", name, share, f"jump away for one sample by more than {SPIKE * scale:.2g}"))
             lost = [_with(mask, k, found) for mask, found in zip(lost, spikes, strict=True)]
     if not faults:
@@ -43,8 +56,11 @@ def repaired(record: Record) -> tuple[Record, tuple[RecordingFault, ...]]:
 
 
 def _said(fault: str, name: str, share: float, what: str) -> RecordingFault:
-    sentence = f"{100 * share:.2g} % of the readings of {name} {what}; they are not compared."
+    of = f"readings of {name}" if name else "rows"
+    sentence = f"{100 * share:.2g} % of the {of} {what}; they are not compared."
     remedy = {
+        "missing_rows": "Log every row: what was commanded there is taken from the rows around them.",
+        "saturated_reading": f"Choose a wider range for the sensor of {name}, or a smaller motion.",
         "stale": f"Log {name} when it is fresh, or with the stamp at which it was read.",
         "spikes": f"Look at the wiring and the bus of {name}; drop such rows.",
     }[fault]
@@ -58,6 +74,41 @@ def _share(masks: list[Bools]) -> float:
 def _with(mask: Bools, k: int, found: Bools) -> Bools:
     out = mask.copy()
     out[:, k] |= found
+    return out
+
+
+def _filled(trace: Trace) -> Trace:
+    """The trace with the rows that are missing from evenly spaced stamps, between those around them and unused.
+
+    What is commanded is held from row to row; across one that is missing it would be held for too long.
+    """
+    steps = np.diff(trace.t)
+    each = steps / np.median(steps)
+    count = np.round(each).astype(np.int64)
+    if not np.any(count > 1) or np.any(count < 1) or np.any(np.abs(each - count) > MATTERS * count):
+        return trace
+    place = np.concatenate([[0], np.cumsum(count)])
+    every = np.arange(int(place[-1]) + 1)
+
+    def between(column: Floats) -> Floats:
+        return np.interp(every, place, column)
+
+    y, u = (np.stack([between(c) for c in block.T], axis=1) for block in (trace.y, trace.u))
+    used = np.zeros(y.shape, dtype=bool)
+    used[place] = trace.compared > 0.0
+    return Trace(trace.name, between(trace.t), y, u, used)
+
+
+def _held(columns: Sequence[Floats], fine: bool) -> list[Bools]:
+    """Readings of one channel at its extremes over all traces, where several in a row are; none of a coarse one."""
+    low, high = min(float(y.min()) for y in columns), max(float(y.max()) for y in columns)
+    out = []
+    for y in columns:
+        mask = np.zeros(len(y), dtype=bool)
+        for end in (low, high):
+            for a, b in runs(y == end):
+                mask[a:b] |= b - a >= _HELD
+        out.append(mask & (fine and low < high))
     return out
 
 

@@ -9,14 +9,7 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats
 from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.thresholds import (
-    CUT_OFF,
-    FROZEN_WHILE_MOVED,
-    STILL_NOISE,
-    STILL_STEPS,
-    WHOLE_STEPS,
-    WHOLE_WITHIN,
-)
+from simgap.diagnosis.thresholds import CUT_OFF, MOST, STILL_NOISE, STILL_STEPS, WHOLE_WITHIN
 
 BLOCK_S, STILL_S = 0.25, 0.75
 
@@ -55,7 +48,7 @@ def resolution(record: Record) -> Floats:
             ratio = steps / count
             off = np.abs(ratio - np.round(ratio))
             whole = float(np.mean(off < WHOLE_WITHIN * np.maximum(1.0, ratio * 1e-3) + cut))
-            out[k] = count if whole > WHOLE_STEPS and cut < CUT_OFF else 0.0
+            out[k] = count if whole > 1.0 - WHOLE_WITHIN and cut < CUT_OFF else 0.0
     return out
 
 
@@ -66,7 +59,7 @@ def still_stretches(record: Record, sigma: Floats, quantum: Floats) -> tuple[Str
     for trace in record.traces:
         edges = _block_edges(trace)
         still = np.array([bool(np.all(np.ptp(trace.y[a:b], axis=0) <= limit)) for a, b in pairwise(edges)])
-        for a, b in _runs(still):
+        for a, b in runs(still):
             together = np.ptp(trace.y[edges[a] : edges[b]], axis=0) <= 2 * limit
             stretch = Stretch(trace.name, float(trace.t[edges[a]]), float(trace.t[edges[b] - 1]))
             if together.all() and stretch.seconds >= STILL_S - BLOCK_S:
@@ -81,11 +74,11 @@ def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> tuple[Stretc
         span = np.ptp(trace.y, axis=0)
         rests = [s for s in still if s.trace == trace.name]
         for k, name in enumerate(record.measured):
-            for a, b in _runs(np.diff(trace.y[:, k]) == 0.0):
+            for a, b in runs(np.diff(trace.y[:, k]) == 0.0):
                 s = Stretch(trace.name, float(trace.t[a]), float(trace.t[b]), name)
                 if s.seconds < BLOCK_S or any(o.start <= s.stop and s.start <= o.stop for o in rests):
                     continue
-                moved = np.delete(np.ptp(trace.y[a : b + 1], axis=0) > FROZEN_WHILE_MOVED * span, k)
+                moved = np.delete(np.ptp(trace.y[a : b + 1], axis=0) > MOST * span, k)
                 if moved.any():
                     found.append(s)
     return tuple(found)
@@ -106,7 +99,7 @@ def at_limit(u: Floats) -> tuple[float, float, float]:
 
 
 def _in_runs(flags: Bools) -> float:
-    return sum(b - a for a, b in _runs(flags) if b - a >= 3) / flags.size
+    return sum(b - a for a, b in runs(flags) if b - a >= 3) / flags.size
 
 
 def _block_edges(trace: Trace) -> list[int]:
@@ -114,7 +107,7 @@ def _block_edges(trace: Trace) -> list[int]:
     return np.unique(np.append(edges, len(trace.t))).tolist()
 
 
-def _runs(flags: Bools) -> list[tuple[int, int]]:
+def runs(flags: Bools) -> list[tuple[int, int]]:
     """Runs of True as half-open index ranges."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -12,15 +12,7 @@ from simgap.diagnosis.reading.encoder import worth
 from simgap.diagnosis.reading.lag import VelocityLag, velocity_lag
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.reading.stillness import Stretch, at_limit, frozen_stretches, resolution, still_stretches
-from simgap.diagnosis.thresholds import (
-    DERIVATIVE_MISMATCH,
-    DERIVATIVE_SCALE,
-    LAG_WORTH_SAYING_S,
-    LIMIT_SHARE,
-    REST_SHARE,
-    REVERSED_SHARE,
-    SMALL_SWING_RAD,
-)
+from simgap.diagnosis.thresholds import A_FEW, DERIVATIVE_SCALE, LAG_WORTH_SAYING_S, MOST, REST_SHARE, SMALL_SWING_RAD
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
 from simgap.units import full_turn
@@ -154,7 +146,7 @@ def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str
     total = float(np.sum(np.abs(forward)))
     if total > 0.0:
         share = min(float(np.sum(forward[forward > 0])), -float(np.sum(forward[forward < 0]))) / total
-        if share < REVERSED_SHARE:
+        if share < A_FEW:
             yield (
                 f"{c.position} moves in one direction only: friction cannot be told from a bias; "
                 f"let it reverse several times"
@@ -172,7 +164,7 @@ def _has_sine(model: SymbolicModel, name: str) -> bool:
 
 def _limits(channels: tuple[ChannelLook, ...]) -> Iterator[str]:
     for c in channels:
-        if c.at_limit > LIMIT_SHARE:
+        if c.at_limit > A_FEW:
             yield (
                 f"input {c.name} sits at its extreme {100 * c.at_limit:.0f} % of the time "
                 f"({c.lowest:.3g} to {c.highest:.3g} {c.unit}): if this is a command that a drive then limits, "
@@ -183,7 +175,7 @@ def _limits(channels: tuple[ChannelLook, ...]) -> Iterator[str]:
 def _lag_words(lags: tuple[VelocityLag, ...], traces: tuple[TraceLook, ...]) -> Iterator[str]:
     dt = float(np.median([1.0 / t.rate_hz for t in traces]))
     for lag in lags:
-        if lag.mismatch > DERIVATIVE_MISMATCH:
+        if lag.mismatch > MOST:
             yield (
                 f"{lag.velocity} is not the derivative of {lag.position} ({100 * lag.mismatch:.0f} % of it differs): "
                 f"check the columns"

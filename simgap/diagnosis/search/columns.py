@@ -24,13 +24,7 @@ from simgap.diagnosis.simulation.problem import Memo, Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import (
-    COLUMN_TELLS,
-    COLUMNS_IN_DOUBT,
-    COLUMNS_OUT_OF_SIGHT,
-    INPUT_TELLS,
-    PLAUSIBLE_RATIO,
-)
+from simgap.diagnosis.thresholds import MOST, OUT_OF_SIGHT, PLAUSIBLE_RATIO
 from simgap.notation import joined
 
 _WINDOWS = 8
@@ -101,9 +95,9 @@ def better_columns(problem: Problem) -> Columns | None:
     few = np.unique(np.linspace(0, len(problem.windows) - 1, _WINDOWS).astype(int))
     part = problem.on(problem.windows.pick(few))
     bar = _missed(part, np.inf)
-    if bar < COLUMNS_IN_DOUBT:
+    if bar < OUT_OF_SIGHT:
         return None
-    far = COLUMNS_OUT_OF_SIGHT * bar
+    far = OUT_OF_SIGHT * bar
     tried = [(option, _missed(option.applied(part), far)) for option in _options(problem)]
     return _best(part, tried, bar, _missed) or _best_beside_effects(part, [o for o, left in tried if left <= far])
 
@@ -111,9 +105,9 @@ def better_columns(problem: Problem) -> Columns | None:
 def _best_beside_effects(part: Problem, options: Sequence[Columns]) -> Columns | None:
     """The best of the possibilities with effects that are free."""
     bar = _missed_beside_effects(part, np.inf, PLAUSIBLE_RATIO)  # as they are: with what the search may find
-    if bar < COLUMNS_IN_DOUBT or not options:
+    if bar < OUT_OF_SIGHT or not options:
         return None
-    hopeless = _HOPELESS * COLUMN_TELLS * bar
+    hopeless = _HOPELESS * bar / OUT_OF_SIGHT
     tried = [(option, _missed_beside_effects(option.applied(part), hopeless)) for option in options]
     return _best(part, tried, bar, _missed_beside_effects)
 
@@ -126,11 +120,9 @@ def _best(
     for option, left in tried:
         if left < _LIKE * least:  # a linear plant: input or reading, one and the same
             best, least = option, left
-    if not least <= COLUMN_TELLS * bar or np.any(best.u < 0.0):
+    if not least <= bar / OUT_OF_SIGHT or np.any(best.u < 0.0):
         return None
-    if np.any(best.u < 1.0) and least >= INPUT_TELLS * missed(
-        replace(part, u=np.zeros_like(part.u), memo=Memo()), np.inf
-    ):
+    if np.any(best.u < 1.0) and least >= MOST * missed(replace(part, u=np.zeros_like(part.u), memo=Memo()), np.inf):
         return None
     return best.beside([option for option, left in tried if option is not best and left < least / _LIKE])
 

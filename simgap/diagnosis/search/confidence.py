@@ -12,7 +12,14 @@ from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.diagnosis.thresholds import FIT_QUALITY, NO_MORE_THAN_NOISE
+from simgap.distributions import chi2 as chi_squared
 from simgap.distributions import student
+
+
+def at_noise(chi2: float, free: float) -> bool:
+    """Whether a sum of squares with so many degrees of freedom is no more than noise; few numbers tell little."""
+    return chi2 <= max(FIT_QUALITY * free, float(chi_squared.ppf(NO_MORE_THAN_NOISE, free)))
 
 
 def standard_errors(problem: Problem, at: Fit, steps: dict[int, float], reduced: float, at_floor: bool) -> Floats:

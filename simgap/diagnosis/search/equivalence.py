@@ -14,17 +14,7 @@ from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.simulation.recording import ReadingFault
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import (
-    AMBIGUOUS,
-    AS_GOOD,
-    BIC_GAIN,
-    COLLINEAR,
-    EQUIVALENT_CHI2,
-    EXACTLY_COLLINEAR,
-    RIVAL_SHARE,
-    RIVALS_EXTENDED,
-    SETS_REFITTED,
-)
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, EQUIVALENT_CHI2, EXACTLY_COLLINEAR, MOST, WIDTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +26,7 @@ class Rival:
 
 
 def rivals(search: Search, chosen: Explanation) -> list[Rival]:
-    """All sets within `AMBIGUOUS` of the chosen one, best first, each once.
+    """All sets within `BIC_GAIN` of the chosen one, best first, each once.
 
     Each effect is replaced by others in turn, then whole sets by others whose sensitivities span the same space. A set
     that only adds effects to another one on the list is left out.
@@ -49,9 +39,7 @@ def rivals(search: Search, chosen: Explanation) -> list[Rival]:
         ranked = [
             s for s in search.ranked(base) if s.candidate.key != member.key and s.candidate.key not in chosen.keys
         ]
-        for s in [s for s in ranked if s.drop / search.scale > BIC_GAIN and s.drop > RIVAL_SHARE * floor][
-            :RIVALS_EXTENDED
-        ]:
+        for s in [s for s in ranked if s.drop / search.scale > BIC_GAIN and s.drop > MOST * floor][:WIDTH]:
             search.extend(base, s)
         for c in _stand_ins(search, member):
             own = {c.slots[0]: float(chosen.fit.theta[member.slots[0]])}
@@ -93,7 +81,7 @@ def once(listed: Iterable[Rival]) -> list[Rival]:
 def _listed(search: Search, chosen: Explanation, spanned: set[Key]) -> list[Rival]:
     close = [
         e for e in search.tried.values()
-        if e.physical and e.members and e.keys != chosen.keys and e.bic < chosen.bic + AMBIGUOUS
+        if e.physical and e.members and e.keys != chosen.keys and e.bic < chosen.bic + BIC_GAIN
     ]  # fmt: skip
     close.sort(key=lambda e: (e.count, e.bic))
     kept: list[Explanation] = [chosen]
@@ -154,7 +142,7 @@ def _other_sets(chosen: Explanation, spanned: list[Candidate], gram: Floats) -> 
         if others and all(_in_span(gram, directions, j) for j in others):
             sets.append(members)
     sets.sort(key=lambda s: len({c.key for c in s} - chosen.keys) == 1)
-    return sets[:SETS_REFITTED]
+    return sets[: 2 * WIDTH]
 
 
 def _reset(search: Search, chosen: Explanation, members: tuple[Candidate, ...]) -> Floats:

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from simgap.arrays import Floats
+from simgap.diagnosis.search.confidence import at_noise
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each, score, screen
 from simgap.diagnosis.search.watch import Watch
@@ -14,7 +15,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.step_length import resolved
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BETTER_CHI2, BIC_GAIN, FINALISTS, FIT_QUALITY, NEAR_TIE, SAME_PROMISE, SURELY
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, OUT_OF_SIGHT, SAME, SAME_PROMISE, WIDTH
 from simgap.notation import joined
 
 Key = tuple[str, str]
@@ -151,7 +152,7 @@ class Search:
             physical = physical and (not bends or self._at_noise(found))
             spent = self.problem.spent(found.theta)
             new = Explanation(members, found, self.bic(found.chi2 + spent, count), physical)
-            if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - BETTER_CHI2:
+            if key not in self.tried or new.fit.chi2 < self.tried[key].fit.chi2 - SAME:
                 self.tried[key] = new
             if len(self.ends) > made:
                 self.watch.step(self._best())
@@ -161,7 +162,7 @@ class Search:
         """The best answer so far, in words."""
         sound = [e for e in self.tried.values() if e.physical]
         least = min((e.bic for e in sound), default=0.0)  # the simplest of those near it, as the choice takes it
-        best = min((e for e in sound if e.bic - least < NEAR_TIE), key=lambda e: (e.count, e.bic), default=None)
+        best = min((e for e in sound if e.bic - least < BIC_GAIN), key=lambda e: (e.count, e.bic), default=None)
         if best is None or not best.members:
             return "the model as declared"
         named = joined([c.effect.phrase(c.on) for c in best.members])
@@ -201,7 +202,7 @@ class Search:
 
     def _at_noise(self, at: Fit) -> bool:
         free = self.problem.size - self.problem.taken - len(at.slots)
-        return at.chi2 <= FIT_QUALITY * max(free, 1)
+        return at_noise(at.chi2, max(free, 1))
 
     def surely(self, e: Explanation, member: Candidate) -> bool:
         """Whether an effect of one parameter is worth more than any doubt: its square over its variance (Wald 1943)."""
@@ -210,7 +211,7 @@ class Search:
         k = member.slots[0]
         away = float(e.fit.theta[k] - self.problem.model.null[k])
         variance = float(e.fit.covariance[e.fit.slots.index(k), e.fit.slots.index(k)]) * self.scale
-        return math.isfinite(away) and variance > 0.0 and away**2 > SURELY * BIC_GAIN * variance
+        return math.isfinite(away) and variance > 0.0 and away**2 > OUT_OF_SIGHT * BIC_GAIN * variance
 
     def ranked(self, base: Explanation) -> list[Score]:
         """Scores of everything that could join the base, best first, one start for each candidate."""
@@ -220,7 +221,7 @@ class Search:
             self.scores[base.keys], self.every[base.keys] = best_of_each(every), every
         return self.scores[base.keys]
 
-    def joined(self, base: Explanation, exclude: Collection[Key] = (), most: int = FINALISTS) -> list[Explanation]:
+    def joined(self, base: Explanation, exclude: Collection[Key] = (), most: int = WIDTH) -> list[Explanation]:
         """The most promising extensions of the base, fitted, physical ones only.
 
         An effect that contains another which may be tried is left to `refined`: it costs several fits of more numbers.

@@ -10,7 +10,7 @@ from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.search.subsets import Subset, best_subsets
 from simgap.diagnosis.simulation.sensitivity import with_values
-from simgap.diagnosis.thresholds import LEAPS, LEAPS_ANYHOW, LEAPS_FROM, LEAPS_PAY, MERGE_NEAR, MERGED
+from simgap.diagnosis.thresholds import LEAPS_ANYHOW, MOST, NARROW, OUT_OF_SIGHT, WIDTH
 
 
 def leap(search: Search, base: Fit, most: int) -> None:
@@ -41,15 +41,15 @@ def merge(search: Search, found: Explanation) -> None:
     for gone in itertools.combinations(found.members, 2):
         kept = search.without(search.without(found, gone[0]), gone[1])
         for size in (1, 2):
-            near = _options(search, [kept], len(kept.members) + size, MERGE_NEAR * found.fit.chi2)
-            _fitted(search, near[:MERGED])
+            near = _options(search, [kept], len(kept.members) + size, OUT_OF_SIGHT * found.fit.chi2)
+            _fitted(search, near[:NARROW])
 
 
 def _pays(search: Search, size: int, most: int) -> bool:
-    """Whether the linear problem around the best smaller set promises `LEAPS_PAY`, with one effect more or several."""
+    """Whether the linear problem around the best smaller set promises `MOST`, with one effect more or several."""
     for e in _best(search, size - 1, 1):
         left = [s.left for more in range(1, most - size + 2) for s in best_subsets(search.screen(e), more)[:1]]
-        return min(left, default=np.inf) < LEAPS_PAY * e.fit.chi2
+        return min(left, default=np.inf) < MOST * e.fit.chi2
     return False
 
 
@@ -63,11 +63,11 @@ def _best(search: Search, size: int, most: int) -> list[Explanation]:
 
 
 def _sources(search: Search, base: Fit, size: int) -> list[Explanation]:
-    """The best smaller sets, fewer of those that lack more."""
-    found = [search.empty(base)] if size <= len(LEAPS_FROM) else []
-    for lacking, most in enumerate(LEAPS_FROM, start=1):
-        found += _best(search, size - lacking, most)
-    return [e for e in found if e.members or size <= len(LEAPS_FROM)]
+    """The best smaller sets, those that lack one effect and more."""
+    found = [search.empty(base)] if size <= LEAPS_ANYHOW else []
+    for lacking in range(1, LEAPS_ANYHOW + 1):
+        found += _best(search, size - lacking, NARROW)
+    return [e for e in found if e.members or size <= LEAPS_ANYHOW]
 
 
 def _options(
@@ -81,7 +81,7 @@ def _options(
         if keys not in seen:
             seen.add(keys)
             kept.append((e, s))
-    return kept[:LEAPS]
+    return kept[:WIDTH]
 
 
 def _fitted(search: Search, options: list[tuple[Explanation, Subset]]) -> None:

@@ -15,10 +15,10 @@ from collections.abc import Callable
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.search.follows_input import follows_input
+from simgap.diagnosis.search.whiteness import follows_input
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from simgap.diagnosis.simulation.problem import Problem, interval
-from simgap.diagnosis.thresholds import COLOUR_EVIDENCE, STATIONARY
+from simgap.diagnosis.thresholds import BIC_GAIN, FAR
 from simgap.late import scipy
 
 Law = Callable[[Floats], Floats]
@@ -94,7 +94,7 @@ def _law(power: Floats, count: float, dt: float, motion: float) -> tuple[float, 
     white = float(np.log(np.mean(power)) + 1.0) * len(power) * worth
     loss, z = _best(remembering, power, worth, 0.3 * dt, dt)
     force = min(_best(law, power, worth, 0.5 / motion, dt)[0] for law in (steep, steeper))
-    if white - loss < COLOUR_EVIDENCE or force - loss < COLOUR_EVIDENCE:
+    if white - loss < BIC_GAIN or force - loss < BIC_GAIN:
         return None
     total = float(np.exp(z[0]) + np.exp(z[1]))
     return float(np.sqrt(total)), float(np.exp(z[1]) / total), float(np.exp(z[2]))
@@ -122,5 +122,5 @@ def _stationary(problem: Problem, white: Floats) -> bool:
     """Whether the windows' sums of squares, made white, scatter as those of one noise do."""
     sums = np.add.reduceat(np.sum(white**2, axis=1), problem.rows[:-1]) / problem.counts
     spread = np.sqrt(2.0 / problem.counts)
-    far = np.abs(sums / np.median(sums) - 1.0) > STATIONARY * spread
+    far = np.abs(sums / np.median(sums) - 1.0) > FAR * spread
     return bool(np.mean(far) < 0.05)

@@ -19,7 +19,7 @@ from simgap.diagnosis.reading.windows import Span, Windows, joined, left_out
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit_from_all
-from simgap.diagnosis.thresholds import CELL_S, LEFT_OUT_MOST, MIN_SAMPLES, MOST_OF_THE_ERROR, PIECE_TELLS
+from simgap.diagnosis.thresholds import A_FEW, BY_CHANCE, CELL_S, MIN_SAMPLES, MOST
 from simgap.distributions import chi2 as chi_squared
 
 
@@ -62,7 +62,7 @@ class Pieces:
         for k in np.argsort(-self.chi2 / self.free, kind="stable"):
             more = bad.copy()
             more[self.first[k] : self.first[k] + self.count[k]] = True
-            if rows[more].sum() > LEFT_OUT_MOST * rows.sum():
+            if rows[more].sum() > A_FEW * rows.sum():
                 break
             bad = more
         return self._spans(bad)
@@ -73,7 +73,7 @@ class Pieces:
         A piece stands out if its chi^2/dof is so many times the median piece's as noise never makes it.
         """
         usual = max(1.0, float(np.median(self.chi2 / self.free)))
-        out = self.chi2 > usual * chi_squared.ppf(PIECE_TELLS, self.free)
+        out = self.chi2 > usual * chi_squared.ppf(1.0 - BY_CHANCE, self.free)
         if not out.any():
             return None
         bad = np.ones(len(self.cells), dtype=bool)
@@ -86,7 +86,7 @@ class Pieces:
         share = 1.0 - left_out(self.windows, self.t, spans).samples / self.windows.samples
         above = self.chi2 - usual * self.free
         carried = float(above[out].sum() / max(above.sum(), above[out].sum()))
-        if share > LEFT_OUT_MOST or carried < MOST_OF_THE_ERROR:
+        if share > A_FEW or carried < MOST:
             return None
         return Outlying(spans, share, carried)
 

@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable
 
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.leaps import leap, merge
-from simgap.diagnosis.thresholds import (
-    BIC_GAIN,
-    CLEARLY_THERE,
-    EQUALS_PRUNED,
-    FIRST_EFFECTS,
-    FIT_QUALITY,
-    MASKING_TELLS,
-    NEAR_TIE,
-    SAME_BIC,
-    SWAP_RIVALS,
-    SWAP_ROUNDS,
-)
+from simgap.diagnosis.thresholds import BIC_GAIN, FAR, FIT_QUALITY, MOST, NARROW, SAME, WIDTH
 
 
 def choose(options: Iterable[Explanation]) -> Explanation | None:
@@ -32,8 +20,8 @@ def choose(options: Iterable[Explanation]) -> Explanation | None:
     if not listed:
         return None
     best = min(e.bic for e in listed)
-    first = min((e for e in listed if e.bic - best < NEAR_TIE), key=lambda e: (e.count, e.bic))
-    same = [e for e in listed if e.count == first.count and e.bic - first.bic < SAME_BIC]
+    first = min((e for e in listed if e.bic - best < BIC_GAIN), key=lambda e: (e.count, e.bic))
+    same = [e for e in listed if e.count == first.count and e.bic - first.bic < SAME]
     return min(same, key=_place)
 
 
@@ -53,8 +41,7 @@ def _departure(e: Explanation) -> float:
 def select(search: Search, base: Fit, most: int) -> Explanation:
     """What the linear problems promise where no single effect reaches the noise; else forward selection.
 
-    The second: add the best effect, drop what is not worth it, swap what has a better rival; repeat. It also sets out
-    from the next best single effects (two effects together can look like a third), and all that was tried competes.
+    The second: add the best effect, drop what is not worth it, swap what has a better rival; repeat.
     """
     empty = search.empty(base)
     if not search.reached(empty) and not _alone(search, empty):
@@ -62,14 +49,8 @@ def select(search: Search, base: Fit, most: int) -> Explanation:
         if found.members:
             return found
     found = grow(search, empty, most)
-    if len(found.members) < 2:
-        return found
-    for first in sorted(search.joined(search.empty(base)), key=lambda e: e.bic)[:FIRST_EFFECTS]:
-        if not first.keys & found.keys:
-            grow(search, first, most)
-    found = preferred(search, found, most)
-    if len(found.members) > 2:
-        _merge(search, found)
+    if len(found.members) > 1:  # two effects that look like a third, or like two others
+        merge(search, found)
         found = preferred(search, found, most)
     return found
 
@@ -89,7 +70,7 @@ def _leapt(search: Search, base: Fit, most: int) -> Explanation:
     if not search.reached(found):
         search.refined(found)
     else:
-        if any(s.drop > CLEARLY_THERE * search.scale for s in search.ranked(found)[:1]):
+        if any(s.drop > FAR * BIC_GAIN * search.scale for s in search.ranked(found)[:1]):
             found = grow(search, found, most)  # it reached the noise without an effect that the data show clearly
         if len(found.members) > 2:
             merge(search, found)
@@ -98,24 +79,11 @@ def _leapt(search: Search, base: Fit, most: int) -> Explanation:
     return found if empty.bic - found.bic >= BIC_GAIN else empty
 
 
-def _merge(search: Search, found: Explanation) -> None:
-    """Try one effect in the place of any two, in the set and in its equals.
-
-    No swap of single effects leads from two effects that together look like one (a ripple and a centre of mass, like a
-    spring) to that one.
-    """
-    equals = [e for e in search.tried.values() if e.physical and abs(e.bic - found.bic) < SAME_BIC]
-    for e in equals[:EQUALS_PRUNED]:
-        for gone in itertools.combinations(e.members, 2):
-            kept = search.without(search.without(e, gone[0]), gone[1])
-            search.joined(kept, exclude=[c.key for c in gone])
-
-
 def preferred(search: Search, found: Explanation, most: int) -> Explanation:
     """The best of all that was tried, the simpler of near-ties, without effects that are worth too little."""
     if len(found.members) > 2:  # one of its equals may hold an effect that is worth nothing
-        equals = [e for e in search.tried.values() if e.physical and abs(e.bic - found.bic) < SAME_BIC]
-        for e in equals[:EQUALS_PRUNED]:
+        equals = [e for e in search.tried.values() if e.physical and abs(e.bic - found.bic) < SAME]
+        for e in equals[:WIDTH]:
             _prune(search, e)
     best = _best(search, most)
     return found if best is None or not found.members else _prune(search, best)
@@ -149,12 +117,12 @@ def _prune(search: Search, current: Explanation) -> Explanation:
 
 def _swap(search: Search, current: Explanation) -> Explanation:
     """Replace one effect by a rival while that lowers BIC."""
-    for _ in range(SWAP_ROUNDS):
+    for _ in range(WIDTH):
         rivals = []
         for c in current.members:
             if len(current.members) == 1:
                 continue
-            rivals += search.joined(search.without(current, c), exclude=(c.key,), most=SWAP_RIVALS)
+            rivals += search.joined(search.without(current, c), exclude=(c.key,), most=NARROW)
         option = choose([current, *rivals])
         if option is None or option.keys == current.keys:
             return current
@@ -179,7 +147,7 @@ def carried_over(search: Search, base: Fit, found: Explanation, reduced: float, 
     here = _prune(search, search.explain(found.members, found.fit.theta, start))
     free = search.problem.size - search.problem.taken - len(here.fit.slots)
     now = here.fit.chi2 / max(free, 1)
-    return here if now <= FIT_QUALITY or now > MASKING_TELLS * reduced else select(search, base, most)
+    return here if now <= FIT_QUALITY or now > MOST * reduced else select(search, base, most)
 
 
 def on_all(full: Search, search: Search, found: Explanation, base: Fit) -> Explanation:

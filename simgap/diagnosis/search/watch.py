@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from simgap.diagnosis.thresholds import TOLD_EVERY_S
+TOLD_EVERY_S = 5.0  # progress, where no answer is better
 
 
 class Stopped(Exception):

@@ -76,7 +76,7 @@ def _blocks(problem: Problem, k: int) -> Problem:
     parts = [_thinned(problem, int(a), b, k, mean) for a, b in zip(problem.firsts, ends, strict=True)]
     lengths = [len(part[0]) for part in parts]
     firsts = np.concatenate([[0], np.cumsum(lengths)[:-1]]).astype(np.int64)
-    t, y, u, weight = (np.ascontiguousarray(np.concatenate([part[j] for part in parts])) for j in range(4))
+    t, y, u, weight, used = (np.ascontiguousarray(np.concatenate([part[j] for part in parts])) for j in range(5))
     windows = _mapped(problem.windows, problem.firsts, firsts, k)
     sigma, colour = problem.sigma / np.sqrt(k) if mean else problem.sigma, problem.colour
     if colour is not None:
@@ -84,27 +84,30 @@ def _blocks(problem: Problem, k: int) -> Problem:
         sigma = problem.sigma * spread
     return replace(
         problem, t=t, y=y, u=u, firsts=firsts, windows=windows, sigma=sigma, h_max=interval(t), memo=Memo(),
-        used=np.ones_like(y), weight=weight, colour=colour,
+        used=used, weight=weight, colour=colour,
     )  # fmt: skip
 
 
-def _thinned(problem: Problem, a: int, b: int, k: int, mean: bool) -> tuple[Floats, Floats, Floats, Floats]:
+def _thinned(problem: Problem, a: int, b: int, k: int, mean: bool) -> tuple[Floats, ...]:
     """Stamps, centred means of the readings (or the readings), means of the held inputs until the next stamp, and what
-    each of these readings is worth: of a mean as much as one of its samples, else those between share its error."""
-    t, y, u = problem.t[a:b], problem.y[a:b], problem.u[a:b]
+    each of these readings is worth (of a mean as much as one of its samples, else those between share its error), and
+    which are compared: of a mean those without a lost reading."""
+    t, y, u, used = problem.t[a:b], problem.y[a:b], problem.u[a:b], problem.used[a:b]
     at = np.arange(0, len(t), k)
-    middle, weight = y[at], problem.weight[a:b][at]
+    middle, weight, kept = y[at], problem.weight[a:b][at], used[at]
     weight = 1.0 / (1.0 + (1.0 / weight - 1.0) / k)
     if mean:
         reach = np.minimum(np.minimum(at, len(t) - 1 - at), k // 2)  # the ends have less on one side
         total = np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(y, axis=0)])
         middle = (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
         weight = problem.weight[a:b][at]
+        lost = np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(1.0 - used, axis=0)])
+        kept = (lost[at + reach + 1] == lost[at - reach]).astype(np.float64)
     area = np.concatenate([np.zeros((1, u.shape[1])), np.cumsum(u[:-1] * np.diff(t)[:, None], axis=0)])
     held = u[at].copy()
     for j, (lo, hi) in enumerate(itertools.pairwise(at.tolist())):
         held[j] = (area[hi] - area[lo]) / (t[hi] - t[lo])
-    return t[at], middle, held, weight
+    return t[at], middle, held, weight, kept
 
 
 def _mapped(windows: Windows, old: Ints, new: Ints, k: int) -> Windows:

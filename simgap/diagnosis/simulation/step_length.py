@@ -9,7 +9,7 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import STEP_RESOLVES
+from simgap.diagnosis.thresholds import MATTERS
 
 _SHARE = 0.01  # of the noise
 _MOST_HALVINGS = 6
@@ -25,7 +25,7 @@ def resolved(problem: Problem, theta: Floats, x0: Floats) -> bool:
     part, few = _some(problem)
     coarse, fine = (replace(part, h_max=h).residuals(theta, x0[few]) for h in (problem.h_max, problem.h_max / 2))
     moved = float(np.sqrt(np.mean(np.square(coarse - fine))))
-    return moved <= STEP_RESOLVES * max(1.0, float(np.sqrt(np.mean(np.square(coarse)))))
+    return moved <= MATTERS * max(1.0, float(np.sqrt(np.mean(np.square(coarse)))))
 
 
 def _some(problem: Problem) -> tuple[Problem, Ints]:

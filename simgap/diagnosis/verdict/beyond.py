@@ -16,7 +16,7 @@ from simgap.diagnosis.reading.windows import Span, Windows, joined
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_steps
-from simgap.diagnosis.thresholds import CELL_S, WITHIN_NOISE
+from simgap.diagnosis.thresholds import CELL_S, FAR
 
 _SPAN = 0.5 * CELL_S  # s over which a rate is taken
 
@@ -34,7 +34,7 @@ def beyond(record: Record, known: Problem, at: Fit, confirm: Problem) -> tuple[s
     """
     k, reach = len(record.measured), known.reach(at.theta)
     noise = np.concatenate([confirm.sigma, np.zeros(len(record.inputs)), np.sqrt(2.0) * confirm.sigma / _SPAN])
-    slack = WITHIN_NOISE * noise
+    slack = FAR * noise
     low, high = (np.concatenate(each) for each in zip(_ranges(confirm, slack), _ranges(known, -slack), strict=True))
     further = np.zeros(len(slack), dtype=bool)
     for left in record.left_out:
@@ -86,7 +86,7 @@ def _rates(t: Floats, y: Floats) -> Floats:
 def _leaves(known: Problem, at: Fit, left: Span) -> float:
     """When a reading leaves what is foreseen from the window before, for good; the end of the time if none does, s.
 
-    For good: it and the next one are `WITHIN_NOISE` standard deviations off, of the noise and of what the noise of that
+    For good: it and the next one are `FAR` standard deviations off, of the noise and of what the noise of that
     window does to the state that it ends in.
     """
     which, begin, end = left
@@ -107,7 +107,7 @@ def _leaves(known: Problem, at: Fit, left: Span) -> float:
     fitted = states[: b - a].reshape(-1, len(steps))
     spread = np.linalg.pinv(fitted.T @ fitted, rcond=1e-12)
     size = np.sqrt(1.0 + np.einsum("rki,ij,rkj->rk", states, spread, states))
-    off = np.any(np.abs(miss) > WITHIN_NOISE * size, axis=1)[b - a :]
+    off = np.any(np.abs(miss) > FAR * size, axis=1)[b - a :]
     gone = np.flatnonzero(off[:-1] & off[1:])
     return float(t[b + gone[0]]) if gone.size else end
 

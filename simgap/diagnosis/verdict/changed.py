@@ -16,7 +16,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
-from simgap.diagnosis.thresholds import CHANGE_PROMISES, FEWEST_WINDOWS, RAMP_ENDS
+from simgap.diagnosis.thresholds import FEWEST_WINDOWS, MOST, RAMP_ENDS
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def change_promised(search: Search, found: Explanation) -> Change | None:
             gain = _gain(grams, gradients, len(own), j, (np.arange(count) >= k).astype(float)) - without
             if gain > best:
                 best, place, which = gain, k, j
-    if best < CHANGE_PROMISES * excess:
+    if best < MOST * excess:
         return None
     if any(_gain(grams, gradients, len(own), which, r) - plain[which] >= best for r in _ramps(count)):
         return None  # it went slowly

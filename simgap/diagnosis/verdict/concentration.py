@@ -9,7 +9,7 @@ import numpy as np
 from simgap.arrays import Bools, Floats
 from simgap.diagnosis.result import Concentrated, Stretches
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import FEWEST_PREDICTIONS, HELD_OUT_QUALITY, MOST_OF_THE_ERROR, SMALL_PART
+from simgap.diagnosis.thresholds import A_FEW, MOST
 from simgap.diagnosis.verdict.horizon import HorizonError
 from simgap.diagnosis.verdict.judge import HeldOut
 
@@ -25,13 +25,13 @@ def concentrated(confirm: Problem, names: Sequence[str], old: HeldOut, new: Held
         None where nothing is above the noise, predictions are few, or the error is spread over the time.
     """
     before, after = old.horizon, new.horizon
-    if new.ratio <= HELD_OUT_QUALITY or before is None or after is None or len(after.error) < FEWEST_PREDICTIONS:
+    if new.at_noise or before is None or after is None or A_FEW * len(after.error) < 1.0:
         return None
     size = np.mean((after.error / confirm.sigma) ** 2, axis=1)
     order = np.argsort(-size)
     carried = np.cumsum(size[order]) / np.sum(size)
-    count = int(np.searchsorted(carried, MOST_OF_THE_ERROR)) + 1
-    if count > SMALL_PART * len(size):
+    count = int(np.searchsorted(carried, MOST)) + 1
+    if count > A_FEW * len(size):
         return None
     bad = np.zeros(len(size), dtype=bool)
     bad[order[:count]] = True

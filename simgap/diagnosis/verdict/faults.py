@@ -9,7 +9,7 @@ from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import RECORDING, is_fault
-from simgap.diagnosis.thresholds import MEMORY_TELLS
+from simgap.diagnosis.thresholds import MOST
 from simgap.effects.quoted import Quoted
 
 UNITS: Mapping[str, float] = {
@@ -89,7 +89,7 @@ def faint_memory(problem: Problem) -> tuple[str, ...]:
     if problem.colour is None:
         return ()
     shares = zip(problem.model.measured, problem.colour.shared, strict=True)
-    return tuple(name for name, share in shares if 0.0 < share < MEMORY_TELLS)
+    return tuple(name for name, share in shares if 0.0 < share < MOST)
 
 
 def noise_faults(problem: Problem) -> list[RecordingFault]:

@@ -10,7 +10,7 @@ from simgap.arrays import Floats, Ints
 from simgap.diagnosis.reading.windows import Windows
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
-from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.simulation.problem import Problem, interval
 from simgap.diagnosis.simulation.sensitivity import state_steps
 from simgap.diagnosis.thresholds import LOOK_BACK_S, LOOK_BACK_SAMPLES
 
@@ -51,21 +51,28 @@ def horizon_error(problem: Problem, theta: Floats, horizon: float) -> HorizonErr
     return HorizonError(np.sqrt(np.mean(error**2, axis=0)), floor, error, middle - 1, end - 1)
 
 
+def look_back(problem: Problem) -> float:
+    """From how long before a prediction its state is estimated, s: no longer than a window, at least some samples."""
+    w = problem.windows
+    window = float(np.max(problem.t[w.stop - 1] - problem.t[w.start]))
+    return max(min(LOOK_BACK_S, window), LOOK_BACK_SAMPLES * interval(problem.t))
+
+
 def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
     """Look-back from, instant (exclusive end of the look-back), and end (exclusive) in samples."""
     rows: list[tuple[int, int, int]] = []
-    t = problem.t
+    t, back = problem.t, look_back(problem)
     for a, b in _stretches(problem.windows):
         k = a
         while True:
-            middle = max(int(np.searchsorted(t[a:b], t[k] + LOOK_BACK_S)) + a, k + LOOK_BACK_SAMPLES)
+            middle = max(int(np.searchsorted(t[a:b], t[k] + back)) + a, k + LOOK_BACK_SAMPLES)
             if middle >= b:
                 break
             end = int(np.searchsorted(t[a:b], t[middle - 1] + horizon * (1 - 1e-9))) + a
             if end >= b:
                 break
             rows.append((k, middle, end + 1))
-            k = max(int(np.searchsorted(t[a:b], t[k] + 0.25 * max(horizon, LOOK_BACK_S))) + a, k + 1)
+            k = max(int(np.searchsorted(t[a:b], t[k] + 0.25 * max(horizon, back))) + a, k + 1)
     table = np.array(rows, dtype=np.int64).reshape(-1, 3)
     return table[:, 0].copy(), table[:, 1].copy(), table[:, 2].copy()
 

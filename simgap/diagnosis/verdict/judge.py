@@ -7,30 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.arrays import Floats
-from simgap.diagnosis.result import Judged, Verdict
-from simgap.diagnosis.search.confidence import degrees_of_freedom, standard_errors, undetermined, vanishing
+from simgap.arrays import Bools, Floats, Ints
+from simgap.diagnosis.result import Judged, Key, Verdict
+from simgap.diagnosis.search.confidence import at_noise, degrees_of_freedom, standard_errors, undetermined, vanishing
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
-from simgap.diagnosis.simulation.problem import Problem, interval
+from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import (
-    BLOCK_SPANS,
-    COVERED_ERRORS,
-    FIT_QUALITY,
-    FOLD_AGREEMENT,
-    HELD_OUT_QUALITY,
-    LEAPS_ANYHOW,
-    LOOK_BACK_S,
-    LOOK_BACK_SAMPLES,
-    NO_MORE_THAN_NOISE,
-)
-from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error
+from simgap.diagnosis.thresholds import A_FEW, FAR, FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST, SURE
+from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error, look_back
 from simgap.diagnosis.verdict.score import Errors, Gain
-from simgap.diagnosis.verdict.size import negligible
-from simgap.diagnosis.verdict.strays import strays
-from simgap.distributions import chi2 as chi_squared
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +43,11 @@ class HeldOut:
     errors: Errors
     stray: int = 0
 
+    @property
+    def at_noise(self) -> bool:
+        """Whether the error is no more than noise, as far as so few numbers can tell."""
+        return at_noise(self.chi2, self.free)
+
 
 def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     """Refit only the initial states (w, nx) of held-out windows at theta (q,), and predict ahead causally."""
@@ -74,6 +66,24 @@ def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, errors, int(alone.sum()))
 
 
+def strays(residual: Floats, rows: Ints) -> Bools:
+    """Readings that miss by far between neighbours that do not, (n, k); none of a channel that has many.
+
+    What moves cannot jump away for one reading and be back at the next.
+
+    Args:
+        residual: white, of size 1 for a perfect model, (n, k), windows one after another.
+        rows: (w + 1,) where windows begin and end; a reading at an end has one neighbour.
+    """
+    size = np.abs(residual)
+    before, after = np.zeros_like(size), np.zeros_like(size)
+    before[1:], after[:-1] = size[:-1], size[1:]
+    before[rows[:-1]] = 0.0
+    after[rows[1:] - 1] = 0.0
+    found = (size > FAR) & (before < MOST * FAR) & (after < MOST * FAR)
+    return found & (np.mean(found, axis=0) <= A_FEW)
+
+
 def _scored(held: Problem, ahead: HorizonError | None, misses: Floats) -> Errors:
     """Errors ahead in blocks so long that hardly a prediction reaches over two; else the misses, window by window."""
     heard = held.heard > 0.0
@@ -81,7 +91,7 @@ def _scored(held: Problem, ahead: HorizonError | None, misses: Floats) -> Errors
         return Errors(misses[:, heard], np.repeat(np.arange(len(held.windows)), np.diff(held.rows)))
     trace = np.searchsorted(held.firsts, ahead.begin, side="right") - 1
     since, ends = held.t[ahead.begin] - held.t[held.firsts[trace]], held.t[ahead.end] - held.t[ahead.begin]
-    length = BLOCK_SPANS * (float(np.max(ends)) + max(LOOK_BACK_S, LOOK_BACK_SAMPLES * interval(held.t)))
+    length = float(np.max(ends)) + look_back(held)
     place = np.stack([trace, since // length], axis=1)
     return Errors((ahead.error / held.sigma)[:, heard], np.unique(place, axis=0, return_inverse=True)[1].ravel())
 
@@ -147,6 +157,27 @@ def _errors(search: Search, found: Explanation, at_floor: bool) -> tuple[Floats,
     return errors, degrees_of_freedom(search.problem, found.fit, at_floor)
 
 
+def negligible(search: Search, found: Explanation) -> list[Candidate]:
+    """Members without which, the others fitted again, the predictions miss by next to nothing of the noise more.
+
+    Nothing more is fitted where a search was stopped.
+    """
+    if search.watch.stopped:
+        return []
+    bar = MATTERS**2 * search.problem.size
+    return [c for c in found.members if search.without(found, c).fit.chi2 - found.fit.chi2 < bar]
+
+
+def slight(search: Search, found: Explanation, base: Fit) -> frozenset[Key]:
+    """Faults of the recording that account for next to nothing of what the declared model misses.
+
+    They stay fitted, as the noise is smaller still.
+    """
+    least = MATTERS**2 * (base.chi2 - found.fit.chi2)
+    faults = [c for c in found.members if c.of_recording]
+    return frozenset(c.key for c in faults if search.without(found, c).fit.chi2 - found.fit.chi2 < least)
+
+
 def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], samples: float) -> bool:
     """Whether two halves of the fitted windows give the same coefficients, within their size or two standard errors.
 
@@ -170,7 +201,7 @@ def folds_agree(problem: Problem, found: Explanation, steps: dict[int, float], s
         if c.effect.one_curve:  # some of its values are near 0 where others are not
             own = np.isin(slots, c.slots)
             size[own] = size[own].max(initial=0.0)
-    near = np.abs(a - b) <= np.maximum(FOLD_AGREEMENT * size, COVERED_ERRORS * spread)
+    near = np.abs(a - b) <= np.maximum(MOST * size, SURE * spread)
     return bool(np.all(near))
 
 
@@ -181,11 +212,6 @@ def needed(full: Search, found: Explanation, confirm: Problem, with_all: HeldOut
     else:
         kept = [full.without(found, c).fit.theta for c in found.members]
     return all(judge(confirm, theta, 0.0).chi2 > with_all.chi2 for theta in kept)
-
-
-def at_noise(held: HeldOut) -> bool:
-    """Whether an error is no more than noise, as far as so few numbers can tell."""
-    return held.ratio <= HELD_OUT_QUALITY or held.chi2 <= float(chi_squared.ppf(NO_MORE_THAN_NOISE, held.free))
 
 
 @dataclass(frozen=True)
@@ -225,10 +251,10 @@ def verdict(found: Explanation, evidence: Evidence) -> Verdict:
     *confirm* does not ask for what was found.
     """
     if not found.members:
-        return "none" if evidence.before <= FIT_QUALITY and at_noise(evidence.declared) else "unexplained"
-    if evidence.before <= FIT_QUALITY and at_noise(evidence.declared) and not evidence.needed:
+        return "none" if evidence.before <= FIT_QUALITY and evidence.declared.at_noise else "unexplained"
+    if evidence.before <= FIT_QUALITY and evidence.declared.at_noise and not evidence.needed:
         return "none"
-    at_floor = evidence.after <= FIT_QUALITY and evidence.corrected.ratio <= HELD_OUT_QUALITY
+    at_floor = evidence.after <= FIT_QUALITY and evidence.corrected.at_noise
     plant = any(not c.of_recording for c in found.members)
     sure = evidence.agree or len(found.members) <= LEAPS_ANYHOW
     if at_floor and found.fit.converged and evidence.needed and sure:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.thresholds import WORTH_SAYING
+from simgap.diagnosis.thresholds import MATTERS
 from simgap.distributions import student
 
 _TAILS = 4.0  # degrees of freedom of the law
@@ -71,7 +71,7 @@ class Gain:
     @property
     def matters(self) -> bool:
         """Whether it is of a size that matters."""
-        return self.share[0] >= WORTH_SAYING
+        return self.share[0] >= MATTERS
 
     @property
     def sure(self) -> bool:

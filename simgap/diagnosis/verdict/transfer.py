@@ -24,7 +24,7 @@ from simgap.diagnosis.search.selection import grow
 from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import AMBIGUOUS, BEAM, PLAUSIBLE_RATIO, SETS_JUDGED, TRIALS, WORTH_SAYING
+from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, PLAUSIBLE_RATIO, WIDTH
 from simgap.diagnosis.verdict.judge import chi2_dof, folds_agree, judge, vanished
 from simgap.diagnosis.verdict.score import Errors, gained
 
@@ -102,7 +102,7 @@ def trials(known: Problem, together: int) -> tuple[Trial, ...]:
     at = np.unique(windows.trace, return_inverse=True)[1]
     if not at.any():
         at = np.arange(len(windows)) // together
-    count = min(TRIALS, int(at[-1]) + 1)
+    count = min(WIDTH, int(at[-1]) + 1)
     part = np.minimum(at * count // (int(at[-1]) + 1), count - 1)
     rows = JUDGED_ROWS // max(count, 1)
     return tuple(
@@ -125,10 +125,10 @@ def transferable(
     wider = rescaled(search, best)
     grow(wider, wider.empty(base), most)
     for size in range(1, most):  # a wider look than the greedy path: the right set need not fit best
-        for e in _best(wider, size, BEAM):
-            wider.joined(e, most=BEAM)
+        for e in _best(wider, size, WIDTH):
+            wider.joined(e, most=WIDTH)
     pool = [
-        e for size in range(1, most + 1) for e in _best(wider, size, SETS_JUDGED)
+        e for size in range(1, most + 1) for e in _best(wider, size, WIDTH)
         if e.fit.converged and _plausible(e) and not vanished(search, e, False)
     ]  # fmt: skip
     if not pool:
@@ -159,11 +159,11 @@ def preferred_of(
     known = [len(d) > 1 and bool(np.isfinite(d).all()) for d in densities]
     among = [k for k in among if known[k]] or among
     means = [
-        float(np.mean(d)) + n * math.log(1.0 - WORTH_SAYING) if some else 0.0
+        float(np.mean(d)) + n * math.log(1.0 - MATTERS) if some else 0.0
         for d, n, some in zip(densities, counts, known, strict=True)
     ]
     best = max(among, key=lambda k: (means[k], -bic[k]))
-    level = [k for k in among if bic[k] <= bic[best] + AMBIGUOUS and not gained(densities[k], densities[best]).sure]
+    level = [k for k in among if bic[k] <= bic[best] + BIC_GAIN and not gained(densities[k], densities[best]).sure]
     return sorted(level, key=lambda k: (counts[k], -means[k]))
 
 

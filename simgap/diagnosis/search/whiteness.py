@@ -1,4 +1,4 @@
-"""Does what a model leaves follow the input? A sensor's noise does not; what a plant does that the model lacks does.
+"""Is what a model leaves chance? A sensor's noise does not follow the input, and independent misses do not remember.
 
 The residual is regressed on the inputs of the last samples and on their squares with their sign, and the regression's
 F compared with chance: the test of independence between residuals and past inputs (Ljung (1999), System Identification,
@@ -7,12 +7,15 @@ sec. 16.6), here of a residual that is white already, so that chance needs no co
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
-from simgap.arrays import Floats
+from simgap.arrays import Floats, Ints
+from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BY_CHANCE
-from simgap.distributions import fisher
+from simgap.diagnosis.thresholds import BY_CHANCE, LAGS_ASKED
+from simgap.distributions import chi2, fisher
 
 _LAGS = 1 + 2 * np.arange(12)  # samples; a command of the same one may be fed back from the reading, noise and all
 
@@ -41,3 +44,23 @@ def _past(problem: Problem) -> Floats:
         u = problem.u[np.maximum(at[:, None] - _LAGS, at[0])] / scale  # (rows, lags, nu)
         blocks.append(np.concatenate([u, np.abs(u) * u], axis=2).reshape(end - begin, -1))
     return np.concatenate(blocks)
+
+
+def memory_left(problem: Problem, found: Fit) -> bool:
+    """Whether the misses of some channel correlate with themselves more than independent ones would by chance.
+
+    Needs no size of the noise. Source: Ljung, Box (1978), Biometrika 65(2), of the pairs within windows.
+    """
+    misses = problem.residuals(found.theta, found.x0)
+    at_most = float(chi2.isf(BY_CHANCE / misses.shape[1], LAGS_ASKED))
+    return any(_portmanteau(misses[:, k], problem.rows) > at_most for k in range(misses.shape[1]))
+
+
+def _portmanteau(miss: Floats, rows: Ints) -> float:
+    """Sum over the lags of pairs times squared correlation: of independent misses chi^2, one for each lag."""
+    total, size = 0.0, float(np.mean(miss**2))
+    for lag in range(1, LAGS_ASKED + 1):
+        products = [miss[a : b - lag] * miss[a + lag : b] for a, b in pairwise(rows)]
+        pairs = np.concatenate(products)
+        total += float(np.sum(pairs)) ** 2 / max(pairs.size * size**2, 1e-300)
+    return total
