@@ -23,6 +23,7 @@ from simgap.errors import UserError
 KILL_AT = "SIMGAP_KILL_AT"
 """Environment variable, for tests alone: the number of the place in a write at which the process group is killed."""
 _REMOVE = "Remove it, or name the place that it leads to."
+_NO_FOLDER = "is no folder, and results go below it"
 _passed = itertools.count(1)
 
 
@@ -56,12 +57,14 @@ def not_linked(path: Path) -> Path:
     """The path, if neither it nor a folder on the way to it is a link; of an absolute one, what lies below this folder.
 
     Raises:
-        UserError: a link.
+        UserError: a link, or a file where a folder has to be.
     """
     own = Path(os.path.relpath(path)) if path.is_absolute() and path.is_relative_to(Path.cwd()) else path
     for place in (own, *(() if own.is_absolute() else own.parents)):
         if place.is_symlink():
             raise UserError("is a link, and nothing is written through one", file=place, remedy=_REMOVE)
+        if place is not own and os.path.lexists(place) and not place.is_dir():
+            raise UserError(_NO_FOLDER, file=place, remedy=_REMOVE)
     return path
 
 
@@ -74,7 +77,9 @@ def no_links_below(folder: Path, but: Collection[str] = ()) -> None:
     Raises:
         UserError: a link, a benchmark that has a second name, or what is neither a file nor a folder.
     """
-    for above, folders, files in os.walk(not_linked(folder)):
+    if os.path.lexists(not_linked(folder)) and not folder.is_dir():
+        raise UserError(_NO_FOLDER, file=folder, remedy=_REMOVE)
+    for above, folders, files in os.walk(folder):
         if Path(above) == folder:
             folders[:] = [name for name in folders if name not in but]
         for place in (Path(above, name) for name in (*folders, *files)):

@@ -114,6 +114,14 @@ def test_a_benchmark_with_two_names_is_refused(here):
         no_links_below(Path("results"))
 
 
+@pytest.mark.parametrize("name", ["results", "results/cart"])
+def test_what_is_no_folder_is_refused_where_results_go_below_it(here, name):
+    Path(name).parent.mkdir(exist_ok=True)
+    os.mkfifo(name)
+    with pytest.raises(UserError, match="is no folder"):
+        no_links_below(Path("results/cart"))
+
+
 def test_a_run_refuses_it_in_one_line(here):
     """The whole command, and Snakemake's own."""
     Path("results/cart/benchmarks").mkdir(parents=True)
