@@ -56,7 +56,7 @@ STUDIES: dict[str, dict[str, Sequence[str]]] = {
         "directional friction": ("motor",),
     },
     "many_effects": {
-        "": ("ball",), "dry": ("stage", "oscillator"), "dry+viscous+delay": ("motor", "stage"),
+        "": ("ball",), "dry": ("stage", "spring"), "dry+viscous+delay": ("motor", "stage"),
         "dry+gain+lag": ("stage",),
     },
     "outside_library": {

@@ -66,7 +66,7 @@ def _answer(
     watch, not_tried = Watch(settings.budget_s, tell), barred(model, record, settings.effects, settings.known)
     before = begun(parts.known, not_tried, watch)
     aside: tuple[Span, ...] = ()
-    if chi2_dof(before[0].problem, before[1]) > FIT_QUALITY and not (one_is_enough(*before) or watch.stopped):
+    if chi2_dof(before[0].problem, before[1]) > FIT_QUALITY and not one_is_enough(*before):
         aside = suspected(parts, *before, not_tried, settings.max_effects)
     sought = not aside  # what stands out under what is found may still be left out, once
     while True:

@@ -77,6 +77,8 @@ def suspected(parts: Parts, begun: Search, base: Fit, not_tried: Collection[Key]
             seen = _pieces(parts.known, found.fit.theta)
             out = seen.outlying()
             spans = () if out is None else out.spans
+            if begun.watch.stopped:
+                break
             aside = spans or (seen.worst() if found.members else ())
             search, at = begun, base  # which takes the first step anyhow, and keeps what it fits
             if aside:
