@@ -128,6 +128,6 @@ def _limit(limit: ElementTree.Element | None, key: str) -> float | None:
 
 def _geared(transmission: ElementTree.Element) -> bool:
     """Whether a transmission states a gear ratio other than 1, or a rotor's inertia."""
-    tags = {part.tag.rsplit("}", 1)[-1]: part for part in transmission.iter()}
+    tags = {part.tag: part for part in transmission.iter()}
     ratio = (tags["mechanicalReduction"].text or "1") if "mechanicalReduction" in tags else "1"
     return ratio.strip() not in ("1", "1.0") or any("rotor_inertia" in t or "gear_ratio" in t for t in tags)
