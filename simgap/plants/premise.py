@@ -32,14 +32,15 @@ class _Joint:
     below: int  # moving joints that it carries, itself included
 
 
-def base_of(robot: ElementTree.Element, driven: Collection[str] | None = None) -> Base:
+def base_of(robot: ElementTree.Element, driven: Collection[str] | None = None, world: bool = True) -> Base:
     """The base of a robot, whose file `urdf_checks.check_urdf` has taken.
 
     One chain of joints from the root, such as an arm with its gripper, is taken for bolted, as is what hangs on a link
     `world`. Several chains that begin at the root are legs, arms or fingers: of those the file does not tell.
 
     Args:
-        driven: its joints that have a drive, where the file says so.
+        driven: its joints that have a drive, where the file says so. world: whether a link `world` was meant as an
+            anchor, and is not merely there.
     """
     joints = _moving(robot)
     loose = next((j for j in joints if j.kind in ("floating", "planar")), None)
@@ -56,7 +57,7 @@ def base_of(robot: ElementTree.Element, driven: Collection[str] | None = None) -
     ends = [j for j in joints if j.kind == "continuous" and j.below == 1]
     named = [j for j in ends if "wheel" in f"{j.name} {j.child}".lower()]
     wheels = named or [j for j in ends if any(links[j.child].find(shape) is not None for shape in _ROUND)]
-    anchored = "world" in links and not slides
+    anchored = world and "world" in links and not slides
     if not anchored and (named or len(wheels) > 1):
         return Base("wheels", f"it has wheels ({_named(wheels)})")
     if not anchored and (not trunk or len(slides) > 1) and (len(limbs) > 2 or sum(j.below > 1 for j in limbs) > 1):

@@ -238,16 +238,20 @@ def _check_place(path: Path, part: ElementTree.Element, element: ElementTree.Ele
     case: by the environment variable `TRUST`.
     """
     name = element.get("filename")
-    if name is None or os.environ.get(TRUST) == "1":
-        return
+    if name is not None and not inside_folders(path, name):
+        what, told = f"<{excerpt(element.tag, 40)}> filename", f"'{excerpt(name, 60)}' lies outside the model's folders"
+        _refuse(path, part, what, told, f"Put it beside the model, or trust it: set {TRUST}=1.")
+
+
+def inside_folders(path: Path, name: str) -> bool:
+    """Whether a file that a model names lies where packages keep theirs, or whoever runs simgap trusts the model."""
+    if os.environ.get(TRUST) == "1":
+        return True
     inside = Path(os.path.abspath(path)).parent.parent
     scheme, _, rest = name.rpartition("://")
     own = rest.partition("/")[2] if scheme == "package" else rest  # the package is the folder above
     base = inside if scheme == "package" else reading.real(path).parent
-    place = reading.real(base / own)
-    if scheme not in ("", "package", "file") or not place.is_relative_to(reading.real(inside)):
-        what, told = f"<{excerpt(element.tag, 40)}> filename", f"'{excerpt(name, 60)}' lies outside the model's folders"
-        _refuse(path, part, what, told, f"Put it beside the model, or trust it: set {TRUST}=1.")
+    return scheme in ("", "package", "file") and reading.real(base / own).is_relative_to(reading.real(inside))
 
 
 def _number(word: str) -> float:

@@ -57,8 +57,8 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
             continue
         if said.moments[:2].sum() < said.moments[2] - slack(said.moments):
             yield Finding(
-                f"link '{name}'", f"no body has its principal moments {_list(said.moments)} kg m^2: the largest is more "
-                "than the two others together; engines that take the file compute with them",
+                f"link '{name}'", f"no body has its principal moments {_list(said.moments)} kg m^2: the largest is "
+                "more than the two others together; engines that take the file compute with them",
                 "Correct <inertia>, if you know better.",
             )  # fmt: skip
         if differ(own.mass, said.mass):

@@ -31,7 +31,11 @@ CHANGES = {
     "xacro expression": ('mass value="1.0"', 'mass value="${m/2}"', r"xacro template.*'\$\{m/2\}'. Run xacro first"),
     "xacro macro": ('<link name="base"/>', '<xacro:rod/><link name="base"/>', "holds <xacro:rod>. Run xacro first"),
     "limits swapped": ('type="continuous">', 'type="revolute"><limit lower="1" upper="-1"/>', "'1' lies above '-1'"),
-    "chain that Drake closes": ("</robot>", '<drake:ball_constraint/></robot>', "<drake:ball_constraint> closes a chain"),
+    "chain that Drake closes": (
+        "</robot>",
+        "<drake:ball_constraint/></robot>",
+        "<drake:ball_constraint> closes a chain",
+    ),
     "world not there": ('parent link="base"', 'parent link="world"', 'Add <link name="world"/>, which Drake alone'),
 }
 GOOD = """<?xml version="1.0"?>
@@ -70,7 +74,8 @@ def test_what_is_refused_is_one_short_line(tmp_path, name):
 IRRELEVANT = {
     "axis of a fixed joint": ("</robot>", '<link name="tip"/><joint name="weld" type="fixed"><parent link="rod"/>'
                               '<child link="tip"/><axis xyz="0 0 0"/></joint></robot>'),
-    "a box that is drawn": ("</link>\n  <joint", '<visual><geometry><box size="0 0 0"/></geometry></visual></link><joint'),
+    "a box that is drawn": ("</link>\n  <joint", '<visual><geometry><box size="0 0 0"/></geometry></visual></link>'
+                            "<joint"),
     "Drake's names, undeclared": ("</link>\n  <joint", '<collision><geometry><box size="1 1 1"/></geometry><drake:'
                                   'proximity_properties drake:x="1"/></collision></link><joint'),
     "tags that nobody knows": ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><safety_controller k="none"/><gazebo/>'),
