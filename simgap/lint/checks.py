@@ -11,7 +11,7 @@ from simgap.lint.gap import refuse_basis, refuse_few_cells
 from simgap.lint.sampling_time import long_steps
 from simgap.lint.specification import refuse_specification
 from simgap.lint.switching import stuck, sudden
-from simgap.lint.wheels import wheel_sizes
+from simgap.lint.wheels import bolted, wheel_sizes
 from simgap.plants.context import Context
 from simgap.simulators.surprises import Finding
 
@@ -23,7 +23,16 @@ OF_CASE: tuple[Check, ...] = (
 )  # fmt: skip
 """What takes no engine; asked first, since starting one takes seconds."""
 
-OF_NUMBERS: tuple[Check, ...] = (mixed_units, wrong_dimensions, heavy_steps, long_steps, wheel_sizes, sudden, stuck)
+OF_NUMBERS: tuple[Check, ...] = (
+    mixed_units,
+    wrong_dimensions,
+    heavy_steps,
+    long_steps,
+    bolted,
+    wheel_sizes,
+    sudden,
+    stuck,
+)
 """What is asked once the engine has loaded its model file: its reasons come before those that follow from them."""
 
 

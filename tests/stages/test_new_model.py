@@ -6,6 +6,7 @@ import yaml
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
+from simgap.stages import check
 from simgap.stages.new import run
 from simgap.stages.new_model import Asked, model_of_mjcf, model_of_urdf
 
@@ -121,6 +122,19 @@ def test_what_is_asked_for_decides(tmp_path):
     assert len(model_of_urdf(bolted, asked(tmp_path), print).file.joints) == 4
     loose = urdf(tmp_path, link("a"), joint("ja", "base", "a", "floating"), chain("b", 1, "a"))
     assert list(model_of_urdf(loose, asked(tmp_path, base="fixed"), print).file.joints) == ["jb0"]
+
+
+def test_check_says_that_legs_are_bolted(tmp_path):
+    path = urdf(tmp_path, chain("a", 2), chain("b", 2))
+    case = run("mine", path, tmp_path, base="fixed")
+    found = check.run(case)
+    assert [f.key for f in found.findings] == ["plant.urdf"]
+    assert "as legs do, and here its base is bolted to the world" in found.findings[0].problem
+    assert check.conclusion(found, case).startswith(
+        "The case is in order for a base that is bolted to the world. simgap"
+    )
+    arm = run("arm", urdf(tmp_path, chain("a", 3)), tmp_path)
+    assert check.conclusion(check.run(arm), arm).startswith("The case is in order. simgap")
 
 
 def test_joints_that_mimic_are_locked_with_what_they_mimic(tmp_path):
