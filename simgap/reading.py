@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TextIO
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 from simgap.errors import UserError, excerpt
 
@@ -145,8 +146,8 @@ def xml_of(data: bytes, path: Path) -> ElementTree.Element:
     if text[start : start + 9].upper() == "<!DOCTYPE":
         raise UserError("has a document type (<!DOCTYPE>), which is not read", file=path, remedy="Take it out.")
     try:
-        root = ElementTree.fromstring(data)
-    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the others: unknown encodings
+        root = _tree(data)
+    except (expat.ExpatError, LookupError, ValueError) as error:  # the others: unknown encodings
         raise NotXml(f"not well-formed XML: {excerpt(error)}", file=path) from None
     level, depth = [root], 0
     while level := [child for element in level for child in element]:
@@ -154,6 +155,16 @@ def xml_of(data: bytes, path: Path) -> ElementTree.Element:
         if depth > DEEPEST_XML:
             raise UserError(f"has more than {DEEPEST_XML} elements within each other", file=path)
     return root
+
+
+def _tree(data: bytes) -> ElementTree.Element:
+    """As engines read it: a prefix is part of a name, declared or not; blanks before and zeros behind are nothing."""
+    built, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartElementHandler, parser.EndElementHandler = built.start, built.end
+    parser.CharacterDataHandler = built.data
+    parser.Parse(data.strip(b"\0\t\n\r ") if data[:1] in b"\t\n\r <" and data[1:2] != b"\0" else data, True)
+    return built.close()
 
 
 def _text_of_prolog(data: bytes) -> str:

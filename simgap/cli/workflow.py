@@ -19,7 +19,7 @@ from simgap.cli import start
 from simgap.cli.options import CasePath, app, new_folder, values_of
 from simgap.cli.terminal import say
 from simgap.config.case import Case
-from simgap.errors import SimgapError, UserError
+from simgap.errors import SimgapError, UserError, excerpt
 from simgap.io.atomic import host, no_links_below, write_text
 from simgap.io.documents import read_json
 from simgap.io.follow import RUN
@@ -144,8 +144,11 @@ def require_made(result: Path) -> Path:
 def new(
     name: Annotated[str, typer.Argument(help="Name of the case: lower-case letters, digits, - and _.")],
     urdf: Annotated[Path | None, typer.Option(help="Model file of the robot.")] = None,
+    mjcf: Annotated[Path | None, typer.Option(help="Model file of MuJoCo's own format.")] = None,
     equations: Annotated[bool, typer.Option("--equations", help="Equations, to be replaced by your own.")] = False,
     inputs: Annotated[str, typer.Option(help="Joints that have a drive, such as arm or shoulder,elbow.")] = "",
+    joints: Annotated[str, typer.Option(help="Joints of the case, such as elbow; the others are locked.")] = "",
+    base: Annotated[str, typer.Option(help="What its base is: fixed (bolted to the world) or wheels.")] = "",
     at: Annotated[
         str, typer.Option(help="Posture around which to work, such as pole=3.1416; 0 for other joints.")
     ] = "",
@@ -155,16 +158,23 @@ def new(
     """Write a commented case for your robot, NAME.yaml, which runs as it stands."""
     from simgap.cli.progress import progress
     from simgap.stages import new as stage
+    from simgap.stages.new_model import BASES
 
-    if (urdf is None) != equations:
-        raise UserError("either a URDF or equations", key="--urdf", remedy="Give --urdf FILE, or --equations.")
-    if urdf is None and (inputs or at):
+    if [urdf is not None, mjcf is not None, equations].count(True) != 1:
         raise UserError(
-            "belongs to a URDF", key="--inputs" if inputs else "--at", remedy="Write it into the equations."
-        )
-    named, notes = [n.strip() for n in inputs.split(",") if n.strip()] or None, list[str]()
+            "either a URDF, or MJCF, or equations", key="--urdf",
+            remedy="Give --urdf FILE, --mjcf FILE, or --equations.",
+        )  # fmt: skip
+    of_files = {"--inputs": inputs, "--at": at, "--joints": joints, "--base": base}
+    if equations and any(of_files.values()):
+        key = next(key for key, given in of_files.items() if given)
+        raise UserError("belongs to a model file", key=key, remedy="Write it into the equations.")
+    if base not in ("", *BASES):
+        raise UserError(f"'{excerpt(base, 40)}' is no base", key="--base", remedy=f"Known: {', '.join(BASES)}.")
+    named, kept = ([n.strip() for n in said.split(",") if n.strip()] or None for said in (inputs, joints))
+    notes, posture = list[str](), values_of(at, "--at")
     with progress("reading the model") as tell:
-        path = stage.run(name, urdf, out, named, values_of(at, "--at"), tell, notes.append, seconds)
+        path = stage.run(name, urdf, out, named, posture, tell, notes.append, seconds, mjcf, kept, base or None)
     for line in [*notes, f"Wrote {path}. Next: simgap check {path}, then simgap run {path}"]:
         say(line)
 

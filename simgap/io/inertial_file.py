@@ -27,7 +27,7 @@ def with_inertial(source: Path, folder: Path, inertial: Mapping[str, Floats]) ->
     for link in robot.findall("link"):
         name = link.get("name", "")
         if name in inertial:
-            _write(link, inertial[name])
+            write_inertial(link, inertial[name])
         elif _carrier(name, fixed) in inertial and (own := link.find("inertial")) is not None:
             link.remove(own)
     for mesh in robot.iter("mesh"):
@@ -44,7 +44,10 @@ def _carrier(name: str, fixed: Mapping[str | None, str | None]) -> str:
     return name
 
 
-def _write(link: ElementTree.Element, p: Floats) -> None:
+def write_inertial(link: ElementTree.Element, p: Floats) -> None:
+    """Give a link these parameters (10,); none if it weighs nothing."""
+    if not p[0] > 0.0:
+        return
     m, com = float(p[0]), p[1:4] / p[0]
     about = symmetric(p[4:]) - m * (com @ com * np.eye(3) - np.outer(com, com))
     old = link.find("inertial")

@@ -12,7 +12,7 @@ from simgap.lint.measured import no_coordinates
 from simgap.lint.sampling_time import long_steps
 from simgap.lint.specification import refuse_specification
 from simgap.lint.switching import stuck, sudden
-from simgap.lint.wheels import wheel_sizes
+from simgap.lint.wheels import bolted, wheel_sizes
 from simgap.plants.context import Context
 from simgap.simulators.surprises import Finding
 
@@ -25,7 +25,7 @@ OF_CASE: tuple[Check, ...] = (
 """What takes no engine; asked first, since starting one takes seconds."""
 
 OF_NUMBERS: tuple[Check, ...] = (
-    mixed_units, wrong_dimensions, heavy_steps, long_steps, wheel_sizes, sudden, stuck, no_coordinates,
+    mixed_units, wrong_dimensions, heavy_steps, long_steps, bolted, wheel_sizes, sudden, stuck, no_coordinates,
 )  # fmt: skip
 """What is asked once the engine has loaded its model file: its reasons come before those that follow from them."""
 

@@ -1,4 +1,4 @@
-"""Whether a wheeled robot drove as it was told in a short trial, and if not, what of its file may be the reason."""
+"""Whether a wheeled robot drove as it was told in a short trial, and if not, why; and robots that are held instead."""
 
 from __future__ import annotations
 
@@ -12,12 +12,28 @@ from simgap.errors import UserError
 from simgap.io.wheeled_urdf import axle, numbers, wheels_of
 from simgap.late import scipy
 from simgap.plants.context import Context
+from simgap.plants.premise import base_of
 from simgap.simulators.drive_trial import Drive
 from simgap.simulators.surprises import Finding
 
+BOLTED = "plant.urdf"
+"""Key of the finding that a base is held which the file does not hold."""
 SAID, REFUSED = 0.02, 1.5
 """Share by which a size may differ from the file's unsaid (a worn tyre, calibrated), and the factor beyond which it is
 a slip of the pen. Judgement."""
+
+
+def bolted(context: Context) -> list[Finding]:
+    """A robot on legs or wheels, or with a free base, whose plant holds its base still."""
+    urdf = context.case.plant.urdf
+    if urdf is None or (base := base_of(reading.read_xml(context.folder / urdf))).kind == "fixed":
+        return []
+    return [
+        Finding(
+            BOLTED, f"{base.words}, and here its base is bolted to the world, in the model and in the engine",
+            "Leave it so for a robot on a stand; one that stands or drives needs equations of its own.",
+        )
+    ]  # fmt: skip
 
 
 def wheel_sizes(context: Context) -> list[Finding]:

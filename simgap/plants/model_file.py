@@ -61,23 +61,23 @@ class ModelFile:
     driven: tuple[str, ...] | None
 
 
-def read_model_file(path: Path) -> ModelFile:
-    """The numbers of a URDF.
+def read_model_file(path: Path, meshes: bool = True) -> ModelFile:
+    """The numbers of a URDF; `meshes` as in `check_urdf`.
 
     Raises:
         UserError: what `check_urdf` refuses.
     """
-    check_urdf(path)
+    check_urdf(path, meshes)
     robot = reading.read_xml(path)
     links = {str(link.get("name")): link for link in robot.findall("link")}
     weighed = {name: _link(link) for name, link in links.items() if link.find("inertial/mass") is not None}
     geared = {str(j.get("name")) for t in robot.findall("transmission") for j in t.findall("joint") if _geared(t)}
     joints = {str(j.get("name")): _joint(j, geared) for j in robot.findall("joint") if j.get("type") != "fixed"}
     bare = tuple(name for name in _carried(robot) if name not in weighed)
-    meshes = tuple(dict.fromkeys(str(mesh.get("filename")) for mesh in robot.iter("mesh")))
+    named = tuple(dict.fromkeys(str(mesh.get("filename")) for mesh in robot.iter("mesh")))
     geared_to = [str(j.get("name")) for t in robot.findall("transmission") for j in t.findall("joint")]
     driven = tuple(name for name in joints if name in geared_to) if geared_to else None
-    return ModelFile(path, weighed, bare, joints, meshes, driven)
+    return ModelFile(path, weighed, bare, joints, named, driven)
 
 
 def _carried(robot: ElementTree.Element) -> list[str]:
@@ -128,6 +128,6 @@ def _limit(limit: ElementTree.Element | None, key: str) -> float | None:
 
 def _geared(transmission: ElementTree.Element) -> bool:
     """Whether a transmission states a gear ratio other than 1, or a rotor's inertia."""
-    tags = {part.tag.rsplit("}", 1)[-1]: part for part in transmission.iter()}
+    tags = {part.tag: part for part in transmission.iter()}
     ratio = (tags["mechanicalReduction"].text or "1") if "mechanicalReduction" in tags else "1"
     return ratio.strip() not in ("1", "1.0") or any("rotor_inertia" in t or "gear_ratio" in t for t in tags)

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from simgap import reading
+from simgap.arrays import Floats
 from simgap.errors import SimgapError, UserError, excerpt
 
 NUMBERS: Mapping[str, Mapping[str, int]] = {
@@ -32,41 +33,65 @@ POSITIVE = {("box", "size"), ("sphere", "radius"), ("cylinder", "radius"), ("cyl
 TRUST = "SIMGAP_TRUST_MODEL_FILES"
 """Environment variable: 1 where models may name files anywhere."""
 _NAMED = {"link", "joint"}
+_CLOSING = ("drake:ball_constraint", "drake:linear_bushing_rpy", "drake:joint", "loop_joint")
+_FORMATS = {
+    "mujoco": "It is MJCF: simgap new NAME --mjcf FILE, and in a case simulator.mjcf.",
+    "sdf": "It is SDF: convert it to a URDF.",
+}
 _UNIT = 1e-3  # from length 1, of an axis that is rounded to three decimals
 _SLACK = 1e-9  # of the largest moment: decimals of a file are rounded
+_NOTHING = 1e-20  # kg m^2: what is left of a rotated zero
 
 
-def check_urdf(path: Path) -> None:
+def check_urdf(path: Path, meshes: bool = True) -> None:
     """Refuse what engines would silently complete or correct each in its own way.
 
     A link without `<inertial>` gets mass 1 and inertia 1, 1, 1 in PyBullet and nothing in Drake; a negative moment is
-    an error in one engine and a plausible motion in another.
+    an error in one engine and a plausible motion in another. Shapes, axes of joints that do not move and tags that
+    nobody knows enter no motion, and are not looked at.
+
+    Args:
+        meshes: whether the files that it names are to lie in its folders; False where none will be opened.
 
     Raises:
-        UserError: missing file, broken XML, names that are missing or not there, numbers that are none, a moving link
-            without mass and inertia, or an inertia that no body has; with file, link or joint, and attribute.
+        UserError: missing file, broken XML, another format, names that are missing or not there, numbers that are none,
+            a moving link without mass and inertia, or an inertia that no body has; with file, link or joint, attribute.
     """
     robot = _root(path)
     parts = [part for part in robot if part.tag in _NAMED]
-    for part in robot:
+    for part in robot if meshes else ():
         for element in part.iter():
             _check_place(path, part, element)
     for part in parts:
         if not (part.get("name") or "").strip():
             _refuse(path, part, "name", "is missing or empty", "Name every link and joint.")
-        for element in part.iter():
+        for element in _felt(part):
             _check_numbers(path, part, element)
+    for tag in _CLOSING:
+        if robot.find(tag) is not None:
+            raise UserError(f"<{tag}> closes a chain, which not all engines do", file=path, remedy="Take it out.")
     links = _by_name(path, robot.findall("link"))
     joints = _by_name(path, robot.findall("joint"))
     for joint in joints.values():
         for end in ("parent", "child"):
             found = joint.find(end)
             if found is None or found.get("link") not in links:
-                _refuse(path, joint, f"<{end}> link", "names no link of this file", "Correct it.")
+                world = found is not None and found.get("link") == "world"
+                remedy = 'Add <link name="world"/>, which Drake alone takes for given.' if world else "Correct it."
+                _refuse(path, joint, f"<{end}> link", "names no link of this file", remedy)
+        _check_range(path, joint)
     _check_tree(path, joints)
     moving = {joint.find("child").get("link") for joint in joints.values() if joint.get("type") != "fixed"}  # type: ignore[union-attr]
+    bare = [name for name in links if name in moving and _massless(links[name])]
+    if bare:
+        raise UserError(
+            f"moving link{'s' * (len(bare) > 1)} without mass and inertia", file=path,
+            key=f"link {', '.join(repr(excerpt(name, 40)) for name in bare[:4])}{' ...' * (len(bare) > 4)}",
+            remedy="Add <inertial> with <mass> and <inertia>; engines invent different ones.",
+        )  # fmt: skip
     for name, link in links.items():
-        _check_inertia(path, link, name in moving)
+        if name != "world":  # which moves nowhere
+            _check_inertia(path, link)
 
 
 @contextmanager
@@ -135,8 +160,38 @@ def _root(path: Path) -> ElementTree.Element:
         )
     robot = reading.read_xml(path)
     if robot.tag != "robot":
-        raise UserError(f"the root element is <{excerpt(robot.tag, 40)}>, not <robot>", file=path)
+        raise UserError(
+            f"the root element is <{excerpt(robot.tag, 40)}>, not <robot>", file=path,
+            remedy=_FORMATS.get(robot.tag, "A URDF begins with <robot>."),
+        )  # fmt: skip
+    for element in robot.iter():
+        filled = next((v for v in element.attrib.values() if "${" in v or "$(" in v), None)
+        if element.tag.startswith("xacro:") or filled is not None:
+            told = f"<{excerpt(element.tag, 40)}>" if filled is None else f"'{excerpt(filled, 60)}'"
+            raise UserError(
+                f"a xacro template, not a URDF: it holds {told}", file=path,
+                remedy="Run xacro first: xacro FILE > robot.urdf.",
+            )  # fmt: skip
     return robot
+
+
+def _felt(part: ElementTree.Element) -> Iterator[ElementTree.Element]:
+    """What of a link or joint may enter a motion: neither what is only drawn nor the axis of a joint that is fixed."""
+    yield part
+    for child in part:
+        if child.tag != "visual" and (child.tag != "axis" or part.get("type") != "fixed"):
+            yield from child.iter()
+
+
+def _check_range(path: Path, joint: ElementTree.Element) -> None:
+    """Limits in the wrong order end Drake's process, and are none for PyBullet."""
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") not in ("revolute", "prismatic"):
+        return
+    lower, upper = (limit.get(end, "0") for end in ("lower", "upper"))
+    if float(lower) > float(upper):
+        remedy = "Correct them; a hinge without limits is `continuous`."
+        _refuse(path, joint, "<limit> lower, upper", f"'{lower}' lies above '{upper}'", remedy)
 
 
 def _refuse(path: Path, part: ElementTree.Element, what: str, problem: str, remedy: str) -> NoReturn:
@@ -183,16 +238,20 @@ def _check_place(path: Path, part: ElementTree.Element, element: ElementTree.Ele
     case: by the environment variable `TRUST`.
     """
     name = element.get("filename")
-    if name is None or os.environ.get(TRUST) == "1":
-        return
+    if name is not None and not inside_folders(path, name):
+        what, told = f"<{excerpt(element.tag, 40)}> filename", f"'{excerpt(name, 60)}' lies outside the model's folders"
+        _refuse(path, part, what, told, f"Put it beside the model, or trust it: set {TRUST}=1.")
+
+
+def inside_folders(path: Path, name: str) -> bool:
+    """Whether a file that a model names lies where packages keep theirs, or whoever runs simgap trusts the model."""
+    if os.environ.get(TRUST) == "1":
+        return True
     inside = Path(os.path.abspath(path)).parent.parent
     scheme, _, rest = name.rpartition("://")
     own = rest.partition("/")[2] if scheme == "package" else rest  # the package is the folder above
     base = inside if scheme == "package" else reading.real(path).parent
-    place = reading.real(base / own)
-    if scheme not in ("", "package", "file") or not place.is_relative_to(reading.real(inside)):
-        what, told = f"<{excerpt(element.tag, 40)}> filename", f"'{excerpt(name, 60)}' lies outside the model's folders"
-        _refuse(path, part, what, told, f"Put it beside the model, or trust it: set {TRUST}=1.")
+    return scheme in ("", "package", "file") and reading.real(base / own).is_relative_to(reading.real(inside))
 
 
 def _number(word: str) -> float:
@@ -203,15 +262,13 @@ def _number(word: str) -> float:
         return math.nan
 
 
-def _check_inertia(path: Path, link: ElementTree.Element, moving: bool) -> None:
+def _massless(link: ElementTree.Element) -> bool:
+    mass = link.find("inertial/mass")
+    return mass is None or link.find("inertial/inertia") is None or float(mass.get("value", "0")) == 0.0
+
+
+def _check_inertia(path: Path, link: ElementTree.Element) -> None:
     mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
-    if moving and (mass is None or inertia is None or float(mass.get("value", "0")) == 0.0):
-        raise UserError(
-            "a moving link without mass and inertia",
-            file=path,
-            key=f"link '{excerpt(link.get('name', ''), 40)}'",
-            remedy="Add <inertial> with <mass> and <inertia>; engines invent different ones.",
-        )
     if mass is not None and float(mass.get("value", "0")) < 0.0:
         _refuse(path, link, "<mass> value", f"'{mass.get('value')}' is negative", "Correct it.")
     if inertia is None:
@@ -221,13 +278,14 @@ def _check_inertia(path: Path, link: ElementTree.Element, moving: bool) -> None:
         if value < 0:
             _refuse(path, link, f"<inertia> {name}", f"'{value:g}' is negative", "No body has such an inertia.")
     moments = np.linalg.eigvalsh(np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]))
-    slack = _SLACK * float(np.abs(moments).max())
-    if moments[0] < -slack:
+    if moments[0] < -slack(moments):
         told = f"its smallest principal moment is {moments[0]:.3g}"
         _refuse(path, link, "<inertia>", told, "No body has such an inertia.")
-    if moments[0] + moments[1] < moments[2] - slack:
-        told = f"its principal moments {', '.join(f'{m:.4g}' for m in moments)} violate the triangle inequality"
-        _refuse(path, link, "<inertia>", told, "No body has such an inertia.")
+
+
+def slack(moments: Floats) -> float:
+    """Up to which a condition on principal moments holds: a file has so many decimals."""
+    return max(_SLACK * float(np.abs(moments).max()), _NOTHING)
 
 
 def root_link(path: Path) -> str:

@@ -53,7 +53,7 @@ class EquationsEngine(MapEngine):
         """The map over one substep, and how many make a sampling time."""
         self.nx, self.nu = step.nx, step.nu
         self._step, self._substeps = step, substeps
-        step.step(np.zeros((1, step.nx)), np.zeros((1, step.nu)))  # compiled here, not in the first roll-out
+        step.step(np.empty((0, step.nx)), np.empty((0, step.nu)))  # compiled here, at no state: 0 may be a pole
 
     @classmethod
     def build(cls, case: Case, folder: Path) -> EquationsEngine:

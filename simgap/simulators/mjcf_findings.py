@@ -72,20 +72,21 @@ def _as_stated(model: Any, name: str) -> FileJoint:
     return FileJoint(
         kind="revolute",
         range=(float(joint.range[0]), float(joint.range[1])) if model.jnt_limited[joint.id] else None,
-        effort=_most(model, joint.id),
+        effort=most_force(model, joint.id),
         velocity=None, damping=0.0, friction=0.0, mimics=None, reflected=False,
     )  # fmt: skip
 
 
-def _motors(model: Any, joint: int) -> Iterator[int]:
+def motors_of(model: Any, joint: int) -> Iterator[int]:
+    """The actuators on a joint."""
     kind = mjcf.installed().mjtTrn.mjTRN_JOINT
     yield from (k for k in range(model.nu) if model.actuator_trntype[k] == kind and model.actuator_trnid[k, 0] == joint)
 
 
-def _most(model: Any, joint: int) -> float | None:
+def most_force(model: Any, joint: int) -> float | None:
     """The largest force on a joint that its motors say they give, None where one says nothing."""
     total, some = 0.0, False
-    for k in _motors(model, joint):
+    for k in motors_of(model, joint):
         ends = []
         if model.actuator_ctrllimited[k]:
             ends.append(float(np.abs(model.actuator_ctrlrange[k] * model.actuator_gainprm[k, 0]).max()))

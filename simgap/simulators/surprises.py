@@ -15,6 +15,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.plants.model_file import FileJoint, Link, ModelFile
+from simgap.plants.urdf_checks import slack
 from simgap.simulators.traits import FileTraits
 
 SAME = 1e-3
@@ -54,6 +55,12 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
         said = file.links.get(name)
         if said is None:
             continue
+        if said.moments[:2].sum() < said.moments[2] - slack(said.moments):
+            yield Finding(
+                f"link '{name}'", f"no body has its principal moments {_list(said.moments)} kg m^2: the largest is "
+                "more than the two others together; engines that take the file compute with them",
+                "Correct <inertia>, if you know better.",
+            )  # fmt: skip
         if differ(own.mass, said.mass):
             yield Finding(
                 f"link '{name}'", f"the engine computes with {own.mass:g} kg, the file says {said.mass:g} kg",

@@ -18,6 +18,7 @@ from simgap.lint.checks import OF_CASE, OF_NUMBERS, found_by
 from simgap.lint.costs import StageCost, affordable, costs, duration, size
 from simgap.lint.engine import model_file, of_engine
 from simgap.lint.measured import check_measured
+from simgap.lint.wheels import BOLTED
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.surprises import Finding
@@ -101,12 +102,13 @@ def _at_most(found: list[StageCost]) -> str:
 def conclusion(checked: Checked, case: Path) -> str:
     """What follows from a check, in a line: what a run will take and how it is begun."""
     held = [cost for cost in checked.costs if not cost.at_most]
+    premise = " for a base that is bolted to the world" * any(f.key == BOLTED for f in checked.findings)
     if not held:
-        return f"The case is in order. simgap diagnose {case} takes recordings."
+        return f"The case is in order{premise}. simgap diagnose {case} takes recordings."
     seconds, most = sum(cost.seconds for cost in held), max(cost.bytes for cost in checked.costs)
     return (
-        f"The case is in order. A run takes about {duration(seconds)} of CPU time{_at_most(checked.costs)}, and "
-        f"{size(most)}: simgap run {case}"
+        f"The case is in order{premise}. A run takes about {duration(seconds)} of CPU time{_at_most(checked.costs)}, "
+        f"and {size(most)}: simgap run {case}"
     )
 
 

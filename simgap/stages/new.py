@@ -6,7 +6,6 @@ Ranges, inputs and grids are round numbers near the model's equilibrium: a begin
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,16 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from simgap import reading
 from simgap.config.load import load_case, parse_case
 from simgap.config.load_yaml import plain_content
-from simgap.errors import UserError
+from simgap.errors import UserError, excerpt
 from simgap.io.atomic import write_text
 from simgap.io.pages import text
-from simgap.io.wheeled_urdf import case_of_wheels, wheels_of
-from simgap.plants.model_file import ModelFile, read_model_file
+from simgap.io.wheeled_urdf import Wheels, case_of_wheels, wheels_of
+from simgap.plants.model_file import ModelFile
 from simgap.plants.numeric_terms import MOST_DERIVED
+from simgap.plants.urdf_checks import check_urdf, root_link
 from simgap.stages.new_joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
+from simgap.stages.new_model import Asked, Model, model_of_mjcf, model_of_urdf, relative
 from simgap.stages.propose import numbers, shown
 from simgap.wizard.dry_friction_guess import blocks_along
 from simgap.wizard.proposal import SECONDS
@@ -48,12 +48,18 @@ def run(
     tell: Callable[[str], None] = lambda words: None,
     note: Callable[[str], None] = lambda words: None,
     seconds: float = SECONDS,
+    mjcf: Path | None = None,
+    joints: Sequence[str] | None = None,
+    base: str | None = None,
 ) -> Path:
-    """Write `NAME.yaml` to the folder `out`: for a URDF, or equations to be replaced by one's own.
+    """Write `NAME.yaml` to the folder `out`: for a URDF, an MJCF file, or equations to be replaced by one's own.
+
+    Where the case holds less than the file, its model file `NAME_model.urdf` (for MJCF also `.xml`) stands beside it.
 
     Args:
         inputs: joints that have a drive; those that the file says if not given.
         at: positions of joints around which to work, 0 where none is given.
+        joints: those that the case has, the others locked; all if not given. base: one of `new_model.BASES`.
         tell: hears what is being done. note: hears what a person should know of what was written.
         seconds: of CPU time for the search of a plant of several joints.
 
@@ -63,37 +69,70 @@ def run(
     path = out / f"{name}.yaml"
     if path.exists():
         raise UserError("is there already, and stays as it is", file=path, remedy="Give another name, or move it.")
-    if urdf is None:
-        content = text("new_equations.yaml.j2", name=name)
-    else:
-        content = _of_urdf(name, urdf, out, inputs, at or {}, tell, note, seconds)
-    parse_case(plain_content(content), path)
-    write_text(path, content)
-    load_case(path)
+    content = text("new_equations.yaml.j2", name=name)
+    parse_case(plain_content(content), path)  # refuses the name before anything is written
+    made: tuple[Path, ...] = ()
+    try:
+        if mjcf is not None or urdf is not None:
+            asked = Asked(joints, at or {}, base, out / name)
+            if urdf is not None:
+                check_urdf(urdf, meshes=False)
+            if urdf is not None and base != "fixed" and (wheels := wheels_of(urdf)) is not None:
+                content = _of_wheels(name, urdf, out, wheels, asked, inputs, note)
+            else:
+                model = (
+                    model_of_mjcf(mjcf, asked, note)
+                    if mjcf is not None
+                    else model_of_urdf(Path(urdf or ""), asked, note)
+                )
+                made = model.made
+                content = _of_joints(name, model, out, inputs, asked.at, tell, note, seconds)
+                if (root := root_link(model.file.path)) != "world":
+                    note(f"Its base, link '{excerpt(root, 40)}', is taken for bolted to the world.")
+        parse_case(plain_content(content), path)
+        write_text(path, content)
+        load_case(path)
+    except BaseException:
+        for file in made:
+            file.unlink(missing_ok=True)
+        raise
     return path
 
 
-def _of_urdf(
-    name: str, urdf: Path, out: Path, inputs: Sequence[str] | None, at: Mapping[str, float],
+def _of_wheels(
+    name: str, urdf: Path, out: Path, wheels: Wheels, asked: Asked, inputs: Sequence[str] | None,
+    note: Callable[[str], None],
+) -> str:  # fmt: skip
+    for key, given in (("--inputs", inputs), ("--joints", asked.joints), ("--at", asked.at)):
+        if given:
+            raise UserError(
+                f"belongs to joints, and this robot stands on two wheels, '{wheels.left}' and '{wheels.right}'",
+                key=key, remedy="With --base fixed its wheels are joints like others.",
+            )  # fmt: skip
+    check_urdf(urdf)
+    note(
+        f"A robot on two driven wheels, '{wheels.left}' and '{wheels.right}': floor, obstacle, speeds and "
+        "clearance are to be edited. With --base fixed the wheels are taken as joints."
+    )
+    return case_of_wheels(name, urdf, relative(urdf, out), wheels)
+
+
+def _of_joints(
+    name: str, model: Model, out: Path, inputs: Sequence[str] | None, at: Mapping[str, float],
     tell: Callable[[str], None], note: Callable[[str], None], seconds: float,
 ) -> str:  # fmt: skip
-    file = read_model_file(urdf)
-    written = Path(os.path.relpath(reading.real(urdf), reading.real(out))).as_posix()
-    wheels = wheels_of(urdf) if inputs is None else None
-    if wheels is not None:
-        note(
-            f"A robot on two driven wheels, '{wheels.left}' and '{wheels.right}': floor, obstacle, speeds and "
-            "clearance are to be edited. With --inputs the wheels are taken as joints."
-        )
-        return case_of_wheels(name, urdf, written, wheels)
-    axes = axes_of(urdf, file.joints, at)
+    file, urdf = model.file, model.file.path
+    axes = axes_of(urdf, file.joints, {n: q for n, q in at.items() if n in file.joints})
     driven, why = drives(file, inputs, len(axes) <= MOST_DERIVED)
     axes = [replace(a, driven=a.joint in driven) for a in axes]
     if len(axes) > 1:
         note(f"Inputs on {', '.join(driven)}: {why}. --inputs JOINT,JOINT names others.")
     about: dict[str, Any] = {
         "name": name,
-        "urdf": written,
+        "urdf": relative(urdf, out),
+        "mjcf": relative(model.mjcf, out) if model.mjcf is not None else None,
+        "added": model.effects,
+        "gravity": model.gravity,
         "axes": axes,
         "why": why,
         "derived": len(axes) <= MOST_DERIVED,
@@ -105,13 +144,17 @@ def _of_urdf(
     }
     if about["rubs"]:
         note(
-            f"The URDF states dry friction for {', '.join(about['rubs'])}: the simulator acts it out, the model lacks "
+            f"The file states dry friction for {', '.join(about['rubs'])}: the simulator acts it out, the model lacks "
             "it, and the bound is a table of blocks, which is wide where the friction turns round and nowhere else."
         )
     content = about | _plain(urdf, file, axes, about) | {"proposal": None, "refused": None}
     content["substeps"] = RUBBING_STEPS if about["rubs"] else 1
+    if model.step is not None:
+        content["substeps"] = max(1, round(TAU / model.step))
     if 1 < len(axes) <= MOST_DERIVED:
         content |= _proposed(about, urdf, file, out, tell, note, seconds)
+        if model.step is not None and content["proposal"] is not None:
+            content["substeps"] = max(1, round(float(content["tau"]) / model.step))
     return text("new_urdf.yaml.j2", **content)
 
 
@@ -193,7 +236,7 @@ def _proposed(
     note("X is " + ", ".join(f"[{lo:g}, {hi:g}] of {n}" for n, (lo, hi) in shown(own.X).items()) + ".")
     for doubt in filter(None, (found.small, found.doubtful)):
         note(doubt)
-    return {"proposal": found.block(), "substeps": _substeps(own, axes, about["rubs"])}
+    return {"proposal": found.block(), "tau": own.tau, "substeps": _substeps(own, axes, about["rubs"])}
 
 
 def _substeps(found: Proposal, axes: Sequence[Axis], rubs: Mapping[str, float]) -> int:

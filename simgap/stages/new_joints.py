@@ -64,7 +64,7 @@ def drives(file: ModelFile, named: Sequence[str] | None, derived: bool) -> tuple
             )  # fmt: skip
         return tuple(n for n in joints if n in named), "as asked"
     if file.driven is not None:
-        return file.driven, f"the URDF has a <transmission> for {'it' if len(file.driven) == 1 else 'them'}"
+        return file.driven, f"the file has a drive for {'it' if len(file.driven) == 1 else 'them'}"
     stated = tuple(n for n, joint in joints.items() if joint.effort)
     if stated and len(stated) < len(joints):
         return stated, "the URDF states an effort for no other joint"
@@ -85,19 +85,7 @@ def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]
     """
     if not joints:
         raise UserError("has no moving joint", file=urdf, remedy="Give the URDF of a robot that moves.")
-    unknown = [n for n in at if n not in joints]
-    if unknown:
-        raise UserError(
-            f"no moving joint is called {', '.join(map(repr, unknown))}", key="--at",
-            remedy=f"Moving joints: {', '.join(joints)}.",
-        )  # fmt: skip
-    for name, position in at.items():
-        lower, upper = joints[name].range or (-math.inf, math.inf)
-        if not lower <= position <= upper:
-            raise UserError(
-                f"{name}={position:g} is beyond a stop: the joint goes from {lower:g} to {upper:g}", key="--at",
-                remedy="Give a posture within its limits, or correct <limit> in the URDF.",
-            )  # fmt: skip
+    check_positions(joints, at)
     axes = []
     for k, (name, joint) in enumerate(joints.items()):
         if joint.kind not in ("revolute", "continuous", "prismatic"):
@@ -115,14 +103,35 @@ def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]
                 f"v{end}",
                 f"u{end}",
                 *units,
-                _interval(urdf, name, joint, at.get(name, _centre(joint))),
-                at.get(name, _centre(joint)),
+                _interval(urdf, name, joint, at.get(name, centre_of(joint))),
+                at.get(name, centre_of(joint)),
             )
         )
     return axes
 
 
-def _centre(joint: FileJoint) -> float:
+def check_positions(joints: Mapping[str, FileJoint], at: Mapping[str, float]) -> None:
+    """Refuse a name that is no moving joint's, and a position that the joint does not reach.
+
+    Raises:
+        UserError: either.
+    """
+    unknown = [n for n in at if n not in joints]
+    if unknown:
+        raise UserError(
+            f"no moving joint is called {', '.join(map(repr, unknown))}", key="--at",
+            remedy=f"Moving joints: {', '.join(joints)}.",
+        )  # fmt: skip
+    for name, position in at.items():
+        lower, upper = joints[name].range or (-math.inf, math.inf)
+        if not lower <= position <= upper:
+            raise UserError(
+                f"{name}={position:g} is beyond a stop: the joint goes from {lower:g} to {upper:g}", key="--at",
+                remedy="Give a posture within its limits, or correct <limit> in the URDF.",
+            )  # fmt: skip
+
+
+def centre_of(joint: FileJoint) -> float:
     """Where a joint is looked at unless somebody says: at 0, or in the middle of a range that has no room about 0."""
     if joint.range is None or joint.range[0] + SPEED * TAU < 0.0 < joint.range[1] - SPEED * TAU:
         return 0.0

@@ -3,11 +3,11 @@
 import pytest
 
 from simgap.errors import UserError
+from simgap.plants.urdf import multibody_plant
 from simgap.plants.urdf_checks import check_floating_root, check_urdf
 
 CHANGES = {
     "negative moment": ('iyy="0.33333"', 'iyy="-1"', r"link '.*': <inertia> iyy: '-1' is negative"),
-    "triangle": ('iyy="0.33333"', 'iyy="9"', "triangle inequality"),
     "not semidefinite": ('ixy="0"', 'ixy="5"', "smallest principal moment"),
     "moment no number": ('iyy="0.33333"', 'iyy="x"', "<inertia> iyy: 'x' is not one number"),
     "mass abc": ('mass value="1.0"', 'mass value="abc"', r"<mass> value: 'abc' is not one number"),
@@ -26,6 +26,17 @@ CHANGES = {
     "no XML": ("</robot>", "", "not well-formed XML"),
     "encoding": ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="nope"?>', "not well-formed XML"),
     "other root": ("robot", "model", "root element is <model>"),
+    "MJCF": ("robot", "mujoco", "root element is <mujoco>, not <robot>. It is MJCF: simgap new NAME --mjcf FILE"),
+    "xacro argument": ('xyz="0 0 -0.5"', 'xyz="$(arg place)"', r"xacro template.*'\$\(arg place\)'. Run xacro first"),
+    "xacro expression": ('mass value="1.0"', 'mass value="${m/2}"', r"xacro template.*'\$\{m/2\}'. Run xacro first"),
+    "xacro macro": ('<link name="base"/>', '<xacro:rod/><link name="base"/>', "holds <xacro:rod>. Run xacro first"),
+    "limits swapped": ('type="continuous">', 'type="revolute"><limit lower="1" upper="-1"/>', "'1' lies above '-1'"),
+    "chain that Drake closes": (
+        "</robot>",
+        "<drake:ball_constraint/></robot>",
+        "<drake:ball_constraint> closes a chain",
+    ),
+    "world not there": ('parent link="base"', 'parent link="world"', 'Add <link name="world"/>, which Drake alone'),
 }
 GOOD = """<?xml version="1.0"?>
 <robot name="pendulum">
@@ -58,6 +69,43 @@ def test_what_is_refused_is_one_short_line(tmp_path, name):
     assert told.startswith("/model.urdf")
     assert "\n" not in told
     assert len(told) < 300
+
+
+IRRELEVANT = {
+    "axis of a fixed joint": ("</robot>", '<link name="tip"/><joint name="weld" type="fixed"><parent link="rod"/>'
+                              '<child link="tip"/><axis xyz="0 0 0"/></joint></robot>'),
+    "a box that is drawn": ("</link>\n  <joint", '<visual><geometry><box size="0 0 0"/></geometry></visual></link>'
+                            "<joint"),
+    "Drake's names, undeclared": ("</link>\n  <joint", '<collision><geometry><box size="1 1 1"/></geometry><drake:'
+                                  'proximity_properties drake:x="1"/></collision></link><joint'),
+    "tags that nobody knows": ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><safety_controller k="none"/><gazebo/>'),
+    "blanks before it": ('<?xml version="1.0"?>', '\n  <?xml version="1.0"?>'),
+    "a zero behind it": ("</robot>\n", "</robot>\n\0"),
+    "more than a body's inertia": ('iyy="0.33333"', 'iyy="9"'),  # `check` tells of it
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", IRRELEVANT)
+def test_what_enters_no_motion_is_no_reason_to_refuse(tmp_path, name):
+    old, new = IRRELEVANT[name]
+    assert old in GOOD
+    path = tmp_path / "model.urdf"
+    path.write_text(GOOD.replace(old, new))
+    check_urdf(path)
+    _, joints = multibody_plant(path, (0.0, 0.0, -9.81))
+    assert joints == ["hinge"]
+
+
+def test_links_without_mass_are_told_together_in_one_line(tmp_path, capfd):
+    path = tmp_path / "model.urdf"
+    more = [f'<link name="l{k}"/><joint name="j{k}" type="continuous"><parent link="rod"/><child link="l{k}"/></joint>'
+            for k in range(6)]  # fmt: skip
+    path.write_text(GOOD.replace("</robot>", "".join(more) + "</robot>"))
+    with pytest.raises(UserError, match=r"link 'l0', 'l1', 'l2', 'l3' \.\.\.: moving links without mass and inertia"):
+        check_urdf(path)
+    path.write_text(path.read_text().replace('type="continuous"><parent link="rod"', 'type="fixed"><parent link="rod"'))
+    multibody_plant(path, (0.0, 0.0, -9.81))
+    assert capfd.readouterr() == ("", "")
 
 
 def test_whole_ones_pass(tmp_path, root):

@@ -156,3 +156,17 @@ def test_keys_that_came_later_change_no_hash_until_they_are_used(vary):
     used = load_case(equations(vary, parameters={"w": 9.0}, slopes="sampled")).model_dump(mode="json")["simulator"]
     assert used["parameters"] == {"w": 9.0}
     assert used["slopes"] == "sampled"
+
+
+def test_equations_with_a_pole_at_0_are_never_asked_there(vary):
+    """A magnet above a coil: the force falls with the square of the distance, and X does not hold 0."""
+    path = vary("pendulum", {
+        "plant.urdf": None,
+        "plant.symbolic": {"dynamics": {"x1": "x2", "x2": "9.81 - u/x1^2"}},
+        "plant.states": {"x1": {"unit": "m"}, "x2": {"unit": "m/s"}},
+        "plant.inputs": {"u": {"unit": "m^3/s^2"}},
+        "simulator": {"engine": "equations", "integrator": "explicit_euler", "substeps": 1},
+    })  # fmt: skip
+    x, u = np.array([[0.005, 0.01]]), np.array([[3e-4]])
+    simulator = make_simulator(load_case(path), path.parent)
+    np.testing.assert_allclose(simulator.rollouts(x, u), [[0.005 + TAU * 0.01, 0.01 + TAU * (9.81 - 3e-4 / 0.005**2)]])

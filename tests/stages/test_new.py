@@ -18,7 +18,7 @@ from simgap.lint.switching import stuck
 from simgap.plants.context import Context
 from simgap.plants.model_file import read_model_file
 from simgap.stages import check, fresh, new, synthesis
-from simgap.stages.new_joints import _centre, axes_of, drives, needed_inputs
+from simgap.stages.new_joints import axes_of, centre_of, drives, needed_inputs
 from simgap.stages.propose import Numbers
 from simgap.wizard.dry_friction_guess import blocks_along
 from simgap.wizard.proposal_games import Proposal
@@ -228,7 +228,7 @@ def test_X_stays_inside_the_range_of_a_joint(root, tmp_path, limits):
 
 @pytest.mark.parametrize(("ends", "centre"), [((-1.0, 2.5), 0.0), ((0.0, 2.5), 1.25), ((0.4, 1.0), 0.7), (None, 0.0)])
 def test_a_joint_that_has_no_room_about_0_is_looked_at_in_its_middle(ends, centre):
-    assert _centre(SimpleNamespace(range=ends)) == pytest.approx(centre)
+    assert centre_of(SimpleNamespace(range=ends)) == pytest.approx(centre)
 
 
 def test_a_joint_without_room_is_told(root, tmp_path):
@@ -262,7 +262,7 @@ def test_a_case_of_many_joints_is_written_in_no_time_and_can_be_checked(tmp_path
     assert len(context.states) == 12
     assert check.run(case).costs == []
     text = case.read_text()
-    assert "make all but 2 joints `fixed`" in text
+    assert "`simgap new --joints` keeps 2 of the joints and locks the others" in text
     head, _, tail = text.partition("# domain:")
     commented, _, _ = tail.partition("# The high-fidelity side")
     limits = yaml.safe_load("domain:" + commented.replace("\n# ", "\n"))["domain"]["U"]

@@ -1,0 +1,286 @@
+"""An MJCF file as the nominal model of a new case: the bodies that MuJoCo compiles, as a URDF, some joints locked.
+
+What a URDF cannot say of a joint, its armature and its spring, is handed back as effects of the plant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from simgap.arrays import Floats
+from simgap.errors import UserError, excerpt
+from simgap.io.own_model import origin_of
+from simgap.plants.urdf_checks import loading
+from simgap.simulators import mjcf
+from simgap.simulators.mjcf_findings import most_force, motors_of
+
+_DELETED = (
+    "actuators", "sensors", "keys", "pairs", "excludes", "tendons", "equalities", "geoms", "sites", "cameras", "lights",
+    "meshes", "hfields", "skins", "materials", "textures",
+)  # fmt: skip
+_SAME, _LEVEL = 1e-6, 1e-4
+"""Relative difference of mass matrices that is rounding, and slope of a gravity that is along -z."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """A file as MuJoCo compiles it.
+
+    Attributes:
+        robot: bodies and joints as a URDF; the world is a link `world`. driven: joints with an actuator, if any.
+        effects: (name, joint, parameters) of what a URDF cannot say.
+        gravity: along -z, m/s^2; step: of the file, s.
+        alone: the text of the file without what `left_out` names; None if it serves as it is.
+    """
+
+    robot: ElementTree.Element
+    driven: tuple[str, ...] | None
+    effects: tuple[tuple[str, str, Mapping[str, float]], ...]
+    gravity: float
+    step: float
+    alone: str | None
+    left_out: tuple[str, ...]
+
+
+def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping[str, float]) -> Compiled:
+    """Read a file, its joints other than `keep` locked: at `at`, or at 0 or the middle of a range without it.
+
+    Args:
+        keep: names of hinges and slides; all if None. bolted: whether free and ball joints are locked.
+
+    Raises:
+        UserError: a file that MuJoCo does not take, or what no URDF says: a base that moves freely, several joints of
+            one body, closed chains, tendons, gravity along another axis.
+    """
+    mujoco, model = mjcf.installed(), mjcf.read_mjcf(path)
+    kinds = [mujoco.mjtJoint(int(k)) for k in model.jnt_type]
+    names = [model.joint(k).name for k in range(model.njnt)]
+    driven = [n for k, n in enumerate(names) if next(motors_of(model, k), None) is not None]
+    slides = [n for n, k in zip(names, kinds, strict=True) if k == mujoco.mjtJoint.mjJNT_SLIDE and n not in driven]
+    planar = {model.jnt_bodyid[names.index(n)] for n in slides}
+    planar = {b for b in planar if sum(model.jnt_bodyid[names.index(n)] == b for n in slides) > 1}
+    turning = [
+        n for k, n in enumerate(names)
+        if _turns_or_slides(model, k)
+        and (model.jnt_bodyid[k] not in planar or n in driven)
+    ]  # fmt: skip
+    loose = next((k for k, n in enumerate(names) if n not in turning), None)
+    if loose is not None and not bolted:
+        kind = kinds[loose].name.removeprefix("mjJNT_").lower()
+        raise UserError(
+            f"joint '{excerpt(names[loose], 40)}' is {kind}{' and nothing drives it' * (names[loose] in slides)}: a "
+            "base or a body that moves freely", file=path, key="--base",
+            remedy="--base fixed locks it; a base that moves freely needs equations of its own.",
+        )  # fmt: skip
+    _check_names(path, [n for k, n in enumerate(names) if k != loose], turning, [*(keep or ()), *at])
+    left = [n for n in turning if keep is None or n in keep]
+    whole = len(left) == len(names)
+    _check_loops(path, model, left, whole)
+    efforts = {n: most_force(model, names.index(n)) for n in left}
+    left_out = tuple(_left_out(model, len(names) - len(left)))
+    alone = None
+    if not whole or _acting(model):
+        model, alone = _alone(path, left, at)
+    else:
+        left_out = ()
+    gravity = np.array(model.opt.gravity)
+    if np.abs(gravity[:2]).max() > _LEVEL * np.abs(gravity[2]):
+        raise UserError("its gravity is not along -z", file=path, key="<option> gravity", remedy="Turn the bodies.")
+    own = tuple(n for n in left if n in driven) or None
+    robot = _robot(path, model, efforts)
+    return Compiled(robot, own, tuple(_effects(model)), -float(gravity[2]), float(model.opt.timestep), alone, left_out)
+
+
+def _check_names(path: Path, names: Sequence[str], turning: Sequence[str], asked: Sequence[str]) -> None:
+    if not all(names):
+        raise UserError("a joint has no name", file=path, remedy="Name every joint.")
+    for name in asked:
+        if name not in turning:
+            raise UserError(
+                f"no hinge or slide is called {excerpt(name, 40)!r}", file=path, key="--joints",
+                remedy=f"It has: {', '.join(turning)}.",
+            )  # fmt: skip
+
+
+def _check_loops(path: Path, model: Any, left: Collection[str], whole: bool) -> None:
+    """What couples joints is no tree; where all but some are locked, only what couples those."""
+    mujoco = mjcf.installed()
+    for k in range(model.neq):
+        kind = mujoco.mjtEq(int(model.eq_type[k]))
+        ends = {int(model.eq_obj1id[k]), int(model.eq_obj2id[k])}
+        if kind == mujoco.mjtEq.mjEQ_JOINT and not ends & {model.joint(name).id for name in left}:
+            continue
+        couples = kind in (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtEq.mjEQ_TENDON)
+        raise UserError(
+            f"<equality> {kind.name[5:].lower()} {'couples joints, as mimic does' if couples else 'closes a chain'}, "
+            "and the nominal model has neither", file=path,
+            remedy="--joints keeps others." if couples else "Open the chain, or write equations.",
+        )  # fmt: skip
+    if whole and model.ntendon:
+        raise UserError("it has tendons", file=path, remedy="--joints keeps some joints and leaves the tendons out.")
+    bodies = [model.jnt_bodyid[model.joint(name).id] for name in left]
+    twice = next((b for b in bodies if bodies.count(b) > 1), None)
+    if twice is not None:
+        names = [n for n, b in zip(left, bodies, strict=True) if b == twice]
+        raise UserError(
+            f"has several joints ({', '.join(names)}): a URDF has one a body, and between them bodies without mass",
+            file=path, key=f"body '{excerpt(model.body(int(twice)).name, 40)}'",
+            remedy="--joints keeps one of them, or give each joint a body.",
+        )  # fmt: skip
+
+
+def _acting(model: Any) -> bool:
+    """Whether its actuators do anything without a command, or have a state of their own."""
+    own = (model.actuator_biasprm, model.actuator_dyntype, getattr(model, "actuator_armature", 0.0),
+           getattr(model, "actuator_damping", 0.0))  # fmt: skip
+    return bool(model.na) or any(np.any(values) for values in own)
+
+
+def _left_out(model: Any, locked: int) -> Iterator[str]:
+    if locked:
+        yield f"{locked} joint{'s' * (locked > 1)}, which stand still"
+    if _acting(model):
+        yield "servos, for the inputs of the case are forces on joints"
+    if model.ntendon:
+        yield "tendons"
+    if model.ngeom:
+        yield "shapes, which do not touch there"
+
+
+def _alone(path: Path, left: Collection[str], at: Mapping[str, float]) -> tuple[Any, str]:
+    """The bodies of a file with their inertias, and those joints; nothing else. Checked by the mass matrix."""
+    mujoco = mjcf.installed()
+    with loading("MuJoCo", path):
+        spec = mujoco.MjSpec.from_file(str(path))
+        whole = spec.compile()
+    data = mujoco.MjData(whole)
+    for body in spec.bodies[1:]:
+        k = body.id
+        body.mass, body.explicitinertial = float(whole.body_mass[k]), True
+        body.ipos, body.iquat, body.inertia = whole.body_ipos[k], whole.body_iquat[k], whole.body_inertia[k]
+        body.fullinertia, body.pos, body.quat = [np.nan] * 6, whole.body_pos[k], whole.body_quat[k]
+        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    for kind in _DELETED:
+        for element in list(getattr(spec, kind)):
+            spec.delete(element)
+    for joint, j in [(joint, joint.id) for joint in spec.joints]:  # ids change as others are deleted
+        if joint.name in left:
+            continue
+        if _turns_or_slides(whole, j):
+            start = whole.qpos0[whole.jnt_qposadr[j]]
+            lower, upper = whole.jnt_range[j] if whole.jnt_limited[j] else (-np.inf, np.inf)
+            place = at.get(joint.name, 0.0 if lower <= 0.0 <= upper else 0.5 * (lower + upper))
+            data.qpos[whole.jnt_qposadr[j]] = place
+            _turn(joint.parent, whole, j, place - start)
+        spec.delete(joint)
+    with loading("MuJoCo", path):
+        model, text = spec.compile(), spec.to_xml()
+    held = [int(whole.joint(name).dofadr[0]) for name in left]
+    data.qpos[[int(whole.joint(n).qposadr[0]) for n in left]] = [
+        model.qpos0[int(model.joint(n).qposadr[0])] for n in left
+    ]
+    mine, own = (_mass_matrix(mujoco, m, d) for m, d in ((whole, data), (model, mujoco.MjData(model))))
+    order = [int(model.joint(name).dofadr[0]) for name in left]
+    if not np.allclose(mine[np.ix_(held, held)], own[np.ix_(order, order)], rtol=_SAME, atol=0.0):
+        raise UserError(
+            "its joints cannot be locked there: others of the same bodies move them", file=path, key="--joints",
+            remedy="Lock them in the file.",
+        )  # fmt: skip
+    return model, text
+
+
+def _mass_matrix(mujoco: Any, model: Any, data: Any) -> Floats:
+    mujoco.mj_forward(model, data)
+    columns = np.zeros((model.nv, model.nv))
+    for k in range(model.nv):
+        mujoco.mj_mulM(model, data, columns[k], np.eye(model.nv)[k])
+    return columns
+
+
+def _turns_or_slides(model: Any, joint: int) -> bool:
+    kinds = mjcf.installed().mjtJoint
+    return kinds(int(model.jnt_type[joint])) in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE)
+
+
+def _turn(body: Any, model: Any, joint: int, by: float) -> None:
+    """A body's pose after its joint has moved."""
+    old = Rotation.from_quat(body.quat, scalar_first=True)
+    new, shift = _motion(model, joint, by)
+    body.pos = np.asarray(body.pos) + old.apply(shift)
+    body.quat = (old * new).as_quat(scalar_first=True)
+
+
+def _motion(model: Any, joint: int, by: float) -> tuple[Rotation, Floats]:
+    """Rotation and shift of a body in its own frame as a joint moves by so much."""
+    axis, anchor = np.array(model.jnt_axis[joint]), np.array(model.jnt_pos[joint])
+    if model.jnt_type[joint] == mjcf.installed().mjtJoint.mjJNT_SLIDE:
+        return Rotation.identity(), by * axis
+    turned = Rotation.from_rotvec(by * axis)
+    return turned, anchor - turned.apply(anchor)
+
+
+def _robot(path: Path, model: Any, efforts: Mapping[str, float | None]) -> ElementTree.Element:
+    """Links have their frames where their joints are; what MuJoCo places in a body's frame is moved along."""
+    robot = ElementTree.Element("robot", {"name": path.stem})
+    names = ["world", *(model.body(k).name or f"body{k}" for k in range(1, model.nbody))]
+    anchors = np.zeros((model.nbody, 3))
+    ElementTree.SubElement(robot, "link", {"name": "world"})
+    for b in range(1, model.nbody):
+        moving = int(model.body_jntadr[b]) if model.body_jntnum[b] else None
+        turned, place = Rotation.from_quat(model.body_quat[b], scalar_first=True), np.array(model.body_pos[b])
+        if moving is not None:
+            anchors[b] = model.jnt_pos[moving]
+            back, shift = _motion(model, moving, -float(model.qpos0[model.jnt_qposadr[moving]]))
+            place = place + turned.apply(shift + back.apply(anchors[b]))
+            turned = turned * back
+        _link(robot, names[b], model, b, anchors[b])
+        name = f"{names[b]}_weld" if moving is None else model.joint(moving).name
+        joint = ElementTree.SubElement(robot, "joint", {"name": name, "type": "fixed"})
+        joint.append(origin_of(place - anchors[model.body_parentid[b]], turned))
+        ElementTree.SubElement(joint, "parent", {"link": names[model.body_parentid[b]]})
+        ElementTree.SubElement(joint, "child", {"link": names[b]})
+        if moving is not None:
+            _moves(joint, model, moving, efforts[name])
+    return robot
+
+
+def _link(robot: ElementTree.Element, name: str, model: Any, b: int, anchor: Floats) -> None:
+    link = ElementTree.SubElement(robot, "link", {"name": name})
+    if model.body_mass[b] > 0.0:
+        own = ElementTree.SubElement(link, "inertial")
+        own.append(origin_of(model.body_ipos[b] - anchor, Rotation.from_quat(model.body_iquat[b], scalar_first=True)))
+        ElementTree.SubElement(own, "mass", {"value": f"{model.body_mass[b]:.12g}"})
+        moments = dict(zip(("ixx", "iyy", "izz"), model.body_inertia[b], strict=True)) | dict.fromkeys(
+            ("ixy", "ixz", "iyz"), 0.0
+        )
+        ElementTree.SubElement(own, "inertia", {key: f"{value:.12g}" for key, value in moments.items()})
+
+
+def _moves(joint: ElementTree.Element, model: Any, j: int, effort: float | None) -> None:
+    slides = model.jnt_type[j] == mjcf.installed().mjtJoint.mjJNT_SLIDE
+    dof, limited = int(model.jnt_dofadr[j]), bool(model.jnt_limited[j])
+    joint.set("type", "prismatic" if slides else "revolute" if limited else "continuous")
+    ElementTree.SubElement(joint, "axis", {"xyz": " ".join(f"{v:.12g}" for v in model.jnt_axis[j])})
+    limit = dict(zip(("lower", "upper"), model.jnt_range[j], strict=True)) if limited else {}
+    limit |= {} if effort is None else {"effort": effort}
+    if limit:
+        ElementTree.SubElement(joint, "limit", {key: f"{value:.12g}" for key, value in limit.items()})
+    own = {"damping": model.dof_damping[dof], "friction": model.dof_frictionloss[dof]}
+    ElementTree.SubElement(joint, "dynamics", {key: f"{value:.12g}" for key, value in own.items()})
+
+
+def _effects(model: Any) -> Iterator[tuple[str, str, Mapping[str, float]]]:
+    for j in range(model.njnt):
+        name, dof = model.joint(j).name, int(model.jnt_dofadr[j])
+        if model.dof_armature[dof] > 0.0:
+            yield "reflected_inertia", name, {"I": float(model.dof_armature[dof])}
+        rest = float(model.qpos_spring[model.jnt_qposadr[j]])
+        if model.jnt_stiffness[j] > 0.0 and rest == 0.0:
+            yield "spring", name, {"k": float(model.jnt_stiffness[j])}

@@ -1,0 +1,167 @@
+"""The model file of a new case: the given one, one beside the case with joints locked, or what MuJoCo makes of MJCF."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+from simgap import reading
+from simgap.errors import UserError, excerpt
+from simgap.io.atomic import write_text
+from simgap.io.mjcf_as_urdf import compiled
+from simgap.io.own_model import composed, lock, refuse_coupled
+from simgap.plants.model_file import FileJoint, ModelFile, read_model_file
+from simgap.plants.premise import base_of
+from simgap.plants.urdf_checks import check_urdf, inside_folders, root_link
+from simgap.plants.urdf_tree import load_tree
+from simgap.stages.new_joints import centre_of, check_positions
+
+BASES = ("fixed", "wheels")
+_MOVING = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What a person says of a robot: joints to keep, all if None; positions; what its base is; where its case goes."""
+
+    joints: Sequence[str] | None
+    at: Mapping[str, float]
+    base: str | None
+    place: Path
+    """NAME of the case, in its folder."""
+
+    def beside(self, ending: str) -> Path:
+        """A file of the case's own.
+
+        Raises:
+            UserError: it is there already.
+        """
+        path = self.place.with_name(f"{self.place.name}_model{ending}")
+        if path.exists():
+            raise UserError("is there already, and stays as it is", file=path, remedy="Give another name, or move it.")
+        return path
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A model file ready for a case.
+
+    Attributes:
+        mjcf: the simulator's own file. effects: of the plant: (name, joint, parameters). gravity: m/s^2.
+        step: of the simulator, s; None for its usual one. made: the files that were written.
+    """
+
+    file: ModelFile
+    mjcf: Path | None = None
+    effects: tuple[tuple[str, str, Mapping[str, float]], ...] = ()
+    gravity: float = 9.81
+    step: float | None = None
+    made: tuple[Path, ...] = ()
+
+
+def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> Model:
+    """The file itself, or a copy in which joints are locked, and meshes that nothing finds are left out.
+
+    Raises:
+        UserError: a file that cannot be taken, a base of which it says nothing, coupled joints, names or positions that
+            are none of its joints'.
+    """
+    file, robot = read_model_file(path, meshes=False), reading.read_xml(path)
+    check_positions(file.joints, asked.at)
+    standing = base_of(robot, file.driven)
+    _check_base(path, standing.kind, standing.words, asked.base)
+    keep = _kept(file.joints, asked)
+    refuse_coupled(path, file.joints, keep)
+    absent = [m for m in file.meshes if not inside_folders(path, m) or not reading.is_file(_place(path, m))]
+    locked = [n for n in file.joints if n not in keep]
+    if not locked and not absent:
+        return Model(file)
+    places = {n: asked.at.get(n, centre_of(joint)) for n, joint in file.joints.items()}
+    made = asked.beside(".urdf")
+    lock(robot, locked, places)
+    _write(made, robot)
+    if locked:
+        note(f"{made.name} has the other joints locked: {', '.join(f'{n} at {places[n]:.4g}' for n in locked)}.")
+    else:
+        note(f"{made.name} has no shapes: {excerpt(absent[0], 60)} is not there, and none enters the motion.")
+    return Model(read_model_file(made), made=(made,))
+
+
+def model_of_mjcf(path: Path, asked: Asked, note: Callable[[str], None]) -> Model:
+    """A URDF of the bodies of an MJCF file, which the simulator loads itself, or without what the inputs replace.
+
+    Raises:
+        UserError: what `mjcf_as_urdf.compiled` refuses, and as `model_of_urdf`.
+    """
+    found = compiled(path, asked.joints, asked.base == "fixed", asked.at)
+    made = asked.beside(".urdf")
+    alone = asked.beside(".xml") if found.alone is not None else None
+    _write(made, found.robot)
+    try:
+        file = replace(read_model_file(made), driven=found.driven)
+        check_positions(file.joints, {n: q for n, q in asked.at.items() if n in file.joints})
+        standing = base_of(found.robot, file.driven, world=False)
+        _check_base(path, standing.kind, standing.words, asked.base)
+        if alone is not None:
+            write_text(alone, found.alone or "")
+            note(f"{alone.name} is {path.name} without {'; '.join(found.left_out)}.")
+    except BaseException:
+        made.unlink()
+        raise
+    note(f"{made.name} has the bodies as MuJoCo compiles them, for the nominal model.")
+    return Model(file, alone or path, found.effects, found.gravity, found.step, (made, *([alone] if alone else [])))
+
+
+def relative(path: Path, out: Path) -> str:
+    """The path of a file as a case in the folder `out` has it."""
+    return Path(os.path.relpath(reading.real(path), reading.real(out))).as_posix()
+
+
+def _write(made: Path, robot: ElementTree.Element) -> None:
+    """A URDF of its own; Drake composes what is welded together.
+
+    Raises:
+        UserError: one that Drake does not take; nothing is left of it.
+    """
+    try:
+        write_text(made, ElementTree.tostring(robot, encoding="unicode"))
+        write_text(made, composed(robot, load_tree(made), root_link(made)))
+        check_urdf(made)
+    except BaseException:
+        made.unlink(missing_ok=True)
+        raise
+
+
+def _check_base(path: Path, kind: str, words: str, base: str | None) -> None:
+    if base == "wheels":
+        raise UserError(
+            "no two driven wheels are seen: `continuous` joints of one link about one horizontal axis, at mirrored "
+            "places, each with a round collision shape", file=path, key="--base", remedy="Write equations for others.",
+        )  # fmt: skip
+    if kind != "fixed" and base is None:
+        raise UserError(
+            f"{words}, and a file does not say what holds it", file=path, key="--base",
+            remedy="--base fixed bolts it to the world, as on a stand; for a base that moves write equations "
+            "(simgap new NAME --equations).",
+        )  # fmt: skip
+
+
+def _kept(joints: Mapping[str, FileJoint], asked: Asked) -> tuple[str, ...]:
+    if asked.joints is None:
+        bolted = asked.base == "fixed"
+        return tuple(n for n, joint in joints.items() if not bolted or joint.kind in _MOVING)
+    unknown = [n for n in asked.joints if n not in joints]
+    if unknown or not asked.joints:
+        raise UserError(
+            f"no moving joint is called {', '.join(map(repr, unknown))}" if unknown else "no joint is named",
+            key="--joints", remedy=f"Moving joints: {', '.join(joints)}.",
+        )  # fmt: skip
+    return tuple(n for n in joints if n in asked.joints)
+
+
+def _place(path: Path, mesh: str) -> Path:
+    scheme, _, rest = mesh.rpartition("://")
+    return path.parent.parent / rest.partition("/")[2] if scheme == "package" else path.parent / rest
