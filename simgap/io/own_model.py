@@ -57,7 +57,8 @@ def composed(robot: ElementTree.Element, tree: Tree, root: str) -> str:
         ElementTree.SubElement(joint, "child", {"link": tree.links[k]})
         ElementTree.SubElement(joint, "axis", {"xyz": _words(tree.axis[k])})
         joint.extend(part for part in old[name] if part.tag in ("limit", "dynamics", "mimic"))
-    whole.extend(robot.findall("transmission"))
+    drives = robot.findall("transmission")
+    whole.extend(d for d in drives if {j.get("name", "") for j in d.findall("joint")} <= {*tree.joints})
     ElementTree.indent(whole)
     return ElementTree.tostring(whole, encoding="unicode", xml_declaration=True) + "\n"
 

@@ -1,0 +1,228 @@
+"""Public robot files as they are: what `simgap new` and `simgap check` make of each, and whether that is right.
+
+    python benchmarks/public_models.py [--packages FOLDER] [--only NAME]
+
+Files are those of installed packages (`pip install --target FOLDER --no-deps gymnasium dm-control example-robot-data`
+has those that simgap does not need); none is copied here. What is right was written down by hand from the files: a
+case, or a refusal that holds a word. Each is tried in a process of its own with LIMIT seconds of CPU time, SEARCH of
+them for numbers. Rows are in benchmarks/results/public_models.json; docs/evidence/public_models.md shows them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import re
+import resource
+import site
+import sys
+import tempfile
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+OUT, PAGE = ROOT / "benchmarks/results/public_models.json", ROOT / "docs/evidence/public_models.md"
+LIMIT, SEARCH = 120, 2.0
+CASE = "case"
+BULLET, DRAKE, GYM, SUITE = (
+    "pybullet_data",
+    "pydrake/share/drake/examples",
+    "gymnasium/envs/mujoco/assets",
+    "dm_control",
+)
+DATA = "cmeel.prefix/share/example-robot-data/robots"
+SHIPPED_AS = {"cmeel.prefix": "example-robot-data", "pydrake": "drake"}
+LEGS, FREE, WHEELS, STILL = "chains of joints begin at its base", "moves freely", "it has wheels", "has no moving joint"
+FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
+    # folder of a package, file, options, what is right: a case, or a word of the refusal
+    (BULLET, "cartpole.urdf", {}, CASE),
+    (BULLET, "pendulum5.urdf", {}, CASE),
+    (BULLET, "cube_rotate.urdf", {}, CASE),
+    (BULLET, "TwoJointRobot_wo_fixedJoints.urdf", {}, CASE),
+    (BULLET, "franka_panda/panda.urdf", {}, "mimics"),
+    (BULLET, "franka_panda/panda.urdf", {"joints": ["panda_joint2", "panda_joint4"]}, CASE),
+    (BULLET, "kuka_iiwa/model.urdf", {}, CASE),
+    (BULLET, "kuka_iiwa/model.urdf", {"joints": ["lbr_iiwa_joint_4"]}, CASE),
+    (BULLET, "xarm/xarm6_robot.urdf", {"joints": ["joint3"]}, CASE),
+    (BULLET, "pr2_gripper.urdf", {"joints": ["left_gripper_joint"]}, CASE),
+    (BULLET, "a1/a1.urdf", {}, LEGS),
+    (BULLET, "laikago/laikago_toes.urdf", {}, LEGS),
+    (BULLET, "mini_cheetah/mini_cheetah.urdf", {}, LEGS),
+    (BULLET, "quadruped/minitaur.urdf", {}, LEGS),
+    (BULLET, "humanoid/humanoid.urdf", {}, LEGS),
+    (BULLET, "r2d2.urdf", {}, WHEELS),
+    (BULLET, "racecar/racecar.urdf", {}, WHEELS),
+    (BULLET, "husky/husky.urdf", {}, "run xacro first"),
+    (BULLET, "cube.urdf", {}, STILL),
+    (BULLET, "biped/biped2d_pybullet.urdf", {}, "-1.57."),
+    (DRAKE, "acrobot/Acrobot_no_collision.urdf", {"inputs": ["elbow"], "at": {"shoulder": 3.141592653589793}}, CASE),
+    (DRAKE, "acrobot/Acrobot.urdf", {}, 'Add <link name="world"/>'),
+    (DRAKE, "pendulum/Pendulum.urdf", {}, CASE),
+    (DATA, "ur_description/urdf/ur5_robot.urdf", {"joints": ["elbow_joint"]}, CASE),
+    (DATA, "panda_description/urdf/panda.urdf", {"joints": ["panda_joint4"]}, CASE),
+    (DATA, "kinova_description/robots/kinova.urdf", {"joints": ["j2s6s200_joint_2"]}, CASE),
+    (DATA, "double_pendulum_description/urdf/double_pendulum.urdf", {}, CASE),
+    (DATA, "double_pendulum_description/urdf/double_pendulum_continuous.urdf", {}, "which joints have a drive"),
+    (DATA, "asr_twodof_description/urdf/TwoDofs.urdf", {}, CASE),
+    (DATA, "so_arm_description/urdf/so100.urdf", {}, CASE),
+    (DATA, "z1_description/urdf/z1.urdf", {"joints": ["joint3"]}, CASE),
+    (DATA, "finger_edu_description/robots/finger_edu.urdf", {}, CASE),
+    (DATA, "g1_description/urdf/g1_29dof_rev_1_0.urdf", {}, LEGS),
+    (DATA, "solo_description/robots/solo12.urdf", {}, LEGS),
+    (DATA, "tiago_pro_description/robots/tiago_pro.urdf", {}, WHEELS),
+    (DATA, "romeo_description/urdf/romeo.urdf", {}, "without mass"),
+    (DATA, "borinot_description/urdf/borinot_flying_arm_2.urdf", {}, FREE),
+    (GYM, "inverted_pendulum.xml", {"mjcf": True, "at": {"hinge": 0.0}}, CASE),
+    (GYM, "inverted_double_pendulum.xml", {"mjcf": True}, CASE),
+    (GYM, "half_cheetah.xml", {"mjcf": True}, FREE),
+    (GYM, "ant.xml", {"mjcf": True}, FREE),
+    (GYM, "reacher.xml", {"mjcf": True, "joints": ["joint0", "joint1"], "base": "fixed"}, CASE),
+    (GYM, "pusher_v5.xml", {}, "It is MJCF"),
+    (SUITE, "suite/pendulum.xml", {"mjcf": True}, CASE),
+    (SUITE, "suite/acrobot.xml", {"mjcf": True, "at": {"shoulder": 0.0}}, CASE),
+    (SUITE, "suite/cartpole.xml", {"mjcf": True}, CASE),
+    (SUITE, "suite/finger.xml", {"mjcf": True, "joints": ["proximal", "distal"]}, CASE),
+    (SUITE, "suite/point_mass.xml", {"mjcf": True}, "tendons"),
+    (SUITE, "suite/humanoid.xml", {"mjcf": True}, FREE),
+    (SUITE, "third_party/kinova/jaco_arm.xml", {"mjcf": True, "joints": ["joint_2"]}, CASE),
+)
+
+
+def tried(path: Path, options: dict[str, Any]) -> dict[str, Any]:
+    """What became of a file: `became` (case, refused, traceback), `why`."""
+    from simgap.errors import SimgapError
+    from simgap.stages import check, new
+
+    given, notes = dict(options), list[str]()
+    files = {"urdf": None, "mjcf": path} if given.pop("mjcf", False) else {"urdf": path}
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            case = new.run("mine", out=Path(folder), note=notes.append, seconds=SEARCH, **files, **given)
+            checked = check.run(case)
+        except SimgapError as error:
+            return {"became": "refused", "why": str(error).replace(f"{folder}/", "").replace(f"{path}: ", "")}
+        except Exception:
+            return {"became": "traceback", "why": traceback.format_exc().strip().splitlines()[-1]}
+        told = [n for n in notes if n.startswith(("Its base", "No controller", "A robot on"))]
+        return {"became": CASE, "joints": case.read_text().count("quantity: position"), "controller": bool(
+            re.search(r"^synthesis:", case.read_text(), re.MULTILINE)), "in_order": check.conclusion(checked, case)[:80]
+            .replace(f"{folder}/", ""), "why": " ".join(told)}  # fmt: skip
+
+
+def _child(path: Path, options: dict[str, Any], pipe: Any) -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT))
+    pipe.send(tried(path, options))
+
+
+def row(found: Path, package: str, name: str, options: dict[str, Any], right: str) -> dict[str, Any]:
+    """One file in a process of its own."""
+    here, there = multiprocessing.Pipe(duplex=False)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    process = multiprocessing.get_context("fork").Process(target=_child, args=(found, options, there))
+    process.start()
+    there.close()
+    try:
+        said = here.recv()
+    except EOFError:
+        said = {"became": "ended", "why": f"ended by the engine, or after {LIMIT} s of CPU time"}
+    process.join()
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    good = (
+        said["became"] == CASE
+        if right == CASE
+        else said["became"] == "refused" and right.lower() in said["why"].lower()
+    )
+    return {"package": package.split("/")[0], "file": name, "options": options, "right": right, **said, "good": good,
+            "cpu_s": round(cpu, 1)}  # fmt: skip
+
+
+def counts(rows: list[dict[str, Any]]) -> dict[str, int]:
+    """How many ended how."""
+    return {
+        "listed": len(FILES),
+        "tried": len(rows),
+        "right": sum(r["good"] for r in rows),
+        "right cases": sum(r["good"] and r["became"] == CASE for r in rows),
+        "right refusals": sum(r["good"] and r["became"] == "refused" for r in rows),
+        "tracebacks": sum(r["became"] == "traceback" for r in rows),
+        "ended": sum(r["became"] == "ended" for r in rows),
+        "false in order": sum(r["became"] == CASE and r["right"] != CASE for r in rows),
+        "cases that ask for a controller": sum(bool(r.get("controller")) for r in rows),
+    }
+
+
+def _options(given: dict[str, Any]) -> str:
+    words = []
+    for key, value in given.items():
+        if isinstance(value, dict):
+            words.append(f"--{key} {','.join(f'{name}={place:.4g}' for name, place in value.items())}")
+        else:
+            words.append(
+                f"--{key}" if value is True else f"--{key} {value if isinstance(value, str) else ','.join(value)}"
+            )
+    return " ".join(words)
+
+
+def page(rows: list[dict[str, Any]]) -> str:
+    """The table as Markdown."""
+    lines = [
+        "# Public robot files",
+        "",
+        "What `simgap new` and `simgap check` make of robot files as packages ship them, none of which was written for "
+        "simgap. Right is what was written down by hand from the files: a case, or a refusal for that reason. Made by "
+        f"`python benchmarks/public_models.py` with {SEARCH:g} s for the search of numbers; no run follows here.",
+        "",
+        ". ".join(f"{name}: {n}" for name, n in counts(rows).items()) + ".",
+        "",
+        "| package | file | options | became | right | CPU s | what was said |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for r in rows:
+        became = r["became"]
+        if became == CASE:
+            became = f"case of {r['joints']}{', controller asked for' * r['controller']}"
+        why = re.sub(r"\s+", " ", r["why"]).replace("|", "\\|").replace("<", "&lt;")[:220]
+        right = "yes" if r["good"] else "**no**"
+        own = [
+            SHIPPED_AS.get(r["package"], r["package"]),
+            r["file"],
+            _options(r["options"]),
+            became,
+            right,
+            str(r["cpu_s"]),
+            why,
+        ]
+        lines.append(f"| {' | '.join(own)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Try the files that are there; rows of the results that are not asked for stay."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--packages", type=Path, action="append", default=[])
+    parser.add_argument("--only", default="")
+    asked = parser.parse_args()
+    import simgap.stages.check
+    import simgap.stages.new  # noqa: F401  # once for all processes
+
+    rows: list[dict[str, Any]] = json.loads(OUT.read_text())["rows"] if asked.only and OUT.is_file() else []
+    for package, name, options, right in sorted(FILES, key=lambda file: file[3] == CASE):  # refusals take no time
+        places = [Path(folder) / package / name for folder in (*asked.packages, *site.getsitepackages())]
+        found = next((p for p in places if p.is_file()), None)
+        if found is None or asked.only not in name:
+            continue
+        began = time.perf_counter()
+        own = row(found, package, name, options, right)
+        rows = [r for r in rows if (r["package"], r["file"], r["options"]) != (own["package"], name, options)] + [own]
+        print(rows[-1]["good"], name, rows[-1]["became"], rows[-1]["why"][:160], f"{time.perf_counter() - began:.0f} s",
+              file=sys.stderr, flush=True)  # fmt: skip
+        OUT.write_text(json.dumps({"counts": counts(rows), "rows": rows}, indent=1) + "\n")
+        PAGE.write_text(page(rows))
+
+
+if __name__ == "__main__":
+    main()
