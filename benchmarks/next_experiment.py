@@ -29,7 +29,7 @@ sys.path[:0] = [str(Path(__file__).parent)]
 from next_experiment_plants import STUDIES, Confusion, confusion  # noqa: E402
 
 from simgap.diagnosis.experiment.ask import ask  # noqa: E402
-from simgap.diagnosis.experiment.waves import random_wave  # noqa: E402
+from simgap.diagnosis.experiment.propose import random_wave  # noqa: E402
 
 FIRST_SEED = 40_000
 """Rules were set on records from seeds 7000 and 20000 on."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.confirming import confirmed
@@ -17,33 +17,41 @@ from simgap.diagnosis.result import (
     FoundEffect,
     Judged,
     Key,
+    LeftOver,
+    Nearest,
+    Option,
     RecordingFault,
+    Step,
     Verdict,
 )
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
-from simgap.diagnosis.search.explanations import Explanation
+from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.scoring import places
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
-from simgap.diagnosis.thresholds import EXACTLY_COLLINEAR, FAR
+from simgap.diagnosis.simulation.sensitivity import with_values
+from simgap.diagnosis.simulation.supermodel import Candidate
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, EXACTLY_COLLINEAR, FAR, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
-from simgap.diagnosis.verdict.doubts import doubts
 from simgap.diagnosis.verdict.faults import faint_memory, fitted_faults, gain_faults, noise_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
     chi2_dof,
+    excess_share,
+    judge,
     judged,
     slight,
+    vanished,
     verdict,
 )
-from simgap.diagnosis.verdict.restated import told
-from simgap.diagnosis.verdict.second_look import nearest, second_look
-from simgap.diagnosis.verdict.steps import steps
-from simgap.effects import apply_effects
+from simgap.effects import EFFECTS, AppliedEffect, apply_effects
+from simgap.effects.sensor_gain import LINEAR, is_linear
 from simgap.model.symbolic import SymbolicModel
+from simgap.notation import joined
 
 
 def conclude(
@@ -187,3 +195,202 @@ def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) 
     if horizon_s > 0 and held.horizon is None:
         said.append("No stretch of the fold that confirms is as long as the horizon: the errors are within windows.")
     return tuple(said)
+
+
+def steps(search: Search, empty: Explanation, answer: Explanation) -> tuple[Step, ...]:
+    """The effects of the answer in the order in which each takes away most, and a last step that takes none.
+
+    The search itself adds, drops and swaps, so its own order need not lead to its answer; the sets in between that it
+    never fitted are fitted here, unless it was stopped. The other options of a step are those that it fitted there.
+    """
+    here, left, out = empty, list(answer.members), []
+    while True:
+        own = {c.key: e for c in left if (e := _with(search, here, c, answer)) is not None}
+        best = min(own, key=lambda key: own[key].fit.chi2, default=None)
+        tried = _tried(search, here) | own
+        if tried and (best is not None or not left):
+            out.append(Step(chi2_dof(search.problem, here.fit), _options(search, here, tried, best)))
+        if best is None:
+            return tuple(out)
+        here, left = own[best], [c for c in left if c.key != best]
+
+
+def _with(search: Search, here: Explanation, member: Candidate, answer: Explanation) -> Explanation | None:
+    """A step with this member of the answer, from the answer's numbers; None if the search was stopped before it."""
+    members = (*here.members, member)
+    keys = here.keys | {member.key}
+    fitted = [e for e in search.tried.values() if e.keys == keys]
+    if fitted:
+        return min(fitted, key=lambda e: e.fit.chi2)
+    if search.watch.stopped:
+        return None
+    outside = [k for c in answer.members if c.key not in keys for k in c.slots]
+    theta = with_values(answer.fit.theta, {k: float(search.problem.model.null[k]) for k in outside})
+    return search.explain(members, theta, answer.fit)
+
+
+def _tried(search: Search, here: Explanation) -> dict[Key, Explanation]:
+    """What was fitted with one effect more, physical fits alone, the best fit of each."""
+    found: dict[Key, Explanation] = {}
+    for e in search.tried.values():
+        if e.physical and len(e.members) == len(here.members) + 1 and here.keys < e.keys:
+            (key,) = e.keys - here.keys
+            if key not in found or e.fit.chi2 < found[key].fit.chi2:
+                found[key] = e
+    return found
+
+
+def _options(
+    search: Search, here: Explanation, tried: dict[Key, Explanation], best: Key | None
+) -> tuple[Option, ...]:  # fmt: skip
+    ordered: Sequence[Key] = sorted(tried, key=lambda key: (key != best, tried[key].fit.chi2))
+    return tuple(
+        Option(*key, chi2_dof(search.problem, tried[key].fit), here.bic - tried[key].bic, key == best)
+        for key in ordered
+    )
+
+
+def second_look(
+    search: Search, found: Explanation, confirm: Problem, left: HeldOut, horizon_s: float, model: SymbolicModel
+) -> tuple[LeftOver, ...] | None:
+    """Effects beside the chosen ones that lower what is left by `MATTERS` at least, the largest share first.
+
+    They are fitted to what the search knows; what they would take away is judged on *confirm*, which chooses none of
+    them: they are told of and not named, as the limit on the number of effects or the data spoke against them. None if
+    the fitted data are down to their noise.
+    """
+    if chi2_dof(search.problem, found.fit) <= FIT_QUALITY:
+        return None
+    said = []
+    for e in search.joined(found, most=NARROW):
+        (added,) = (c.key for c in e.members if c.key not in found.keys)
+        if is_fault(added[0]) or added in {c.key for c in vanished(search, e, False)}:
+            continue
+        share = 1.0 - excess_share(left, judge(confirm, e.fit.theta, horizon_s), confirm.sigma)
+        if share >= MATTERS:
+            told = answer.found_effects(search, e, (), chi2_dof(search.problem, e.fit), False, model)
+            said += [LeftOver(f, share) for f in told if (f.name, f.on) == added]
+    return tuple(sorted(said, key=lambda s: -s.share))
+
+
+def nearest(
+    full: Search, found: Explanation, evidence: Evidence, at_floor: bool, model: SymbolicModel
+) -> Nearest | None:
+    """What was put to *confirm* and is not named, with the reasons; None if it explains next to nothing."""
+    share = 1.0 - evidence.share if at_floor else evidence.gain.share[0]
+    if not found.members or share < MATTERS:
+        return None
+    reasons = (
+        (not evidence.carries, "it does not surely predict better by a tenth"),
+        (not evidence.agree, "halves of the data give different numbers"),
+        (not found.physical, "the numbers are not physical"),
+        (not found.fit.converged, "the fit had not settled"),
+        (all(c.of_recording for c in found.members), "it is a fault of the recording, and more than noise is left"),
+    )
+    effects = answer.found_effects(full, found, (), evidence.after, at_floor, model)
+    return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
+
+
+def restated(
+    model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]
+) -> list[tuple[Alternative, frozenset[int]]]:
+    """Sets in which one effect of the library stands for some of those found, exactly; with the places of these."""
+    out = []
+    for e in EFFECTS.values():
+        for on in e.targets(model):
+            same = e.restates(model, on, found, measured)
+            if same is not None:
+                kept = tuple(a for k, a in enumerate(found) if k not in same[0])
+                whole = (*kept, AppliedEffect(e.name, on, same[1]))
+                out.append((Alternative(whole, 0.0, True), same[0]))
+    return out + _by_the_sensors(model, found, measured)
+
+
+def _by_the_sensors(
+    model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]
+) -> list[tuple[Alternative, frozenset[int]]]:
+    """Readings that are all as late as the only input was found to act; or a sensor that is as slow, of a linear plant.
+
+    Whether a command or a reading is under way for so long, no record of these channels tells; in a closed loop both
+    act alike.
+    """
+    if len(model.inputs) != 1:
+        return []
+    out = []
+    for k, a in enumerate(found):
+        kept = tuple(b for b in found if b is not a)
+        late: tuple[AppliedEffect, ...] = ()
+        if a.name == "input_delay" and not any(b.name == "late_reading" for b in kept):
+            late = tuple(AppliedEffect("late_reading", on, {"late": a.values["delay"]}) for on in measured)
+        elif a.name == "input_lag" and len(measured) == 1 and {b.name for b in kept} <= LINEAR and is_linear(model):
+            late = (AppliedEffect("filtered_reading", measured[0], {"lag": a.values["T"]}),)
+        if late:
+            out.append((Alternative((*kept, *late), 0.0, True), frozenset({k})))
+    return out
+
+
+def told(
+    effects: Sequence[FoundEffect], alternatives: Sequence[Alternative], model: SymbolicModel,
+    found: Sequence[AppliedEffect], measured: Sequence[str],
+) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...]]:  # fmt: skip
+    """The effects and the alternatives with what restates them, each set once."""
+    known = [frozenset((a.name, a.on) for a in other.effects) for other in alternatives]
+    listed, changed = list(alternatives), list(effects)
+    for other, stand_ins in restated(model, found, measured):
+        if frozenset((a.name, a.on) for a in other.effects) in known:
+            continue
+        listed.append(other)
+        new = tuple((a.name, a.on) for a in other.effects if a not in found)
+        for k in stand_ins:
+            changed[k] = replace(changed[k], alternatives=(*changed[k].alternatives, new))
+    return tuple(changed), tuple(listed)
+
+
+def doubts(others: Sequence[Rival], found: Explanation, problem: Problem, kept: Explanation) -> tuple[str, ...]:
+    """What is to be said, the strongest reason alone; empty if there is none.
+
+    Args:
+        others, found: what explains the data as well, and the answer, as the search compared them.
+        problem, kept: everything that was fitted in the end, and the answer fitted to it.
+    """
+    return better(others, found) or contested(others, found) or doubted(problem, kept)
+
+
+def better(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
+    """What is to be said of a listed set that fits clearly better than the answer."""
+    best = min((r.explanation for r in others), key=lambda e: e.bic, default=found)
+    if found.bic - best.bic < BIC_GAIN:
+        return ()
+    named = joined([c.effect.phrase(c.on) for c in best.members])
+    return (
+        f"Among the alternatives {named} fits better (BIC lower by {found.bic - best.bic:.0f}), but did not carry over "
+        "to the data that choose as well, or was found after they chose.",
+    )
+
+
+def contested(others: Sequence[Rival], found: Explanation) -> tuple[str, ...]:
+    """What is to be said of a listed set that fits as well and is not the same thing: neither is sure.
+
+    A fault of the readings in the place of an effect is told beside it and does not contest it.
+    """
+    close = [
+        r.explanation for r in others
+        if not r.exact and r.explanation.bic <= found.bic + AS_GOOD
+        and not any(c.of_recording for c in r.explanation.members if c.key not in found.keys)
+    ]  # fmt: skip
+    if not close:
+        return ()
+    best = min(close, key=lambda e: e.bic)
+    named = joined([c.effect.phrase(c.on) for c in best.members])
+    return (
+        f"Among the alternatives {named} fits as well (BIC {best.bic - found.bic:+.1f}): these data do not decide.",
+    )
+
+
+def doubted(problem: Problem, kept: Explanation) -> tuple[str, ...]:
+    """What is to be said of effects that may be something else wherever the record was."""
+    doubts = [
+        (c, c.effect.doubt(answer.parameter_values(c, kept.fit), places(problem, c.on)))
+        for c in kept.members if c.effect.kind == "coordinate"
+    ]  # fmt: skip
+    return tuple(f"Of {c.effect.phrase(c.on)}: {why}." for c, why in doubts if why)

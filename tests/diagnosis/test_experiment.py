@@ -13,9 +13,8 @@ from simgap.diagnosis.experiment.ask import Question, ask
 from simgap.diagnosis.experiment.bench import margins
 from simgap.diagnosis.experiment.beside import beside
 from simgap.diagnosis.experiment.lengths import as_usable, halves, shortest, windows_to_come
-from simgap.diagnosis.experiment.propose import tried
+from simgap.diagnosis.experiment.propose import Wave, random_wave, tried, waves
 from simgap.diagnosis.experiment.rivals import known_rivals
-from simgap.diagnosis.experiment.waves import Wave, random_wave, waves
 from simgap.diagnosis.experiment.words import paragraph
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.conditions import conditioned

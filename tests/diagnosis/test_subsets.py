@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from simgap.diagnosis.conclude import better
 from simgap.diagnosis.search.equivalence import Rival
+from simgap.diagnosis.search.leaps import best_subsets
 from simgap.diagnosis.search.scoring import Screen
-from simgap.diagnosis.search.subsets import best_subsets
-from simgap.diagnosis.verdict.doubts import better
 
 
 def _screen(columns: np.ndarray, residual: np.ndarray, own: int) -> Screen:

@@ -19,8 +19,7 @@ from simgap.diagnosis.arms.base import BaseParameters, base_parameters
 from simgap.diagnosis.arms.consistent import Consistent, consistent
 from simgap.diagnosis.arms.fit import correlation_rows, solve, spread, standard_errors
 from simgap.diagnosis.arms.folds import folds_of, together
-from simgap.diagnosis.arms.gains import gains, open_gains, scaled
-from simgap.diagnosis.arms.lone_gains import SAID, lone_gains
+from simgap.diagnosis.arms.gains import SAID, gains, lone_gains, open_gains, scaled
 from simgap.diagnosis.arms.motion import Columns, motions, rest_speeds
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload, keys_of, part_of
 from simgap.diagnosis.arms.result import ArmDiagnosis
