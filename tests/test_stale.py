@@ -9,8 +9,8 @@ from tests import stale
     ("file", "rests_on"),
     [
         ("checker/test_reach.py", {"checker/repeats.py", "tests/checker/checker_runs.py"}),  # the checker is a process
-        ("cli/test_tutorial.py", {"docs/tutorial.md", "docs/tutorial/swings.csv"}),
-        ("cli/test_notebook.py", {"docs/notebook.ipynb"}),
+        ("cli/test_tutorial.py", {"docs/tutorials/robot.md", "docs/tutorial/swings.csv"}),
+        ("cli/test_notebook.py", {"docs/tutorials/notebook.ipynb"}),
         ("workflow/test_slurm.py", {"rules/gap.smk", "profiles/slurm/config.yaml"}),
         ("gap/test_grain.py", {"uv.lock", "pyproject.toml", "tests/conftest.py", "configs/cases/pendulum.yaml"}),
     ],

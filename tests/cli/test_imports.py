@@ -17,9 +17,9 @@ STAGES = {
     "fresh cart.yaml --workers 1 --out fresh.parquet": {"pyarrow"},
     "rollouts cart.yaml --grid grid --out shard.parquet": {"pyarrow"},
     "borders cart.yaml --point eps~0.1 --out borders.parquet": {"pyarrow", "sympy"},
-    "lipschitz cart.yaml --state v --grid grid --rollouts shard.parquet --out slopes.json":
+    "lipschitz cart.yaml --grid grid --rollouts shard.parquet --out slopes.json":
         COMPILED | {"pyarrow", "scipy.special", "scipy.optimize", "scipy.stats"},
-    "scp cart.yaml --state v --grid grid --rollouts shard.parquet --borders borders.parquet --out program.json":
+    "scp cart.yaml --grid grid --rollouts shard.parquet --borders borders.parquet --out program.json":
         COMPILED | {"pyarrow", "cvxpy", "scipy.special", "scipy.optimize", "scipy.stats", "jinja2"},
     "synthesis cart.yaml --out nominal.npz --summary nominal.json": COMPILED,
 }  # fmt: skip

@@ -123,6 +123,6 @@ def test_what_confirms_must_ask_for_every_effect_and_be_down_to_its_noise(change
     )
     held, asked = _asked()
     if "corrected" in changed:
-        changed = {"corrected": replace(held, ratio=changed["corrected"])}
+        changed = {"corrected": replace(held, ratio=changed["corrected"], chi2=1440.0, free=1000)}
     assert verdict(found, replace(asked, **changed)) == "partial"
     assert verdict(found, replace(asked, agree=False, **changed)) == "unexplained"
