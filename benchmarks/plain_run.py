@@ -3,8 +3,8 @@
     python benchmarks/plain_run.py                    seconds of a fixed PyBullet loop, to compare machines by
     python benchmarks/plain_run.py RESULTS            and the CPU time of a run by stage, kept beside the one before
 
-A row is a group of stages, a column a case, from what the jobs left behind (`simgap times`); what is kept makes the table
-in docs/evidence/speed.md (`python benchmarks/tables.py`).
+A row is a group of stages, a column a case, from what the jobs left behind (`simgap times`); what is kept makes the
+table in docs/evidence/speed.md (`python benchmarks/tables.py`).
 """
 
 from __future__ import annotations

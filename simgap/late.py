@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     import scipy
     import sympy
     from numba import njit
-    from scipy.spatial import transform
 
 __all__ = [
     "interpreted",
@@ -34,7 +33,6 @@ __all__ = [
     "pyarrow_parquet",
     "scipy",
     "sympy",
-    "transform",
 ]
 
 
@@ -88,7 +86,6 @@ def interpreted(module: ModuleType) -> SimpleNamespace:
 
 if not TYPE_CHECKING:
     numba, pyarrow, scipy, sympy = (_Library(name) for name in ("numba", "pyarrow", "scipy", "sympy"))
-    transform = _Library("scipy.spatial.transform")
     pyarrow_compute, pyarrow_csv, pyarrow_parquet = (
         _Library(f"pyarrow.{name}") for name in ("compute", "csv", "parquet")
     )

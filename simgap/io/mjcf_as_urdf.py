@@ -16,7 +16,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
 from simgap.io.own_model import origin_of
-from simgap.late import transform
+from simgap.late import scipy
 from simgap.plants.urdf_checks import loading
 from simgap.simulators import mjcf
 from simgap.simulators.mjcf_findings import most_force, motors_of
@@ -211,18 +211,18 @@ def _turns_or_slides(model: Any, joint: int) -> bool:
 
 def _turn(body: Any, model: Any, joint: int, by: float) -> None:
     """A body's pose after its joint has moved."""
-    old = transform.Rotation.from_quat(body.quat, scalar_first=True)
+    old = scipy.spatial.transform.Rotation.from_quat(body.quat, scalar_first=True)
     new, shift = _motion(model, joint, by)
     body.pos = np.asarray(body.pos) + old.apply(shift)
     body.quat = (old * new).as_quat(scalar_first=True)
 
 
-def _motion(model: Any, joint: int, by: float) -> tuple[transform.Rotation, Floats]:
+def _motion(model: Any, joint: int, by: float) -> tuple[scipy.spatial.transform.Rotation, Floats]:
     """Rotation and shift of a body in its own frame as a joint moves by so much."""
     axis, anchor = np.array(model.jnt_axis[joint]), np.array(model.jnt_pos[joint])
     if model.jnt_type[joint] == mjcf.installed().mjtJoint.mjJNT_SLIDE:
-        return transform.Rotation.identity(), by * axis
-    turned = transform.Rotation.from_rotvec(by * axis)
+        return scipy.spatial.transform.Rotation.identity(), by * axis
+    turned = scipy.spatial.transform.Rotation.from_rotvec(by * axis)
     return turned, anchor - turned.apply(anchor)
 
 
@@ -235,7 +235,7 @@ def _robot(path: Path, model: Any, efforts: Mapping[str, float | None]) -> Eleme
     for b in range(1, model.nbody):
         moving = int(model.body_jntadr[b]) if model.body_jntnum[b] else None
         turned, place = (
-            transform.Rotation.from_quat(model.body_quat[b], scalar_first=True),
+            scipy.spatial.transform.Rotation.from_quat(model.body_quat[b], scalar_first=True),
             np.array(model.body_pos[b]),
         )
         if moving is not None:
@@ -261,7 +261,7 @@ def _link(robot: ElementTree.Element, name: str, model: Any, b: int, anchor: Flo
         own.append(
             origin_of(
                 model.body_ipos[b] - anchor,
-                transform.Rotation.from_quat(model.body_iquat[b], scalar_first=True),
+                scipy.spatial.transform.Rotation.from_quat(model.body_iquat[b], scalar_first=True),
             )
         )
         ElementTree.SubElement(own, "mass", {"value": f"{model.body_mass[b]:.12g}"})

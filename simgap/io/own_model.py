@@ -16,7 +16,7 @@ from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.io.inertial_file import write_inertial
 from simgap.io.wheeled_urdf import numbers
-from simgap.late import transform
+from simgap.late import scipy
 from simgap.model.tree import Tree
 from simgap.plants.model_file import FileJoint
 
@@ -51,7 +51,7 @@ def composed(robot: ElementTree.Element, tree: Tree, root: str) -> str:
     for k, name in enumerate(tree.joints):
         write_inertial(ElementTree.SubElement(whole, "link", {"name": tree.links[k]}), tree.inertial[k])
         joint = ElementTree.SubElement(whole, "joint", {"name": name, "type": old[name].get("type", "")})
-        joint.append(origin_of(tree.place[k], transform.Rotation.from_matrix(tree.turn[k])))
+        joint.append(origin_of(tree.place[k], scipy.spatial.transform.Rotation.from_matrix(tree.turn[k])))
         parent = tree.links[tree.parent[k]] if tree.parent[k] >= 0 else root
         ElementTree.SubElement(joint, "parent", {"link": parent})
         ElementTree.SubElement(joint, "child", {"link": tree.links[k]})
@@ -90,18 +90,18 @@ def _place(joint: ElementTree.Element, at: Mapping[str, float]) -> float:
 def _lock(joint: ElementTree.Element, position: float) -> None:
     origin, axis = joint.find("origin"), numbers(joint.find("axis"), "xyz", "1 0 0")
     place = numbers(origin, "xyz", "0 0 0")
-    turned = transform.Rotation.from_euler("xyz", numbers(origin, "rpy", "0 0 0"))
+    turned = scipy.spatial.transform.Rotation.from_euler("xyz", numbers(origin, "rpy", "0 0 0"))
     if joint.get("type") == "prismatic":
         place = place + turned.apply(position * axis)
     else:
-        turned = turned * transform.Rotation.from_rotvec(position * axis)
+        turned = turned * scipy.spatial.transform.Rotation.from_rotvec(position * axis)
     for part in [p for p in joint if p.tag in ("origin", *_OF_MOTION)]:
         joint.remove(part)
     joint.set("type", "fixed")
     joint.insert(0, origin_of(place, turned))
 
 
-def origin_of(place: Floats, turned: transform.Rotation) -> ElementTree.Element:
+def origin_of(place: Floats, turned: scipy.spatial.transform.Rotation) -> ElementTree.Element:
     """<origin> of a place (3,) in m and a rotation."""
     m = turned.as_matrix()
     flat = float(np.hypot(m[0, 0], m[1, 0]))
