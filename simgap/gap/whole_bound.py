@@ -10,14 +10,15 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.tiers import Tier
 from simgap.gap.fitting.acceptance import confirmed, covering_remainder, none_outside, tolerate
 from simgap.gap.fitting.assemble import assemble
 from simgap.gap.fitting.borders import (
+    CHECK,
     MAKE_BORDERS,
     NO_BORDERS,
     SHIFTED,
-    border_check,
     border_gaps,
     border_states,
     directed_samples,
@@ -25,12 +26,13 @@ from simgap.gap.fitting.borders import (
 from simgap.gap.fitting.conformal import Calibration
 from simgap.gap.fitting.dimension_fit import fit_from_json
 from simgap.gap.fitting.force_reversal import engine_grain, grain_tier
-from simgap.gap.fitting.fresh_check import FreshCheck, check_fresh
+from simgap.gap.fitting.fresh_check import BorderCheck, FreshCheck, check_fresh
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.memory.checked_bound import hidden_bound
 from simgap.gap.memory.hidden_state import tolerance_of
 from simgap.gap.sampling.gap_samples import check_drawn, motion_of, read_back, sample_grid, steps_of
 from simgap.gap.sampling.points import Columns, Points, free_axes, known_radius, remembers
+from simgap.gap.sampling.switching import switching_surfaces
 from simgap.gap.sampling.tables import AFTER_PREVIOUS, stacked, successors
 from simgap.gap.sampling.translation import ShiftDeviation
 from simgap.gap.settings import GapSettings
@@ -210,3 +212,14 @@ def reached_stops(context: Context, states: Sequence[str]) -> list[str]:
         for joint, ends in joint_stops(context.folder / file, list(places)).items()
         if (name := places[joint]) in states and any(to_stop(context.case, name, end) for end in ends)
     ]
+
+
+def border_check(context: Context, name: str, rolled: Columns, function: GapFunction) -> BorderCheck:
+    """The bound held against the samples of the check, which no fit has seen.
+
+    Raises:
+        UserError: a table of another case, or of another grid.
+    """
+    x, u, lower, upper = border_gaps(context, rolled, CHECK, border_states(context, name, CHECK))
+    found = check_fresh(function, x, u, lower, d_upper=upper)
+    return BorderCheck(len(x), found.violations, len(switching_surfaces(context)), found.worst, found.outside)

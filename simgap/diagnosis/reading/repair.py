@@ -49,7 +49,7 @@ def repaired(record: Record) -> tuple[Record, tuple[RecordingFault, ...]]:
         if 0.0 < share <= A_FEW:
             faults.append(_said("spikes", name, share, f"jump away for one sample by more than {SPIKE * scale:.2g}"))
             lost = [_with(mask, k, found) for mask, found in zip(lost, spikes, strict=True)]
-    if not faults:
+    if not faults and not any(mask.any() for mask in lost):
         return record, ()
     traces = tuple(_bridged(trace, mask) for trace, mask in zip(record.traces, lost, strict=True))
     return replace(record, traces=traces), tuple(faults)

@@ -13,8 +13,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.gap.bounds.function import GapDomain, GapFunction
-from simgap.gap.fitting.fresh_check import BorderCheck, check_fresh
+from simgap.gap.bounds.function import GapDomain
 from simgap.gap.sampling.borders import Borders, critical_points
 from simgap.gap.sampling.points import Columns, covering_grid, free_axes, product, remembers
 from simgap.gap.sampling.samples import Directed
@@ -95,17 +94,6 @@ def border_gaps(context: Context, rolled: Columns, part: str, own: Borders) -> t
     ends = [successors(mine, state) for state in context.states]
     lower, upper = (np.stack([pair[k] for pair in ends], axis=1) - predicted for k in (0, 1))
     return x, u, lower, upper
-
-
-def border_check(context: Context, name: str, rolled: Columns, function: GapFunction) -> BorderCheck:
-    """The bound held against the samples of the check, which no fit has seen.
-
-    Raises:
-        UserError: a table of another case, or of another grid.
-    """
-    x, u, lower, upper = border_gaps(context, rolled, CHECK, border_states(context, name, CHECK))
-    found = check_fresh(function, x, u, lower, d_upper=upper)
-    return BorderCheck(len(x), found.violations, len(switching_surfaces(context)), found.worst, found.outside)
 
 
 def roll_out_borders(case: Case, folder: Path, states: dict[str, Floats], inputs: Floats) -> tuple[Columns, str]:
