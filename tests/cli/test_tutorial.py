@@ -46,8 +46,10 @@ def test_what_it_says_is_found(done):
     )  # what docs/tutorial/make.py was given; the step of its encoder is not noise
     assert "Coulomb friction of 0.15 N m at the hinge" in TEXT
     assert f"attributed: {found['sentence']}" in RECORDINGS
-    assert "to 57 % of their present intervals" in said["simgap next rod.yaml found/"]
-    assert "to 57 % of the\npresent one" in RECORDINGS
+    proposed = said["simgap next rod.yaml found/"]
+    assert "cannot tell apart Coulomb friction at the hinge and Stribeck friction at the hinge" in proposed
+    assert "3.53 s are enough; 20 s would make it 99.9 %" in proposed
+    assert "3.53 s of the proposed input are enough, and 20 s would make it 99.9 %" in RECORDINGS
     corrected = yaml.safe_load((folder / "found/corrected_case.yaml").read_text())
     assert corrected["name"] == "rod_corrected"
 
