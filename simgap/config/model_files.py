@@ -31,8 +31,7 @@ def named_files(section: Any) -> Iterator[tuple[str, str]]:
 def named_by(model: Path) -> Iterator[tuple[str, Path]]:
     """Files that a model file names in turn, such as meshes, as far as they are there: how it does, and where they lie.
 
-    In a URDF `package://` means the folder above its own, or as PyBullet looks for it a folder of the package's name
-    beside or above. An MJCF file is read with all that it includes, and its files are told by their place beside it.
+    A URDF's files lie at `places_of`. An MJCF file is read with all that it includes, and its files are told by their place beside it.
     What is no XML names none; whoever loads it says why.
 
     Raises:
@@ -45,13 +44,21 @@ def named_by(model: Path) -> Iterator[tuple[str, Path]]:
         yield from _named_by_mjcf(model, root)
         return
     for name in dict.fromkeys(e.get("filename") for e in root.iter()):
-        scheme, _, rest = (name or "").rpartition("://")
-        places = [model.parent / rest] if rest else []
-        if scheme == "package":
-            above = Path(os.path.abspath(model)).parents[:ABOVE]
-            places = [model.parent.parent / rest.partition("/")[2], *(folder / rest for folder in above)]
-        for k, place in enumerate(found for found in places if reading.is_file(found)):
+        for k, place in enumerate(found for found in places_of(model, name or "") if reading.is_file(found)):
             yield f"{name}{f' ({k})' if k else ''}", place
+
+
+def places_of(model: Path, name: str) -> list[Path]:
+    """Where a file may lie that a URDF names, the likeliest place first; none for an empty name.
+
+    `package://` means the folder above the model's own, or as PyBullet looks for it a folder of the package's name
+    beside or above.
+    """
+    scheme, _, rest = name.rpartition("://")
+    if scheme != "package":
+        return [model.parent / rest] if rest else []
+    own = Path(os.path.abspath(model))
+    return [own.parent.parent / rest.partition("/")[2], *(folder / rest for folder in own.parents[:ABOVE])]
 
 
 def _root(path: Path) -> ElementTree.Element | None:

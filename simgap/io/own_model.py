@@ -6,6 +6,7 @@ of an arm hold the parameters of every link that has any.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
@@ -20,7 +21,6 @@ from simgap.late import scipy
 from simgap.model.tree import Tree
 from simgap.plants.model_file import FileJoint
 
-_UPRIGHT = 1e-9
 _OF_MOTION = ("axis", "limit", "dynamics", "mimic", "calibration", "safety_controller")
 
 
@@ -103,11 +103,9 @@ def _lock(joint: ElementTree.Element, position: float) -> None:
 
 def origin_of(place: Floats, turned: scipy.spatial.transform.Rotation) -> ElementTree.Element:
     """<origin> of a place (3,) in m and a rotation."""
-    m = turned.as_matrix()
-    flat = float(np.hypot(m[0, 0], m[1, 0]))
-    upright = flat > _UPRIGHT  # else roll and yaw turn about one axis, and yaw is nothing
-    roll = np.arctan2(m[2, 1], m[2, 2]) if upright else np.arctan2(-m[1, 2], m[1, 1])
-    angles = np.array([roll, np.arctan2(-m[2, 0], flat), np.arctan2(m[1, 0], m[0, 0]) if upright else 0.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # upright, roll and yaw turn about one axis: one of them is 0
+        angles = turned.as_euler("xyz")
     return ElementTree.Element("origin", {"xyz": _words(place), "rpy": _words(angles)})
 
 

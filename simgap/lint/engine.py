@@ -12,6 +12,7 @@ import numpy as np
 
 from simgap import plugins, reading
 from simgap.config.case import Case
+from simgap.config.model_files import places_of
 from simgap.errors import UserError
 from simgap.lint.wheels import driven_as_told
 from simgap.plants.context import Context
@@ -86,7 +87,7 @@ def model_file(context: Context) -> ModelFile | None:
         for mesh in file.meshes:
             if mesh.startswith("package://"):
                 continue  # found through the paths of a ROS installation, if at all
-            if not reading.is_file(file.path.parent / mesh.removeprefix("file://")):
+            if not any(map(reading.is_file, places_of(file.path, mesh))):
                 raise UserError(
                     "the mesh does not exist", file=file.path, key=f"mesh '{mesh}'", remedy="Correct its path."
                 )

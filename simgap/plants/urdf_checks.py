@@ -14,6 +14,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
+from simgap.config.model_files import places_of
 from simgap.errors import SimgapError, UserError, excerpt
 
 NUMBERS: Mapping[str, Mapping[str, int]] = {
@@ -247,11 +248,10 @@ def inside_folders(path: Path, name: str) -> bool:
     """Whether a file that a model names lies where packages keep theirs, or whoever runs simgap trusts the model."""
     if os.environ.get(TRUST) == "1":
         return True
-    inside = Path(os.path.abspath(path)).parent.parent
-    scheme, _, rest = name.rpartition("://")
-    own = rest.partition("/")[2] if scheme == "package" else rest  # the package is the folder above
-    base = inside if scheme == "package" else reading.real(path).parent
-    return scheme in ("", "package", "file") and reading.real(base / own).is_relative_to(reading.real(inside))
+    scheme = name.rpartition("://")[0]
+    places = places_of(path if scheme == "package" else reading.real(path), name)[:1]
+    inside = reading.real(Path(os.path.abspath(path)).parent.parent)
+    return scheme in ("", "package", "file") and all(reading.real(own).is_relative_to(inside) for own in places)
 
 
 def _number(word: str) -> float:

@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from simgap import reading
+from simgap.config.model_files import places_of
 from simgap.errors import UserError, excerpt
 from simgap.io.atomic import write_text
 from simgap.io.mjcf_as_urdf import compiled
@@ -75,7 +76,9 @@ def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> Mode
     _check_base(path, standing.kind, standing.words, asked.base)
     keep = _kept(file.joints, asked)
     refuse_coupled(path, file.joints, keep)
-    absent = [m for m in file.meshes if not inside_folders(path, m) or not reading.is_file(_place(path, m))]
+    absent = [
+        m for m in file.meshes if not inside_folders(path, m) or not any(map(reading.is_file, places_of(path, m)[:1]))
+    ]
     locked = [n for n in file.joints if n not in keep]
     if not locked and not absent:
         return Model(file)
@@ -160,8 +163,3 @@ def _kept(joints: Mapping[str, FileJoint], asked: Asked) -> tuple[str, ...]:
             key="--joints", remedy=f"Moving joints: {', '.join(joints)}.",
         )  # fmt: skip
     return tuple(n for n in joints if n in asked.joints)
-
-
-def _place(path: Path, mesh: str) -> Path:
-    scheme, _, rest = mesh.rpartition("://")
-    return path.parent.parent / rest.partition("/")[2] if scheme == "package" else path.parent / rest

@@ -39,7 +39,7 @@ from simgap.model.kept import kept
 from simgap.synthesis.abstraction.frame import Frame, cell_box, to_cells
 from simgap.synthesis.abstraction.holes import count_holes, layout, table_size
 from simgap.synthesis.abstraction.nominal import Model
-from simgap.synthesis.abstraction.product import Kernel, image
+from simgap.synthesis.abstraction.product import Kernel, image, without_ends
 from simgap.synthesis.abstraction.tables import reduced_cells
 from simgap.synthesis.games.windows import crop, padded, to_bytes, to_words, window_and
 
@@ -379,9 +379,7 @@ def one_step_margins(
     for c in range(len(tables)):
         count_holes(np.ascontiguousarray(known.winning[:, c]).astype(np.uint8), shape, n, tables[c])
     header = frame.header
-    free = header.copy()
-    for j in others:
-        free[2 * n + j], free[3 * n + j] = -np.inf, np.inf
+    free = without_ends(header, np.isin(np.arange(n), on))
     factor, extra = np.full(grid.size, np.nan), np.full((grid.size, n), np.nan)
     search = searcher(image(model.interval_kernel, model.jacobian_interval_kernel), gap)
     strides = np.array([int(np.prod(grid.cells[j + 1 :])) for j in range(n)])

@@ -7,7 +7,7 @@ import pytest
 from little_cart import CASE, write_cart
 
 LARGE = {
-    "sympy", "numba", "scipy.linalg", "scipy.special", "scipy.optimize", "scipy.signal", "scipy.stats", "pyarrow",
+    "sympy", "numba", "scipy.linalg", "scipy.sparse", "scipy.special", "scipy.optimize", "scipy.signal", "scipy.stats", "pyarrow",
     "pydrake", "pybullet", "mujoco", "matplotlib", "rerun", "cvxpy", "jinja2", "pandas", "snakemake",
 }  # fmt: skip
 COMPILED = {"sympy", "numba", "scipy.linalg"}  # numba asks SciPy for its linear algebra
@@ -18,9 +18,9 @@ STAGES = {
     "rollouts cart.yaml --grid grid --out shard.parquet": {"pyarrow"},
     "borders cart.yaml --point eps~0.1 --out borders.parquet": {"pyarrow", "sympy"},
     "lipschitz cart.yaml --grid grid --rollouts shard.parquet --out slopes.json":
-        COMPILED | {"pyarrow", "scipy.special", "scipy.optimize", "scipy.stats"},
+        COMPILED | {"pyarrow", "scipy.special", "scipy.optimize", "scipy.sparse", "scipy.stats"},
     "scp cart.yaml --grid grid --rollouts shard.parquet --borders borders.parquet --out program.json":
-        COMPILED | {"pyarrow", "cvxpy", "scipy.special", "scipy.optimize", "scipy.stats", "jinja2"},
+        COMPILED | {"pyarrow", "cvxpy", "scipy.special", "scipy.optimize", "scipy.sparse", "scipy.stats", "jinja2"},
     "synthesis cart.yaml --out nominal.npz --summary nominal.json": COMPILED,
 }  # fmt: skip
 RUN = "from simgap.cli import main\ntry: main({})\nexcept SystemExit as ended: assert not ended.code, ended.code\n"

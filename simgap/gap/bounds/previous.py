@@ -6,19 +6,19 @@ remembers the class of that input may use the bound of the class, which is narro
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
+from simgap.gap.json_record import JsonRecord
 from simgap.simulators.body_samples import REST
 
 
 @dataclass(frozen=True, eq=False)
-class PreviousClasses:
+class PreviousClasses(JsonRecord, names={"kind": "of_input", "rest": "at_rest"}):
     """A partition of U.
 
     Attributes:
@@ -36,15 +36,6 @@ class PreviousClasses:
     def after(self, previous: Ints) -> Ints:
         """Classes after previous inputs (n,), `REST` among them: -> (n,)."""
         return np.where(previous == REST, self.rest, self.kind[previous])
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return {"of_input": self.kind.tolist(), "at_rest": self.rest}
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> PreviousClasses:
-        """The inverse of `to_json`."""
-        return PreviousClasses(np.array(data["of_input"], dtype=np.int64), int(data["at_rest"]))
 
     @staticmethod
     def single(inputs: int) -> PreviousClasses:

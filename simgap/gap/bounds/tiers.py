@@ -7,28 +7,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 from simgap.arrays import Floats
+from simgap.gap.json_record import JsonRecord
 
 
 @dataclass(frozen=True)
-class Tier:
+class Tier(JsonRecord, names={"level": "tier"}):
     """One statement: its level 1, 2 or 3 and its text, a full sentence for the reader of a report."""
 
     level: int
     text: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Level and text."""
-        return {"tier": self.level, "text": self.text}
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> Tier:
-        """The inverse of `to_json`."""
-        return Tier(int(data["tier"]), str(data["text"]))
 
 
 PROVEN = Tier(

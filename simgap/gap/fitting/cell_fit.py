@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.tiers import directed_words, guarantee
+from simgap.gap.json_record import JsonRecord
 from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
@@ -21,7 +21,9 @@ from simgap.geometry import Grid
 
 
 @dataclass(frozen=True, eq=False)
-class BlockFit:
+class BlockFit(
+    JsonRecord, kind="blocks", program="solved in closed form: on indicator functions of blocks, one maximum a block"
+):
     """Largest values that the sides of one dimension have to cover on each block: the program solves itself.
 
     Attributes:
@@ -35,24 +37,6 @@ class BlockFit:
     rough_share: float
     directed: int = 0
     factor: float = 0.0
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "kind": "blocks",
-            "program": "solved in closed form: on indicator functions of blocks, one maximum a block",
-            "upper": self.upper.tolist(),
-            "lower": self.lower.tolist(),
-            "rough_share": self.rough_share,
-            "directed": self.directed,
-            "factor": self.factor,
-        }
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> BlockFit:
-        """The inverse of `to_json`."""
-        upper, lower = (np.array(data[side], dtype=float) for side in ("upper", "lower"))
-        return BlockFit(upper, lower, float(data["rough_share"]), int(data["directed"]), float(data["factor"]))
 
 
 def fit_blocks(samples: DimensionSamples, settings: GapSettings) -> BlockFit:

@@ -7,9 +7,8 @@ controller that is proved with it alone is safe for certain, and the tier says s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from simgap.gap.bounds.linear import LinearGap
 from simgap.gap.bounds.tiers import Tier
 from simgap.gap.fitting.design import Design
 from simgap.gap.fitting.linear_fit import basis_of, blank_form
+from simgap.gap.json_record import JsonRecord
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.values import Centres, Combined
 from simgap.gap.settings import GapSettings
@@ -36,27 +36,16 @@ class Calibration:
 
 
 @dataclass(frozen=True, eq=False)
-class CentreFit:
+class CentreFit(
+    JsonRecord,
+    kind="centre",
+    program="none: a conformal bound is a least-squares centre with a width from random samples",
+):
     """Centre of one dimension, q.p by least squares, and its scale: root mean square of what it leaves (1 for 0)."""
 
     terms: tuple[str, ...]
     coefficients: Floats
     scale: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "kind": "centre",
-            "program": "none: a conformal bound is a least-squares centre with a width from random samples",
-            "terms": list(self.terms),
-            "coefficients": self.coefficients.tolist(),
-            "scale": self.scale,
-        }
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> CentreFit:
-        """The inverse of `to_json`."""
-        return CentreFit(tuple(data["terms"]), np.array(data["coefficients"], dtype=float), float(data["scale"]))
 
 
 def fit_centre(samples: DimensionSamples, settings: GapSettings) -> CentreFit:

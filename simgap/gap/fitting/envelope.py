@@ -5,40 +5,26 @@ d lies within `sum_j L_ij |x_j - node_j|` of its value at a node (Milanese & Nov
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.tiers import directed_words, guarantee
+from simgap.gap.json_record import JsonRecord
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.settings import GapSettings
 
 
 @dataclass(frozen=True, eq=False)
-class NodeFit:
+class NodeFit(JsonRecord, kind="envelope", program="none: an envelope is made of samples and Lipschitz constants"):
     """Samples of one dimension at the nodes of an envelope: lower, upper (nodes, M), rounding included."""
 
     lower: Floats
     upper: Floats
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "kind": "envelope",
-            "program": "none: an envelope is made of samples and Lipschitz constants",
-            "lower": self.lower.tolist(),
-            "upper": self.upper.tolist(),
-        }
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> NodeFit:
-        """The inverse of `to_json`."""
-        return NodeFit(np.array(data["lower"], dtype=float), np.array(data["upper"], dtype=float))
 
 
 def fit_envelope(samples: DimensionSamples, settings: GapSettings) -> NodeFit:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from simgap.gap.bounds.tiers import Tier, directed_words, guarantee
 from simgap.gap.fitting.design import Design
 from simgap.gap.fitting.roughness import remedy
 from simgap.gap.fitting.side import PaddedSide, SideFit, padded
+from simgap.gap.json_record import JsonRecord
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
@@ -28,21 +28,11 @@ Sides = dict[str, PaddedSide]
 
 
 @dataclass(frozen=True, eq=False)
-class LinearFit:
+class LinearFit(JsonRecord, kind="linear"):
     """Scenario programs of one dimension over the terms of a basis; `sides`: upper and lower, or both."""
 
     terms: tuple[str, ...]
     sides: Mapping[str, SideFit]
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        sides = {name: side.to_json() for name, side in self.sides.items()}
-        return {"kind": "linear", "terms": list(self.terms), "sides": sides}
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> LinearFit:
-        """The inverse of `to_json`."""
-        return LinearFit(tuple(data["terms"]), {name: SideFit.from_json(s) for name, s in data["sides"].items()})
 
 
 def basis_of(where: SampleGrid, settings: GapSettings) -> Basis:

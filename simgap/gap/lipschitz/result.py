@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.gap.json_record import JsonRecord
 from simgap.gap.thresholds import EVERYWHERE, GATE, THIN
 
 
 @dataclass(frozen=True)
-class Layer:
+class Layer(JsonRecord):
     """Cells between lo and hi along an axis, of which the share `rough` is rough, and clearly fewer beside them."""
 
     axis: int
@@ -29,7 +30,10 @@ class Layer:
 
 
 @dataclass(frozen=True, eq=False)
-class GridLipschitz:
+class GridLipschitz(
+    JsonRecord,
+    names={"smooth": "without_rough_cells", "jump": "largest_jump", "layers": "rough_layers", "at": "largest_jump_at"},
+):
     """Per-axis estimate for one dimension of the gap.
 
     Attributes:
@@ -95,35 +99,11 @@ class GridLipschitz:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Everything as plain data."""
-        box = None if self.rough_box is None else self.rough_box.tolist()
-        return {
-            "constants": self.constants.tolist(), "euclidean": self.euclidean, "slopes": self.slopes.tolist(),
-            "ratio": self.ratio.tolist(), "resolved": self.resolved, "without_rough_cells": self.smooth.tolist(),
-            "rough_share": self.rough_share, "rough_box": box, "largest_jump": self.jump,
-            "proven": self.proven, "rough_layers": [asdict(layer) for layer in self.layers],
-            "largest_jump_at": None if self.at is None else self.at.tolist(),
-        }  # fmt: skip
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> GridLipschitz:
-        """The inverse of `to_json`."""
-        constants, slopes, ratio, smooth = (
-            np.array([float(v) for v in data[key]]) for key in ("constants", "slopes", "ratio", "without_rough_cells")
-        )
-        box = None if data["rough_box"] is None else np.array(data["rough_box"], dtype=float)
-        return GridLipschitz(
-            constants,
-            slopes,
-            ratio,
-            smooth,
-            float(data["rough_share"]),
-            box,
-            float(data["largest_jump"]),
-            bool(data["proven"]),
-            tuple(Layer(**layer) for layer in data["rough_layers"]),
-            None if data["largest_jump_at"] is None else np.array(data["largest_jump_at"], dtype=float),
-        )
+        """Plain data, with what follows from the constants."""
+        own = super().to_json()
+        constants = {"constants": own.pop("constants"), "euclidean": self.euclidean}
+        slopes = {"slopes": own.pop("slopes"), "ratio": own.pop("ratio"), "resolved": self.resolved}
+        return constants | slopes | own
 
 
 def worse(a: GridLipschitz, b: GridLipschitz) -> GridLipschitz:
@@ -139,7 +119,7 @@ def worse(a: GridLipschitz, b: GridLipschitz) -> GridLipschitz:
 
 
 @dataclass(frozen=True)
-class LipschitzRow:
+class LipschitzRow(JsonRecord):
     """One estimate of the Euclidean constant: method, value, p-value of its goodness of fit (None: no fit), note."""
 
     method: str
@@ -147,37 +127,15 @@ class LipschitzRow:
     ks_p: float | None
     note: str
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return {"method": self.method, "value": self.value, "ks_p": self.ks_p, "note": self.note}
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> LipschitzRow:
-        """The inverse of `to_json`."""
-        ks_p = None if data["ks_p"] is None else float(data["ks_p"])
-        return LipschitzRow(str(data["method"]), float(data["value"]), ks_p, str(data["note"]))
-
 
 @dataclass(frozen=True, eq=False)
-class DimensionLipschitz:
+class DimensionLipschitz(
+    JsonRecord,
+    kind="slopes",
+    names={"grid": "lipschitz", "estimates": "lipschitz_estimates", "largest": "largest_sampled_gap"},
+):
     """Grid estimate of one dimension, the estimates side by side, and the largest sampled |d| (the scale of both)."""
 
     grid: GridLipschitz
     estimates: tuple[LipschitzRow, ...]
     largest: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        rows = [row.to_json() for row in self.estimates]
-        return {
-            "kind": "slopes",
-            "lipschitz": self.grid.to_json(),
-            "lipschitz_estimates": rows,
-            "largest_sampled_gap": self.largest,
-        }
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> DimensionLipschitz:
-        """The inverse of `to_json`."""
-        rows = tuple(LipschitzRow.from_json(row) for row in data["lipschitz_estimates"])
-        return DimensionLipschitz(GridLipschitz.from_json(data["lipschitz"]), rows, float(data["largest_sampled_gap"]))

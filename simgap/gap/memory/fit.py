@@ -7,20 +7,19 @@ fades, and by how much equal histories differ between headings.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.gap.bounds.previous import PreviousClasses
+from simgap.gap.json_record import JsonRecord
 from simgap.gap.memory.hidden_state import COORDINATES, extrapolated_maximum, hull
 from simgap.simulators.body_samples import BodySamples
 
 
 @dataclass(frozen=True, eq=False)
-class Widened:
+class Widened(JsonRecord):
     """Hull of one quantity for each class of the previous input and each input, and what random sequences exceed it by.
 
     Attributes:
@@ -33,20 +32,13 @@ class Widened:
     excess: float
     margin: float
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        own = {"lower": self.lower.tolist(), "upper": self.upper.tolist()}
-        return own | {"excess": self.excess, "margin": self.margin}
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> Widened:
-        """The inverse of `to_json`."""
-        lower, upper = (np.array(data[side], dtype=float) for side in ("lower", "upper"))
-        return Widened(lower, upper, float(data["excess"]), float(data["margin"]))
-
 
 @dataclass(frozen=True, eq=False)
-class HullFit:
+class HullFit(
+    JsonRecord,
+    kind="hull",
+    program="solved in closed form: on a value for each input, its least and largest sampled gap",
+):
     """One dimension over hidden states.
 
     Attributes:
@@ -59,26 +51,11 @@ class HullFit:
     grid: int
     sequences: int
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "kind": "hull",
-            "program": "solved in closed form: on a value for each input, its least and largest sampled gap",
-            "gap": self.gap.to_json(),
-            "swept": None if self.swept is None else self.swept.to_json(),
-            "grid": self.grid,
-            "sequences": self.sequences,
-        }
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> HullFit:
-        """The inverse of `to_json`."""
-        swept = None if data["swept"] is None else Widened.from_json(data["swept"])
-        return HullFit(Widened.from_json(data["gap"]), swept, int(data["grid"]), int(data["sequences"]))
-
 
 @dataclass(frozen=True, eq=False)
-class HistoryInfluence:
+class HistoryInfluence(
+    JsonRecord, kind="histories", lipschitz="none: the gap is a table over the inputs, not a function of X"
+):
     """What stands in for slopes in one dimension.
 
     Attributes:
@@ -89,20 +66,6 @@ class HistoryInfluence:
     memory: Floats
     deviation: float
     compared: int
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        own = {"memory": self.memory.tolist(), "deviation": self.deviation, "compared": self.compared}
-        return {
-            "kind": "histories",
-            "lipschitz": "none: the gap is a table over the inputs, not a function of X",
-            **own,
-        }
-
-    @staticmethod
-    def from_json(data: Mapping[str, Any]) -> HistoryInfluence:
-        """The inverse of `to_json`."""
-        return HistoryInfluence(np.array(data["memory"], dtype=float), float(data["deviation"]), int(data["compared"]))
 
 
 def fit_hull(

@@ -11,6 +11,7 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
 from simgap.gap.bounds.previous import PreviousClasses
+from simgap.gap.json_record import JsonRecord
 from simgap.gap.memory.hidden_state import COORDINATES, extrapolated_maximum
 from simgap.simulators.body_samples import BodySamples, joined
 
@@ -171,7 +172,7 @@ class BoundTable:
 
 
 @dataclass(frozen=True, eq=False)
-class Searched:
+class Searched(JsonRecord):
     """What the search found.
 
     Attributes:
@@ -185,11 +186,6 @@ class Searched:
     evaluations: int
     outside: int
     worst: list[dict[str, Any]]
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        own = {"excess": self.excess.tolist(), "margin": self.margin.tolist()}
-        return own | {"evaluations": self.evaluations, "outside": self.outside, "worst": self.worst}
 
 
 def search(

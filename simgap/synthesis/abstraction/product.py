@@ -133,6 +133,17 @@ def tabulated_post(gap: Kernel) -> Any:
     return post
 
 
+@njit(cache=True, error_model="numpy")
+def without_ends(header, own):  # type: ignore[no-untyped-def]
+    """`header` in which X has no ends along the axes where `own` (n,) is 0: boxes are not clipped along them."""
+    n = own.size
+    free = header.copy()
+    for j in range(n):
+        if not own[j]:
+            free[2 * n + j], free[3 * n + j] = -np.inf, np.inf
+    return free
+
+
 @cache
 def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
     """numba: (k (rows, n), which (d,), own (n,), header, u (M, nu), out (d, rows, M, 2)) -> None.
@@ -147,10 +158,7 @@ def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
     @kept
     def fill(cells, which, own, header, inputs, out):  # type: ignore[no-untyped-def]
         n = own.size
-        free = header.copy()
-        for j in range(n):
-            if not own[j]:
-                free[2 * n + j], free[3 * n + j] = -np.inf, np.inf
+        free = without_ends(header, own)
         work = np.empty((5, n))
         for row in range(cells.shape[0]):
             cell_box(cells[row], n, free, work[0], work[1])
@@ -168,10 +176,7 @@ def table_filler(f: Kernel, jacobian: Kernel) -> Kernel:
 def fill_affine(cells, which, own, header, start, value, slope, out):  # type: ignore[no-untyped-def]
     """As `table_filler` where f is affine in x: value (M, n, 2) encloses f at `start`, slope (M, n, n, 2) df/dx."""
     n = own.size
-    free = header.copy()
-    for j in range(n):
-        if not own[j]:
-            free[2 * n + j], free[3 * n + j] = -np.inf, np.inf
+    free = without_ends(header, own)
     work = np.empty((4, n))
     for row in range(cells.shape[0]):
         cell_box(cells[row], n, free, work[0], work[1])
