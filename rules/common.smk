@@ -125,10 +125,9 @@ def page_first(wildcards):
     return 20 if wildcards.case == CASES[0] else long_first(wildcards)
 
 
-def cores(wildcards):
-    """Threads of a job that can use two: beside other cases the first page never waits until both cores are free."""
-    early = wildcards.case == CASES[0] and not wildcards.get("tier")
-    return 1 if early and len(CASES) > 1 else 2
+# Threads of a job that can use two. Beside other cases it takes one: no job waits until two cores are free, and what a job
+# does on one core of two leaves none idle.
+ONE_OR_TWO = 2 if len(CASES) == 1 else 1
 
 
 # Priority of what nothing depends on: it fills the cores that are left at the end.

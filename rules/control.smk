@@ -43,7 +43,7 @@ rule synthesis:
     benchmark:
         "results/{case}/benchmarks/synthesis-{kind}.tsv"
     priority: page_first
-    threads: cores
+    threads: ONE_OR_TWO
     resources:
         mem_mb=2000,
         runtime=30,
@@ -74,7 +74,7 @@ rule validation:
     benchmark:
         "results/{case}/{tier}benchmarks/validation.tsv"
     priority: page_first
-    threads: cores
+    threads: ONE_OR_TWO
     resources:
         mem_mb=3000,
         runtime=60,
@@ -108,7 +108,7 @@ rule audit:
     benchmark:
         "results/{case}/{tier}benchmarks/audit.tsv"
     priority: long_first
-    threads: 2
+    threads: ONE_OR_TWO
     resources:
         mem_mb=3000,
         runtime=60,

@@ -94,10 +94,6 @@ rule rollouts:
         "simgap rollouts {params.case:q} --grid {params.grid:q} --shard {wildcards.shard:q} --out {output:q} --log {log:q}"
 
 
-# Beside other cases a job of one core never waits until two are free; a case alone has nothing beside it.
-ONE_OR_TWO = 2 if len(CASES) == 1 else 1
-
-
 rule fresh:
     input:
         case=correction,

@@ -14,7 +14,7 @@ from typing import Any
 
 import typer
 
-from simgap.cli import control, gap, measured, pages, sweeps, tools, view, workflow
+from simgap.cli import control, gap, measured, pages, sweeps, tools, view, workflow  # noqa: F401 - they add commands
 from simgap.cli.announce import announce_code
 from simgap.cli.lean import without_pandas, without_searching
 from simgap.cli.options import app
@@ -27,9 +27,6 @@ from simgap.notation import one_line
 
 __all__ = ["app", "main"]
 
-# The help lists subcommands as a run meets them, whatever the order of the imports.
-_ROOMS = [module.__name__ for module in (workflow, gap, control, pages, view, measured, sweeps, tools)]
-app.registered_commands.sort(key=lambda command: _ROOMS.index(getattr(command.callback, "__module__", "")))
 # Typer carries a click of its own; its usage errors are found through one of them.
 _USAGE: type[Exception] = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from simgap.cli.options import Borders, CasePath, Grid, Log, Out, Shards, app, new_file, new_folder, start_log
-from simgap.cli.terminal import console
+from simgap.cli.options import AsJson, Borders, CasePath, Grid, Log, Out, Shards, app, new_file, new_folder, start_log
+from simgap.cli.terminal import console, say_json
 
 
 @app.command()
 def check(
     case: CasePath,
     out: Annotated[Path | None, typer.Option(help="File for what was found (JSON).", callback=new_file)] = None,
+    as_json: AsJson = False,
     log: Log = None,
 ) -> None:
     """Check a case before anything runs: model file, engine, cells, and what every stage will cost."""
@@ -28,7 +30,10 @@ def check(
         logging.getLogger("simgap").setLevel(logging.ERROR)
     with progress("reading the case") as tell:
         checked = stage.run(case, out, log, tell)
-    show(console(), checked, case)
+    if as_json:
+        say_json(asdict(checked))
+    else:
+        show(console(), checked, case)
 
 
 @app.command()

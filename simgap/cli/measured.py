@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import CasePath, Log, Out, app, new_folder, start_log, values_of
-from simgap.cli.terminal import say
+from simgap.cli.options import AsJson, CasePath, Log, Out, app, new_folder, start_log, values_of
+from simgap.cli.terminal import say, say_json
 from simgap.errors import UserError
 from simgap.io.atomic import no_links_below
 
@@ -30,6 +30,7 @@ def diagnose(
     case: CasePath,
     data: Annotated[list[Path] | None, typer.Argument(help="Recordings; those of the case if none is given.")] = None,
     out: Annotated[Path, typer.Option(help="Folder for the results.", callback=new_folder)] = Path("diagnosis"),
+    as_json: AsJson = False,
     log: Log = None,
 ) -> None:
     """Find the physical effect that the nominal model lacks, from recordings."""
@@ -50,6 +51,9 @@ def diagnose(
         with suppress(OSError):
             out.rmdir()
         raise
+    if as_json:
+        say_json(result)
+        return
     first, *rest = result.get("sentences", [result["sentence"]])
     for line in (f"{result['verdict']}: {first}", *rest, *result["columns"], f"Report: {out / 'report.html'}"):
         say(line)

@@ -11,13 +11,14 @@ from typing import Annotated
 
 import typer
 
+from simgap.cli.groups import Groups, show_all
 from simgap.cli.terminal import Lines, console, say
 from simgap.errors import UserError
 from simgap.io.atomic import new_log, not_linked
 
 app = typer.Typer(
+    cls=Groups,
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -66,6 +67,7 @@ Shards = Annotated[list[Path], typer.Option("--rollouts", help="Roll-out shards 
 Borders = Annotated[
     Path | None, typer.Option("--borders", help="Samples on borders and beside switching surfaces; not for a robot.")
 ]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.")]
 Log = Annotated[Path | None, typer.Option(help="File for the log of this stage; stderr if not given.")]
 
 
@@ -107,6 +109,9 @@ def _version(wanted: bool) -> None:
 def options(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+    everything: Annotated[
+        bool, typer.Option("--all", callback=show_all, is_eager=True, help="List the stages of the workflow, too.")
     ] = False,
 ) -> None:
     """Measure, bound and close the gap between a robot model, its simulator and its recordings."""

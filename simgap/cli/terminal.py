@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,13 @@ if TYPE_CHECKING:
 def say(text: str, err: bool = False) -> None:
     """Lines for stdout, or for stderr."""
     typer.echo(printable(text), err=err)
+
+
+def say_json(content: Any) -> None:
+    """A result for another program, on stdout."""
+    from simgap.io.documents import plain
+
+    typer.echo(json.dumps(plain(content), indent=1))
 
 
 def console(stderr: bool = False) -> Console:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from simgap.cli.options import Log, Out, app, new_file, new_folder, start_log
-from simgap.cli.terminal import console, say
+from simgap.cli.options import AsJson, Log, Out, app, new_file, new_folder, start_log
+from simgap.cli.terminal import console, say, say_json
 
 
 @app.command()
@@ -28,12 +29,18 @@ def paper(
 
 
 @app.command()
-def effects(case: Annotated[Path | None, typer.Argument(help="Case file; lists what it can act on.")] = None) -> None:
+def effects(
+    case: Annotated[Path | None, typer.Argument(help="Case file; lists what it can act on.")] = None,
+    as_json: AsJson = False,
+) -> None:
     """List the effects with formula, parameters and units; with a case, what each can act on."""
-    from simgap.stages.effects import listing
+    from simgap.stages.effects import listed, printed
 
     start_log(None)
-    say(listing(case))
+    if as_json:
+        say_json(listed(case))
+    else:
+        say(printed(listed(case)))
 
 
 @app.command()
@@ -62,12 +69,17 @@ def reference(
 @app.command()
 def times(
     results: Annotated[Path, typer.Argument(help="Folder of results, or of one case.")] = Path("results"),
+    as_json: AsJson = False,
 ) -> None:
     """Show where the time of a run went: every job with its wall time, CPU time and memory, the costliest first."""
     from simgap.cli.timed import show
     from simgap.stages.times import job_times
 
-    show(console(), job_times(results))
+    jobs = job_times(results)
+    if as_json:
+        say_json([asdict(job) for job in jobs])
+    else:
+        show(console(), jobs)
 
 
 @app.command()

@@ -104,21 +104,23 @@ PLAUSIBLE_RATIO = 5.0
 LAGS_ASKED = 20
 """Misses remember if their correlations over so many readings together are unlikely of independent ones."""
 
-MOTOR_STEPS, MOTOR_NEAR = 8, 3.0
-"""Where nobody named them elastic joints and play are fitted to the end only if so many steps come within so many
-times the noise. Of those of benchmarks/drive_library.py eight steps left 0.93 to 1.24 of it, of Dahl friction 980 and
-more."""
+NEAR = 3.0
+"""What misses by no more than so many noises comes near it: an elastic joint or play that nobody named after a few
+steps, which is then fitted to the end (`MOTOR_STEPS`); an engine with a set of effects, which then follows. Of those of
+benchmarks/drive_library.py eight steps left 0.93 to 1.24 of the noise, of Dahl friction 980 and more. Of a Furuta
+pendulum in an engine of 10 ms steps 27 noises were left with one of two true effects, 31 with both, 182 with none."""
+
+MOTOR_STEPS = 8
+"""Steps of a first try of such a motor."""
 
 SEVERAL_TRACES = 3
 """From so many traces on, folds are whole traces (one each at least); fewer are cut into blocks of windows."""
 
-LOOK_BACK_S, LOOK_BACK_SAMPLES = 0.2, 10
-"""What the causal start of an h-ahead prediction is estimated from: this long (a window, if that is shorter) and at
-least this many samples."""
-
-CELL_S = 0.1
-"""Where somebody may have pushed is sought in pieces of two cells of this length (s). Pushes of
-benchmarks/other_plants.py, a tenth of a second long, made pieces of 20 to 300 times the median's chi^2/dof."""
+BRIEF_S, LOOK_BACK_SAMPLES = 0.2, 10
+"""So short a time that what a plant lacks all the time hardly shows in it (s): a piece, two cells, in which a push is
+sought, and what the causal start of an h-ahead prediction is estimated from (a window, if that is shorter; at least
+this many samples). Pushes of benchmarks/other_plants.py, a tenth of a second long, made pieces of 20 to 300 times the
+median's chi^2/dof."""
 
 FEWEST_WINDOWS = 4
 """Both sides of a change in mid-record have so many fitted windows at least: with those that confirm each fills three
@@ -195,11 +197,8 @@ HUM_LINE, HUM_ACCELERATION = 60.0, 2.0
 and is hum if as a motion it would take so many times the acceleration that the motion shows below half its
 frequency."""
 
-FOLLOWS, MOST_FOLLOWED = 3.0, 24
-"""A set of effects on the simulator is taken in place of what its engine suggests if it then misses the recordings by
-less and follows them: by at most so many noises, over so many windows. Set on a Furuta pendulum in an engine of 10 ms
-steps: 27 noises with one of two true effects, 31 with both, 182 with none; simulators that do follow are within 1 to
-3."""
+MOST_FOLLOWED = 24
+"""Over so many windows a simulator is held against the recordings."""
 
 RUNS_DIFFER = 0.1
 """Runs are taken for one piece each if their blocks would differ as much by chance in fewer cases than this. Wide on

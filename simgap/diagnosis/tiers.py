@@ -29,7 +29,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, LEAPS_ANYHOW, MOST, MOTOR_NEAR, MOTOR_STEPS, NARROW
+from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, LEAPS_ANYHOW, MOST, MOTOR_STEPS, NARROW, NEAR
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
@@ -142,7 +142,7 @@ class Tiers:
         def look() -> tuple[Parts, Searched] | None:
             _, search, base = self._begun(first, True, (*sorted(names), *(e.name for e in lasts)))
             known = _again(search, base, found)
-            near = None if asked else min(MOTOR_NEAR * FIT_QUALITY, max(FIT_QUALITY, 1.0 + MOST * (before - 1.0)))
+            near = None if asked else min(NEAR * FIT_QUALITY, max(FIT_QUALITY, 1.0 + MOST * (before - 1.0)))
             options = _from_far(search, base, known, near, self.settings.max_effects)
             best = min((e for e in options if e.physical), key=lambda e: e.bic, default=known)
             if best is known or not _takes(search, best, before, min(known.bic, found.bic)):

@@ -22,15 +22,16 @@ MOST = reading.MOST // JSON_HELD
 """Bytes of a result: what it takes once it is read is a quarter of the machine's memory."""
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Content as JSON has it: lists for arrays, null for what is not a number, "inf" for what has no end."""
     if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else ("inf" if value > 0 else "-inf")
     return value
@@ -44,8 +45,8 @@ def checksum(content: Any) -> str:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a result atomically, its checksum (key `checksum`, which content cannot have) last."""
-    plain = _plain({key: value for key, value in content.items() if key != CHECKSUM})
-    whole = plain | {CHECKSUM: checksum(plain)}
+    body = plain({key: value for key, value in content.items() if key != CHECKSUM})
+    whole = body | {CHECKSUM: checksum(body)}
     write_text(path, json.dumps(whole, indent=1, ensure_ascii=False) + "\n")
 
 

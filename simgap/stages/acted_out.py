@@ -20,7 +20,7 @@ from simgap.config.case import Case
 from simgap.config.measured import MeasuredSection
 from simgap.config.plant import AddedEffect
 from simgap.diagnosis.result import Diagnosis
-from simgap.diagnosis.thresholds import FOLLOWS, MATTERS, MOST_FOLLOWED
+from simgap.diagnosis.thresholds import MATTERS, MOST_FOLLOWED, NEAR
 from simgap.diagnosis.verdict.followed import Followed, followed, stray
 from simgap.effects import AppliedEffect, effect
 from simgap.errors import UserError
@@ -185,7 +185,7 @@ def _judged(told: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) ->
     """What strays clearly less than what the engine suggests, else that."""
     errors = np.nan_to_num(np.array(errors), nan=np.inf).tolist()
     best = int(np.argmin(errors))
-    best = best if errors[best] < (1.0 - MATTERS) * errors[0] and errors[best] <= FOLLOWS else 0
+    best = best if errors[best] < (1.0 - MATTERS) * errors[0] and errors[best] <= NEAR else 0
     tried = tuple((tuple((e.name, e.on) for e in s), error) for s, error in zip(sets, errors, strict=True))
     taken, other = sets[best], max(sets, key=len) if not sets[best] else ()
     words = joined([e.name.replace("_", " ") for e in taken] or [""])
@@ -198,7 +198,7 @@ def _judged(told: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) ->
     return ActedOut(
         taken,
         f"The simulator {what}: so it misses the recordings that confirm by {number(errors[best], 3)} times their "
-        f"noise, {beside} by {number(errors[sets.index(other)], 3)} times.{far if min(errors) > FOLLOWS else ''}"
+        f"noise, {beside} by {number(errors[sets.index(other)], 3)} times.{far if min(errors) > NEAR else ''}"
         f"{told.rest}",
         tried,
         told.rest,

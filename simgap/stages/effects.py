@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -25,16 +26,14 @@ def _units(kind: Effect, model: SymbolicModel | None, found: Sequence[str]) -> l
     return [("", rows[0][1])] if all(units == rows[0][1] for _, units in rows) else rows
 
 
-def listing(case_path: Path | None) -> str:
-    """The table of effects; with a case those that it can have, their targets, why not the others, its parameters."""
-    buffer = io.StringIO()
-    console = Console(file=buffer, width=160, markup=False, emoji=False)
+def listed(case_path: Path | None) -> dict[str, Any]:
+    """Effects with formula and parameters, of a case those that it can have: why not the others, its own parameters."""
     model = None
     if case_path is not None:
         context = Context.load(case_path)
         with context.blame():
             model = context.plant.declared
-    table = Table("effect", "on", "formula", "parameters", box=None, pad_edge=False)
+    effects = list[dict[str, Any]]()
     lacking: dict[str, list[str]] = {}
     for name, kind in EFFECTS.items():
         found = kind.targets(model) if model is not None else ()
@@ -43,16 +42,35 @@ def listing(case_path: Path | None) -> str:
             continue
         targets = kind.kind if model is None else ", ".join(found)
         for on, units in _units(kind, model, found):
-            told = [(p.symbol, filter(None, (p.description, pretty_unit(units[p.symbol])))) for p in kind.parameters]
-            symbols = ", ".join(f"{symbol} ({', '.join(words)})" for symbol, words in told)
-            table.add_row(name, on or targets, kind.formula, symbols)
+            parameters = [
+                {"symbol": p.symbol, "description": p.description, "unit": pretty_unit(units[p.symbol])}
+                for p in kind.parameters
+            ]
+            effects.append({"effect": name, "on": on or targets, "formula": kind.formula, "parameters": parameters})
+    named = model.named_parameters.values() if model is not None else ()
+    return {
+        "effects": effects,
+        "not on this plant": lacking,
+        "parameters": [{"name": p.name, "declared": p.value, "unit": pretty_unit(p.unit)} for p in named],
+    }
+
+
+def printed(found: Mapping[str, Any]) -> str:
+    """What is `listed`, as tables."""
+    buffer = io.StringIO()
+    console = Console(file=buffer, width=160, markup=False, emoji=False)
+    table = Table("effect", "on", "formula", "parameters", box=None, pad_edge=False)
+    for row in found["effects"]:
+        about = [(p["symbol"], filter(None, (p["description"], p["unit"]))) for p in row["parameters"]]
+        symbols = ", ".join(f"{symbol} ({', '.join(words)})" for symbol, words in about)
+        table.add_row(row["effect"], row["on"], row["formula"], symbols)
     console.print(table)
-    for needs, absent in lacking.items():
+    for needs, absent in found["not on this plant"].items():
         console.print(f"\nNot on this plant, which lacks {needs}: {', '.join(absent)}.")
-    if model is not None:
+    if found["parameters"]:
         named = Table("parameter", "declared", "unit", box=None, pad_edge=False)
-        for parameter in model.named_parameters.values():
-            named.add_row(parameter.name, f"{parameter.value:.6g}", pretty_unit(parameter.unit))
+        for parameter in found["parameters"]:
+            named.add_row(parameter["name"], f"{parameter['declared']:.6g}", parameter["unit"])
         console.print("\nNamed parameters of the plant (what parameter_error can scale):")
         console.print(named)
     return buffer.getvalue()

@@ -16,7 +16,7 @@ from simgap.plants.plant_model import PlantModel
 from simgap.simulators.commands import CommandPath
 from simgap.simulators.joints import JointPlant, joint_forces
 from simgap.simulators.mujoco_joints import MuJoCoJoints
-from simgap.stages.effects import listing
+from simgap.stages.effects import listed, printed
 from tests.undeclared.plant import pendulum
 
 FORCE = '''
@@ -91,7 +91,7 @@ def found(effect, on, symbol, value, unit):
 
 def test_a_force(added, vary):
     effect = added(FORCE, "BrushDrag")
-    assert "brush_drag" in listing(None)
+    assert "brush_drag" in printed(listed(None))
     assert effect.units(pendulum(), "hinge") == {"c": "N*m"}
     # fitted: the supermodel's dynamics at c = 0.2, by hand 3 N^-1 m^-1 s^-2 * c sqrt(|v|)
     fit = build_supermodel(pendulum(), ("angle", "rate"), ("brush_drag",))
@@ -115,7 +115,7 @@ def test_a_force(added, vary):
 
 def test_an_effect_with_memory(added, vary):
     effect = added(MEMORY, "SlowDrive")
-    assert "slow_drive" in listing(None)
+    assert "slow_drive" in printed(listed(None))
     # fitted: the delay and the lag of the input as functions of the one parameter
     fit = build_supermodel(pendulum(), ("angle", "rate"), ("slow_drive",))
     (slot,) = fit.find("slow_drive", "torque").slots  # beside faults of the recording

@@ -8,7 +8,7 @@ from simgap import effects, plugins
 from simgap.config.load import load_case
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
-from simgap.stages.effects import listing
+from simgap.stages.effects import listed, printed
 
 PAGE, HEADING = "docs/how-to/plugins.md", "An effect in a distribution"
 TAU, C = 0.005, 0.4
@@ -34,7 +34,7 @@ def offered(tmp_path, monkeypatch):
 
 
 def test_an_effect_of_a_distribution(offered, vary):
-    assert "cubic_drag" in listing(None)
+    assert "cubic_drag" in printed(listed(None))
     drag = {"name": "cubic_drag", "on": "hinge", "parameters": {"c": C}}
     path = vary("pendulum", {"simulator.inertia": "file", "simulator.effects": [drag], "simulator.damping":
                              {"linear": 0.0, "angular": 0.0, "joint": 0.0}})  # fmt: skip

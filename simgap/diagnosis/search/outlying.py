@@ -19,7 +19,7 @@ from simgap.diagnosis.reading.windows import Span, Windows, joined, left_out
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit_from_all
-from simgap.diagnosis.thresholds import A_FEW, BY_CHANCE, CELL_S, MIN_SAMPLES, MOST
+from simgap.diagnosis.thresholds import A_FEW, BRIEF_S, BY_CHANCE, MIN_SAMPLES, MOST
 from simgap.distributions import chi2 as chi_squared
 
 
@@ -94,7 +94,7 @@ class Pieces:
         """Joined cells as times, with half a cell on either side: what lasts into it for a few samples tells little."""
         if not bad.any():  # a short record: a cell is more than may be left out
             return ()
-        own, pad = joined(self.cells.pick(bad)), 0.5 * CELL_S
+        own, pad = joined(self.cells.pick(bad)), 0.25 * BRIEF_S
         rows = zip(own.start.tolist(), own.stop.tolist(), own.trace.tolist(), strict=True)
         return tuple((trace, float(self.t[a]) - pad, float(self.t[b - 1]) + pad) for a, b, trace in rows)
 
@@ -110,7 +110,7 @@ def pieces(problem: Problem, theta: Floats) -> Pieces:
 
 
 def _cells(problem: Problem) -> tuple[Windows, Ints, Ints]:
-    """Cells of `CELL_S`, each of `MIN_SAMPLES` or more; the first cell of each piece (p,), and how many it has (p,).
+    """Cells of half of `BRIEF_S`, each of `MIN_SAMPLES` or more; the first cell of each piece (p,), and how many (p,).
 
     Pieces are pairs of neighbours, or a cell that has none.
     """
@@ -120,7 +120,7 @@ def _cells(problem: Problem) -> tuple[Windows, Ints, Ints]:
     whole, t = joined(problem.windows), problem.t
     for a, b, f, k in zip(whole.start, whole.stop, whole.first, whole.trace, strict=True):
         lasts = float(t[b - 1] - t[a])
-        n = int(max(1, min(round(lasts / CELL_S), (b - a) // MIN_SAMPLES)))
+        n = int(max(1, min(round(lasts / (0.5 * BRIEF_S)), (b - a) // MIN_SAMPLES)))
         edges = [a, *(a + np.searchsorted(t[a:b], t[a] + lasts * np.arange(1, n) / n)).tolist(), b]
         kept = [(i, j, f, k) for i, j in itertools.pairwise(edges) if j > i]
         pairs = max(len(kept) - 1, 1)

@@ -16,9 +16,9 @@ from simgap.diagnosis.reading.windows import Span, Windows, joined
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_steps
-from simgap.diagnosis.thresholds import CELL_S, FAR
+from simgap.diagnosis.thresholds import BRIEF_S, FAR
 
-_SPAN = 0.5 * CELL_S  # s over which a rate is taken
+_SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
 
 
 def beyond(record: Record, known: Problem, at: Fit, confirm: Problem) -> tuple[str, ...]:
