@@ -49,7 +49,7 @@ def test_code_that_a_stage_reaches():
     assert not any(name.startswith(elsewhere) for name in reached("rollouts"))
     where_it_is_asked = {
         *("sampling/points", "sampling/tables", "memory/hidden_state", "memory/histories"),
-        *("bounds/previous", "gap/thresholds"),
+        *("bounds/previous", "gap/thresholds", "gap/json_record"),
     }
     of_the_gap = ("gap/", "sampling/", "memory/", "bounds/")
     assert {name for name in reached("rollouts") if name.startswith(of_the_gap)} <= where_it_is_asked

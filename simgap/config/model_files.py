@@ -31,7 +31,8 @@ def named_files(section: Any) -> Iterator[tuple[str, str]]:
 def named_by(model: Path) -> Iterator[tuple[str, Path]]:
     """Files that a model file names in turn, such as meshes, as far as they are there: how it does, and where they lie.
 
-    A URDF's files lie at `places_of`. An MJCF file is read with all that it includes, and its files are told by their place beside it.
+    A URDF's files lie at `places_of`. An MJCF file is read with all that it includes; its files are told by their
+    place beside it.
     What is no XML names none; whoever loads it says why.
 
     Raises:

@@ -379,7 +379,7 @@ def one_step_margins(
     for c in range(len(tables)):
         count_holes(np.ascontiguousarray(known.winning[:, c]).astype(np.uint8), shape, n, tables[c])
     header = frame.header
-    free = without_ends(header, np.isin(np.arange(n), on))
+    free = without_ends(header, np.array([j in on for j in range(n)]))
     factor, extra = np.full(grid.size, np.nan), np.full((grid.size, n), np.nan)
     search = searcher(image(model.interval_kernel, model.jacobian_interval_kernel), gap)
     strides = np.array([int(np.prod(grid.cells[j + 1 :])) for j in range(n)])

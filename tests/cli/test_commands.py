@@ -1,4 +1,4 @@
-"""The command line as a list: every command in one group, answers for programs, mistakes in the spelling of an option."""
+"""The command line as a list: every command in one group, answers for programs, misspelt options."""
 
 import json
 import shutil

@@ -7,8 +7,8 @@ import pytest
 from little_cart import CASE, write_cart
 
 LARGE = {
-    "sympy", "numba", "scipy.linalg", "scipy.sparse", "scipy.special", "scipy.optimize", "scipy.signal", "scipy.stats", "pyarrow",
-    "pydrake", "pybullet", "mujoco", "matplotlib", "rerun", "cvxpy", "jinja2", "pandas", "snakemake",
+    "sympy", "numba", "scipy.linalg", "scipy.sparse", "scipy.special", "scipy.optimize", "scipy.signal", "scipy.stats",
+    "pyarrow", "pydrake", "pybullet", "mujoco", "matplotlib", "rerun", "cvxpy", "jinja2", "pandas", "snakemake",
 }  # fmt: skip
 COMPILED = {"sympy", "numba", "scipy.linalg"}  # numba asks SciPy for its linear algebra
 STAGES = {
