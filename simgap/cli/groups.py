@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import typer
 from typer.core import TyperGroup
 
+from simgap.cli.terminal import say
+
 GROUPS: dict[str, Sequence[str]] = {
     "Your robot": ("tutorial", "new", "check", "run", "propose", "refine", "sweep", "certify", "export"),
     "Your recordings": ("diagnose", "next", "effects"),
@@ -39,5 +41,5 @@ def show_all(context: typer.Context, wanted: bool) -> None:
     """Callback of `--all`: the help with every group."""
     if wanted:
         context.meta["all"] = True
-        typer.echo(context.get_help())
+        say(context.get_help())
         raise typer.Exit

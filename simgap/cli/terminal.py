@@ -23,7 +23,7 @@ def say_json(content: Any) -> None:
     """A result for another program, on stdout."""
     from simgap.io.documents import plain
 
-    typer.echo(json.dumps(plain(content), indent=1))
+    say(json.dumps(plain(content), indent=1))
 
 
 def console(stderr: bool = False) -> Console:
