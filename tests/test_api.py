@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from little_cart import write_cart
 
 import simgap
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.geometry import Box
+from tests.little_cart import write_cart
 
 PLAIN = """
 import simgap

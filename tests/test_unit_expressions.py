@@ -7,13 +7,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from little_cart import CASE, write_cart
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.io.recordings.tables import read_header
 from simgap.plants.plant_model import PlantModel
 from simgap.units import Affine, conversion
+from tests.little_cart import CASE, write_cart
 
 LONG = "9**9**9"
 READ = {

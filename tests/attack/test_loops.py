@@ -1,14 +1,8 @@
 """Closed-loop attacks against planted faults that the controller's own choice from random starts does not show."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "synthesis"))
-import synthesis_plants as plants
 
 from simgap.attack.campaign import LENGTH, Opponent, campaign
 from simgap.attack.danger import Danger
@@ -29,6 +23,7 @@ from simgap.synthesis.controller import Controller
 from simgap.synthesis.games.game import MeasuredGame
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.sensing import sensed_invariance
+from tests.synthesis import synthesis_plants as plants
 
 BOX = Box([0.0, -0.5], [0.2, 0.5])
 SPACE = Space(("x1", "x2"), BOX)

@@ -14,9 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-from checker_runs import CHECKER, change, run
-
 from simgap.errors import UserError
 from simgap.gap.bounds.closed_form import ClosedFormGap
 from simgap.gap.fitting.fit import fit_gap
@@ -32,6 +29,7 @@ from simgap.model.symbolic import symbol
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.synthesise import Problem, synthesise
+from tests.checker.checker_runs import CHECKER, change, run
 
 NAMES = ["x1", "x2", "u"]
 NOMINAL = ("x1 + 0.05*x2", "x2 + 0.15*u - 0.7*sin(x1)")

@@ -10,11 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(0, str(Path(__file__).parents[1] / "synthesis"))
-from checker_runs import change, run
-from synthesis_plants import unicycle
-
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.bounds.symmetry import BodyFrameGap
@@ -25,6 +20,8 @@ from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.swept import planar_swept_cells
 from simgap.synthesis.games.previous import PreviousBounds
 from simgap.synthesis.synthesise import Problem, synthesise
+from tests.checker.checker_runs import change, run
+from tests.synthesis.synthesis_plants import unicycle
 
 STATES, SHAPE = ("x", "y", "t"), (30, 30, 32)
 U = np.array([[v, w] for v in (-0.4, 0.0, 0.4) for w in (-0.6, 0.0, 0.6)])
@@ -294,7 +291,7 @@ def test_regions_are_those_of_the_definition(across_the_seam, tmp_path):
     )
     import subprocess
 
-    from checker_runs import CHECKER
+    from tests.checker.checker_runs import CHECKER
 
     command = [sys.executable, "-c", code, str(CHECKER), str(tmp_path / "seam"), str(tmp_path / "bad.npy")]
     subprocess.run(command, check=True)

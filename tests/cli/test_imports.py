@@ -4,7 +4,8 @@ import subprocess
 import sys
 
 import pytest
-from little_cart import CASE, write_cart
+
+from tests.little_cart import CASE, write_cart
 
 LARGE = {
     "sympy", "numba", "scipy.linalg", "scipy.sparse", "scipy.special", "scipy.optimize", "scipy.signal", "scipy.stats",

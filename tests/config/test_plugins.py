@@ -5,7 +5,6 @@ import sys
 from typing import Annotated
 
 import pytest
-from little_cart import write_cart
 from pydantic import BaseModel, ValidationError
 
 from simgap import plugins
@@ -14,6 +13,7 @@ from simgap.config.load import load_case
 from simgap.config.plugged import INNER, Plugged
 from simgap.errors import UserError
 from simgap.simulators.process import run_in_processes
+from tests.little_cart import write_cart
 
 MINE = """
 from typing import Literal

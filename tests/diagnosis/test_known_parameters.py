@@ -1,14 +1,10 @@
 """Parameters that are not in doubt: no error of theirs is sought, and a name that is none is refused."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
-import diagnosis_example as example
 
 from simgap.config.load import parse_case
 from simgap.diagnosis.diagnose import diagnose
@@ -19,6 +15,7 @@ from simgap.errors import UserError
 from simgap.plants.plant_model import PlantModel
 from simgap.stages.check import run as check
 from tests.diagnosis.plants import block
+from tests.stages import diagnosis_example as example
 
 
 def heavier(seed):

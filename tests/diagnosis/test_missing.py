@@ -1,14 +1,10 @@
 """The picture of what the model lacks shows the term that was put into the data, and nothing after the correction."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import sympy as sp
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
-import diagnosis_example as example
 import yaml
 
 from simgap.config.load import parse_case
@@ -17,6 +13,7 @@ from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.effects import AppliedEffect, apply_effects
 from simgap.model.symbolic import PlanarWheels, SymbolicModel, Variable, symbol
 from simgap.plants.plant_model import PlantModel
+from tests.stages import diagnosis_example as example
 
 SIGMA = example.SIGMA
 

@@ -1,6 +1,5 @@
 """The conformal bound covers fresh transitions as often as it says, and shrinks when the model is right."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,13 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
-import diagnosis_example as example
-
 from simgap.config.load import parse_case
 from simgap.diagnosis.verdict.remainder import bound_remainder
 from simgap.effects import AppliedEffect
 from simgap.plants.plant_model import PlantModel
+from tests.stages import diagnosis_example as example
 
 
 @pytest.fixture(scope="module")

@@ -1,19 +1,16 @@
 """Transitions of a command that is held: velocities from positions, neighbouring windows, commands that change."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
-import diagnosis_example as example
-
 from simgap.config.load import parse_case
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.transitions import seen, transitions, within
 from simgap.plants.plant_model import PlantModel
+from tests.stages import diagnosis_example as example
 
 RATE, STEPS = 100.0, 50
 

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from gap_examples import PAPER, U, X
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,6 +11,7 @@ from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.kinds.monomials import Monomials
 from simgap.gap.kinds.trigonometric import Trigonometric
+from tests.gap.gap_examples import PAPER, U, X
 
 NAMES = (("x1", "x2"), ("u",))
 TERM_SETS = {

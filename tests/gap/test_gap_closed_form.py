@@ -6,7 +6,6 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 import sympy as sp
-from gap_examples import U, X
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.closed_form import ClosedFormGap
@@ -17,6 +16,7 @@ from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import symbol
+from tests.gap.gap_examples import U, X
 
 XS, US = (symbol("x1"), symbol("x2")), (symbol("u"),)
 NOMINAL = ("x1 + 0.005*x2", "x2 + 0.015*u - 0.07*sin(x1)")

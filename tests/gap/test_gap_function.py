@@ -2,7 +2,6 @@ import json
 
 import numpy as np
 import pytest
-from gap_examples import PAPER, U, X, coulomb, off_grid, on_grid, smooth
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.load import from_json
@@ -14,6 +13,7 @@ from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.kinds.monomials import Monomials
 from simgap.gap.kinds.trigonometric import Trigonometric
 from simgap.gap.settings import GapSettings
+from tests.gap.gap_examples import PAPER, U, X, coulomb, off_grid, on_grid, smooth
 
 KINDS = {
     "signed": {},

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_examples import U, X, coulomb, on_grid, smooth
 from scipy.stats import weibull_max
 
 from simgap.errors import BrokenPromise, UserError
@@ -21,6 +20,7 @@ from simgap.gap.sampling.values import Held
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.io.spilled_numbers import room_in
+from tests.gap.gap_examples import U, X, coulomb, on_grid, smooth
 
 
 def values(function, grid):

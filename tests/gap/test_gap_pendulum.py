@@ -1,12 +1,12 @@
 """The paper's pendulum against bare PyBullet: the tightness that is promised, on a coarse grid."""
 
 import pytest
-from gap_examples import PAPER, off_grid, on_grid, pendulum_gap
 
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.fitting.fresh_check import check_fresh
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.settings import GapSettings
+from tests.gap.gap_examples import PAPER, off_grid, on_grid, pendulum_gap
 
 pytest.importorskip("pybullet")
 

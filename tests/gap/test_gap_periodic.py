@@ -7,7 +7,6 @@ from math import floor
 
 import numpy as np
 import pytest
-from gap_examples import on_grid, smooth
 
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.load import from_json
@@ -19,6 +18,7 @@ from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box
+from tests.gap.gap_examples import on_grid, smooth
 
 PI = np.pi
 POSE, POSES = Box([0.0, 0.0, -PI], [10.0, 10.0, PI]), np.array([[0.0, 0.0], [0.5, -1.0], [0.5, 1.0]])

@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from gap_examples import PAPER, U, X
 
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.kinds.blocks import Blocks
@@ -12,6 +11,7 @@ from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
+from tests.gap.gap_examples import PAPER, U, X
 
 GRID = Grid(X, [30, 30])
 KINDS = {

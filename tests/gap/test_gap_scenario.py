@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from gap_examples import PAPER, U, coulomb, on_grid, smooth
 from scipy.optimize import linprog
 
 from simgap.errors import UserError
 from simgap.gap.bounds.bases import Basis
 from simgap.gap.fitting.design import Design
 from simgap.gap.fitting.scenario import solve_scenario
+from tests.gap.gap_examples import PAPER, U, coulomb, on_grid, smooth
 
 
 def make_design(terms=PAPER, function=smooth, eps=0.03):

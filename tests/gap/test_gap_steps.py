@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from gap_examples import PAPER, U, X, off_grid, on_grid, smooth
 
 from simgap.errors import UserError
 from simgap.gap.fitting.assemble import assemble
@@ -19,6 +18,7 @@ from simgap.gap.sampling.gap_samples import check_rows
 from simgap.gap.sampling.points import Points, covering_point, cut, product, radius
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
+from tests.gap.gap_examples import PAPER, U, X, off_grid, on_grid, smooth
 
 SETTINGS = {
     "inflate": {"rough_limit": 1.0},

@@ -1,8 +1,5 @@
 """States on which the gap does not depend: sampled by one cell, measured on shifts, refused where it is not so."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
@@ -16,9 +13,7 @@ from simgap.gap.whole_bound import reached_stops
 from simgap.plants.context import Context
 from simgap.provenance import sections_digest, sections_of
 from simgap.simulators.build import make_simulator
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "recipes"))
-from scratch import gap_of
+from tests.recipes.scratch import gap_of
 
 TAU, B = 0.1, 0.3
 

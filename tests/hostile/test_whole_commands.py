@@ -3,11 +3,8 @@
 import os
 import signal
 import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from hostile import prepare
 from hostile.whole import COMMANDS, one, warm
 

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
-import diagnosis_example as example
+from tests.stages import diagnosis_example as example
 
 ROOT = Path(__file__).parents[2]
 MEASURED = "measured: {effects: [coulomb_friction], max_effects: 1}\n"

@@ -1,15 +1,9 @@
 """What the figures of the main report show, read back from the figures themselves."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from matplotlib.patches import Circle
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
-import loop_example as example
 
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.function import GapDomain
@@ -32,6 +26,7 @@ from simgap.report.figures.diagnosis import steps_figure
 from simgap.report.figures.gap import followed_axis
 from simgap.report.figures.margins import slices_figure
 from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
+from tests.stages import loop_example as example
 
 UNITS = example.UNITS["pendulum"]
 LABELS = ("X", "target", "obstacle")

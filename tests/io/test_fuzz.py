@@ -1,16 +1,12 @@
 """The first inputs of every kind of `benchmarks/fuzz.py`, and those that once were findings."""
 
 import random
-import sys
 import warnings
-from pathlib import Path
 
 import pytest
+from hostile import KINDS, prepare
 
 from simgap.errors import SimgapError
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from hostile import KINDS, prepare
 
 FOUND: dict[str, tuple[int, ...]] = {"JSON results": (2015,), "Parquet recordings": (3777, 7129, 10804)}
 """Numbers of inputs that were read wrongly once, by kind."""

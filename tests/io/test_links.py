@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from little_cart import write_cart
 
 from simgap.cli import main
 from simgap.cli.options import start_log
@@ -14,6 +13,7 @@ from simgap.errors import UserError
 from simgap.io.atomic import no_links_below, write_text
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
+from tests.little_cart import write_cart
 
 RECORDING = "t,x,v,F\n" + "".join(f"{k / 100},0,0,0\n" for k in range(20))
 

@@ -1,21 +1,17 @@
 """Recordings hold what the table of traces holds, and say so when they do not."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "stages"))
-import loop_example as example
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.io.rerun import check as recording_check
 from simgap.io.rerun.content import share_of_bound
 from simgap.io.traces import NOMINAL, ROBUST, shown, split, twin
 from simgap.stages import trace as stage
+from tests.stages import loop_example as example
 
 
 @pytest.fixture(scope="module")

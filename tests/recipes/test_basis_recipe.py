@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import yaml
-from scratch import block, gap_of, scratch
+
+from tests.recipes.scratch import block, gap_of, scratch
 
 PAGE = "docs/how-to/plugins.md"
 ENGINE, BASIS = "An engine in a file beside the case", "A basis in a file beside the case"

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from scratch import block
 
 from simgap import effects, plugins
 from simgap.config.load import load_case
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages.effects import listed, printed
+from tests.recipes.scratch import block
 
 PAGE, HEADING = "docs/how-to/plugins.md", "An effect in a distribution"
 TAU, C = 0.005, 0.4

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import yaml
-from scratch import block, gap_of, scratch
 
 from simgap.config.load import load_case
 from simgap.io.parquet import read_parquet, stack
 from simgap.provenance import code_digest
+from tests.recipes.scratch import block, gap_of, scratch
 
 PAGE, HEADING = "docs/how-to/plugins.md", "An engine in a file beside the case"
 TAU, FRICTION = 0.01, 0.3

@@ -1,12 +1,6 @@
 """Pinned counts. To add a row, run `python benchmarks/synthesis.py` and confirm the count with another tool first."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
 from pinned_problems import PENDULUM, UNICYCLE, pendulum, unicycle
 
 from simgap.synthesis.games.invariance import invariance

@@ -4,12 +4,12 @@ import time
 
 import numpy as np
 import pytest
-from little_cart import write_cart
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.simulators.base import Simulator
 from simgap.simulators.probe import BLOCK, probed
+from tests.little_cart import write_cart
 
 
 class Cart(Simulator):

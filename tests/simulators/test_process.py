@@ -17,7 +17,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
 from simgap.simulators.process import engine_pool
-from test_process import wait_for_long
+from tests.simulators.test_process import wait_for_long
 if __name__ == "__main__":
     with engine_pool(2) as pool:
         for k in range(2):

@@ -4,7 +4,6 @@ import time
 
 import numpy as np
 import pytest
-from little_cart import write_cart
 
 from simgap.config.copied_plugins import copied_plugins
 from simgap.config.function_file import FunctionFile
@@ -12,6 +11,7 @@ from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.provenance import sections_digest
 from simgap.simulators.build import make_simulator
+from tests.little_cart import write_cart
 
 GOOD = """
 import numpy as np

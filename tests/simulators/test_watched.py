@@ -4,12 +4,12 @@ import time
 
 import numpy as np
 import pytest
-from little_cart import write_cart
 
 from simgap.config.load import load_case
 from simgap.errors import SimgapError
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
+from tests.little_cart import write_cart
 
 ENGINE = """
 import ctypes, os, time

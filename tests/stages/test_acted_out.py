@@ -4,14 +4,8 @@ The recordings are of a pendulum with Coulomb friction (`diagnosis_example`, int
 friction already, others are the nominal model or other numbers without it.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import diagnosis_example as example
 
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
@@ -25,6 +19,7 @@ from simgap.simulators.process import EngineCrash
 from simgap.stages import acted_out
 from simgap.stages import diagnosis as stage
 from simgap.stages.acted_out import ActedOut
+from tests.stages import diagnosis_example as example
 
 DOMAIN = "domain: {tau: 0.02 s, X: {q: [-1, 1], v: [-3, 3]}, U: {u: {min: -2, max: 2, step: 1}}}\n"
 TWIN = "simulator: {engine: equations, integrator: rk4, substeps: 4}\n"

@@ -15,9 +15,6 @@ import numpy as np
 import pytest
 import yaml
 
-sys.path.insert(0, str(Path(__file__).parent))
-from test_sensing_stage import bound
-
 from simgap.cli import main
 from simgap.config.load import case_content
 from simgap.errors import BrokenPromise, UserError
@@ -34,6 +31,7 @@ from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import audit, replay, synthesis
 from simgap.stages.scratch import scratch
+from tests.stages.test_sensing_stage import bound
 
 BUDGET = {"evaluations": 6000, "steps": 1500}
 STUCK = "no admissible input"

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import road
 
 from simgap.config.load import load_case
 from simgap.io.controller_file import load_controller
@@ -10,6 +9,7 @@ from simgap.io.documents import read_json
 from simgap.plants.context import Context
 from simgap.simulators.build import make_simulator
 from simgap.stages import check, fresh, synthesis, validation
+from tests.stages import road
 
 REDUCED = {
     "dcdc": {"grid.eps": 0.02, "synthesis.cells": [120, 120]},

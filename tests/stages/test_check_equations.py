@@ -7,7 +7,6 @@ import re
 import pytest
 import sympy as sp
 import yaml
-from little_cart import CASE, write_cart
 
 from simgap.errors import UserError
 from simgap.lint.equations import mixed_units, refuse_prefixes, wrong_dimensions
@@ -15,6 +14,7 @@ from simgap.lint.sampling_time import long_steps
 from simgap.model.dimensions import rate_mismatch
 from simgap.plants.context import Context
 from simgap.units import dimension
+from tests.little_cart import CASE, write_cart
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "explicit_euler"])

@@ -1,20 +1,17 @@
 """From files to verdict: a recording written here, and real records where they are at hand."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import diagnosis_example as example
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.io.recordings.measured import load_reading
 from simgap.plants.plant_model import PlantModel
 from simgap.stages import diagnosis as stage
+from tests.stages import diagnosis_example as example
 
 ROOT = Path(__file__).parents[2]
 RECORDS = ROOT / "../shared/data"

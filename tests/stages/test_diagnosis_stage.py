@@ -2,15 +2,11 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import diagnosis_example as example
 
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
@@ -22,6 +18,7 @@ from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.stages import diagnosis as stage
 from simgap.stages.corrected_case import corrected_case
+from tests.stages import diagnosis_example as example
 
 ARM = """\
 name: arm

@@ -6,7 +6,8 @@ import subprocess
 import sys
 
 import pytest
-from little_cart import write_cart
+
+from tests.little_cart import write_cart
 
 MORE = {"grid": {"eps": 0.5}, "gap": {"basis": ["x", "v", "F", 1]}}
 

@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-import road
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.load import from_json
@@ -18,6 +17,7 @@ from simgap.plants.context import Context
 from simgap.stages import fresh, grid
 from simgap.stages.gap_inputs import samples_of
 from simgap.stages.scp import scp
+from tests.stages import road
 
 PAPER = ["x1^2", "x2^2", "x1*x2", "x1", "x2", "u", 1]
 BASES = {

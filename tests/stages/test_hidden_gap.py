@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import road
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.load import from_json
@@ -15,6 +14,7 @@ from simgap.io.samples import write_columns, write_points
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import REST, BodySamples
+from tests.stages import road
 
 ROOT = Path(__file__).parents[2]
 SMALL = {

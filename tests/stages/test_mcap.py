@@ -4,7 +4,6 @@ import re
 import struct
 import sys
 import tracemalloc
-from pathlib import Path
 
 import mcap_ros2.decoder
 import numpy as np
@@ -15,9 +14,6 @@ from mcap.writer import Writer as McapWriter
 from mcap_ros2._dynamic import serialize_dynamic
 from mcap_ros2.writer import Writer
 
-sys.path.insert(0, str(Path(__file__).parent))
-import diagnosis_example as example
-
 from simgap.cli import main
 from simgap.diagnosis.reading.channels import Channel
 from simgap.diagnosis.reading.traces import ReadingOptions, read_traces
@@ -25,6 +21,7 @@ from simgap.errors import UserError
 from simgap.io.recordings.tables import read_header, read_recording
 from simgap.stages import check
 from simgap.stages import diagnosis as stage
+from tests.stages import diagnosis_example as example
 
 STATES = """std_msgs/Header header
 string[] name

@@ -1,6 +1,5 @@
 """Held-out transitions against f +- gamma: counted by hand on a model whose gap is known."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,9 +7,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import yaml
-
-sys.path.insert(0, str(Path(__file__).parent))
-import diagnosis_example as example
 
 from simgap.config.load import load_case, parse_case
 from simgap.diagnosis.reading.conditions import conditioned
@@ -23,6 +19,7 @@ from simgap.io.parquet import stack
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.report.measured_share import share_inside, transition_columns
+from tests.stages import diagnosis_example as example
 
 NOISE = {"q": 1e-3, "v": 1e-2}
 

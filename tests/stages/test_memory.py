@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import road
 
 from simgap.config.load import load_case
 from simgap.config.reads import READS
@@ -15,6 +14,7 @@ from simgap.provenance import sections_digest
 from simgap.simulators.behind_commands import acts_at_once
 from simgap.stages import fresh, synthesis, validation
 from simgap.stages.corrected_case import corrected_case
+from tests.stages import road
 
 DELAY, LAG = "input_delay", "input_lag"
 

@@ -1,15 +1,10 @@
 """Names out of somebody's files are text in pictures, pages and corrected cases; no picture takes an answer along."""
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import diagnosis_example as example
 
 from simgap.config.load import load_case
 from simgap.diagnosis.reading.record import Record
@@ -19,6 +14,7 @@ from simgap.io import figure_style as style
 from simgap.plants.context import Context
 from simgap.report import diagnosis_page
 from simgap.stages import diagnosis as stage
+from tests.stages import diagnosis_example as example
 
 NAME = "r1_$x_{$ <b>\x1b[31m\udc80\u202e"
 TOLD = r"r1_$x_{$ &lt;b&gt;\x1b[31m\udc80\u202e"

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import road
 import yaml
 
 from simgap.errors import UserError
@@ -22,6 +21,7 @@ from simgap.stages.new_joints import axes_of, centre_of, drives, needed_inputs
 from simgap.stages.propose import Numbers
 from simgap.wizard.dry_friction_guess import blocks_along
 from simgap.wizard.proposal_games import Proposal
+from tests.stages import road
 
 
 def controlled(case, folder):

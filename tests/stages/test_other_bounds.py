@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import road
 import yaml
 
 from simgap.cli import main
@@ -11,6 +10,7 @@ from simgap.gap.bounds.load import from_json
 from simgap.io.documents import read_json
 from simgap.io.parquet import read_parquet
 from simgap.stages import calibration, fresh, synthesis, validation
+from tests.stages import road
 
 SMALL = {
     "domain": {"tau": 0.005, "X": {"x1": [-0.2, 0.2], "x2": [-0.5, 0.5]},

@@ -1,16 +1,10 @@
 """A command takes no result of another case: each is held against the keys that it rests on, whatever names agree."""
 
 import os
-import sys
-from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
-
-sys.path.insert(0, str(Path(__file__).parent))
-import loop_example as example
-import numpy as np
-import road
 
 import simgap
 from simgap.config.load import load_case
@@ -22,6 +16,8 @@ from simgap.provenance import parts_of, provenance
 from simgap.stages import audit, certify, report, synthesis, trace, validation
 from simgap.stages.gap_inputs import samples_of
 from simgap.stages.rig import recording
+from tests.stages import loop_example as example
+from tests.stages import road
 
 
 @pytest.fixture(scope="module")

@@ -2,16 +2,11 @@
 
 import base64
 import re
-import sys
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import loop_example as example
 
 from simgap.errors import UserError
 from simgap.io.documents import write_json
@@ -19,6 +14,7 @@ from simgap.io.parquet import table, write_parquet
 from simgap.notation import number
 from simgap.stages import index, report
 from simgap.stages.report import Inputs
+from tests.stages import loop_example as example
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ import shutil
 
 import numpy as np
 import pytest
-import road
 
 from simgap.cli import main
 from simgap.errors import BrokenPromise, UserError
@@ -14,6 +13,7 @@ from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
 from simgap.plants.context import Context
 from simgap.stages import fresh, report, synthesis, validation
+from tests.stages import road
 
 START = {"x": 0.6, "y": 0.6, "theta": 0.5}
 U = {"v": {"min": -0.2, "max": 0.2, "step": 0.1}, "w": {"min": -0.4, "max": 0.4, "step": 0.4}}

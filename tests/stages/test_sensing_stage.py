@@ -1,9 +1,7 @@
 """Sensing from the case file to the closed loop: bounded error and a sample of latency, in the engine."""
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,9 +30,7 @@ from simgap.specifications.space import Space
 from simgap.stages import synthesis, validation
 from simgap.stages.margins import margins_of
 from simgap.stages.validation import draw_starts
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "synthesis"))
-from test_margins import check
+from tests.synthesis.test_margins import check
 
 
 @pytest.fixture

@@ -1,16 +1,11 @@
 """Several files, several traces, another rate, a state that one file lacks: one diagnosis of them all."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-import diagnosis_example as example
-
 from simgap.errors import UserError
 from simgap.stages import diagnosis as stage
+from tests.stages import diagnosis_example as example
 
 TRIED = "measured: {effects: [coulomb_friction, viscous_friction, spring], max_effects: 2}\n"
 

@@ -1,13 +1,7 @@
 """The trace stage on both kinds of case, from the command line as well."""
 
-import sys
-from pathlib import Path
-
 import pyarrow.parquet as pq
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import loop_example as example
 
 from simgap.cli import main
 from simgap.config.reads import READS
@@ -20,6 +14,7 @@ from simgap.plants.context import Context
 from simgap.provenance import sections_digest
 from simgap.report.recording import recording_content
 from simgap.report.scene import scene
+from tests.stages import loop_example as example
 
 
 @pytest.fixture(scope="module")

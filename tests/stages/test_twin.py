@@ -4,13 +4,13 @@ import json
 
 import pytest
 import yaml
-from road import bound, roll_out
 
 from simgap.cli import main
 from simgap.errors import BrokenPromise
 from simgap.io.gap_file import load_gap
 from simgap.plants.context import Context
 from simgap.stages import fresh, twin
+from tests.stages.road import bound, roll_out
 
 SMALL = {"grid.eps": 0.03, "grid.shards": 2, "gap.fresh_samples": 500, "domain.U": {"u": {"values": [-1.2, 0.1, 1.2]}}}
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from synthesis_plants import constant_gap, pendulum
 
 from simgap.geometry import Box
 from simgap.specifications.invariance import Invariance
@@ -10,6 +9,7 @@ from simgap.specifications.space import Space
 from simgap.synthesis.explain import explain
 from simgap.synthesis.refusals import EmptyDomain
 from simgap.synthesis.synthesise import Problem, synthesise
+from tests.synthesis.synthesis_plants import constant_gap, pendulum
 
 SPACE = Space(("x1", "x2"), Box([0.0, -0.5], [0.2, 0.5]))
 SAFE = {"x1": (0.0, 0.2), "x2": (-0.5, 0.5)}

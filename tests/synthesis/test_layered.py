@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import sympy as sp
-import synthesis_oracle as oracle
 from pydantic import ValidationError
-from synthesis_plants import constant_gap, sloped_gap
 
 from simgap.config.synthesis import SynthesisSection
 from simgap.errors import UserError
@@ -21,6 +19,8 @@ from simgap.synthesis.bits import unpack
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.layered import layered_invariance
 from simgap.synthesis.synthesise import Problem, synthesise
+from tests.synthesis import synthesis_oracle as oracle
+from tests.synthesis.synthesis_plants import constant_gap, sloped_gap
 
 GAMES = [
     ((13,), None),

@@ -1,14 +1,9 @@
 """One-step margins against their definition: the abstraction with a gap that has grown by that much."""
 
 import itertools
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-import synthesis_plants as plants
 
 from simgap.geometry import Box, Grid
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
@@ -16,6 +11,7 @@ from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.previous import reach_by_classes
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.margins import LARGEST_FACTOR, Remembered, one_step_margins, shown_layers
+from tests.synthesis import synthesis_plants as plants
 
 
 def within(

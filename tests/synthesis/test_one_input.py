@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from synthesis_plants import constant_gap, unicycle
 
 from simgap.attack.law import Law
 from simgap.config.synthesis import SynthesisSection
@@ -20,6 +19,7 @@ from simgap.specifications.space import Space
 from simgap.synthesis.bits import unpack
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.synthesise import Problem, synthesise
+from tests.synthesis.synthesis_plants import constant_gap, unicycle
 
 ROBOT = Space(("x", "y", "t"), Box([0, 0, -np.pi], [4, 4, np.pi]), (2,))
 INPUTS = np.array([(v, w) for v in (-0.5, 0.0, 0.5) for w in (-1.0, -0.5, 0.0, 0.5, 1.0)])

@@ -9,7 +9,6 @@ import pytest
 import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from synthesis_plants import constant_gap, pendulum, random_plant, sloped_gap, small_slope, unicycle
 
 from simgap.geometry import Box, Grid
 from simgap.model.sampled import NominalModel
@@ -20,6 +19,7 @@ from simgap.synthesis.bits import unpack
 from simgap.synthesis.games.game import MeasuredGame
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
+from tests.synthesis.synthesis_plants import constant_gap, pendulum, random_plant, sloped_gap, small_slope, unicycle
 
 RELAXED = settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 GAPS = {

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import sympy as sp
 from pydantic import ValidationError
-from synthesis_plants import constant_gap, pendulum, unicycle
 
 from simgap.closed_loop import scalar_lookup
 from simgap.config.synthesis import SynthesisSection
@@ -25,6 +24,7 @@ from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.controller import Controller, least_effort
 from simgap.synthesis.synthesise import Problem, synthesise
+from tests.synthesis.synthesis_plants import constant_gap, pendulum, unicycle
 
 STATES = ("x1", "x2")
 DOMAIN = Box([-0.2, -0.5], [0.2, 0.5])

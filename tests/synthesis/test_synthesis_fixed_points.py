@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-import synthesis_oracle as oracle
 
 from simgap.errors import UserError
 from simgap.synthesis.bits import unpack
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
+from tests.synthesis import synthesis_oracle as oracle
 
 SHAPES = [((13,), ()), ((9, 7), ()), ((9, 7), (1,)), ((5, 4, 6), ()), ((5, 4, 6), (0, 2)), ((3, 4, 3, 4), (1,))]
 ROW_SHAPES = [

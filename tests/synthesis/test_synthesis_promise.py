@@ -6,7 +6,6 @@ import numpy as np
 import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from synthesis_plants import constant_gap, sloped_gap
 
 from simgap.geometry import Box, Grid
 from simgap.model.sampled import NominalModel
@@ -14,6 +13,7 @@ from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.bits import unpack
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
+from tests.synthesis.synthesis_plants import constant_gap, sloped_gap
 
 RELAXED = settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 BOX = Box([-1.0, -1.5], [1.2, 1.0])

@@ -4,8 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-import synthesis_oracle as oracle
-from synthesis_plants import constant_gap, pendulum
 
 from simgap.geometry import Box
 from simgap.specifications.invariance import Invariance
@@ -14,6 +12,8 @@ from simgap.synthesis.bits import unpack
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.games.sensing import sensed_invariance
 from simgap.synthesis.synthesise import Problem, synthesise
+from tests.synthesis import synthesis_oracle as oracle
+from tests.synthesis.synthesis_plants import constant_gap, pendulum
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import synthesis_oracle as oracle
-from synthesis_plants import constant_gap, unicycle
 
 from simgap.errors import UserError
 from simgap.gap.bounds.function import GapDomain
@@ -21,6 +19,8 @@ from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
 from simgap.synthesis.bits import unpack
 from simgap.synthesis.games.reach import reach_avoid
+from tests.synthesis import synthesis_oracle as oracle
+from tests.synthesis.synthesis_plants import constant_gap, unicycle
 
 SPEEDS = {"v": {"min": -0.2, "max": 0.2, "step": 0.2}, "w": {"min": -0.5, "max": 0.5, "step": 0.5}}
 

@@ -1,12 +1,8 @@
 """Of a corrected case, which a diagnosis writes anew, a change reruns only what reads it: what is read is compared."""
 
-import sys
-from pathlib import Path
-
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-from test_workflow import SMALL, Project
+from tests.workflow.test_workflow import SMALL, Project
 
 # Stands for every stage: a diagnosis that copies its case as the real one does, others that write a mark.
 STUB = """

@@ -5,7 +5,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from little_cart import write_cart
+
+from tests.little_cart import write_cart
 
 MODULES = ("yaml", "types", "numpy", "simgap", "snakemake", "sitecustomize", "usercustomize", "json", "pandas")
 RAN = "open({!r}, 'a').write(__file__ + '\\n')\nraise ImportError('of the folder')\n"

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from little_cart import write_cart
+from tests.little_cart import write_cart
 
 ROOT = Path(__file__).parents[2]
 CASE = {

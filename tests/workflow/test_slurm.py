@@ -2,14 +2,12 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-from one_node_slurm import DAEMONS, installed, one_node
-from test_workflow import Project
+from tests.workflow.one_node_slurm import DAEMONS, installed, one_node
+from tests.workflow.test_workflow import Project
 
 ASKED = "SIMGAP_TEST_SLURM"
 pytestmark = [

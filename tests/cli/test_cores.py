@@ -1,0 +1,18 @@
+"""Cores of a job: one beside other cases, so that none is idle; two where a case is alone."""
+
+import subprocess
+import sys
+
+import pytest
+
+
+@pytest.mark.parametrize(("cases", "workers"), [('["pendulum"]', "2"), ('["pendulum","turtlebot"]', "1")])
+def test_a_job_takes_one_core_beside_other_cases(root, cases, workers):
+    plan = ["-n", "-p", "--cores", "2", "--config", f"cases={cases}", "--forceall"]
+    target = "results/pendulum/synthesis/nominal/controller.npz"
+    done = subprocess.run(
+        [sys.executable, "-m", "snakemake", *plan, "--", target], cwd=root, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    (line,) = (row for row in done.stdout.splitlines() + done.stderr.splitlines() if "simgap synthesis " in row)
+    assert f"--workers {workers} " in line
