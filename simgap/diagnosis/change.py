@@ -10,11 +10,11 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.reading.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Estimate, FoundEffect, RecordingFault
+from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
 from simgap.diagnosis.thresholds import FEWEST_WINDOWS, FIT_QUALITY, MIN_SAMPLES, MOST, RAMP_ENDS, SIDES_ALIKE
-from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS
 from simgap.effects.quoted import Quoted
 from simgap.errors import UserError

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.confirming import confirmed
 from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.windows import stretches
+from simgap.diagnosis.reading.windows import Span, stretches
 from simgap.diagnosis.result import (
     Alternative,
     Diagnosis,
@@ -24,23 +24,31 @@ from simgap.diagnosis.result import (
     Step,
     Verdict,
 )
+from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.scoring import places
 from simgap.diagnosis.search.watch import Watch
+from simgap.diagnosis.simulation.gross_errors import LIMIT
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import is_fault
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, EXACTLY_COLLINEAR, FAR, FIT_QUALITY, MATTERS, NARROW
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, EXACTLY_COLLINEAR, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
-from simgap.diagnosis.verdict.faults import faint_memory, fitted_faults, gain_faults, noise_faults
+from simgap.diagnosis.verdict.faults import (
+    faint_memory,
+    fitted_faults,
+    gain_faults,
+    gross_spans,
+    noise_faults,
+    push_faults,
+)
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
-    chi2_dof,
     excess_share,
     judge,
     judged,
@@ -64,13 +72,14 @@ def conclude(
     seen = confirmed(parts, put, names, horizon)
     chosen, old = seen.chosen, seen.old
     search, full, base = chosen.search, chosen.full, chosen.base
-    verdict_is = _worded(record, known, confirm, chosen, seen.evidence)
+    verdict_is = _worded(record, parts.left_out, known, confirm, chosen, seen.evidence)
     word, named = verdict_is.word, verdict_is.named
     kept, held = (chosen.kept, seen.new) if named else (full.empty(base), old)
     short = nearest(full, chosen.kept, seen.evidence, chosen.at_floor, model) if word == "unexplained" else None
     tested = word in ("partial", "unexplained") and short is None
     empty = search.empty(chosen.sparse)
     left = second_look(search, chosen.found if named else empty, confirm, held, horizon, model) if tested else None
+    pushes = push_faults(parts.left_out or gross_spans(known, chosen.kept.fit), known, names)
     told_of = _told(model, record, known, chosen, kept, verdict_is.others)
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
@@ -98,7 +107,12 @@ def conclude(
         nearest=short,
         left_over=left,
         concentrated=seen.where,
-        recording=(*faults, *told_of.faults, *noise_faults(known)),
+        recording=(
+            *faults,
+            *pushes,
+            *told_of.faults,
+            *noise_faults(known),
+        ),
         steps=steps(search, empty, chosen.kept),
     )
 
@@ -142,12 +156,13 @@ class _Worded:
     fitter: tuple[str, ...]
 
 
-def _worded(record: Record, known: Problem, confirm: Problem, chosen: Chosen, evidence: Evidence) -> _Worded:
+def _worded(
+    record: Record, left_out: tuple[Span, ...], known: Problem, confirm: Problem, chosen: Chosen, evidence: Evidence
+) -> _Worded:
     """The verdict by the evidence, held back where something else may have acted or fits better."""
     word, members = verdict(chosen.kept, evidence), chosen.kept.members
-    further = (
-        beyond(record, known, chosen.kept.fit, confirm) if word in ("attributed", "none") and record.left_out else ()
-    )
+    asked = left_out and word in ("attributed", "none")
+    further = beyond(record, left_out, known, chosen.kept.fit, confirm) if asked else ()
     word = "partial" if further and members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
@@ -187,10 +202,10 @@ def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) 
         said.append(f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects that were fitted.")
     if not kept.fit.converged:
         said.append("The last fit had not settled: take its numbers with care.")
-    if held.stray:
+    if held.stray and held.at_noise:
         said.append(
-            f"Single readings of the fold that confirms ({held.stray}) miss by more than {FAR:g} noises between "
-            "neighbours that do not: noise with heavy tails, or bad readings. They are not counted in RMSE/sigma."
+            f"Readings of the fold that confirms ({held.stray}) are gross errors, {LIMIT:.2g} noises off and more: "
+            "noise with heavy tails, or bad readings."
         )
     if horizon_s > 0 and held.horizon is None:
         said.append("No stretch of the fold that confirms is as long as the horizon: the errors are within windows.")

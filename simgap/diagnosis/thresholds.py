@@ -29,6 +29,10 @@ BY_CHANCE = 1e-6
 input. Of backlash that was taken for noise (benchmarks/undeclared.py, seeds 1001, 1002, 1004) the regression's F was 8
 to 9, of noise of three laws on three plants 0.4 to 1.2 (benchmarks/noise_colours.py); the limit is about 3."""
 
+TAILS = 4.0
+"""Degrees of freedom of Student's t, by which errors ahead are scored and the usual size of a miss is estimated
+(Lange, Little, Taylor (1989), J. Am. Stat. Assoc. 84, who find 4 for most of their data)."""
+
 FAR = 5.0
 """So many standard deviations are more than noise: of a reading between others that miss by less than half of it, which
 is a stray (what moves is not back at the next reading); of a reading beyond all others or off its prediction; of the

@@ -18,6 +18,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
+from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import Starts
@@ -30,7 +31,6 @@ from simgap.diagnosis.simulation.refit import refit
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, LEAPS_ANYHOW, MOST, MOTOR_STEPS, NARROW, NEAR
-from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
 

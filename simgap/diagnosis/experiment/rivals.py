@@ -9,13 +9,13 @@ from simgap.diagnosis.experiment.bench import Rival
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.reading.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
+from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate, SuperModel
-from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS, AppliedEffect
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
+
+from simgap.diagnosis.reading.windows import Span
 from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.recording import RECORDING, is_fault
-from simgap.diagnosis.thresholds import MOST
+from simgap.diagnosis.thresholds import BRIEF_S, MOST
 from simgap.effects.quoted import Quoted
+from simgap.notation import joined
 
 UNITS: Mapping[str, float] = {
     "logged in units a thousand times too large": 1000.0,
@@ -22,6 +28,7 @@ UNITS: Mapping[str, float] = {
 }
 """True over logged, of units that are often mistaken for each other."""
 UNIT_WITHIN = 0.02
+_SEVERAL = 3  # gross errors in a row are no stray readings
 
 _SAME = {"late_reading": "late_log"}  # one fault to a person, of an input or of a reading
 
@@ -66,6 +73,36 @@ def gain_faults(found: Iterable[FoundEffect]) -> list[RecordingFault]:
                 remedy = f"If so, give its column's unit under measured.columns.{e.on}."
                 out.append(RecordingFault("wrong_unit", e.on, ratio.value, "1", sentence, remedy))
     return out
+
+
+def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
+    """Times of fitted windows in which gross errors follow one another: a push, a contact, a lost signal."""
+    if known.usual is None:
+        return ()
+    gross = are_gross(known.residuals(at.theta, at.x0), known.spread).any(axis=1)
+    t, trace = known.t[known.samples], np.repeat(known.windows.trace, np.diff(known.rows))
+    found: list[list[float]] = []
+    for k, s in sorted(zip(trace[gross].tolist(), t[gross].tolist(), strict=True)):
+        if found and found[-1][0] == k and s - found[-1][2] <= 0.5 * BRIEF_S:
+            found[-1][2:] = [s, found[-1][3] + 1]
+        else:
+            found.append([k, s, s, 1])
+    return tuple((int(k), a, b) for k, a, b, count in found if count >= _SEVERAL)
+
+
+def push_faults(spans: Sequence[Span], known: Problem, names: Sequence[str]) -> tuple[RecordingFault, ...]:
+    """What weighed nothing in a fit to the known windows, in words."""
+    if not spans:
+        return ()
+    places, lasts = [f"{a:.2f} to {b:.2f} s of {names[k]}" for k, a, b in spans], sum(b - a for _, a, b in spans)
+    kept = float(np.sum(known.t[known.windows.stop - 1] - known.t[known.windows.start]))
+    where = joined(places if len(places) <= 3 else [*places[:3], f"{len(places) - 3} more"])
+    sentence = (
+        f"{where[0].upper()}{where[1:]} (a push?): {100 * lasts / (lasts + kept):.2g} % of the fitted time weighs "
+        "nothing, as it stands out and no effect that was tried explains it."
+    )
+    remedy = "Drop what was disturbed (measured.masks), or repeat the run with nothing touching the plant."
+    return (RecordingFault("push", "", lasts, "s", sentence, remedy),)
 
 
 def filtered_channels(search: Search, found: Explanation) -> tuple[RecordingFault, ...]:
