@@ -99,7 +99,7 @@ def _cut(record: Record, change: Change, window_s: float) -> tuple[Record | None
             side.insert(at, piece(split, which))
     if change.begin == change.end:  # between two traces
         before, after = list(record.traces[: change.trace]), list(record.traces[change.trace :])
-    return tuple(replace(record, traces=tuple(s), left_out=()) if s else None for s in (before, after))
+    return tuple(replace(record, traces=tuple(s)) if s else None for s in (before, after))
 
 
 def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], about: str) -> RecordingFault | None:

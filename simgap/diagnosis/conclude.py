@@ -84,6 +84,8 @@ def conclude(
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
     most = settings.max_effects if chosen.at_floor else min(settings.max_effects, settings.most_off_floor)
+    usual, own = DiagnosisSettings(), settings
+    limited = (own.max_effects, own.most_off_floor) != (usual.max_effects, usual.most_off_floor)  # by a person
     return Diagnosis(
         verdict=word,
         effects=told_of.effects,
@@ -100,7 +102,7 @@ def conclude(
         warnings=(*said, *told_of.slight, *_warnings(search.watch, held, kept, horizon), *verdict_is.fitter),
         unconfirmed=verdict_is.further,
         faint_memory=verdict_is.faint,
-        at_most=most if len(chosen.kept.members) >= most else None,
+        at_most=most if limited and len(chosen.kept.members) >= most else None,
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),
