@@ -21,8 +21,8 @@ from simgap.io.atomic import atomic
 from simgap.io.packed_arrays import Arrays, checksum, fits, pack, unpacked
 from simgap.io.unpacked import TooLarge, require_room
 from simgap.specifications.solution import Solution
-from simgap.synthesis.bits import packed_width
 from simgap.synthesis.controller import Controller
+from simgap.synthesis.input_sets import packed_width
 
 MOST_INPUTS = 2**15 - 1  # the chosen input is stored in 16 bits
 

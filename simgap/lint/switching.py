@@ -9,7 +9,7 @@ from simgap.config.plant import AddedEffect
 from simgap.effects import effect
 from simgap.effects.base import CoordinateEffect
 from simgap.effects.drives import DriveEffect
-from simgap.gap.kinds.blocks import Blocks
+from simgap.gap.bases import Blocks
 from simgap.late import sympy as sp
 from simgap.plants.context import Context
 from simgap.simulators.surprises import Finding

@@ -14,7 +14,7 @@ from simgap.effects import CoordinateEffect, StaticInputEffect, effect
 from simgap.effects.drives import DriveEffect
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.plants.joint_units import check_joint_units
+from simgap.plants.urdf_checks import check_joint_units
 from simgap.simulators.commands import static_path
 
 Forces = Callable[..., Sequence[float]]

@@ -1,4 +1,4 @@
-"""What every specification answers, and the game that a controller is found by.
+"""What every specification answers, the game that a controller is found by, and how a specification is drawn.
 
 A specification is a frozen section of a case: its fields are the keys, its methods do the rest. It says which cells are
 allowed and asks a `Game` for sets of cells from which that can be kept or reached; it judges runs, and it has the words
@@ -8,6 +8,7 @@ and the picture for a report. Nobody asks for its class: what differs between ki
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -17,11 +18,53 @@ from simgap.config.base import Section
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
+from simgap.plants.context import Context
 from simgap.specifications.monitor import Monitor
-from simgap.specifications.picture import Look, Plane
 from simgap.specifications.regions import KEY
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colours of matplotlib for what is to be reached (face, edge), avoided, and never left."""
+
+    target: tuple[str, str]
+    obstacle: str
+    border: str
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A floor seen from above.
+
+    Attributes:
+        axes: which states are x, y and heading.
+        arena, target, obstacles: boxes over (x, y), no target where nothing is to be reached; radius: of the
+            footprint, in the unit of x.
+    """
+
+    axes: tuple[int, int, int]
+    arena: Box
+    target: Box | None
+    obstacles: tuple[Box, ...]
+    radius: float
+
+
+def projected(box: Box, outer: Box, shown: tuple[int, int]) -> Box:
+    """A box over two of its states, cut at `outer` where it has no end."""
+    i = list(shown)
+    return Box(
+        np.where(np.isfinite(box.lo[i]), box.lo[i], outer.lo[i]),
+        np.where(np.isfinite(box.hi[i]), box.hi[i], outer.hi[i]),
+    )
+
+
+def rectangle(axes: Any, box: Box, **look: Any) -> None:
+    """A box over two states as a patch."""
+    from matplotlib.patches import Rectangle
+
+    axes.add_patch(Rectangle((box.lo[0], box.lo[1]), *(box.hi - box.lo), **look))
 
 
 class Game(Protocol):
@@ -159,3 +202,19 @@ def specification_of(case: Case) -> Specification:
             remedy="Derive it from simgap.specifications.base.Specification.",
         )
     return found
+
+
+def path_aware_baseline(context: Context) -> Context:
+    """The case with the fair baseline: a nominal-only controller that checks its model between samples.
+
+    Raises:
+        UserError: a specification of the samples alone.
+    """
+    if not specification_of(context.case).between_samples:
+        raise UserError(
+            "needs a specification between samples; this one is about sampling instants alone",
+            file=context.path, key="validation.fair_baseline", remedy="Take the key out.",
+        )  # fmt: skip
+    section = context.need(context.case.synthesis, "synthesis")
+    asked = section.model_copy(update={"nominal_between_samples": True})
+    return replace(context, case=context.case.model_copy(update={"synthesis": asked}))

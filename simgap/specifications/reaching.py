@@ -10,8 +10,7 @@ from pydantic import Field, model_validator
 from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
-from simgap.specifications.base import Game, Specification
-from simgap.specifications.picture import Look, Plane, projected, rectangle
+from simgap.specifications.base import Game, Look, Plane, Specification, projected, rectangle
 from simgap.specifications.regions import (
     KEY,
     Interval,
@@ -26,7 +25,7 @@ from simgap.specifications.regions import (
     upright,
 )
 from simgap.specifications.space import Space
-from simgap.specifications.surroundings import on_floor
+from simgap.specifications.toward import on_floor
 
 NOT_FREE = "every cell of the target is inside an obstacle or too near to one or to a wall"
 RADIUS = 0.15

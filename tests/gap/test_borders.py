@@ -7,8 +7,7 @@ import pytest
 import sympy as sp
 
 from simgap.gap.bounds.function import GapDomain
-from simgap.gap.sampling.borders import BESIDE, critical_points, thinned_count
-from simgap.gap.sampling.switching import kinks, switching_surfaces
+from simgap.gap.sampling.borders import BESIDE, critical_points, kinks, switching_surfaces, thinned_count
 from simgap.geometry import Box
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
