@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Estimate, FoundEffect, RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude

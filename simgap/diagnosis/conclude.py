@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.confirming import confirmed
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.windows import stretches
+from simgap.diagnosis.record.folds import stretches
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import (
     Alternative,
     Diagnosis,

@@ -12,11 +12,11 @@ from simgap.diagnosis.choosing import chosen
 from simgap.diagnosis.conclude import conclude
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.push import left_out_by, one_is_enough, push_fault, suspected
-from simgap.diagnosis.reading.exchanged import put_back
-from simgap.diagnosis.reading.hum import without_hum
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.repair import repaired
-from simgap.diagnosis.reading.windows import Span
+from simgap.diagnosis.record.faults.columns import put_back
+from simgap.diagnosis.record.faults.hum import without_hum
+from simgap.diagnosis.record.faults.readings import repaired
+from simgap.diagnosis.record.folds import Span
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Key, RecordingFault
 from simgap.diagnosis.search.barred import barred
 from simgap.diagnosis.search.columns import better_columns

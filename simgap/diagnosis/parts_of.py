@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from simgap.diagnosis.reading.encoder import worth
-from simgap.diagnosis.reading.folds import cut_in_folds
-from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.record.folds import cut_in_folds
+from simgap.diagnosis.record.noise import worth
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import build_problem

@@ -13,8 +13,8 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.windows import Span, Windows
+from simgap.diagnosis.record.folds import Span, Windows
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key, RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit

@@ -9,9 +9,9 @@ from pathlib import Path
 from simgap import reading
 from simgap.config.measured import MeasuredSection
 from simgap.config.recordings import matching
-from simgap.diagnosis.reading.channels import Channel, measured_columns
-from simgap.diagnosis.reading.conditions import conditioned
-from simgap.diagnosis.reading.stamps import same_file
+from simgap.diagnosis.record.channels import Channel, measured_columns
+from simgap.diagnosis.record.clock import same_file
+from simgap.diagnosis.record.conditions import conditioned
 from simgap.effects import EFFECTS
 from simgap.errors import UserError
 from simgap.io.recordings.mcap_messages import is_mcap

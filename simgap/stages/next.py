@@ -17,8 +17,8 @@ from simgap.diagnosis.experiment.lengths import windows_to_come
 from simgap.diagnosis.experiment.rivals import Explained, library_names
 from simgap.diagnosis.experiment.verify import missed
 from simgap.diagnosis.experiment.words import lengths_in_words, paragraph
-from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
-from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.recording import is_fault
 from simgap.effects import AppliedEffect

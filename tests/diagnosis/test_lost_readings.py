@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.repair import repaired
-from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.record.faults.readings import repaired
+from simgap.diagnosis.record.folds import Windows
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.search.confidence import at_noise
 from simgap.diagnosis.simulation.problem import build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel

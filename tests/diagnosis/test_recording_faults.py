@@ -8,10 +8,10 @@ from scipy.signal import lfilter
 
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.exchanged import put_back
-from simgap.diagnosis.reading.hum import without_hum
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.repair import repaired
+from simgap.diagnosis.record.faults.columns import put_back
+from simgap.diagnosis.record.faults.hum import without_hum
+from simgap.diagnosis.record.faults.readings import repaired
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.columns import better_columns
 from simgap.diagnosis.search.noise_colour import _law

@@ -15,8 +15,8 @@ from mcap_ros2._dynamic import serialize_dynamic
 from mcap_ros2.writer import Writer
 
 from simgap.cli import main
-from simgap.diagnosis.reading.channels import Channel
-from simgap.diagnosis.reading.traces import ReadingOptions, read_traces
+from simgap.diagnosis.record.channels import Channel
+from simgap.diagnosis.record.traces import ReadingOptions, read_traces
 from simgap.errors import UserError
 from simgap.io.recordings.tables import read_header, read_recording
 from simgap.stages import check

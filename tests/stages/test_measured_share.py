@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from simgap.config.load import load_case, parse_case
-from simgap.diagnosis.reading.conditions import conditioned
+from simgap.diagnosis.record.conditions import conditioned
 from simgap.gap.bases import Expressions
 from simgap.gap.fitting.bound_fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples

@@ -9,9 +9,8 @@ from typing import TypeVar
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.reading.folds import cut_in_folds
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.record.folds import Windows, cut_in_folds
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.errors import UserError
 

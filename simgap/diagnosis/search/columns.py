@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.reading.exchanged import swap
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.faults.columns import swap
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states

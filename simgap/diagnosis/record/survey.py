@@ -4,18 +4,161 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from simgap.arrays import Floats
-from simgap.diagnosis.reading.encoder import worth
-from simgap.diagnosis.reading.lag import VelocityLag, velocity_lag
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.stillness import Stretch, at_limit, frozen_stretches, resolution, still_stretches
-from simgap.diagnosis.thresholds import A_FEW, DERIVATIVE_SCALE, LAG_WORTH_SAYING_S, MOST, REST_SHARE, SMALL_SWING_RAD
+from simgap.arrays import Bools, Floats
+from simgap.diagnosis.record.noise import resolution, worth
+from simgap.diagnosis.record.record import Record, Trace, runs
+from simgap.diagnosis.thresholds import (
+    A_FEW,
+    DERIVATIVE_SCALE,
+    LAG_WORTH_SAYING_S,
+    MOST,
+    REST_SHARE,
+    SMALL_SWING_RAD,
+    STILL_NOISE,
+    STILL_STEPS,
+)
 from simgap.late import sympy as sp
 from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
 from simgap.units import full_turn
+
+
+@dataclass(frozen=True)
+class VelocityLag:
+    """A velocity channel against the derivative of its position.
+
+    Attributes:
+        position, velocity: the two states.
+        lag_s: by how much the velocity trails (s); negative: it leads.
+        scale: velocity channel over derivative of the position; 1 when their units agree.
+        mismatch: RMS of what lag and scale leave, over the RMS of the velocity.
+    """
+
+    position: str
+    velocity: str
+    lag_s: float
+    scale: float
+    mismatch: float
+
+
+def velocity_lag(record: Record, position: str, velocity: str, reach_s: float = 0.1) -> VelocityLag | None:
+    """Lag and scale between two channels, by least squares over shifts up to `reach_s`; None where nothing moves.
+
+    Both sides are averaged over the same +-m samples, so that noise is tamed and no phase is added: the mean of v over
+    [t - m dt, t + m dt] is compared with (q(t + m dt) - q(t - m dt)) / (2 m dt). Source: difference quotient and
+    cross-correlation, as in Ljung (1999), System Identification, sec. 6.1; the optimum is refined by a parabola.
+    """
+    j, k = record.measured.index(position), record.measured.index(velocity)
+    dt = float(np.median(np.concatenate([np.diff(trace.t) for trace in record.traces])))
+    m, reach = max(1, round(0.01 / dt)), max(2, round(reach_s / dt))
+    sums = np.zeros((2 * reach + 1, 3))  # for each shift: v.d, d.d, v.v
+    for trace in record.traces:
+        sums += _shifted_products(trace, j, k, dt, m, reach)
+    cross, power, own = sums.T
+    if np.min(power) <= 0.0 or np.min(own) <= 0.0:
+        return None
+    loss = 1.0 - cross**2 / (power * own)
+    best = int(np.argmin(loss))
+    shift = float(best - reach)
+    if 0 < best < 2 * reach:
+        left, mid, right = loss[best - 1 : best + 2]
+        bend = left - 2 * mid + right
+        shift += 0.5 * float((left - right) / bend) if bend > 0 else 0.0
+    scale = float(cross[best] / power[best])
+    return VelocityLag(position, velocity, shift * dt, scale, float(np.sqrt(max(loss[best], 0.0))))
+
+
+def _shifted_products(trace: Trace, j: int, k: int, dt: float, m: int, reach: int) -> Floats:
+    """Inner products of the averaged velocity with the derivative of the position at every shift, (2 reach + 1, 3)."""
+    even = np.arange(trace.t[0], trace.t[-1], dt)
+    if even.size < 4 * (reach + m):
+        return np.zeros((2 * reach + 1, 3))
+    q, v = (np.interp(even, trace.t, trace.y[:, c]) for c in (j, k))
+    slope = (q[2 * m :] - q[: -2 * m]) / (2 * m * dt)
+    running = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))])
+    mean = (running[2 * m :] - running[: -2 * m]) / (2 * m)
+    inner = slope[reach:-reach]
+    out = np.empty((2 * reach + 1, 3))
+    for s in range(2 * reach + 1):
+        moved = mean[s : s + inner.size]
+        out[s] = moved @ inner, inner @ inner, moved @ moved
+    return out
+
+
+BLOCK_S, STILL_S = 0.25, 0.75
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of a trace: from, to (s, the trace's own stamps) and the channel it is about (None: all)."""
+
+    trace: str
+    start: float
+    stop: float
+    channel: str | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Its length, s."""
+        return self.stop - self.start
+
+
+def still_stretches(record: Record, sigma: Floats, quantum: Floats) -> tuple[Stretch, ...]:
+    """Stretches of at least 0.75 s with every channel within its noise (k,) or two steps of its resolution (k,)."""
+    limit = np.maximum(STILL_NOISE * sigma, STILL_STEPS * quantum)
+    found: list[Stretch] = []
+    for trace in record.traces:
+        edges = _block_edges(trace)
+        still = np.array([bool(np.all(np.ptp(trace.y[a:b], axis=0) <= limit)) for a, b in pairwise(edges)])
+        for a, b in runs(still):
+            together = np.ptp(trace.y[edges[a] : edges[b]], axis=0) <= 2 * limit
+            stretch = Stretch(trace.name, float(trace.t[edges[a]]), float(trace.t[edges[b] - 1]))
+            if together.all() and stretch.seconds >= STILL_S - BLOCK_S:
+                found.append(stretch)
+    return tuple(found)
+
+
+def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> tuple[Stretch, ...]:
+    """Stretches of at least 0.25 s in which one channel repeats the very same number while the trace moves."""
+    found: list[Stretch] = []
+    for trace in record.traces:
+        span = np.ptp(trace.y, axis=0)
+        rests = [s for s in still if s.trace == trace.name]
+        for k, name in enumerate(record.measured):
+            for a, b in runs(np.diff(trace.y[:, k]) == 0.0):
+                s = Stretch(trace.name, float(trace.t[a]), float(trace.t[b]), name)
+                if s.seconds < BLOCK_S or any(o.start <= s.stop and s.start <= o.stop for o in rests):
+                    continue
+                moved = np.delete(np.ptp(trace.y[a : b + 1], axis=0) > MOST * span, k)
+                if moved.any():
+                    found.append(s)
+    return tuple(found)
+
+
+def at_limit(u: Floats) -> tuple[float, float, float]:
+    """Share of samples held at the lowest and highest value, and the larger magnitude of the two: (n,) -> floats.
+
+    A sample counts when a neighbour is at the same extreme; inputs of few levels (bang-bang, steps) have no limit.
+    """
+    lo, hi = float(u.min()), float(u.max())
+    levels = np.unique(u[:: max(1, u.size // 20000)])
+    if hi == lo or levels.size <= 8:
+        return 0.0, 0.0, max(abs(lo), abs(hi))
+    slack = 1e-6 * (hi - lo)
+    low, high = (_in_runs(side) for side in (u <= lo + slack, u >= hi - slack))
+    return low, high, max(abs(lo), abs(hi))
+
+
+def _in_runs(flags: Bools) -> float:
+    return sum(b - a for a, b in runs(flags) if b - a >= 3) / flags.size
+
+
+def _block_edges(trace: Trace) -> list[int]:
+    edges = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BLOCK_S))
+    return np.unique(np.append(edges, len(trace.t))).tolist()
 
 
 @dataclass(frozen=True)

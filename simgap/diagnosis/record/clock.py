@@ -1,14 +1,14 @@
-"""Time stamps as recordings have them: any epoch, jitter, repeats, gaps, stretches that a person masks."""
+"""Time in a recording: stamps of any epoch, jitter, repeats, gaps, masks; a trace becomes uninterrupted pieces."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.diagnosis.reading.table import RawTable
+from simgap.diagnosis.record.channels import RawTable, unwrap
 from simgap.diagnosis.thresholds import MIN_SAMPLES
 from simgap.errors import UserError
 from simgap.units import conversion
@@ -154,3 +154,82 @@ def pieces(t: Floats, inside: Bools, limit: float) -> list[slice]:
     breaks = np.flatnonzero((np.diff(index) > 1) | (np.diff(t[index]) > limit)) + 1
     starts, stops = np.append(0, breaks), np.append(breaks, index.size)
     return [slice(int(index[a]), int(index[b - 1]) + 1) for a, b in zip(starts, stops, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """Pieces of one trace, and how many rows or pieces were treated how.
+
+    Attributes:
+        pieces: stamps (n,) and channels (n, m) of each.
+        samples: rows with stamps of their own.
+        unwrapped: columns that jumped by full turns.
+    """
+
+    pieces: tuple[tuple[Floats, Floats], ...]
+    samples: int
+    repeated: int = 0
+    masked: int = 0
+    gaps: int = 0
+    short_pieces: int = 0
+    short_rows: int = 0
+    unwrapped: tuple[int, ...] = ()
+
+
+def split(
+    t: Floats,
+    block: Floats,
+    turns: Mapping[int, tuple[float, bool | None]],
+    ranges: Sequence[TimeRange],
+    gap_s: float | None,
+    window_s: float,
+) -> Split:
+    """The pieces of a trace that are at least a window long.
+
+    Args:
+        t: (n,) stamps in s, not decreasing.
+        block: (n, m) channels.
+        turns: for the columns that may be wrapped: a full turn, and whether they are (None: the data decide).
+        ranges: stretches to keep or to drop.
+        gap_s: a longer interval (s) ends a piece; None: `gap_limit` of the intervals.
+        window_s: shortest piece (s).
+    """
+    if not np.any(np.diff(t) > 0.0):
+        return Split((), samples=min(t.size, 1), short_pieces=1, short_rows=int(t.size))
+    block, unwrapped = _unwrapped(t, block, turns)  # before repeats are averaged: a mean across a wrap is neither side
+    t, block, repeated = merge_repeats(t, block)
+    inside = kept(t, ranges)
+    steps = np.diff(t)
+    limit = gap_limit(steps) if gap_s is None else gap_s
+    out, short = [], []
+    for piece in pieces(t, inside, limit):
+        long = t[piece.stop - 1] - t[piece.start] >= window_s * (1 - 1e-9) and piece.stop - piece.start >= MIN_SAMPLES
+        if long:
+            out.append((t[piece], block[piece]))
+        else:
+            short.append(piece.stop - piece.start)
+    return Split(
+        tuple(out),
+        samples=int(t.size),
+        repeated=repeated,
+        masked=int(np.count_nonzero(~inside)),
+        gaps=int(np.count_nonzero((steps > limit) & inside[1:] & inside[:-1])),
+        short_pieces=len(short),
+        short_rows=sum(short),
+        unwrapped=unwrapped,
+    )
+
+
+def _unwrapped(
+    t: Floats, block: Floats, turns: Mapping[int, tuple[float, bool | None]]
+) -> tuple[Floats, tuple[int, ...]]:
+    steps = np.diff(t)
+    typical = float(np.median(steps[steps > 0.0]))
+    changed: list[int] = []
+    for j, (turn, wrapped) in turns.items():
+        straight, jumped = unwrap(block[:, j], steps, typical, turn, wrapped)
+        if jumped:
+            block = block.copy() if not changed else block
+            block[:, j] = straight
+            changed.append(j)
+    return block, tuple(changed)

@@ -1,16 +1,55 @@
-"""Which column of a recording is which state or input, and what its cells mean."""
+"""Columns of a recording, which of them is which state or input, and what their cells mean."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from simgap.arrays import Floats
-from simgap.diagnosis.reading.table import RawTable
-from simgap.errors import UserError
+from simgap.arrays import Floats, Ints
+from simgap.errors import UserError, excerpt
 from simgap.units import conversion, full_turn
+
+
+@dataclass(frozen=True, eq=False)
+class RawTable:
+    """The columns of one file that were asked for.
+
+    Attributes:
+        file: the name that messages and reports use.
+        header: every column of the file, asked for or not.
+        time: (n,) stamps as recorded, float64 or int64; int64 keeps nanoseconds since an epoch exact.
+        time_unit: unit of the stamps if the file itself says so (a time-stamp type), else None.
+        columns: (n,) finite float64 each.
+        labels: (n,) text of the trace column, or None where the file has none.
+        units: unit stored with a column in the file.
+        notes: what a person should know of how it was read, in sentences.
+    """
+
+    file: str
+    header: tuple[str, ...]
+    time: Floats | Ints
+    time_unit: str | None
+    columns: Mapping[str, Floats]
+    labels: NDArray[np.str_] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+    sha256: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return int(self.time.size)
+
+
+def no_time_column(time: str, header: Sequence[str], file: str) -> UserError:
+    """What to say of a file without the column of stamps."""
+    listed = excerpt(", ".join(f"'{name}'" for name in header), 200)
+    return UserError(
+        f"no time column '{time}' among {listed}", file=file, remedy="Name it with measured.time.column in the case."
+    )
 
 
 @dataclass(frozen=True)
@@ -156,3 +195,34 @@ def unwrap(values: Floats, dt: Floats, typical_dt: float, turn: float, wrapped: 
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(f"'{n}'" for n in names)
+
+
+LONGEST = 160
+"""Characters of a list of columns; some recordings have hundreds."""
+
+
+def column_words(tables: Sequence[RawTable], channels: Sequence[Channel], others: Collection[str]) -> tuple[str, ...]:
+    """A line for each file, or one for all where they are alike; none where every column has the name of its state.
+
+    Args:
+        others: columns that are neither a state nor an input, such as those of time and of traces.
+    """
+    told = [(table.file, "; ".join(_words(table.header, channels, others))) for table in tables]
+    if len({words for _, words in told}) == 1:
+        return tuple(f"Columns: {words}." for _, words in told[:1] if words)
+    return tuple(f"Columns of {file}: {words}." for file, words in told if words)
+
+
+def _words(header: Sequence[str], channels: Sequence[Channel], others: Collection[str]) -> Iterator[str]:
+    read = [c for c in channels if c.constant is None and c.column in header]
+    renamed = [f"{c.name} is read from '{excerpt(c.column, 40)}'" for c in read if c.column != c.name]
+    if renamed:
+        yield excerpt(", ".join(renamed), LONGEST)
+    left = [name for name in header if name not in others and name not in {c.column for c in read}]
+    lacking = [c.name for c in channels if c.constant is None and c.column not in header]
+    if left:
+        names = excerpt(", ".join(f"'{name}'" for name in left), LONGEST)
+        yield f"{names} {'is' if len(left) == 1 else 'are'} not used, as the model has no such state or input"
+    if lacking and left:  # else velocities that nobody measured, as in most recordings
+        count, it = ("count", "one of them") if len(lacking) > 1 else ("counts", "it")
+        yield f"{', '.join(lacking)} {count} as not measured (name a column that is {it} under measured.columns)"

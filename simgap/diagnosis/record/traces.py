@@ -12,11 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from simgap.arrays import Ints
-from simgap.diagnosis.reading.channels import Channel, convert, measured_states
-from simgap.diagnosis.reading.pieces import Split, split
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.stamps import TimeRange, check_forward, check_interval, same_file, seconds
-from simgap.diagnosis.reading.table import RawTable
+from simgap.diagnosis.record.channels import Channel, RawTable, convert, measured_states
+from simgap.diagnosis.record.clock import Split, TimeRange, check_forward, check_interval, same_file, seconds, split
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.errors import UserError
 
 

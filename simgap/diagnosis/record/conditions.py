@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simgap.diagnosis.reading.channels import Channel, convert
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.stamps import same_file
-from simgap.diagnosis.reading.table import RawTable
-from simgap.diagnosis.reading.traces import Reading, by_label
+from simgap.diagnosis.record.channels import Channel, RawTable, convert
+from simgap.diagnosis.record.clock import same_file
+from simgap.diagnosis.record.record import Record
+from simgap.diagnosis.record.traces import Reading, by_label
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel, Variable
 

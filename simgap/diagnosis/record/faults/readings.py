@@ -9,9 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.diagnosis.reading.noise import ORDER, difference_weights, noise_floor
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.stillness import resolution, runs
+from simgap.diagnosis.record.noise import ORDER, difference_weights, noise_floor, resolution
+from simgap.diagnosis.record.record import Record, Trace, runs
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.thresholds import A_FEW, LEAST_STALE, MATTERS, MOST, SPIKE, STALE_MISS, STALE_STEPS
 

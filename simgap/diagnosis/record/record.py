@@ -67,3 +67,9 @@ class Record:
     def rows(self) -> int:
         """Samples of all traces together."""
         return sum(len(trace.t) for trace in self.traces)
+
+
+def runs(flags: Bools) -> list[tuple[int, int]]:
+    """Runs of True as half-open index ranges."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from simgap.diagnosis.reading.lag import VelocityLag, velocity_lag
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.record.survey import VelocityLag, velocity_lag
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.thresholds import DERIVATIVE_SCALE, EXCHANGED_MISMATCH, MOST
 from simgap.model.symbolic import Coordinate

@@ -1,10 +1,11 @@
-"""Encoders: the noise of a rounded reading, and how much each reading is worth.
+"""Noise of the readings, without a model: white noise, and what each reading of an encoder is worth.
 
-The error of rounding is a function of the place. While a motion crosses several counts between readings it is as good
-as white, with a variance of step^2 / 12; while it stays within one count the error stays the same, and all readings of
-that time together are worth hardly more than one. White noise before the rounding dithers: what is left of the error at
-a given place falls with exp(-2 pi^2 (sigma / step)^2). A reading is therefore weighed by one over the design effect of
-the readings that share its count, 1 + rho (n - 1), with rho the share of the variance that they have in common.
+White noise is what is left where no smooth motion can be. The error of rounding is a function of the place. While a
+motion crosses several counts between readings it is as good as white, with a variance of step^2 / 12; while it stays
+within one count the error stays the same, and all readings of that time together are worth hardly more than one. White
+noise before the rounding dithers: what is left of the error at a given place falls with
+exp(-2 pi^2 (sigma / step)^2). A reading is therefore weighed by one over the design effect of the readings that share
+its count, 1 + rho (n - 1), with rho the share of the variance that they have in common.
 Source: Widrow, Kollar (2008), Quantization Noise, ch. 5, 9; Kish (1965), Survey Sampling, sec. 5.4.
 """
 
@@ -15,10 +16,72 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.reading.noise import noise_floor
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.stillness import resolution
+from simgap.diagnosis.record.record import Record
+from simgap.diagnosis.thresholds import CUT_OFF, WHOLE_WITHIN
 from simgap.late import njit
+
+ORDER = 6
+_BLOCK = 50_000  # rows at a time: memory stays small for long records
+
+
+def difference_weights(t: Floats, order: int = ORDER) -> Floats:
+    """Weights of the divided differences over true times, scaled to unit length: (n,) -> (n - order, order + 1).
+
+    A row is orthogonal to every polynomial below `order` at its stamps. For even spacing it is the binomial difference
+    over sqrt(C(2 order, order)), sqrt(924) for the sixth.
+    """
+    stamps = np.lib.stride_tricks.sliding_window_view(t, order + 1)
+    scale = (stamps[:, -1] - stamps[:, 0])[:, None] / order
+    gaps = (stamps[:, :, None] - stamps[:, None, :]) / scale[:, :, None] + np.eye(order + 1)
+    weights = 1.0 / np.prod(gaps, axis=2)
+    return weights / np.linalg.norm(weights, axis=1, keepdims=True)
+
+
+def noise_floor(record: Record) -> Floats:
+    """Standard deviation of white noise on each measured channel, (k,), in the channel's unit.
+
+    sigma^2 is the mean square of the sixth difference of unit weight (for even spacing mean((6th difference)^2) / 924):
+    a motion that is smooth over seven samples drops out. Coloured or quantised noise is not seen in full.
+    Readings that are no measurement are not used.
+    """
+    total, count = np.zeros(len(record.measured)), np.zeros(len(record.measured))
+    for trace in record.traces:
+        if len(trace.t) <= ORDER:
+            continue
+        for a in range(0, len(trace.t) - ORDER, _BLOCK):
+            part = slice(a, min(a + _BLOCK + ORDER, len(trace.t)))
+            weights = difference_weights(trace.t[part])
+            views = np.lib.stride_tricks.sliding_window_view(trace.y[part], ORDER + 1, axis=0)  # (rows, k, 7)
+            used = np.lib.stride_tricks.sliding_window_view(trace.compared[part], ORDER + 1, axis=0).all(axis=2)
+            total += (used * np.square(np.einsum("rkj,rj->rk", views, weights))).sum(axis=0)
+            count += used.sum(axis=0)
+    spread = np.sqrt(np.mean([np.var(trace.y, axis=0) for trace in record.traces], axis=0))
+    floor = 1e-7 * np.maximum(spread, 1e-12)  # data without noise: below the accuracy of the simulation
+    return np.maximum(np.sqrt(total / np.maximum(count, 1.0)), floor)
+
+
+def resolution(record: Record) -> Floats:
+    """Step of each channel's readings, (k,); 0 if they look continuous.
+
+    The smallest steps are one count; decimals that a file cut off spread them, by as much as they may spread multiples.
+    """
+    out = np.zeros(len(record.measured))
+    for k in range(len(record.measured)):
+        steps = np.concatenate([np.abs(np.diff(trace.y[:, k])) for trace in record.traces])
+        steps = steps[steps > 1e-12 * (float(np.max(np.abs(steps))) + 1e-300)] if steps.size else steps
+        if steps.size > 20:
+            single = steps[steps < 1.5 * np.min(steps)]
+            count, cut = float(np.mean(single)), float(np.ptp(single) / np.mean(single))
+            for reach in 3.0 ** np.arange(1, 8):  # more of the steps, each time counted by what is known so far
+                few = steps[steps < reach * count]
+                times = np.round(few / count)
+                count = float(few @ times / (times @ times))
+            ratio = steps / count
+            off = np.abs(ratio - np.round(ratio))
+            whole = float(np.mean(off < WHOLE_WITHIN * np.maximum(1.0, ratio * 1e-3) + cut))
+            out[k] = count if whole > 1.0 - WHOLE_WITHIN and cut < CUT_OFF else 0.0
+    return out
+
 
 _HARMONICS = np.arange(1, 50)
 _FEWEST = 50  # slow readings from which the white noise is estimated

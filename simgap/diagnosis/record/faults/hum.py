@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.thresholds import HUM_ACCELERATION, HUM_LINE
 from simgap.late import scipy
