@@ -13,7 +13,7 @@ from typing import Any
 from simgap.io.atomic import atomic, write_text
 from simgap.io.traces import CAREFUL, NOMINAL, ROBUST
 from simgap.notation import one_line, printable, superscript
-from simgap.specifications.base import Look
+from simgap.specifications.picture import Look
 
 # Okabe & Ito (2008), Color Universal Design
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"

@@ -1,4 +1,4 @@
-"""What every specification answers, the game that a controller is found by, and how a specification is drawn.
+"""What every specification answers, and the game that a controller is found by.
 
 A specification is a frozen section of a case: its fields are the keys, its methods do the rest. It says which cells are
 allowed and asks a `Game` for sets of cells from which that can be kept or reached; it judges runs, and it has the words
@@ -8,7 +8,7 @@ and the picture for a report. Nobody asks for its class: what differs between ki
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -20,51 +20,10 @@ from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.plants.context import Context
 from simgap.specifications.monitor import Monitor
+from simgap.specifications.picture import Look, Plane
 from simgap.specifications.regions import KEY
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-
-
-@dataclass(frozen=True)
-class Look:
-    """Colours of matplotlib for what is to be reached (face, edge), avoided, and never left."""
-
-    target: tuple[str, str]
-    obstacle: str
-    border: str
-
-
-@dataclass(frozen=True, eq=False)
-class Plane:
-    """A floor seen from above.
-
-    Attributes:
-        axes: which states are x, y and heading.
-        arena, target, obstacles: boxes over (x, y), no target where nothing is to be reached; radius: of the
-            footprint, in the unit of x.
-    """
-
-    axes: tuple[int, int, int]
-    arena: Box
-    target: Box | None
-    obstacles: tuple[Box, ...]
-    radius: float
-
-
-def projected(box: Box, outer: Box, shown: tuple[int, int]) -> Box:
-    """A box over two of its states, cut at `outer` where it has no end."""
-    i = list(shown)
-    return Box(
-        np.where(np.isfinite(box.lo[i]), box.lo[i], outer.lo[i]),
-        np.where(np.isfinite(box.hi[i]), box.hi[i], outer.hi[i]),
-    )
-
-
-def rectangle(axes: Any, box: Box, **look: Any) -> None:
-    """A box over two states as a patch."""
-    from matplotlib.patches import Rectangle
-
-    axes.add_patch(Rectangle((box.lo[0], box.lo[1]), *(box.hi - box.lo), **look))
 
 
 class Game(Protocol):

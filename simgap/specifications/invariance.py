@@ -11,8 +11,9 @@ from pydantic import Field, field_validator
 
 from simgap.arrays import Bools, Floats
 from simgap.geometry import Box
-from simgap.specifications.base import Game, Look, Specification, Words, projected, rectangle
+from simgap.specifications.base import Game, Specification, Words
 from simgap.specifications.monitor import Always, Monitor
+from simgap.specifications.picture import Look, projected, rectangle
 from simgap.specifications.regions import Interval, inner_box, unbounded, upright
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space

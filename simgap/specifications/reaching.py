@@ -10,7 +10,8 @@ from pydantic import Field, model_validator
 from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
-from simgap.specifications.base import Game, Look, Plane, Specification, projected, rectangle
+from simgap.specifications.base import Game, Specification
+from simgap.specifications.picture import Look, Plane, projected, rectangle
 from simgap.specifications.regions import (
     KEY,
     Interval,

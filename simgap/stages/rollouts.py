@@ -6,7 +6,7 @@ from pathlib import Path
 
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.gap.memory.hidden_state import history_shard
+from simgap.gap.memory.histories import history_shard
 from simgap.gap.sampling.points import Columns, Points, cut, product, remembers, shard_count, successor_columns, units
 from simgap.io.samples import write_columns
 from simgap.plants.context import Context
