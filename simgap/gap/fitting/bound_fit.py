@@ -18,9 +18,8 @@ from simgap.gap.fitting.conformal import Calibration, CentreFit, conformal_gap, 
 from simgap.gap.fitting.envelope import NodeFit, envelope_gap, fit_envelope
 from simgap.gap.fitting.linear_fit import LinearFit, fit_linear, linear_gap
 from simgap.gap.fitting.padding import PaddedSide
-from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.sampling.samples import DimensionSamples, Directed, GapSamples, SampleGrid
+from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.thresholds import GATE
 
@@ -191,17 +190,3 @@ def _means(where: SampleGrid, function: GapFunction, seed: int, chunk: int = 200
         size += np.maximum(np.abs(lo), np.abs(hi)).sum(axis=0)
         width += (hi - lo).sum(axis=0)
     return size / (len(x) * m), width / (len(x) * m)
-
-
-def fit_gap(samples: GapSamples, settings: GapSettings, calibration: Calibration | None = None) -> GapResult:
-    """Fit the gap bound that the settings ask for; a conformal one needs `calibration`, iid samples of its own.
-
-    Raises:
-        UserError: for settings that do not fit the samples.
-        BrokenPromise: when the grid does not resolve the gap, so that no Lipschitz constant can be trusted.
-    """
-    parts = [samples.dimension(i) for i in range(len(samples.states))]
-    lipschitz = [dimension_lipschitz(part, settings) for part in parts]
-    check_resolved(samples.where, settings, lipschitz)
-    fits = [fit_dimension(p, settings) for p in parts]
-    return assemble(samples.where, settings, fits, lipschitz, calibration, samples.directed)
