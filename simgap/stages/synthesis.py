@@ -25,8 +25,8 @@ from simgap.model.integrators import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context, pose_axes
 from simgap.provenance import provenance
-from simgap.simulators.behind_commands import acts_at_once
 from simgap.simulators.body_samples import BodySamples
+from simgap.simulators.commands import acts_at_once
 from simgap.specifications.base import path_aware_baseline, specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.config.basis import BasisSection
+from simgap.config.gap import BasisSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Expressions
 from simgap.gap.bounds.basis import Basis, Form, make_form, negated
