@@ -27,7 +27,7 @@ from simgap.gap.fitting.force_reversal import engine_grain, grain_tier
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.memory.bound import hidden_bound
 from simgap.gap.memory.hidden_state import tolerance_of
-from simgap.gap.sampling.borders import (
+from simgap.gap.sampling.border_samples import (
     CHECK,
     MAKE_BORDERS,
     NO_BORDERS,

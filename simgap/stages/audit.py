@@ -30,7 +30,8 @@ from simgap.errors import BrokenPromise
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.bounds.load import from_json
-from simgap.gap.sampling.borders import critical_points, switching_surfaces
+from simgap.gap.sampling.border_samples import switching_surfaces
+from simgap.gap.sampling.borders import critical_points
 from simgap.gap.sampling.gap_samples import motion_of
 from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json

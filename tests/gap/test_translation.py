@@ -6,7 +6,7 @@ import yaml
 
 from simgap.config.load import load_case
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.sampling.borders import SHIFTED, border_gaps, border_states, parts_of, roll_out_borders
+from simgap.gap.sampling.border_samples import SHIFTED, border_gaps, border_states, parts_of, roll_out_borders
 from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.whole_bound import reached_stops
