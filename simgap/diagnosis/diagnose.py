@@ -11,10 +11,8 @@ from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import chosen
 from simgap.diagnosis.conclude import conclude
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.exchanged import put_back
-from simgap.diagnosis.reading.hum import without_hum
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.repair import repaired
+from simgap.diagnosis.record.faults.registry import mended
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Key, RecordingFault
 from simgap.diagnosis.search.barred import barred
 from simgap.diagnosis.search.columns import better_columns
@@ -66,7 +64,7 @@ def _answer(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, tell: Callable[[str], None], whole: bool
 ) -> Diagnosis:
     """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle."""
-    record, parts, said, faults = mended(model, record, settings)
+    record, parts, said, faults = ready(model, record, settings)
     watch, known_of = Watch(settings.budget_s, tell), barred(model, record, settings.effects, settings.known)
     parts, ends, filtered, not_tried = _found(model, record, settings, parts, known_of, watch)
     louder = under_its_noise(parts, ends, settings.max_effects, not_tried)
@@ -123,14 +121,11 @@ def _found(
     return parts, ends, filtered, not_tried
 
 
-def mended(
+def ready(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings
 ) -> tuple[Record, Parts, tuple[str, ...], tuple[RecordingFault, ...]]:
     """The record without what a look at it shows to be no measurement, its folds, what is to be said, the faults."""
-    record, seen = repaired(record)
-    record, lines = without_hum(record)
-    record, places = put_back(record, model.coordinates)
-    seen = (*seen, *lines, *places)
+    record, seen = mended(record, model)
     parts, said = parts_of(model, record, settings)
     columns = better_columns(coarse(parts.known))
     if columns is None:

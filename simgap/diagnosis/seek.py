@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.reading.windows import Span
+from simgap.diagnosis.record.folds import Span
 from simgap.diagnosis.result import Key
 from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.equivalence import rivals
