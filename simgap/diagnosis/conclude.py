@@ -302,10 +302,8 @@ def nearest(
     return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
 
 
-def restated(
-    model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]
-) -> list[tuple[Alternative, frozenset[int]]]:
-    """Sets in which one effect of the library stands for some of those found, exactly; with the places of these."""
+def restated(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
+    """Sets in which one effect of the library stands for some of those found, exactly."""
     out = []
     for e in EFFECTS.values():
         for on in e.targets(model):
@@ -313,13 +311,11 @@ def restated(
             if same is not None:
                 kept = tuple(a for k, a in enumerate(found) if k not in same[0])
                 whole = (*kept, AppliedEffect(e.name, on, same[1]))
-                out.append((Alternative(whole, 0.0, True), same[0]))
+                out.append(Alternative(whole, 0.0, True))
     return out + _by_the_sensors(model, found, measured)
 
 
-def _by_the_sensors(
-    model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]
-) -> list[tuple[Alternative, frozenset[int]]]:
+def _by_the_sensors(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
     """Readings that are all as late as the only input was found to act; or a sensor that is as slow, of a linear plant.
 
     Whether a command or a reading is under way for so long, no record of these channels tells; in a closed loop both
@@ -328,7 +324,7 @@ def _by_the_sensors(
     if len(model.inputs) != 1:
         return []
     out = []
-    for k, a in enumerate(found):
+    for a in found:
         kept = tuple(b for b in found if b is not a)
         late: tuple[AppliedEffect, ...] = ()
         if a.name == "input_delay" and not any(b.name == "late_reading" for b in kept):
@@ -336,7 +332,7 @@ def _by_the_sensors(
         elif a.name == "input_lag" and len(measured) == 1 and {b.name for b in kept} <= LINEAR and is_linear(model):
             late = (AppliedEffect("filtered_reading", measured[0], {"lag": a.values["T"]}),)
         if late:
-            out.append((Alternative((*kept, *late), 0.0, True), frozenset({k})))
+            out.append(Alternative((*kept, *late), 0.0, True))
     return out
 
 
@@ -344,16 +340,23 @@ def told(
     effects: Sequence[FoundEffect], alternatives: Sequence[Alternative], model: SymbolicModel,
     found: Sequence[AppliedEffect], measured: Sequence[str],
 ) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...]]:  # fmt: skip
-    """The effects and the alternatives with what restates them, each set once."""
-    known = [frozenset((a.name, a.on) for a in other.effects) for other in alternatives]
+    """The effects and the alternatives with what restates them or an equal of theirs, each set once."""
+
+    def keys(whole: Sequence[AppliedEffect]) -> frozenset[Key]:
+        return frozenset((a.name, a.on) for a in whole)
+
     listed, changed = list(alternatives), list(effects)
-    for other, stand_ins in restated(model, found, measured):
-        if frozenset((a.name, a.on) for a in other.effects) in known:
-            continue
-        listed.append(other)
-        new = tuple((a.name, a.on) for a in other.effects if a not in found)
-        for k in stand_ins:
-            changed[k] = replace(changed[k], alternatives=(*changed[k].alternatives, new))
+    known = {keys(found), *(keys(other.effects) for other in alternatives)}
+    for equal in (found, *(other.effects for other in alternatives if other.exact)):
+        for other in restated(model, equal, measured):
+            mine = keys(other.effects)
+            if mine not in known:
+                known.add(mine)
+                listed.append(other)
+                new = tuple((a.name, a.on) for a in other.effects if (a.name, a.on) not in keys(found))
+                changed = [
+                    e if (e.name, e.on) in mine else replace(e, alternatives=(*e.alternatives, new)) for e in changed
+                ]
     return tuple(changed), tuple(listed)
 
 

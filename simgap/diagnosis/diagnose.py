@@ -103,7 +103,7 @@ def _found(
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
     parts, ends = wider or (parts, ends)
-    if not reached(ends):
+    if not (reached(ends) or watch.stopped):
         parts, ends = under_law if under_law and not wider else under_its_law(parts, ends, most, not_tried)
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
