@@ -29,6 +29,7 @@ from simgap.diagnosis.result import (
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.scoring import places
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.gross_errors import LIMIT
@@ -39,7 +40,7 @@ from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, EXACTLY_COLLINEAR, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
-from simgap.diagnosis.verdict.faults import faint_memory, gross_spans, noise_faults, push_faults
+from simgap.diagnosis.verdict.faults import faint_memory, noise_faults, push_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
@@ -73,7 +74,9 @@ def conclude(
     tested = word in ("partial", "unexplained") and short is None
     empty = search.empty(chosen.sparse)
     left = second_look(search, chosen.found if named else empty, confirm, held, horizon, model) if tested else None
-    pushes = push_faults(parts.left_out or gross_spans(known, chosen.kept.fit), known, names)
+    pushes = push_faults(parts.left_out, known, names)
+    plain = replace(known, usual=None)
+    declared = fit(plain, base.theta, base.x0, [], {})
     told_of = _told(model, record, known, chosen, kept, verdict_is.others)
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
@@ -84,7 +87,7 @@ def conclude(
         verdict=word,
         effects=told_of.effects,
         alternatives=told_of.listed,
-        before=judged(known, base, old, horizon),
+        before=judged(plain, declared, old, horizon),
         after=judged(known, kept.fit, held, horizon),
         floor=_floor(confirm, held, horizon),
         excess_share=seen.evidence.share if named else 1.0,

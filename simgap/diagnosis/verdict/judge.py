@@ -59,8 +59,9 @@ class HeldOut:
 
 def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     """Refit only the initial states (w, nx) of held-out windows at theta (q,), and predict ahead causally."""
+    held = replace(held, usual=None)
     at = fit(held, theta, initial_states(held), [], {})
-    plain = replace(held, usual=None).residuals(theta, at.x0)
+    plain = held.residuals(theta, at.x0)
     noise = np.ones(len(held.sigma))
     loss = limited(plain, noise)
     count, chi2 = held.size, float(np.sum(loss**2))
