@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
@@ -17,7 +17,6 @@ from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import need_template, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
-from simgap.paper import suprema_and_constants
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.report.case_figures import draw
@@ -123,6 +122,23 @@ def read(case_path: Path, inputs: Inputs) -> Material:
 def _eps(bound: SavedGap) -> float:
     """Of the point of a bound; 0 for one that has none, such as a grid of half-widths."""
     return float(bound.content.get("eps") or 0.0)
+
+
+def suprema_and_constants(printed: Mapping[str, Any], case: str) -> dict[str, Any]:
+    """What the page of a case puts beside its own numbers; empty for a case of which nothing is printed.
+
+    Args:
+        printed: content of configs/paper/printed.yaml.
+        case: its name.
+
+    Returns:
+        sup_gamma: eps as text -> state -> supremum; lipschitz: state -> constant.
+    """
+    own = printed.get(case, {})
+    if "suprema" not in own:
+        return {}
+    rows = {f"{row['eps']:g}": {s: v for s, v in row.items() if s != "eps"} for row in own["suprema"]}
+    return {"sup_gamma": rows, "lipschitz": dict(own["L1"])}
 
 
 def _corrected(context: Context, inputs: Inputs, gap: GapFunction) -> Corrected | None:

@@ -10,10 +10,11 @@ import simgap
 from simgap.config.load import load_case
 from simgap.config.rig import load_rig
 from simgap.errors import UserError
+from simgap.extras import certify
 from simgap.io.parquet import write_parquet
 from simgap.plants.context import Context
 from simgap.provenance import parts_of, provenance
-from simgap.stages import audit, certify, report, synthesis, trace, validation
+from simgap.stages import audit, report, synthesis, trace, validation
 from simgap.stages.gap_inputs import samples_of
 from simgap.stages.rig import recording
 from tests.stages import loop_example as example

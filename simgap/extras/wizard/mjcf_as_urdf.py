@@ -5,6 +5,7 @@ What a URDF cannot say of a joint, its armature and its spring, is handed back a
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,6 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
-from simgap.io.own_model import origin_of
 from simgap.late import scipy
 from simgap.plants.urdf_checks import loading
 from simgap.simulators import mjcf
@@ -292,3 +292,16 @@ def _effects(model: Any) -> Iterator[tuple[str, str, Mapping[str, float]]]:
         rest = float(model.qpos_spring[model.jnt_qposadr[j]])
         if model.jnt_stiffness[j] > 0.0 and rest == 0.0:
             yield "spring", name, {"k": float(model.jnt_stiffness[j])}
+
+
+def origin_of(place: Floats, turned: scipy.spatial.transform.Rotation) -> ElementTree.Element:
+    """<origin> of a place (3,) in m and a rotation."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # upright, roll and yaw turn about one axis: one of them is 0
+        angles = turned.as_euler("xyz")
+    return ElementTree.Element("origin", {"xyz": written(place), "rpy": written(angles)})
+
+
+def written(values: Floats) -> str:
+    """Numbers as an attribute of a URDF has them."""
+    return " ".join(f"{v:.12g}" for v in np.round(values, 12) + 0.0)

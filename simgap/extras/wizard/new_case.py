@@ -16,18 +16,18 @@ import numpy as np
 from simgap.config.load import load_case, parse_case
 from simgap.config.load_yaml import plain_content
 from simgap.errors import UserError, excerpt
+from simgap.extras.wizard.dry_friction_guess import blocks_along
+from simgap.extras.wizard.joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
+from simgap.extras.wizard.model_file import Asked, Model, model_of_mjcf, model_of_urdf, relative
+from simgap.extras.wizard.proposal import SECONDS
+from simgap.extras.wizard.proposal_games import Proposal
+from simgap.extras.wizard.propose import numbers, shown
 from simgap.io.atomic import write_text
 from simgap.io.pages import text
 from simgap.io.wheeled_urdf import Wheels, case_of_wheels, wheels_of
 from simgap.plants.model_file import ModelFile
 from simgap.plants.numeric_terms import MOST_DERIVED
 from simgap.plants.urdf_checks import check_urdf, root_link
-from simgap.stages.new_joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
-from simgap.stages.new_model import Asked, Model, model_of_mjcf, model_of_urdf, relative
-from simgap.stages.propose import numbers, shown
-from simgap.wizard.dry_friction_guess import blocks_along
-from simgap.wizard.proposal import SECONDS
-from simgap.wizard.proposal_games import Proposal
 
 ENGINE_STEPS = 240
 """PyBullet's usual steps a second."""
