@@ -19,7 +19,7 @@ from simgap.cli.lean import without_pandas, without_searching
 from simgap.cli.terminal import announce_code, say
 from simgap.errors import SimgapError, UserError, excerpt
 from simgap.io.atomic import not_linked
-from simgap.io.job_times import LINE, spent
+from simgap.io.job_times import COST_LINE, cpu_seconds
 from simgap.io.runs import follow_the_run
 from simgap.notation import one_line
 
@@ -68,7 +68,7 @@ def main(arguments: list[str] | None = None) -> None:
     finally:
         logger = logging.getLogger("simgap")
         if _logs_to_a_file():
-            logger.info(LINE, spent())
+            logger.info(COST_LINE, cpu_seconds())
         for handler in logger.handlers[:]:
             logger.removeHandler(handler)
             handler.close()

@@ -40,7 +40,7 @@ def console(stderr: bool = False) -> Console:
     return Plain(stderr=stderr, markup=False, emoji=False)
 
 
-class Lines(logging.Formatter):
+class LogLines(logging.Formatter):
     """Of a log."""
 
     def format(self, record: logging.LogRecord) -> str:

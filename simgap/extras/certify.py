@@ -36,7 +36,7 @@ from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages import log
-from simgap.stages.synthesis import pose
+from simgap.stages.synthesis import pose_problem
 
 FORMAT, VERSION = "simgap certificate", 1
 HEADER, INPUTS, WINNING, LEVELS = "certificate.json", "inputs.npy", "winning.npy", "levels.npy"
@@ -276,7 +276,7 @@ def _task(context: Context, bound: SavedGap, gap: Path) -> Box | Reached:
         return specification.region(space)
     if not isinstance(specification, ReachAvoid):
         raise _refused("invariance, or reach-while-avoid that ends in its target")
-    problem, _ = pose(context, gap)
+    problem, _ = pose_problem(context, gap)
     swept = None
     if problem.swept is not None and bound.swept is not None:
         swept = bound.swept_by_class or (bound.swept[0][None], bound.swept[1][None])

@@ -32,7 +32,7 @@ from simgap.notation import axis_label
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
-from simgap.stages.gap_inputs import result_of
+from simgap.stages.gap_inputs import read_result
 
 COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.PURPLE, style.ORANGE)
 
@@ -124,7 +124,7 @@ def run(
             progress(words)
 
     context = Context.load(case_path)
-    document = result_of(context, found / DIAGNOSIS, "diagnosis")
+    document = read_result(context, found / DIAGNOSIS, "diagnosis")
     with context.blame():
         question = _question(context, document, found, seconds, start or {})
         advice = ask(question, np.random.default_rng(SEED), tell)

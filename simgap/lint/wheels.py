@@ -24,7 +24,7 @@ SAID, REFUSED = 0.02, 1.5
 a slip of the pen. Judgement."""
 
 
-def bolted(context: Context) -> list[Finding]:
+def find_bolted_base(context: Context) -> list[Finding]:
     """A robot on legs or wheels, or with a free base, whose plant holds its base still."""
     urdf = context.case.plant.urdf
     if urdf is None or (base := base_of(reading.read_xml(context.folder / urdf))).kind == "fixed":
@@ -37,7 +37,7 @@ def bolted(context: Context) -> list[Finding]:
     ]  # fmt: skip
 
 
-def wheel_sizes(context: Context) -> list[Finding]:
+def find_other_wheel_sizes(context: Context) -> list[Finding]:
     """Sizes that differ from the file's, where it has two wheels that are the case's.
 
     Raises:

@@ -22,7 +22,7 @@ SAME = 1e-3
 """Relative difference up to which two numbers are the same: files round to that."""
 
 
-def surprises(case: Case, traits: FileTraits, file: ModelFile, loaded: Mapping[str, Link]) -> list[Finding]:
+def model_file_findings(case: Case, traits: FileTraits, file: ModelFile, loaded: Mapping[str, Link]) -> list[Finding]:
     """All findings for the model file that the engine loads.
 
     Args:
@@ -52,18 +52,18 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
                 "more than the two others together; engines that take the file compute with them",
                 "Correct <inertia>, if you know better.",
             )  # fmt: skip
-        if differ(own.mass, said.mass):
+        if differs(own.mass, said.mass):
             yield Finding(
                 f"link '{name}'", f"the engine computes with {own.mass:g} kg, the file says {said.mass:g} kg",
                 "Give simulator.urdf the mass that is meant.",
             )  # fmt: skip
-        if differ(own.com, said.com):
+        if differs(own.com, said.com):
             yield Finding(
                 f"link '{name}'",
                 f"the engine has its centre of mass at {_list(own.com)} m, the file at {_list(said.com)} m",
                 "Look at <inertial><origin>.",
             )
-        if differ(own.moments, said.moments):
+        if differs(own.moments, said.moments):
             by_key = getattr(case.simulator, "inertia", None) == "engine"
             yield Finding(
                 "simulator.inertia" if by_key else f"link '{name}'",
@@ -79,7 +79,7 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
         return
     for name, joint in file.joints.items():
         engine = own.joint + _viscous(case, name)
-        if differ(joint.damping, engine):
+        if differs(joint.damping, engine):
             yield Finding(
                 "simulator.damping.joint",
                 f"replaces the damping {joint.damping:g} that the file states for joint '{name}' by {engine:g}; the "
@@ -210,7 +210,7 @@ def efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
                 )
 
 
-def differ(a: Floats | float, b: Floats | float) -> bool:
+def differs(a: Floats | float, b: Floats | float) -> bool:
     """Whether two numbers, or two lists of them, are not the same up to `SAME`."""
     size = max(float(np.abs(a).max()), float(np.abs(b).max()))
     return bool(np.abs(np.asarray(a) - b).max() > SAME * size)

@@ -22,7 +22,7 @@ TRIED = 50
 """States of X at which actuators are asked what they do without a command, and shapes whether they touch."""
 
 
-def installed() -> Any:
+def require_mujoco() -> Any:
     """The module `mujoco`.
 
     Raises:
@@ -44,7 +44,7 @@ def read_mjcf(path: Path) -> Any:
         UserError: a file that is not there or not MJCF, that names files outside its folders or some that no hash would
             see, or that MuJoCo does not take.
     """
-    mujoco = installed()
+    mujoco = require_mujoco()
     _check_root(path)
     named = dict(named_by(path))
     inside = Path(os.path.abspath(path)).parent.parent
@@ -87,7 +87,7 @@ def check_mjcf(case: Case, folder: Path) -> Any:
             its own.
     """
     path = folder / str(getattr(case.simulator, "mjcf", None))
-    model, mujoco = read_mjcf(path), installed()
+    model, mujoco = read_mjcf(path), require_mujoco()
     kinds = {mujoco.mjtJoint.mjJNT_SLIDE.value: "prismatic", mujoco.mjtJoint.mjJNT_HINGE.value: "revolute"}
     found = {model.joint(k).name: kinds.get(int(model.jnt_type[k])) for k in range(model.njnt)}
     for k in range(model.njnt):
@@ -158,9 +158,9 @@ def samples(case: Case) -> list[dict[str, float]]:
     return [middle, *({name: rng.uniform(lo, hi) for name, (lo, hi) in ends.items()} for _ in range(TRIED - 1))]
 
 
-def placed(case: Case, model: Any, x: dict[str, float]) -> Any:
+def data_at_state(case: Case, model: Any, x: dict[str, float]) -> Any:
     """MuJoCo's data at a state, everything computed that follows from it."""
-    mujoco = installed()
+    mujoco = require_mujoco()
     data = mujoco.MjData(model)
     for name, state in case.plant.states.items():
         if state.joint is not None:
@@ -176,7 +176,7 @@ def _check_actuators(case: Case, path: Path, model: Any) -> None:
     if case.domain is None:
         return
     for x in samples(case) if model.nu else ():
-        force = placed(case, model, x).actuator_force
+        force = data_at_state(case, model, x).actuator_force
         if force.any():
             name = model.actuator(int(np.flatnonzero(force)[0])).name
             raise UserError(

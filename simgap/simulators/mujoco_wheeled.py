@@ -53,7 +53,7 @@ class MuJoCoWheeled(WheeledEngine):
         self._section = section
         self.engine, self._mujoco = f"mujoco {mujoco.__version__}", mujoco
         self._model = model_of(plant, section)
-        mujoco_divergence.seen(mujoco, self._model)
+        mujoco_divergence.keep_diverged_state(mujoco, self._model)
         self._data = mujoco.MjData(self._model)
         self._bad = mujoco_divergence.counters(mujoco, self._data)
         joints = [self._model.joint(name) for name in (section.left, section.right)]
@@ -128,7 +128,9 @@ class MuJoCoWheeled(WheeledEngine):
             self._mujoco.mj_step(self._model, self._data, section.substeps // section.poses)
             self._look(n)
         if any(self._bad):
-            mujoco_divergence.refuse(self._bad, "mujoco_wheeled", list(zip(("linear", "angular"), u, strict=True)))
+            mujoco_divergence.refuse_divergence(
+                self._bad, "mujoco_wheeled", list(zip(("linear", "angular"), u, strict=True))
+            )
         return self.path[-1].copy()
 
     def _look(self, n: int) -> None:

@@ -18,7 +18,7 @@ from simgap.extras.wizard.proposal_games import Proposal
 from simgap.extras.wizard.propose import Numbers
 from simgap.io.controller_file import load_controller
 from simgap.io.wheeled_urdf import wheels_of
-from simgap.lint.gap import stuck
+from simgap.lint.gap import find_stuck_joints
 from simgap.plants.context import Context
 from simgap.plants.model_file import read_model_file
 from simgap.stages import check, fresh, synthesis
@@ -80,7 +80,7 @@ NUMBERS = Numbers(
 def test_friction_that_the_input_does_not_overcome_is_told(root, tmp_path, friction, told):
     case = new.run("mine", rubbing(root, tmp_path, "pendulum", [0.1]), tmp_path)
     case.write_text(case.read_text().replace("F_c: 0.1", f"F_c: {friction}"))
-    found = stuck(Context.load(case))
+    found = find_stuck_joints(Context.load(case))
     assert [finding.key for finding in found] == ["simulator.effects.0"] * told
     assert all("does not move it" in finding.problem for finding in found)
 

@@ -134,7 +134,7 @@ class Asked:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class NewModel:
     """A model file ready for a case.
 
     Attributes:
@@ -150,7 +150,7 @@ class Model:
     made: tuple[Path, ...] = ()
 
 
-def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> Model:
+def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewModel:
     """The file itself, or a copy in which joints are locked, and meshes that nothing finds are left out.
 
     Raises:
@@ -168,7 +168,7 @@ def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> Mode
     ]
     locked = [n for n in file.joints if n not in keep]
     if not locked and not absent:
-        return Model(file)
+        return NewModel(file)
     places = {n: asked.at.get(n, centre_of(joint)) for n, joint in file.joints.items()}
     made = asked.beside(".urdf")
     lock(robot, locked, places)
@@ -177,10 +177,10 @@ def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> Mode
         note(f"{made.name} has the other joints locked: {', '.join(f'{n} at {places[n]:.4g}' for n in locked)}.")
     else:
         note(f"{made.name} has no shapes: {excerpt(absent[0], 60)} is not there, and none enters the motion.")
-    return Model(read_model_file(made), made=(made,))
+    return NewModel(read_model_file(made), made=(made,))
 
 
-def model_of_mjcf(path: Path, asked: Asked, note: Callable[[str], None]) -> Model:
+def model_of_mjcf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewModel:
     """A URDF of the bodies of an MJCF file, which the simulator loads itself, or without what the inputs replace.
 
     Raises:
@@ -202,7 +202,7 @@ def model_of_mjcf(path: Path, asked: Asked, note: Callable[[str], None]) -> Mode
         made.unlink()
         raise
     note(f"{made.name} has the bodies as MuJoCo compiles them, for the nominal model.")
-    return Model(file, alone or path, found.effects, found.gravity, found.step, (made, *([alone] if alone else [])))
+    return NewModel(file, alone or path, found.effects, found.gravity, found.step, (made, *([alone] if alone else [])))
 
 
 def relative(path: Path, out: Path) -> str:
