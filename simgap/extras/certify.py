@@ -15,18 +15,18 @@ from numpy.typing import NDArray
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.gap.bounds.basis import Form
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.closed_form import ClosedFormGap
-from simgap.gap.bounds.forms import Form
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.linear import LinearGap
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.gap.sampling.gap_samples import known_gap
 from simgap.gap.sampling.points import own_point, remembers
 from simgap.geometry import Box
 from simgap.io.atomic import atomic
 from simgap.io.controller_file import load_controller_of
 from simgap.io.gap_file import SavedGap, load_gap
-from simgap.model.prefix import prefix
+from simgap.model.expressions import prefix
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context
 from simgap.provenance import provenance

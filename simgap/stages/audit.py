@@ -14,28 +14,25 @@ import numpy as np
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.attack.campaign import Campaign, Opponent, campaign
-from simgap.attack.danger import Danger
+from simgap.attack.danger import Danger, WorstStarts, beginnings
 from simgap.attack.histories import HistoryQuestion, HistorySearch
-from simgap.attack.known import worst_histories, worst_steps
-from simgap.attack.law import Law
-from simgap.attack.memory import class_bounds
+from simgap.attack.known import border, worst_histories, worst_steps
+from simgap.attack.law import Law, class_bounds
 from simgap.attack.plants import OneByOne, RolledOut, WorstDisturbance
 from simgap.attack.points import PointSearch, Question
 from simgap.attack.rules import Scene
-from simgap.attack.seeds import border
 from simgap.attack.share import Searched, share
-from simgap.attack.starts import WorstStarts, beginnings
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
 from simgap.config.case import Case
 from simgap.config.reads import CONTROLLED
 from simgap.config.validation import AuditSection, Trials
 from simgap.errors import BrokenPromise
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.bounds.load import from_json
-from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.sampling.border_samples import switching_surfaces
 from simgap.gap.sampling.borders import critical_points
 from simgap.gap.sampling.gap_samples import motion_of
-from simgap.gap.sampling.switching import switching_surfaces
 from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap

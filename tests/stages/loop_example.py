@@ -9,9 +9,9 @@ import pyarrow as pa
 import yaml
 
 from simgap.config.load import load_case
+from simgap.gap.bases import Expressions
+from simgap.gap.fitting.acceptance import check_fresh
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.fitting.fresh_check import check_fresh
-from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid

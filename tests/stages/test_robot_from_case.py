@@ -8,7 +8,7 @@ import pytest
 
 from simgap.cli import main
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.memory.checked_bound import robot_of
+from simgap.gap.memory.bound import robot_of
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
 from simgap.plants.context import Context

@@ -24,8 +24,8 @@ from simgap.late import scipy
 from simgap.model.tree import Tree
 from simgap.plants.model_file import FileJoint, ModelFile, read_model_file
 from simgap.plants.premise import base_of
+from simgap.plants.urdf import load_tree
 from simgap.plants.urdf_checks import check_urdf, inside_folders, root_link
-from simgap.plants.urdf_tree import load_tree
 
 _OF_MOTION = ("axis", "limit", "dynamics", "mimic", "calibration", "safety_controller")
 

@@ -26,7 +26,7 @@ from simgap.io.atomic import write_text
 from simgap.io.pages import text
 from simgap.io.wheeled_urdf import WheelPair, case_of_wheels, wheels_of
 from simgap.plants.model_file import ModelFile
-from simgap.plants.numeric_terms import MOST_DERIVED
+from simgap.plants.urdf import MOST_DERIVED
 from simgap.plants.urdf_checks import check_urdf, root_link
 
 ENGINE_STEPS = 240

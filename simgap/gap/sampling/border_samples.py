@@ -2,31 +2,93 @@
 
 Those of the fit lie on the lattice of the cell centres, those of the check on a random one. None of them is a random
 sample of X: they never enter the statistical statement.
+
+A switching surface is an expression over states and inputs that is 0 on it. Effects own theirs (`Effect.surfaces`), a
+nominal model in equations has those of its `sign`, `abs`, `min` and `max`, a joint those of its end stops. What an
+engine does on its own, unknown to the case, is not among them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
+from simgap import reading
 from simgap.arrays import Floats
 from simgap.config.case import Case
+from simgap.effects import effect
 from simgap.errors import UserError
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.sampling.borders import Borders, critical_points
-from simgap.gap.sampling.points import Columns, covering_grid, free_axes, product, remembers
+from simgap.gap.sampling.points import (
+    Columns,
+    covering_grid,
+    free_axes,
+    product,
+    remembers,
+    stacked,
+    successor_columns,
+    successors,
+)
 from simgap.gap.sampling.samples import Directed
-from simgap.gap.sampling.switching import switching_surfaces
-from simgap.gap.sampling.tables import stacked, successor_columns, successors
-from simgap.gap.sampling.translation import shifted_states
+from simgap.gap.sampling.symmetry import shifted_states
 from simgap.gap.thresholds import CHECK_LEVELS, LEAST_CHECKED_BORDER, MOST_BORDER_STATES
+from simgap.late import sympy as sp
+from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
+from simgap.plants.model_file import joint_stops
+from simgap.simulators.build import switches
 from simgap.simulators.rollouts import roll_out_range
 
 FIT, CHECK, SHIFTED = "fit", "check", "shifted"
 NO_BORDERS = "the samples on borders of X and beside switching surfaces are missing"
 MAKE_BORDERS = "Make them with `simgap borders` and give them as --borders."
+
+
+def switching_surfaces(context: Context) -> tuple[sp.Expr, ...]:
+    """All surfaces of a case, each once, in order of their text: those of model and simulator alike.
+
+    Raises:
+        UserError: a plant that cannot be built.
+    """
+    plant, simulator = context.case.plant, context.case.simulator
+    declared = context.plant.declared
+    found = [*kinks(context.plant.carried.numeric()), *_stops(context), *switches(context.case, context.folder)]
+    for added in (*plant.effects, *(simulator.effects if simulator is not None else ())):
+        own = effect(added.name)
+        if added.on in own.targets(declared):
+            found += own.surfaces(declared, added.on, added.parameters)
+    known = {symbol(name) for name in (*context.states, *context.inputs)}
+    kept = {e for e in found if e.free_symbols and e.free_symbols <= known}
+    return tuple(sorted(kept, key=str))
+
+
+def kinks(expressions: Iterable[sp.Expr]) -> list[sp.Expr]:
+    """Surfaces on which `sign`, `abs`, `min` and `max` in the expressions switch."""
+    found: list[sp.Expr] = []
+    for expression in expressions:
+        for node in sp.preorder_traversal(expression):
+            if isinstance(node, sp.sign | sp.Abs):
+                found.append(node.args[0])
+            elif isinstance(node, sp.Min | sp.Max):
+                found += [a - b for a, b in combinations(node.args, 2)]
+    return found
+
+
+def _stops(context: Context) -> list[sp.Expr]:
+    plant, simulator = context.case.plant, context.case.simulator
+    places = {s.joint: name for name, s in plant.states.items() if s.quantity == "position" and s.joint}
+    files = {f for f in (plant.urdf, simulator.urdf if simulator is not None else None) if f}
+    return [
+        symbol(places[joint]) - sp.Float(end)
+        for file in sorted(files)
+        if reading.is_file(context.folder / file)
+        for joint, ends in joint_stops(context.folder / file, list(places)).items()
+        for end in ends
+    ]
 
 
 def parts_of(context: Context) -> tuple[str, ...]:

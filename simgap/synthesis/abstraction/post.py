@@ -1,25 +1,158 @@
-"""Posts of the product's abstraction: nominal model and gap by their interval kernels, outward rounded.
+"""Posts of the abstraction: boxes of successor cells from the interval kernels of model and gap, rounded outward.
 
 Over the box B (a cell, widened by the measurement error) with centre c and half-widths r, the mean value theorem gives
 
     f(x, u) in f(c, u) -/+ sum_j sup_B |d f_i / d x_j| r_j   for all x in B,
 
 and the successor lies in that plus [inf_B lo_i, sup_B hi_i] of the gap.
+
+A post reads two flat arrays. `data` holds n values each of: origin, cell width, lower clip, upper clip, measurement
+error, pad; then the inputs (M, nu); then the tables of offsets. `meta` holds nx, M, nu, len(data), then for each
+dimension where its table starts and its stride per axis. Where the structure allows it, offsets are tabulated on the
+axes that they depend on, as integers if the gap is in them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
+from math import prod
 from typing import Any
 
 import numpy as np
 
+from simgap.arrays import Floats, Ints
+from simgap.geometry import Grid
 from simgap.late import njit, numba
 from simgap.model.interval import iadd, imul, widen
 from simgap.model.kept import kept, kept_as
-from simgap.synthesis.abstraction.frame import cell_box, to_cells
-from simgap.synthesis.abstraction.tables import POST
+
+PAD = 2.0**-42
+"""Rounding pad relative to the size of the numbers on an axis: 1024 units in the last place, against at most some tens
+of operations on numbers up to `LARGEST` times that size; far below a millionth of a cell."""
+LARGEST = 16.0
+OUTSIDE = 2**30
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """`meta` and `data` of a product abstraction, without tables."""
+
+    grid: Grid
+    inputs: Floats
+    error: Floats
+
+    @property
+    def scale(self) -> Floats:
+        """Size of the numbers on each axis, (nx,)."""
+        box = self.grid.box
+        return np.maximum(np.abs(box.lo), np.abs(box.hi)) + (box.hi - box.lo)
+
+    @property
+    def header(self) -> Floats:
+        """The numbers about the axes, (6 nx,)."""
+        grid, free = self.grid, list(self.grid.periodic)
+        pad = PAD * self.scale
+        lo, hi = grid.box.lo - pad, grid.box.hi + pad
+        lo[free], hi[free] = -np.inf, np.inf
+        return np.concatenate([grid.box.lo, 2.0 * grid.h, lo, hi, self.error, pad])
+
+    def arrays(self, axes: tuple[tuple[int, ...], ...], tables: Floats | None) -> tuple[Ints, Floats]:
+        """`meta` and `data`, flat; `tables` is (2 pairs,), laid out as `tables.table_meta` says, or None."""
+        head = np.concatenate([self.header, self.inputs.reshape(-1)])
+        data = head if tables is None else np.concatenate([head, tables])
+        layout = table_meta(self.grid, len(self.inputs), axes)[0][2:].reshape(self.grid.box.size, -1)
+        layout[:, 0] += head.size
+        counts = [self.grid.box.size, *self.inputs.shape, data.size]
+        return np.concatenate([np.array(counts, np.int64), layout.reshape(-1)]), data
+
+
+@njit(cache=True, error_model="numpy")
+def cell_box(k, n, data, lo, hi):  # type: ignore[no-untyped-def]
+    """Where the true state can be when the measured one is in cell `k`: the cell with error and pad, inside X."""
+    for j in range(n):
+        left = data[j] + data[n + j] * k[j]
+        grow = data[4 * n + j] + data[5 * n + j]
+        lo[j] = max(left - grow, data[2 * n + j])
+        hi[j] = min(left + data[n + j] + grow, data[3 * n + j])
+
+
+@njit(cache=True, error_model="numpy")
+def cell_boxes(cells, data, lo, hi):  # type: ignore[no-untyped-def]
+    """`cell_box` of many cells (rows, n) -> lo, hi (rows, n)."""
+    for row in range(cells.shape[0]):
+        cell_box(cells[row], cells.shape[1], data, lo[row], hi[row])
+
+
+@njit(cache=True, error_model="numpy")
+def to_cells(lo, hi, i, n, data):  # type: ignore[no-untyped-def]
+    """Cells of axis `i` in which [lo, hi] can be measured; far outside when a bound is not finite or far too large."""
+    origin, width, grow = data[i], data[n + i], data[4 * n + i] + data[5 * n + i]
+    largest = LARGEST * data[5 * n + i] / PAD
+    if not (-largest < lo and hi < largest):
+        return -OUTSIDE, OUTSIDE
+    return np.int64(np.floor((lo - grow - origin) / width)), np.int64(np.floor((hi + grow - origin) / width))
+
+
+_WHOLE, _REAL, _SHORT = "CPointer(int64)", "CPointer(float64)", "CPointer(int32)"
+POST = f"void({_WHOLE}, int64, int64, int64, int64, {_WHOLE}, {_REAL}, {_SHORT}, {_SHORT})"
+
+
+@cache
+def table_post() -> Any:
+    """The post that reads integer tables; compiled on first use and kept on disk."""
+    return numba.cfunc(POST, cache=True)(_post)
+
+
+def _post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-untyped-def]
+    n, inputs = meta[0], meta[1]
+    count = m1 - m0
+    for i in range(n):
+        row = 2 + i * (n + 1)
+        first = np.int64(0)
+        for j in range(n):
+            first += k[j] * meta[row + 1 + j]
+        stride = meta[row + n] * inputs
+        for cell in range(cells):
+            at = meta[row] + 2 * (first * inputs + cell * stride + m0)
+            own = k[i] + (cell if i == n - 1 else 0)
+            to = 2 * n * count * cell + i
+            for m in range(count):
+                out[to + 2 * n * m] = own + table[at + 2 * m]
+                out[to + 2 * n * m + n] = own + table[at + 2 * m + 1]
+
+
+def table_meta(grid: Grid, inputs: int, axes: tuple[tuple[int, ...], ...]) -> tuple[Ints, int]:
+    """Where each dimension's table lies: -> (meta for the kernel, total number of (lower, upper) pairs).
+
+    `meta` = nx, M, then per dimension: first number, then the stride of each axis (0 for axes it does not depend on).
+    """
+    n = grid.box.size
+    meta = np.zeros(2 + n * (n + 1), dtype=np.int64)
+    meta[:2] = n, inputs
+    total = 0
+    for i, own in enumerate(axes):
+        row = 2 + i * (n + 1)
+        meta[row] = 2 * total
+        stride = 1
+        for j in sorted(own, reverse=True):
+            meta[row + 1 + j] = stride
+            stride *= grid.cells[j]
+        total += stride * inputs
+    return meta, total
+
+
+def reduced_cells(grid: Grid, axes: tuple[int, ...]) -> Ints:
+    """Cell indices over the given axes in row-major order, the middle cell along the others: -> (n, nx)."""
+    ranges = [np.arange(c) if j in axes else np.array([c // 2]) for j, c in enumerate(grid.cells)]
+    return np.stack([m.reshape(-1) for m in np.meshgrid(*ranges, indexing="ij")], axis=-1)
+
+
+def reduced_size(grid: Grid, axes: tuple[int, ...]) -> int:
+    """Number of cells over the given axes."""
+    return prod(grid.cells[j] for j in axes)
+
 
 Kernel = Callable[..., Any]
 

@@ -1,27 +1,59 @@
-"""The dimensions of a gap put together to one bound: padded, and reported."""
+"""The bound of all dimensions from the fits of each: padded, put together and reported, for every kind of bound."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise, UserError
+from simgap.gap.bases import Blocks
 from simgap.gap.bounds.function import GapFunction, GapSuprema
-from simgap.gap.fitting.cell_fit import BlockFit, blocks_gap
-from simgap.gap.fitting.conformal import Calibration, CentreFit, conformal_gap
-from simgap.gap.fitting.dimension_fit import DimensionFit
-from simgap.gap.fitting.envelope import NodeFit, envelope_gap
-from simgap.gap.fitting.linear_fit import LinearFit, linear_gap
-from simgap.gap.fitting.roughness import remedy
-from simgap.gap.fitting.side import PaddedSide
+from simgap.gap.fitting.acceptance import remedy
+from simgap.gap.fitting.cell_fit import BlockFit, blocks_gap, fit_blocks
+from simgap.gap.fitting.conformal import Calibration, CentreFit, conformal_gap, fit_centre
+from simgap.gap.fitting.envelope import NodeFit, envelope_gap, fit_envelope
+from simgap.gap.fitting.linear_fit import LinearFit, fit_linear, linear_gap
+from simgap.gap.fitting.padding import PaddedSide
 from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.sampling.samples import Directed, SampleGrid
+from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.thresholds import GATE
+
+DimensionFit = LinearFit | BlockFit | NodeFit | CentreFit
+
+
+class Kind(Protocol):
+    """What a kind of fit offers to be read back."""
+
+    def from_json(self, data: Mapping[str, Any]) -> DimensionFit:
+        """The inverse of its `to_json`."""
+
+
+FITS: Mapping[str, Kind] = {"linear": LinearFit, "blocks": BlockFit, "envelope": NodeFit, "centre": CentreFit}
+
+
+def fit_dimension(samples: DimensionSamples, settings: GapSettings) -> DimensionFit:
+    """Fit one dimension; local slopes of the samples enter where they pad inside the program, no Lipschitz constant.
+
+    Raises:
+        UserError: for settings that do not fit the samples.
+    """
+    if settings.bound == "conformal":
+        return fit_centre(samples, settings)
+    if settings.bound == "envelope":
+        return fit_envelope(samples, settings)
+    if settings.bound == "scenario" and isinstance(settings.basis, Blocks):
+        return fit_blocks(samples, settings)
+    return fit_linear(samples, settings)
+
+
+def fit_from_json(data: Mapping[str, Any]) -> DimensionFit:
+    """A fit from what its `to_json` gave; KeyError, TypeError or ValueError for anything else."""
+    return FITS[data["kind"]].from_json(data)
 
 
 @dataclass(frozen=True, eq=False)

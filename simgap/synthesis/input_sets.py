@@ -1,14 +1,11 @@
-"""Sets of inputs over windows of cells: what is admissible wherever the true state may be.
-
-Sets are rows of little-endian uint32 words, bit m % 32 of word m // 32 is input m.
-"""
+"""Sets of inputs as packed bits: bit m % 8 of byte m // 8 is input m; words of 32 bits where sets are combined."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.arrays import Floats
+from simgap.arrays import Bools, Floats, Ints
 from simgap.geometry import Box, Grid
 from simgap.late import njit
 
@@ -100,3 +97,33 @@ def _along(values, margin, periodic, out):  # type: ignore[no-untyped-def]
                     continue
                 for k in range(values.shape[2]):
                     out[o, i, k] &= values[o, other, k]
+
+
+Bytes = NDArray[np.uint8]
+
+
+def packed_width(inputs: int) -> int:
+    """Bytes that hold one bit per input."""
+    return (inputs + 7) // 8
+
+
+def unpack(mask: Bytes, inputs: int) -> Bools:
+    """(..., ceil(M / 8)) -> (..., M)."""
+    return np.unpackbits(mask, axis=-1, count=inputs, bitorder="little").view(np.bool_)
+
+
+def preferred(mask: Bytes, order: Ints) -> NDArray[np.int16]:
+    """The first input of `order` that each set holds, -1 for the empty set: (n, bytes), (M,) -> (n,)."""
+    out = np.empty(len(mask), np.int16)
+    _preferred(mask, order, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _preferred(mask, order, out):  # type: ignore[no-untyped-def]
+    for i in range(mask.shape[0]):
+        out[i] = -1
+        for m in order:
+            if mask[i, m >> 3] >> (m & 7) & 1:
+                out[i] = m
+                break

@@ -1,8 +1,13 @@
-"""A gap with the symmetry of the plane: it depends on the input alone when it is seen from the robot's own frame.
+"""Gap bound of a plant with the symmetry of the plane: one table over the inputs, seen from the robot's own frame.
 
-A plant on flat ground does not care where it stands and which way it looks (SE(2)). The body-frame gap
+A plant on flat ground behaves the same at every place and heading (SE(2)). The body-frame gap
 `R(-theta) (f_hat(x, u) - f(x, u))` is then a function of the input (and of the hidden state), and one table over U
 bounds it on all of X x U. Engines keep the symmetry only nearly: the deviation between headings is measured and added.
+
+A box of the body frame is turned into the world by the range of `R(theta) b` over box and interval of theta. Each
+coordinate is linear in b, so its extremes are at corners; for a corner at distance r and bearing phi it is
+r cos(theta + phi) or r sin(theta + phi), with extremes at the ends of the interval and where the angle is a multiple of
+pi or an odd multiple of pi/2.
 """
 
 from __future__ import annotations
@@ -16,14 +21,52 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
-from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel
-from simgap.gap.bounds.input_index import input_index
+from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel, input_index
 from simgap.gap.bounds.previous import PreviousClasses
-from simgap.gap.bounds.rotation import rotated_box, to_body
 from simgap.gap.bounds.tiers import Tier
 from simgap.gap.thresholds import NOMINAL_TOLERANCE
 from simgap.late import njit
 from simgap.model.kept import kept
+
+_ROTATION_SLACK = 1e-13  # relative: arctan2, cos and hypot are each off by some 1e-16, angles are below 100 rad
+
+
+@njit(cache=True, error_model="numpy")
+def cosine_range(lo, hi):  # type: ignore[no-untyped-def]
+    """Smallest and largest cosine on [lo, hi]; exact up to rounding, which the caller covers."""
+    a, b = np.cos(lo), np.cos(hi)
+    low, high = min(a, b), max(a, b)
+    if np.floor(hi / (2.0 * np.pi) + 1e-12) >= np.ceil(lo / (2.0 * np.pi) - 1e-12):
+        high = 1.0
+    if np.floor((hi - np.pi) / (2.0 * np.pi) + 1e-12) >= np.ceil((lo - np.pi) / (2.0 * np.pi) - 1e-12):
+        low = -1.0
+    return low, high
+
+
+@njit(cache=True, error_model="numpy")
+def rotated_box(t0, t1, a0, a1, b0, b1):  # type: ignore[no-untyped-def]
+    """Hull of R(theta) [a0, a1] x [b0, b1] over theta in [t0, t1]: -> x0, x1, y0, y1, rounded outward."""
+    x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
+    for corner in range(4):
+        a = a1 if corner & 1 else a0
+        b = b1 if corner & 2 else b0
+        r, phi = np.hypot(a, b), np.arctan2(b, a)
+        low, high = cosine_range(t0 + phi, t1 + phi)
+        x0, x1 = min(x0, r * low), max(x1, r * high)
+        low, high = cosine_range(t0 + phi - 0.5 * np.pi, t1 + phi - 0.5 * np.pi)
+        y0, y1 = min(y0, r * low), max(y1, r * high)
+    slack = _ROTATION_SLACK * (max(abs(a0), abs(a1)) + max(abs(b0), abs(b1))) * (1.0 + abs(t0) + abs(t1)) + 1e-300
+    return x0 - slack, x1 + slack, y0 - slack, y1 + slack
+
+
+def to_body(d: Floats, heading: Floats, pose: tuple[int, int, int] = (0, 1, 2)) -> Floats:
+    """Differences (n, 3) of the world turned into the frames of the given headings (n,): R(-heading) d."""
+    i, j, _ = pose
+    cos, sin = np.cos(heading), np.sin(heading)
+    out = d.copy()
+    out[..., i] = cos * d[..., i] + sin * d[..., j]
+    out[..., j] = -sin * d[..., i] + cos * d[..., j]
+    return out
 
 
 @dataclass(frozen=True, eq=False)
