@@ -160,18 +160,3 @@ class PathSimulator(Simulator):
     @abstractmethod
     def chain(self, start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
         """Run inputs (k, nu) one after the other from rest: -> poses (k + 1, 3), paths (k, poses, 3) in body frames."""
-
-
-class MapEngine(Engine):
-    """An engine that offers `rollouts`; a step is one of them."""
-
-    _x: Floats
-
-    def reset(self, x: Floats) -> None:
-        """Put the plant at x (nx,)."""
-        self._x = np.array(x, dtype=np.float64)
-
-    def advance(self, u: Floats) -> Floats:
-        """Hold u (nu,) for tau: -> (nx,)."""
-        self._x = self.rollouts(self._x[None], np.asarray(u, dtype=np.float64).reshape(1, self.nu))[0]
-        return self._x.copy()

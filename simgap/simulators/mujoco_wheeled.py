@@ -19,7 +19,7 @@ from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import loading, root_link
-from simgap.simulators import mujoco_divergence
+from simgap.simulators import mjcf, mujoco_divergence
 from simgap.simulators.commands import CommandPath
 from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettings
 
@@ -43,12 +43,7 @@ class MuJoCoWheeled(WheeledEngine):
     distributions = ("mujoco",)
 
     def __init__(self, plant: WheeledPlant, section: MuJoCoWheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
-        try:
-            import mujoco
-        except ImportError:
-            raise UserError(
-                "MuJoCo is not installed", key="simulator.engine", remedy="Install the extra: simgap[mujoco]."
-            ) from None
+        mujoco = mjcf.require_mujoco()
         super().__init__(plant, section, paths)
         self._section = section
         self.engine, self._mujoco = f"mujoco {mujoco.__version__}", mujoco
@@ -148,8 +143,7 @@ def model_of(plant: WheeledPlant, section: MuJoCoWheeledSettings) -> Any:
     Raises:
         UserError: wheels that are not there, or a link that touches the floor and states no friction, or too much.
     """
-    import mujoco
-
+    mujoco = mjcf.require_mujoco()
     with loading("MuJoCo", plant.urdf):
         spec = mujoco.MjSpec.from_file(str(plant.urdf))
     spec.compiler.fusestatic = False

@@ -18,7 +18,7 @@ from simgap.errors import UserError, excerpt
 from simgap.extras.wizard.joints import centre_of, check_positions
 from simgap.extras.wizard.mjcf_as_urdf import compiled, origin_of, written
 from simgap.io.atomic import write_text
-from simgap.io.inertial_file import write_inertial
+from simgap.io.model_export import write_inertial
 from simgap.io.wheeled_urdf import numbers
 from simgap.late import scipy
 from simgap.model.tree import Tree
