@@ -12,8 +12,8 @@ from numba import float64 as f64
 from numba import types, void
 
 from simgap.arrays import Floats, Ints
+from simgap.diagnosis.record.faults.measurement import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.dynamics import Costly, Dynamics, compile_dynamics, is_costly
-from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.trains import Train, beside_motors, trains_of
 from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
 from simgap.effects.base import CoordinateEffect, MemoryForceEffect
