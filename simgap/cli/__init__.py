@@ -96,7 +96,7 @@ def _logs_to_a_file() -> bool:
 
 
 def _of_the_system(error: OSError) -> str:
-    """What the operating system refused, as one line: which file, why, what to do."""
+    """One line about what the operating system refused: which file, why, what to do."""
     remedies = {
         errno.ENOSPC: "Free some space and run again: nothing is left half-written.",
         errno.EDQUOT: "Free some space and run again: nothing is left half-written.",

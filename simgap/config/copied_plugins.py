@@ -27,7 +27,7 @@ class CopiedPlugin:
 
 
 def plugin_copies(case: Case, source: Path, folder: Path) -> tuple[CopiedPlugin, ...]:
-    """What has to stand in `folder` so that a copy of the case in `source` finds its plug-ins there.
+    """Files that have to stand in `folder` so that a copy of the case in `source` finds its plug-ins there.
 
     A plug-in file may only stand beside the case that names it, so its path cannot be rewritten. The new name holds a
     hash of the content: it overwrites no other file, and an edited plug-in gets another name.

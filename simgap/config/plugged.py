@@ -120,6 +120,6 @@ def used_plugins(section: BaseModel, place: str = "") -> tuple[Used, ...]:
 
 
 def _marks(annotation: Any) -> list[Any]:
-    """What `Annotated` adds anywhere in an annotation, such as one side of a union."""
+    """Marks that `Annotated` adds anywhere in an annotation, such as one side of a union."""
     inner = [mark for part in get_args(annotation) for mark in _marks(part)]
     return [*getattr(annotation, "__metadata__", ()), *inner]

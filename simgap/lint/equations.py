@@ -60,7 +60,7 @@ def _prefixed(factor: float) -> bool:
 
 
 def _one_system(rates: Sequence[sp.Expr], states: Sequence[str], factors: Mapping[str, float]) -> bool:
-    """Whether f_x g(X / f) = g(X): the rates g of numbers in their own units, f of them in SI, and of numbers in SI."""
+    """True if f_x g(X / f) = g(X): the rates g of numbers in their own units, f of them in SI, and of numbers in SI."""
     rng = np.random.default_rng(0)
     for _ in range(_DRAWN):
         here = {name: float(rng.uniform(0.5, 2.0)) for name in factors}

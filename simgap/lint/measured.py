@@ -154,7 +154,7 @@ def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequen
 
 
 def _refuse_other_files(section: MeasuredSection, files: Sequence[str]) -> None:
-    """What the case says of a file that is none of its recordings would be passed over in silence."""
+    """Refuse what the case says of a file that is none of its recordings: it would be passed over in silence."""
     for key, name in _files_spoken_of(section):
         if not any(same_file(name, file) for file in files):
             raise UserError(f"'{name}' is not among the data", key=key, remedy=f"Name one of {', '.join(files)}.")

@@ -39,7 +39,7 @@ def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:
 
 
 def findings(case: Case, folder: Path) -> list[Any] | None:
-    """What a person would not expect of a model file in the engine's own format (`Engine.findings`).
+    """Findings about a model file in the engine's own format (`Engine.findings`).
 
     Raises:
         UserError: as `make_simulator`.

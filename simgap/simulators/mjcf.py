@@ -107,7 +107,7 @@ def check_mjcf(case: Case, folder: Path) -> Any:
 
 
 def _check_unseen(path: Path, model: Any) -> None:
-    """What moves the joints and is neither compared with the plant nor known to the samples."""
+    """Refuse what moves the joints and is neither compared with the plant nor known to the samples."""
     motors = [getattr(model, name) for name in ("actuator_armature", "actuator_damping") if hasattr(model, name)]
     if model.ntendon or any(np.any(values) for values in motors):
         raise UserError(
@@ -138,7 +138,7 @@ def _check_states(case: Case, path: Path, joint: str) -> None:
 
 
 def _check_roles(case: Case) -> None:
-    """What equations leave open: which quantity of the file a state is, and which joint an input pushes."""
+    """Refuse what equations leave open: which quantity of the file a state is, which joint an input pushes."""
     own = {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.quantity is None}
     own |= {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.joint is None}
     for key in (*own, *(f"inputs.{name}" for name, drive in case.plant.inputs.items() if drive.joint is None)):

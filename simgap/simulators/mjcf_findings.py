@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Felt:
-    """What a joint feels: mass that it moves, kg; inertia at 0, kg m^2 or kg; gravity's pull at states, N m or N."""
+    """Load of a joint: mass that it moves, kg; inertia at 0, kg m^2 or kg; gravity's pull at states, N m or N."""
 
     mass: float
     inertia: float
@@ -35,7 +35,7 @@ class Felt:
 
 
 def of_file(case: Case, model: Any) -> Mapping[str, Felt]:
-    """What each joint of MuJoCo's model feels, by name; gravity at the states of `mjcf.samples`."""
+    """Load of each joint of MuJoCo's model, by name; gravity at the states of `mjcf.samples`."""
     mujoco = mjcf.require_mujoco()
     nv, pulls = model.nv, []
     for x in mjcf.samples(case):
@@ -242,7 +242,7 @@ def _body(name: str, own: Felt, nominal: Felt) -> Iterator[Finding]:
 
 
 def _own_forces(case: Case, model: Any, name: str, damping: float) -> Iterator[Finding]:
-    """What acts in a joint itself, with what the case adds to either side."""
+    """Findings about what acts in a joint itself, with what the case adds to either side."""
     assert case.simulator is not None
     joint = model.joint(name)
     k = int(joint.dofadr[0])

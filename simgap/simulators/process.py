@@ -96,7 +96,7 @@ class SharedBytes:
     """
 
     def __init__(self, size: int) -> None:
-        """Of `size` bytes."""
+        """Share `size` bytes."""
         descriptor = os.memfd_create("simgap")
         os.ftruncate(descriptor, size)
         self._hold(descriptor, size)

@@ -123,7 +123,7 @@ class PythonEngine(Engine):
         return found
 
     def _fault(self, problem: str, x: Floats | None = None, u: Floats | None = None) -> UserError:
-        """What went wrong, with the call, the first of many."""
+        """Error about what went wrong, with the call, the first of many."""
         where = (
             "" if x is None or u is None else f", {describe_call(self._names, *(np.atleast_2d(v)[0] for v in (x, u)))}"
         )

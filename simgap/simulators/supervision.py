@@ -134,7 +134,7 @@ _HEAD = struct.Struct("=iidd")  # 1 in a call, 2 too large; bytes of text; when 
 
 
 class Note:
-    """What a process is doing, in memory that it shares with the one that waits for it."""
+    """Note of what a process is doing, in memory that it shares with the one that waits for it."""
 
     def __init__(self, place: Any) -> None:
         """`place` are NOTE bytes of shared memory."""
@@ -181,7 +181,7 @@ def note_in(place: Any) -> Note:
 
 
 def is_too_large() -> bool:
-    """Whether this process holds more memory than an engine may; not where the system does not say."""
+    """True if this process holds more memory than an engine may; not where the system does not say."""
     try:
         with open("/proc/self/statm") as stream:
             return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") > LARGEST
@@ -232,7 +232,7 @@ class Supervised:
         return found
 
     def fault(self, problem: str, x: Floats | None, u: Floats) -> UserError:
-        """What is wrong with a call."""
+        """Error about a call."""
         return UserError(f"the engine '{self.name}' {problem}, {self.at(x, u)}", key=KEY, remedy=REMEDY)
 
 

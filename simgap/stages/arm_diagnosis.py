@@ -148,7 +148,7 @@ def _payloads(section: MeasuredSection, tree: Tree, reading: Reading) -> tuple[P
 
 
 def _known(context: Context, tree: Tree, inputs: Sequence[str]) -> dict[str, Floats]:
-    """What the case declares of each joint, effect -> (n,).
+    """Values that the case declares of each joint, effect -> (n,).
 
     Raises:
         UserError: an effect that an arm's diagnosis does not know.

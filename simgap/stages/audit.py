@@ -286,7 +286,7 @@ def _done(pool: ProcessPoolExecutor, jobs: list[Job]) -> list[tuple[Searched, di
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """What all parts begin from: the solution, and what makes its cells narrow."""
+    """Common ground of all parts: the solution, and what makes its cells narrow."""
 
     solution: SharedSolution
     danger: Danger
@@ -339,7 +339,7 @@ def _jobs(
 
 
 def counts(found: Searched, loops: Mapping[str, Campaign], states: Sequence[str]) -> dict[str, Any]:
-    """What was tried and what was found, as plain data."""
+    """Counts of what was tried and found, as plain data."""
     worst = found.worst
     return {
         "evaluations": found.evaluations,

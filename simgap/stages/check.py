@@ -27,7 +27,7 @@ from simgap.stages import log
 
 @dataclass(frozen=True)
 class Checked:
-    """What `check` found.
+    """Result of a check.
 
     Attributes:
         costs: of each stage; cells: of the grid of samples and of the controller, an axis each, by state.
@@ -85,7 +85,7 @@ def run(
 
 
 def _outlook(found: list[StageCost]) -> str:
-    """What a run will compute, in a line, before anything is built: the largest count and all seconds."""
+    """One line about what a run will compute, before anything is built: the largest count and all seconds."""
     held = [cost for cost in found if not cost.at_most]
     if not held:
         return "nothing long to compute"
@@ -95,12 +95,12 @@ def _outlook(found: list[StageCost]) -> str:
 
 
 def _at_most(found: list[StageCost]) -> str:
-    """What comes on top of a total: stages that usually end earlier than their count says."""
+    """Words for what comes on top of a total: stages that usually end earlier than their count says."""
     return "".join(f" and at most {duration(c.seconds)} more for {c.stage}" for c in found if c.at_most)
 
 
 def conclusion(checked: Checked, case: Path) -> str:
-    """What follows from a check, in a line: what a run will take and how it is begun."""
+    """One line about what follows from a check: what a run will take and how it is begun."""
     held = [cost for cost in checked.costs if not cost.at_most]
     premise = " for a base that is bolted to the world" * any(f.key == BOLTED for f in checked.findings)
     if not held:

@@ -43,7 +43,7 @@ LAG_CELLS = 24
 
 @dataclass(frozen=True)
 class Augmentation:
-    """What the corrected case carries.
+    """Memory of the inputs that the corrected case carries.
 
     Attributes:
         lags: input -> range of what the plant feels, for each lag that becomes a state.
@@ -136,7 +136,7 @@ def _pairs(case: Case, lags: int) -> bool:
 
 
 def _one_sample(case: Case, delays: Mapping[str, float]) -> bool:
-    """Whether every input's delay is nearest to one sample, and the controller can remember the pending input."""
+    """True if every input's delay is nearest to one sample, and the controller can remember the pending input."""
     if case.domain is None or case.synthesis is None or set(delays) != set(case.plant.inputs):
         return False
     near = all(0.5 <= d / case.domain.tau < 1.5 for d in delays.values())

@@ -240,7 +240,7 @@ def _write(
     paths: Sequence[Path],
     out_dir: Path,
 ) -> None:
-    """What holds the answer, its document the last of them."""
+    """Write the files that hold the answer, its document the last of them."""
     model, shifts = corrected
     target = out_dir / CASE
     out_dir.mkdir(parents=True, exist_ok=True)  # first: `out/../rod.urdf` is no file before
@@ -266,7 +266,7 @@ def _show(
     content: Mapping[str, Any],
     out_dir: Path,
 ) -> None:
-    """What shows the answer: page, pictures, recording."""
+    """Write the files that show the answer: page, pictures, recording."""
     record, title = reading.record, context.case.title or context.case.name
     sigma = np.array([found.sigma[s] for s in record.measured])
     lacking = missing_terms(record, _declared(context, reading), *corrected, sigma)

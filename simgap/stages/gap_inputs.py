@@ -39,7 +39,7 @@ def read_samples(context: Context, path: Path, *stages: str) -> Columns:
 
 
 def read_result(context: Context, path: Path, stage: str) -> dict[str, Any]:
-    """What a stage found out about this case.
+    """Document that a stage wrote of this case.
 
     Raises:
         UserError: a missing or damaged file, or one of another case.
@@ -91,7 +91,7 @@ def blame_shards(shards: Sequence[Path]) -> Iterator[None]:
 
 
 class DimensionResult(Protocol):
-    """What was found out about one dimension."""
+    """Result for one dimension."""
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
@@ -119,7 +119,7 @@ def write_dimensions(
 
 
 def read_dimensions(context: Context, stage: str, point: str, path: Path) -> dict[str, Any]:
-    """What `write_dimensions` wrote, by state, made of this case on this grid.
+    """Results of `write_dimensions` by state, made of this case on this grid.
 
     A case that says the same under another name will do: points of a sweep share what they have in common.
 

@@ -120,12 +120,12 @@ def read(case_path: Path, inputs: ReportFiles) -> Material:
 
 
 def _eps(bound: SavedGap) -> float:
-    """Of the point of a bound; 0 for one that has none, such as a grid of half-widths."""
+    """Radius eps of the point of a bound; 0 for one that has none, such as a grid of half-widths."""
     return float(bound.content.get("eps") or 0.0)
 
 
 def suprema_and_constants(printed: Mapping[str, Any], case: str) -> dict[str, Any]:
-    """What the page of a case puts beside its own numbers; empty for a case of which nothing is printed.
+    """Printed numbers that the page of a case puts beside its own; empty for a case of which nothing is printed.
 
     Args:
         printed: content of configs/paper/printed.yaml.
@@ -142,7 +142,7 @@ def suprema_and_constants(printed: Mapping[str, Any], case: str) -> dict[str, An
 
 
 def _corrected(context: Context, inputs: ReportFiles, gap: GapFunction) -> Corrected | None:
-    """What the corrected case came to, and measured transitions against both bounds where the diagnosis kept them.
+    """Results of the corrected case, and measured transitions against both bounds where the diagnosis kept them.
 
     Raises:
         UserError: only some of its files are given.

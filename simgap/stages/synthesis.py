@@ -147,7 +147,7 @@ def _between(context: Context, flow: Flow, region: Box, extra: Floats, needed: b
 
 
 def _by_state(context: Context, between: Floats) -> dict[str, float]:
-    """What is bounded, by state; nothing where it is not."""
+    """Bounds by state; empty where there are none."""
     return dict(zip(context.states, between.tolist(), strict=True)) if np.isfinite(between).all() else {}
 
 

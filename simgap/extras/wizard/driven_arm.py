@@ -62,7 +62,7 @@ class Driven:
 
 
 def is_driven(model: SymbolicModel) -> bool:
-    """Whether there is an input for each of two coordinates, and no other state."""
+    """True if there is an input for each of two coordinates, and no other state."""
     return len(model.coordinates) == len(model.inputs) == 2 and len(model.states) == 4
 
 

@@ -137,7 +137,7 @@ def _check_loops(path: Path, model: Any, left: Collection[str], whole: bool) -> 
 
 
 def _acting(model: Any) -> bool:
-    """Whether its actuators do anything without a command, or have a state of their own."""
+    """True if its actuators do anything without a command, or have a state of their own."""
     own = (model.actuator_biasprm, model.actuator_dyntype, getattr(model, "actuator_armature", 0.0),
            getattr(model, "actuator_damping", 0.0))  # fmt: skip
     return bool(model.na) or any(np.any(values) for values in own)
