@@ -112,8 +112,7 @@ def _bound(m: Material) -> dict[str, Any]:
     states, inputs = m.context.states, m.context.inputs
     x, u = stack(m.samples, states), stack(m.samples, inputs)
     d = stack(m.samples, [f"gap_{n}" for n in states])
-    draw_it = figures_gap.surface_figure if len(states) == 2 else figures_gap.slices_figure
-    return {"bound": draw_it(m.bound, x, u, d, m.context.units)}
+    return {"bound": figures_gap.bound_figure(m.bound, x, u, d, m.context.units)}
 
 
 def _sweep(m: Material) -> Any:

@@ -74,8 +74,8 @@ def _trusting(tally: Mapping[str, Any], failed: str, tau: float) -> str:
     if not bad:
         return f"did not fail in {runs:,} runs either, but nothing guarantees that"
     what = "failed" if tally["ends"].get(STUCK) else failed
-    soon = f", half of these within {median * tau:.2g} s" if median and bad > 1 else ""
-    return f"{what} in {bad:,} of {runs:,}{soon}"
+    soon = f", half of the failures within {median * tau:.2g} s" if median and bad > 1 else ""
+    return f"{what} in {bad:,} of {runs:,} runs{soon}"
 
 
 def tiles(m: Material) -> list[tuple[str, str]]:

@@ -88,6 +88,10 @@ def _ends(bar: Any, values: Floats, most: float) -> None:
         apart = [k for k, tick in enumerate(ticks) if tick > low * (high / low) ** APART]
         ticks, names = [low, *(ticks[k] for k in apart)], [f"\u2264 {low:.3g}", *(names[k] for k in apart)]
     bar.set_ticks(ticks, labels=names)
+    if bar.orientation == "horizontal" and names:  # what stands at an end stays beside its own bar
+        labels = bar.ax.get_xticklabels()
+        for label, tick in zip(labels, ticks, strict=True):
+            label.set_ha("left" if tick == low else "right" if tick == high else "center")
 
 
 def _layer(axis: Any, grid: Grid, values: Floats, scale: Any, aspect: str = "auto") -> Any:
