@@ -125,6 +125,7 @@ def _loop(m: Material) -> dict[str, Any]:
     context, where = m.context, scene(m.context)
     chosen = {kind: shown(m.traces, kind) for kind in (NOMINAL, ROBUST)}
     until = figures_traces.first_seconds(chosen)
+    steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
     out = {"gap": figures_traces.gap_figure(chosen[ROBUST], context.states, context.units, until)}
     if len(context.states) == 2:
         out["domains"] = figures_domains.domains_figure(
@@ -136,10 +137,11 @@ def _loop(m: Material) -> dict[str, Any]:
         draw_floor = surroundings(context, where.axes[:2])
         out["trajectories"] = figures_arena.arena_figure(where, m.traces, context.units, context.states, draw_floor)
     else:
+        section, towards = context.case.validation, any(len(s) for s in steps.values())
+        stuck = 0.0 if section is None or towards else section.steps * (1.0 - 1e-9) * context.domain.tau
         out["trajectories"] = figures_traces.trajectories_figure(
-            chosen, m.traces, limits(context), context.states, context.units
+            chosen, m.traces, limits(context), context.states, context.units, stuck
         )
-    steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
     if any(len(s) for s in steps.values()):
         out["times"] = figures_arena.times_figure(steps, context.domain.tau, promised_steps(m))
     return out

@@ -97,9 +97,11 @@ def settings(m: Material) -> list[tuple[str, str]]:
     if case.simulator is not None:
         given = case.simulator.model_dump(mode="json")
         given.pop("effects", None)
-        engine = str(given.pop("engine"))
+        engine, urdf = str(given.pop("engine")), given.pop("urdf", None)
         inertia = INERTIAS.get(str(given.pop("inertia", "")), "")
-        rows.append(("simulator", "; ".join(filter(None, [ENGINES.get(engine, engine), inertia, *_plain(given)]))))
+        rows.append(
+            ("simulator", "; ".join(filter(None, [ENGINES.get(engine, engine), urdf, inertia, *_plain(given)])))
+        )
         rows += [("effect in the simulator", _effect(e)) for e in getattr(case.simulator, "effects", ())]
     if m.twin is not None:
         rows.append(("twin of", twin_sentence(m.twin)))

@@ -89,7 +89,7 @@ def tiles(m: Material) -> list[tuple[str, str]]:
             (f"{m.audit['violations']:,}", f"violations in {adversary.attempts(m.audit):,} attempts of an adversary")
         )
     share = m.syntheses[ROBUST]["winning_cells"] / max(1, common_free(m.syntheses))
-    return [*found, (f"{share:.1%}", f"of the {words.allowed}: states where the promise holds")]
+    return [*found, (f"{100.0 * share:.1f} %", f"of the {words.allowed}: states where the promise holds")]
 
 
 def little_won(promised: int | None) -> str:

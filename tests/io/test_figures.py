@@ -176,7 +176,7 @@ def test_maps_of_margins_show_the_layers_that_have_some_and_say_where_a_bar_ends
     factor[0, 0, 0] = LARGEST_FACTOR
     figure = slices_figure(grid, factor.reshape(-1), ("x", "y", "theta"), {})
     names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
-    assert names[-1] == "\u2265 1e+04"
+    assert names[-1] == "\u2265 10,000"
     plt.close(figure)
 
 
