@@ -66,13 +66,16 @@ def _answer(
     """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle."""
     record, parts, said, faults = ready(model, record, settings)
     watch, known_of = Watch(settings.budget_s, tell), barred(model, record, settings.effects, settings.known)
-    parts, ends, filtered, not_tried = _found(model, record, settings, parts, known_of, watch)
-    louder = under_its_noise(parts, ends, settings.max_effects, not_tried)
+    parts, ends, filtered, not_tried, under_law = _found(model, record, settings, parts, known_of, watch)
+    most = settings.max_effects
+    louder = under_its_noise(parts, ends, most, not_tried)
     if louder is None and whole:
         search, _, best = ends
         apart = sides_apart(record, settings, search, best, _part_by(model, watch, tell))
         if apart is not None:
             return replace(apart, recording=(*faults, *apart.recording))
+    if louder is None and not (reached(ends) or watch.stopped):
+        parts, ends = under_law or under_its_law(parts, ends, most, not_tried)
     parts, ends = louder or (parts, ends)
     if watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
         parts = replace(parts, known=ends[0].problem)
@@ -83,11 +86,11 @@ def _answer(
 def _found(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts,
     not_tried: Mapping[Key, str], watch: Watch,
-) -> tuple[Parts, Searched, tuple[RecordingFault, ...], Mapping[Key, str]]:  # fmt: skip
+) -> tuple[Parts, Searched, tuple[RecordingFault, ...], Mapping[Key, str], tuple[Parts, Searched] | None]:  # fmt: skip
     """Search a record, tier by tier, and again where what was found changes what is known of it.
 
-    The folds, as far as commands from the record alone act, the search on them, velocities that were left out, and
-    candidates that were not tried.
+    The folds, as far as commands from the record alone act, the search on them, velocities that were left out,
+    candidates that were not tried, and the folds and the search under the law of gross errors, if it saw all of these.
     """
     every, most, before = parts, settings.max_effects, begun(parts.known, not_tried, watch)
     search, base = before
@@ -103,8 +106,6 @@ def _found(
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
     parts, ends = wider or (parts, ends)
-    if not (reached(ends) or watch.stopped):
-        parts, ends = under_law if under_law and not wider else under_its_law(parts, ends, most, not_tried)
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
@@ -118,7 +119,7 @@ def _found(
         parts = parts.without(np.isin(record.measured, [f.channel for f in filtered]))
         not_tried = {**not_tried, **{(f.fault, f.channel): "the channel was left out" for f in filtered}}
         ends = searched(parts.known, most, not_tried, watch)
-    return parts, ends, filtered, not_tried
+    return parts, ends, filtered, not_tried, under_law if parts is every else None
 
 
 def ready(
