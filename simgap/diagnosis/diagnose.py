@@ -101,7 +101,7 @@ def _found(
         ends: Searched = (search, base, search.empty(base))
         if not explained_by_one(*before):
             parts, ends = under_law = under_its_law(every, ends, most, not_tried)
-        if not reached(ends):
+        if not parts.left_out:  # nobody pushed: all data by least squares, from the beginning
             parts, ends = every, searched(every.known, most, not_tried, watch, before=before)
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
