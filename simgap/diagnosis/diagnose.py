@@ -23,7 +23,6 @@ from simgap.diagnosis.seek import (
     begun,
     explained_by_one,
     fitted_again,
-    reached,
     searched,
     under_its_law,
     under_its_noise,
@@ -66,16 +65,13 @@ def _answer(
     """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle."""
     record, parts, said, faults = ready(model, record, settings)
     watch, known_of = Watch(settings.budget_s, tell), barred(model, record, settings.effects, settings.known)
-    parts, ends, filtered, not_tried, under_law = _found(model, record, settings, parts, known_of, watch)
-    most = settings.max_effects
-    louder = under_its_noise(parts, ends, most, not_tried)
+    parts, ends, filtered, not_tried = _found(model, record, settings, parts, known_of, watch)
+    louder = under_its_noise(parts, ends, settings.max_effects, not_tried)
     if louder is None and whole:
         search, _, best = ends
         apart = sides_apart(record, settings, search, best, _part_by(model, watch, tell))
         if apart is not None:
             return replace(apart, recording=(*faults, *apart.recording))
-    if louder is None and not (reached(ends) or watch.stopped):
-        parts, ends = under_law or under_its_law(parts, ends, most, not_tried)
     parts, ends = louder or (parts, ends)
     if watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
         parts = replace(parts, known=ends[0].problem)
@@ -86,21 +82,20 @@ def _answer(
 def _found(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts,
     not_tried: Mapping[Key, str], watch: Watch,
-) -> tuple[Parts, Searched, tuple[RecordingFault, ...], Mapping[Key, str], tuple[Parts, Searched] | None]:  # fmt: skip
+) -> tuple[Parts, Searched, tuple[RecordingFault, ...], Mapping[Key, str]]:  # fmt: skip
     """Search a record, tier by tier, and again where what was found changes what is known of it.
 
-    The folds, as far as commands from the record alone act, the search on them, velocities that were left out,
-    candidates that were not tried, and the folds and the search under the law of gross errors, if it saw all of these.
+    The folds, as far as commands from the record alone act, the search on them, velocities that were left out, and
+    candidates that were not tried.
     """
     every, most, before = parts, settings.max_effects, begun(parts.known, not_tried, watch)
     search, base = before
     tiers = Tiers(model, record, settings, not_tried)
     wider, wide = tiers.screened(*before)
-    under_law = None
     if wider is None:
         ends: Searched = (search, base, search.empty(base))
         if not explained_by_one(*before):
-            parts, ends = under_law = under_its_law(every, ends, most, not_tried)
+            parts, ends = under_its_law(every, ends, most, not_tried)
         if not parts.left_out:  # nobody pushed: all data by least squares, from the beginning
             parts, ends = every, searched(every.known, most, not_tried, watch, before=before)
         wider = tiers.second(ends[0], ends[2], wide)
@@ -119,7 +114,7 @@ def _found(
         parts = parts.without(np.isin(record.measured, [f.channel for f in filtered]))
         not_tried = {**not_tried, **{(f.fault, f.channel): "the channel was left out" for f in filtered}}
         ends = searched(parts.known, most, not_tried, watch)
-    return parts, ends, filtered, not_tried, under_law if parts is every else None
+    return parts, ends, filtered, not_tried
 
 
 def ready(

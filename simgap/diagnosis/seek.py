@@ -95,12 +95,6 @@ def fitted_again(problem: Problem, search: Search, found: Explanation, not_tried
     return again, base, on_all(again, search, found, base)
 
 
-def reached(ends: Searched) -> bool:
-    """Whether a search ended at the noise."""
-    search, _, found = ends
-    return search.reached(found)
-
-
 def explained_by_one(search: Search, base: Fit) -> bool:
     """Whether the model as declared or with one effect more is down to the noise."""
     empty = search.empty(base)
