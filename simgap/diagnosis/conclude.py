@@ -179,7 +179,7 @@ def _rivals(chosen: Chosen) -> list[Rival]:
     others = rivals(search, found)
     if chosen.carried is not None:  # what fits as well need not carry over as well
         others = [r for r in others if r.exact] + [Rival(e, False) for e in chosen.carried.rivals]
-    return once([*others, *as_good(search, found)])
+    return [r for r in once([*others, *as_good(search, found)]) if r.explanation.keys != found.keys]
 
 
 def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:
