@@ -18,10 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.arms.fit import Solution, solve, standard_errors
-from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part
-from simgap.diagnosis.arms.select import forward
-from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.arms.fit import Solution, forward, solve, standard_errors
+from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part
 from simgap.diagnosis.thresholds import BIC_GAIN, MOST
 
 GAIN = "input_gain"

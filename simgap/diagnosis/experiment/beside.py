@@ -16,8 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.experiment.bench import Bench
-from simgap.diagnosis.experiment.rivals import Explained, Known, members, translated
+from simgap.diagnosis.experiment.rivals import Bench, Explained, Known, members, translated
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
