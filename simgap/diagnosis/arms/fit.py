@@ -27,15 +27,19 @@ class Solution:
     theta: Floats
 
 
+def inverted(gram: Floats) -> Floats:
+    """(p, p) inverse, columns scaled to one size; what the data do not show is left out."""
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    whole = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(gram / whole, rcond=1e-10, hermitian=True) / whole)
+
+
 def solve(gram: Floats, right: Floats, active: Sequence[int], size: int) -> Solution:
     """Least squares over the active columns alone; directions that the data do not show stay 0."""
     theta = np.zeros(size)
     if len(active):
         own = np.array(active)
-        g = gram[np.ix_(own, own)]
-        scale = np.sqrt(np.maximum(np.diag(g), 1e-300))
-        inverse = np.linalg.pinv(g / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-        theta[own] = inverse @ (right[own] / scale) / scale
+        theta[own] = inverted(gram[np.ix_(own, own)]) @ right[own]
     return Solution(tuple(active), theta)
 
 
@@ -99,8 +103,7 @@ def standard_errors(part: Part, solution: Solution, weights: Floats, together: F
         same = (part.trace[lag:] == part.trace[:-lag])[:, None]
         cross = (scores[lag:] * same).T @ scores[:-lag]
         middle += (1.0 - lag / (reach + 1)) * (cross + cross.T)
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-10, hermitian=True) / np.outer(scale, scale)
+    inverse = inverted(gram)
     out[own] = np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))
     return out
 
@@ -182,7 +185,5 @@ def _own_direction(gram: Floats, active: tuple[int, ...], k: int) -> bool:
     own = np.array(active, dtype=np.int64)
     if not len(own):
         return True
-    scale = np.sqrt(np.maximum(np.diag(gram)[own], 1e-300))
-    inverse = np.linalg.pinv(gram[np.ix_(own, own)] / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    cross = gram[own, k] / scale
-    return float(1.0 - cross @ inverse @ cross / gram[k, k]) > SAME_DIRECTION**2
+    cross = gram[own, k]
+    return float(1.0 - cross @ inverted(gram[np.ix_(own, own)]) @ cross / gram[k, k]) > SAME_DIRECTION**2

@@ -147,9 +147,13 @@ def margins(d: Floats, rivals: Sequence[Rival], bench: Bench) -> Floats:
     """
     size = math.log(max(bench.counted + bench.compared, 2))
     more = np.array([[a.count - b.count for b in rivals] for a in rivals], dtype=np.float64)
+    return np.where(np.eye(len(rivals), dtype=bool), np.inf, margin(d, more, size))
+
+
+def margin(d: Floats, more: Floats, log: float) -> Floats:
+    """The same of differences d of chi^2 and `more` parameters at the logarithm of all numbers."""
     spread = np.sqrt(4.0 * d + 2.0 * np.maximum(np.abs(more), 1.0))
-    z = (d - BIC_GAIN - more * size) / spread
-    return np.where(np.eye(len(rivals), dtype=bool), np.inf, z)
+    return np.asarray((d - BIC_GAIN - more * log) / spread)
 
 
 _ROUNDS = 10  # what a diagnosis fitted is near its end already

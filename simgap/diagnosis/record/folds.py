@@ -89,8 +89,7 @@ def split_windows(record: Record, seconds: float) -> Windows:
             f"no trace is as long as a window of {seconds:g} s (the longest lasts {longest:.3g} s)",
             remedy="Give longer traces or set measured.window_s to less.",
         )
-    table = np.array(rows, dtype=np.int64)
-    return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
+    return Windows(*np.ascontiguousarray(np.array(rows, dtype=np.int64).T))
 
 
 Span = tuple[int, float, float]
@@ -113,8 +112,7 @@ def left_out(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
         rows += [row for row in parts if row[1] - row[0] >= MIN_SAMPLES]
     if not rows:
         return windows
-    table = np.array(rows, dtype=np.int64)
-    return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
+    return Windows(*np.ascontiguousarray(np.array(rows, dtype=np.int64).T))
 
 
 def joined(windows: Windows) -> Windows:
