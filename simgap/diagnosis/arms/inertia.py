@@ -19,8 +19,7 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.arms.thresholds import INDEPENDENT, TOWARDS_DECLARED
-from simgap.model.inverse_dynamics import regressor
-from simgap.model.tree import UNITS, Tree, symmetric
+from simgap.model.tree import UNITS, Tree, regressor, symmetric
 
 _DRAWS = 200
 

@@ -17,8 +17,7 @@ from simgap.diagnosis.arms.motion import Motion
 from simgap.diagnosis.record.folds import Windows, split_folds
 from simgap.diagnosis.thresholds import MATTERS, SEVERAL_TRACES
 from simgap.errors import UserError
-from simgap.model.inverse_dynamics import regressor
-from simgap.model.tree import PARAMETERS, Tree
+from simgap.model.tree import PARAMETERS, Tree, regressor
 
 Column = Callable[[Floats, Floats, Floats], Floats]
 
