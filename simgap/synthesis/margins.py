@@ -404,7 +404,7 @@ def _measured(grid: Grid, mask: NDArray[np.uint8], inputs: int, reach: tuple[int
     sizes = np.array(reach, np.int64), np.array(larger.cells, np.int64)
     if not any(reach):
         return (mask, *sizes, mask)
-    common = crop(window_and(to_words(mask, inputs), larger, reach), grid, larger)
+    common = crop(window_and(to_words(mask), larger, reach), grid, larger)
     return (to_bytes(common, inputs), *sizes, np.ascontiguousarray(mask))
 
 

@@ -194,7 +194,7 @@ def certified(winning: Bools, grid: Grid, error: Floats) -> Bools:
         if m and j not in grid.periodic:
             ends = np.moveaxis(inside, j, 0)
             ends[:m], ends[-m:] = False, False
-    kept = window_and(winning.astype(np.uint32)[:, None], grid, margin)[:, 0] == 1
+    kept = window_and(winning.astype(np.uint64)[:, None], grid, margin)[:, 0] == 1
     return np.asarray(kept & inside.reshape(-1))
 
 
