@@ -17,7 +17,7 @@ import numpy as np
 
 from simgap.errors import UserError
 from simgap.late import njit, numba
-from simgap.synthesis.abstraction.nominal import Model
+from simgap.model.sampled import NominalModel
 from simgap.synthesis.abstraction.post import Kernel, no_gap
 from simgap.synthesis.synthesise import Problem, extremes
 
@@ -105,7 +105,10 @@ class Explanation:
 
 
 def explain(
-    problem: Problem, retimed: Callable[[float], Model] | None = None, threads: int = 1, alone: float | None = None
+    problem: Problem,
+    retimed: Callable[[float], NominalModel] | None = None,
+    threads: int = 1,
+    alone: float | None = None,
 ) -> Explanation:
     """The reasons of a problem whose winning domain is empty.
 
@@ -148,7 +151,7 @@ def axis_numbers(problem: Problem) -> tuple[AxisNumbers, ...]:
 
 
 def _tries(
-    problem: Problem, retimed: Callable[[float], Model] | None, threads: int, known: float | None
+    problem: Problem, retimed: Callable[[float], NominalModel] | None, threads: int, known: float | None
 ) -> Iterator[Try]:
     """Finer cells and narrower gaps as far as the budget goes; the path between samples is left aside."""
     plain = replace(problem, swept=None, stray=None, previous=None, latency=0, error=None)

@@ -36,8 +36,8 @@ from simgap.arrays import Bools, Floats, Ints
 from simgap.geometry import Grid
 from simgap.late import njit
 from simgap.model.kept import kept
+from simgap.model.sampled import NominalModel
 from simgap.synthesis.abstraction.cells import count_holes, layout, table_size
-from simgap.synthesis.abstraction.nominal import Model
 from simgap.synthesis.abstraction.post import Frame, Kernel, cell_box, image, reduced_cells, to_cells, without_ends
 from simgap.synthesis.input_sets import crop, padded, to_bytes, to_words, window_and
 
@@ -340,7 +340,7 @@ def shown_layers(cells: int, count: int = 6) -> Ints:
 
 
 def one_step_margins(
-    model: Model,
+    model: NominalModel,
     grid: Grid,
     inputs: Floats,
     gap: Kernel,
