@@ -21,7 +21,7 @@ LINEAGES = 12
 
 @dataclass(frozen=True, eq=False)
 class HistoryQuestion:
-    """What is asked of a robot.
+    """Gap and bound of a robot's steps.
 
     Attributes:
         gaps: body-frame gaps (k, 3) of the steps under input numbers (k,) from rest at a heading (rad).

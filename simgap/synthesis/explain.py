@@ -1,4 +1,4 @@
-"""Why a winning domain is empty: what one step does to each state, and what a quick search on coarse cells finds.
+"""Explanation of an empty winning domain: one step in numbers, and a quick search on coarse cells.
 
 Looked at are cells spread over the grid with all inputs: what the inputs can move in one step, how wide the gap and the
 successor of a cell are against that, and along which state every input leads out. Then the same problem is solved again
@@ -71,7 +71,7 @@ class Try:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Why nothing wins.
+    """Explanation of an empty winning domain.
 
     Attributes:
         cause: specification, cells, gap, between_samples or sensing. sentence: the same in words.
@@ -126,7 +126,7 @@ def explain(
 
 
 def axis_numbers(problem: Problem) -> tuple[AxisNumbers, ...]:
-    """What one step does to each state, from cells spread evenly over the grid."""
+    """Numbers of one step for each state, from cells spread evenly over the grid."""
     grid, inputs = problem.grid, problem.inputs
     cells = np.unique(np.linspace(0, grid.size - 1, min(SAMPLED, grid.size)).astype(np.int64))
     centres, gap = grid.centres()[cells], problem.gap or no_gap

@@ -70,7 +70,7 @@ def crop(values: Words, grid: Grid, larger: Grid) -> Words:
 
 
 def inner(grid: Grid, larger: Grid) -> tuple[slice, ...]:
-    """Where the cells of a grid lie among those of the larger one."""
+    """Slices of the larger grid that hold the cells of a grid."""
     return tuple(slice((b - a) // 2, (b - a) // 2 + a) for a, b in zip(grid.cells, larger.cells, strict=True))
 
 

@@ -165,12 +165,12 @@ class Problem:
 
     @property
     def blurred(self) -> bool:
-        """Whether the controller sees less than the present state itself."""
+        """True if the controller sees less than the present state itself."""
         return self.latency > 0 or (self.error is not None and bool(np.any(np.asarray(self.error) > 0)))
 
     @property
     def on_true_cells(self) -> bool:
-        """Whether cells are of the true state: where that costs no soundness, and the specification allows it."""
+        """True if cells are of the true state: where that costs no soundness, and the specification allows it."""
         return self.specification.on_true_cells and self.blurred
 
     def abstraction(self) -> Abstraction:

@@ -56,7 +56,7 @@ def fit_from_json(data: Mapping[str, Any]) -> DimensionFit:
 
 @dataclass(frozen=True, eq=False)
 class DimensionReport:
-    """What is known about one dimension.
+    """Bound, slopes and programs of one dimension.
 
     Attributes:
         sup: suprema over X x U. ratio: sup.size / largest sampled |d|.

@@ -63,7 +63,7 @@ class InputGrid:
 
     @staticmethod
     def of(inputs: Floats) -> InputGrid:
-        """Of U, (M, nu).
+        """The grid of U, (M, nu).
 
         Raises:
             UserError: values that are not all combined.
@@ -77,7 +77,7 @@ class InputGrid:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """How many values each input has."""
+        """Number of values of each input."""
         return self.number.shape
 
     def numbers(self, values: Ints) -> Ints:

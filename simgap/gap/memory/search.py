@@ -35,7 +35,7 @@ class Found:
 
     @property
     def evaluations(self) -> int:
-        """How many sequences were tried."""
+        """Number of sequences that were tried."""
         return len(self.scores)
 
     def worst(self, count: int) -> Found:
@@ -45,7 +45,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Histories:
-    """Where to search: L inputs in a row, each a number of a value per axis, and a heading.
+    """Search space: L inputs in a row, each a number of a value per axis, and a heading.
 
     Attributes:
         counts: how many values each input has; length: L; turns: whether the heading is searched or stays 0.
@@ -155,7 +155,7 @@ class BoundTable:
     pose: tuple[int, int, int] = (0, 1, 2)
 
     def excess(self, samples: BodySamples) -> Floats:
-        """By how much steps lie outside, negative inside: (n, 5), the gap's three dimensions, then the path's two."""
+        """Excess of steps over the bound, negative inside: (n, 5), the gap's three dimensions, then the path's two."""
         place = self.classes.after(samples.previous), samples.m
         d = samples.final - self.motion[samples.m]
         low, high = (own[place] for own in self.swept)
@@ -172,7 +172,7 @@ class BoundTable:
 
 @dataclass(frozen=True, eq=False)
 class Searched(JsonRecord):
-    """What the search found.
+    """Result of the search.
 
     Attributes:
         excess: (5,) largest excess of any step tried, 0 if none; margin: (5,) the same, extrapolated.

@@ -83,7 +83,7 @@ def nominal_abstraction(
 
 
 def _fits(grid: Grid, inputs: int, axes: Axes) -> bool:
-    """Whether tables on these axes stay within a few numbers per cell."""
+    """True if tables on these axes stay within a few numbers per cell."""
     return sum(reduced_size(grid, own) for own in axes) * inputs <= 4 * grid.size + 1_000_000
 
 

@@ -246,7 +246,7 @@ class TrueGame:
 
 @dataclass(frozen=True, eq=False)
 class PreviousBounds:
-    """What is known after a previous input of each class.
+    """Bounds after a previous input of each class.
 
     Attributes:
         kind: (M,) class of each input. rest: class in which a run starts.
@@ -318,7 +318,7 @@ class PreviousGame:
 
 @dataclass(frozen=True, eq=False)
 class ClassReach:
-    """What the fixed point found.
+    """Result of the least fixed point over classes.
 
     Attributes:
         value: (cells, classes) int32 worst-case steps to the target, -1 where losing.

@@ -129,7 +129,7 @@ def _and_over_box(shape, n, boxes, at, allowed, out):  # type: ignore[no-untyped
 
 
 def clear_paths(grid: Grid, shape: Ints, swept: SweptCells, free: Bools) -> Bools:
-    """Whether the swept box of each input lies in the free cells, from every cell: (cells,) -> (cells, M)."""
+    """True where the swept box of each input lies in the free cells, from every cell: (cells,) -> (cells, M)."""
     n, inputs = grid.box.size, swept.lower.shape[1]
     table = np.empty(table_size(shape, n), np.int32)
     count_holes(free.view(np.uint8), shape, n, table)

@@ -29,7 +29,7 @@ Backend = Literal["auto", "bit_rows", "table"]
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """What the fixed point found.
+    """Result of the least fixed point.
 
     Attributes:
         value: worst-case steps to the target, (cells,) int32, 0 in the target and -1 where losing.

@@ -374,5 +374,5 @@ def _code(t: dict[str, Ints], names: Sequence[str]) -> Ints:
 
 
 def _new(column: Ints) -> Bools:
-    """Where a sorted column differs from the entry before."""
+    """True where a sorted column differs from the entry before."""
     return np.concatenate([np.ones(min(1, len(column)), bool), column[1:] != column[:-1]])
