@@ -588,7 +588,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "simulators/probe.py",
+        "simulators/supervision.py",
         PROBE,
         ("calls are repeated at once", "time.sleep(PAUSE)", "time.sleep(0.0)"),
         ("calls are not repeated later", "elif len(x) >= BLOCK:", "elif not tried:"),

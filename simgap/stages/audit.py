@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -48,6 +48,7 @@ from simgap.simulators.process import engine_pool
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Gap, HowMany, Option, Out, Shards, Workers
 from simgap.stages.gap_inputs import samples_of
 from simgap.stages.margins import margins_of, summary
 from simgap.stages.scratch import scratch
@@ -196,28 +197,28 @@ PARTS = 2  # each with random numbers of its own, whatever the number of workers
 class Inputs:
     """Files that the audit reads: the bound, the gap-aware controller, its roll-outs and the fresh samples."""
 
-    gap: Path
-    controller: Path
-    rollouts: Sequence[Path]
-    fresh: Path
+    gap: Gap
+    controller: Annotated[Path, Option("Controller made for the model with its gap.")]
+    rollouts: Shards
+    fresh: Annotated[Path, Option("Fresh samples (Parquet).")]
 
 
 @dataclass(frozen=True)
 class Outputs:
     """Files that it writes: the counts, the margins of every cell, and what breaks the promise, if anything does."""
 
-    counts: Path
-    margins: Path
-    witness: Path
+    counts: Out
+    margins: Annotated[Path, Option("File for the margins of every cell (Parquet).")]
+    witness: Annotated[Path, Option("File for what breaks the promise, if anything does (JSON).")]
 
 
 def run(
-    case_path: Path,
+    case_path: CasePath,
     inputs: Inputs,
     out: Outputs,
-    workers: int = 2,
+    workers: Workers = 2,
     engine_log: Path | None = None,
-    trials: Trials = Trials.PLAIN,
+    trials: HowMany = Trials.PLAIN,
 ) -> None:
     """Attack with the budget of the case, count, and write what was found.
 

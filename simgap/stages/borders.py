@@ -11,9 +11,10 @@ from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Out, Point
 
 
-def run(case_path: Path, point: str | None, out: Path, engine_log: Path | None = None) -> None:
+def run(case_path: CasePath, point: Point, out: Out, engine_log: Path | None = None) -> None:
     """Roll out the states of a point (the case's own if none is named) and write them.
 
     Raises:

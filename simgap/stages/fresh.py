@@ -17,9 +17,10 @@ from simgap.simulators.body_samples import joined
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import along_sequences, roll_out
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Out, Workers
 
 
-def run(case_path: Path, out: Path, engine_log: Path | None = None, workers: int = 2) -> None:
+def run(case_path: CasePath, out: Out, engine_log: Path | None = None, workers: Workers = 2) -> None:
     """Roll out random pairs, uniform on X x U, and write them."""
     context = Context.load(case_path)
     if context.case.hidden_state is not None:

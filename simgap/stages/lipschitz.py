@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -17,10 +16,11 @@ from simgap.gap.sampling.values import Held, Room
 from simgap.gap.settings import GapSettings
 from simgap.io.spilled_numbers import room_in
 from simgap.plants.context import Context
+from simgap.stages.arguments import CasePath, Grid, Out, Shards
 from simgap.stages.gap_inputs import dimensions
 
 
-def run(case_path: Path, grid: Path, shards: Sequence[Path], out: Path) -> None:
+def run(case_path: CasePath, grid: Grid, shards: Shards, out: Out) -> None:
     """Estimate the Lipschitz constant of each state from the roll-outs of a grid.
 
     Raises:

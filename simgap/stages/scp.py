@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from simgap.errors import UserError
 from simgap.gap.fitting.bound_fit import DimensionFit, fit_dimension
@@ -16,10 +15,11 @@ from simgap.gap.sampling.values import Held, Room
 from simgap.gap.settings import GapSettings
 from simgap.io.spilled_numbers import room_in
 from simgap.plants.context import Context, pose_axes
+from simgap.stages.arguments import Borders, CasePath, Grid, Out, Shards
 from simgap.stages.gap_inputs import dimensions, samples_of
 
 
-def run(case_path: Path, grid: Path, shards: Sequence[Path], out: Path, borders: Path | None = None) -> None:
+def run(case_path: CasePath, grid: Grid, shards: Shards, out: Out, borders: Borders = None) -> None:
     """Fit the bound of each state from the roll-outs of a grid, and those on borders and beside switching surfaces.
 
     Raises:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from simgap.specifications.base import path_aware_baseline, specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Option, Out
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
 from simgap.synthesis.controller import Controller
@@ -45,7 +46,14 @@ PATH_POINTS = 20  # poses on the nominal path between two samples
 
 
 def run(
-    case_path: Path, gap_path: Path | None, out: Path, summary: Path, threads: int = 2, careful: bool = False
+    case_path: CasePath,
+    gap_path: Annotated[Path | None, Option("gap.json; the nominal model alone if not given.", "--gap")],
+    out: Out,
+    summary: Annotated[Path, Option("File for the figures of the synthesis (JSON).")],
+    threads: Annotated[int, Option("Threads.", "--workers")] = 2,
+    careful: Annotated[
+        bool, Option("Without a gap: check the path between samples (fair baseline).", "--careful")
+    ] = False,
 ) -> None:
     """Synthesise, write the controller and its figures.
 

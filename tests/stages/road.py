@@ -18,7 +18,7 @@ def roll_out(case: Path, folder: Path, point: str | None = None) -> list[Path]:
     count = shard_count(Context.load(case).case)
     shards = [folder / f"shard-{k}.parquet" for k in range(count)]
     for k, shard in enumerate(shards):
-        rollouts.run(case, folder / "grid", k, shard)
+        rollouts.run(case, shard, folder / "grid", k)
     return shards
 
 

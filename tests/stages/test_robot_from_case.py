@@ -103,8 +103,10 @@ def test_from_the_case_to_the_closed_loop(bound, tmp_path):
     given = report.Inputs(
         gaps=[folder / "gap.json"],
         samples=folder / "thinned.parquet",
-        controllers=controllers,
-        syntheses={kind: path.with_suffix(".json") for kind, path in controllers.items()},
+        nominal=controllers["nominal"],
+        nominal_summary=controllers["nominal"].with_suffix(".json"),
+        robust=controllers["gap"],
+        robust_summary=controllers["gap"].with_suffix(".json"),
         validation=tmp_path / "v.json",
         traces=tmp_path / "traces.parquet",
     )

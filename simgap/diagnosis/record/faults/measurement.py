@@ -1,4 +1,4 @@
-"""Faults of a recording that compete with physical effects in one search: what a log does to inputs and readings.
+"""Faults of the measurement equation, which compete with physical effects in one search: late, filtered, drifting.
 
 They are fitted like effects, but they are none: they change nothing in the plant, and no corrected case holds them.
 """
@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import itertools
 from abc import abstractmethod
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from simgap.arrays import Floats, Ints
+from simgap.diagnosis.record.faults.base import Fault
+from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.effects import EFFECTS, Effect, EffectParameter, MemoryInputEffect, effect
 from simgap.effects.base import COMMAND, SENSOR, Kind, Values
 from simgap.effects.quoted import Quoted
@@ -22,10 +25,29 @@ from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
 
-class LateLog(MemoryInputEffect):
+class FittedFault(Fault, Effect):
+    """A fault with one number that is 0 where there is none."""
+
+    told_as: ClassVar[str] = ""
+    """Under which name a person reads it, if not its own."""
+
+    def fitted(self, found: FoundEffect) -> RecordingFault:
+        """The finding, with its number."""
+        (size,) = found.parameters.values()
+        quoted = {s: {"value": p.value, "ci95": list(p.ci95), "unit": p.unit} for s, p in found.parameters.items()}
+        sentence = f"The recording has {self.describe(found.on, Quoted(quoted))}."
+        told = self.told(found.on, size.value, sentence, unit=size.unit)
+        return replace(told, fault=self.told_as or self.name)
+
+
+class LateLog(FittedFault, MemoryInputEffect):
     """An input that is logged after it has acted: the plant felt it earlier than the record says."""
 
     name = "late_log"
+    meaning = "an input, or a reading beside the others, has late time stamps"
+    detected = "fitted with the effects, one number"
+    unit = "s"
+    remedy = "Log {} with the stamp of the instant at which it acts, or shift its column by that much."
     formula = "u'(t) = u(t + late)"
     source = "Ljung (1999), System Identification, sec. 14.1"
     rank = COMMAND + 60
@@ -48,8 +70,8 @@ class LateLog(MemoryInputEffect):
         return f"{on} that is logged {quoted.number('late', 1e3, 'ms')} late"
 
 
-class ReadingFault(Effect):
-    """A fault of one measured channel, with one number that is 0 where there is none."""
+class ReadingFault(FittedFault):
+    """A fault of one measured channel."""
 
     kind: ClassVar[Kind] = "state"
     rank: ClassVar[int] = SENSOR + 1
@@ -76,6 +98,9 @@ class Drift(ReadingFault):
     """A sensor whose zero runs away steadily."""
 
     name = "drift"
+    meaning = "a sensor's zero moves"
+    detected = "a steady ramp is fitted with the effects; a wandering zero competes as coloured noise"
+    remedy = "Zero the sensor of {} before each run, or subtract the ramp."
     formula = "y(t) = x(t) + rate t"
     source = "Ljung (1999), System Identification, sec. 14.1"
     parameters = (EffectParameter("rate", "{state}/s", "change of the sensor's zero", null=0.0),)
@@ -105,6 +130,13 @@ class FilteredVelocity(ReadingFault):
     """A velocity that went through a first-order low-pass filter before it was logged."""
 
     name = "filtered_velocity"
+    meaning = "a velocity column was low-pass filtered"
+    detected = (
+        "fitted with the effects. Where the position is measured too, the column is left out of the fit, because the "
+        "filter is unknown; its error is still reported"
+    )
+    unit = "s"
+    remedy = "Log {} before its filter, or leave its column out."
     formula = "lag y' = v - y"
     source = "Oppenheim, Schafer (2010), Discrete-Time Signal Processing, sec. 7.2"
     parameters = (EffectParameter("lag", "s", "time constant of the filter", null=0.0, lower=0.0, upper=1.0),)
@@ -122,6 +154,11 @@ class FilteredVelocity(ReadingFault):
         if value > 0.0:
             _filter(reading, value, t, np.ascontiguousarray(measured[rows[:-1]]), rows)
 
+    def left_out(self, on: str, lag: float) -> RecordingFault:
+        """The finding of a column that is left out from here on: its lag is told, and the motion is in the position."""
+        sentence = f"{on} went through a filter that delays it by about {1e3 * lag:.3g} ms; it was left out."
+        return self.told(on, lag, sentence)
+
     def phrase(self, on: str) -> str:
         """Named by its channel."""
         return f"a filter on {on}"
@@ -138,6 +175,10 @@ class FilteredReading(ReadingFault):
     """
 
     name = "filtered_reading"
+    meaning = "a position sensor is slow or filtered"
+    detected = "tried in place of an input lag or a late reading, and named if it fits better"
+    unit = "s"
+    remedy = "Log {} before its filter; of a slow sensor allow for the lag wherever it is fed back."
     formula = "lag y' = x - y"
     source = "Oppenheim, Schafer (2010), Discrete-Time Signal Processing, sec. 7.2"
     stands_for = ("input_lag", "late_reading")
@@ -180,6 +221,11 @@ class LateReading(ReadingFault):
     """A reading that is logged after the others, with the stamp of these: what it shows was some time ago."""
 
     name = "late_reading"
+    meaning = "a reading is logged after the others with their stamp"
+    detected = "fitted with the effects; reported as `late_log` of the reading"
+    told_as = "late_log"
+    unit = "s"
+    remedy = "Log {} with the stamp of the instant at which it was read, or shift its column by that much."
     formula = "y(t) = x(t - late)"
     source = "Ljung (1999), System Identification, sec. 14.1"
     parameters = (EffectParameter("late", "s", "time from reading to log", null=0.0, lower=0.0, upper=1.0),)
@@ -252,10 +298,10 @@ def _filter(reading: Floats, lag: float, t: Floats, begin: Floats, rows: Ints) -
             reading[i] = out
 
 
-RECORDING: dict[str, Effect] = {
+FITTED: dict[str, FittedFault] = {
     e.name: e for e in (LateLog(), Drift(), FilteredVelocity(), LateReading(), FilteredReading())
 }
-"""The faults that are fitted, by name; no name is that of an effect."""
+"""By name; no name is that of an effect."""
 _RELATIVE = ("filtered_velocity", "late_reading")
 
 
@@ -265,14 +311,14 @@ def possible(model: SymbolicModel, measured: tuple[str, ...]) -> list[tuple[Effe
     A filter on a velocity alone is what a slow actuator would do, a late reading alone what a late one would: it takes
     another channel to tell. So does a slow sensor of a linear plant.
     """
-    found = [(e, on) for e in RECORDING.values() for on in e.targets(model) if e.kind == "input" or on in measured]
+    found = [(e, on) for e in FITTED.values() for on in e.targets(model) if e.kind == "input" or on in measured]
     alone = set() if len(measured) > 1 else {*_RELATIVE, *(("filtered_reading",) if is_linear(model) else ())}
     return [(e, on) for e, on in found if e.name not in alone]
 
 
 def is_fault(name: str) -> bool:
-    """Whether a name is that of a fault of the recording."""
-    return name in RECORDING
+    """Whether a name is that of a fitted fault of the recording."""
+    return name in FITTED
 
 
 def effect_or_fault(name: str) -> Effect:
@@ -281,4 +327,4 @@ def effect_or_fault(name: str) -> Effect:
     Raises:
         UserError: for a name that is neither's.
     """
-    return effect(name) if name in EFFECTS else RECORDING[name] if name in RECORDING else effect(name)
+    return FITTED[name] if name in FITTED and name not in EFFECTS else effect(name)

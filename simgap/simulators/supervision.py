@@ -1,8 +1,13 @@
-"""Engines that are not simgap's own, watched: each call is bounded in time, its result checked, its place known.
+"""Simulators that are a person's code (a function, an FMU, a plug-in engine): bounded in time, checked, and tried.
 
 An engine's process notes which call it is in, where the process that waits for it can see it. A call that takes too
 long ends the process by an alarm of the system, which C code cannot hold up; a process that grows too large ends
 itself. Either way, and after a crash, the run is told what was being computed.
+
+Whether the simulator is a map of x and u is tried: the same calls, spread over X and U, are made twice, in another
+order and after a pause, and again after every larger block of roll-outs: what differs then depends on what ran before,
+on chance or on a clock. A second step must be the step that begins where the first ended: what differs there is state
+that x does not have. A trial is no proof.
 """
 
 from __future__ import annotations
@@ -14,14 +19,107 @@ import struct
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.simulators.base import PathSimulator, Simulator
-from simgap.simulators.probe import at_call
+
+if TYPE_CHECKING:
+    from simgap.config.case import Case
+
+
+T = TypeVar("T")
+CALLS, PAUSE, BLOCK = 16, 0.05, 64
+"""How many calls, the pause before they are made again, s, and rows of a block after which they are. A block is
+four times as many as the calls; all judgement."""
+REMEMBERS = 1e-6
+"""Largest relative deviation of a second step from one that begins where the first ended: room for a solver of
+variable step. Judgement."""
+DECLARE = (
+    "Declare what it remembers: as states of the plant (plant.states), or by hidden_state for a robot in the plane. "
+    "Fix its seeds."
+)
+
+
+def at_call(names: tuple[Sequence[str], Sequence[str]], x: Any, u: Any) -> str:
+    """A call in words: the names of states and inputs with their values, none of x if it is None."""
+    pairs = [] if x is None else list(zip(names[0], x, strict=False))
+    pairs += list(zip(names[1], u, strict=False))
+    return "at " + ", ".join(f"{name} = {float(value):.9g}" for name, value in pairs)
+
+
+def probed(simulator: Simulator, case: Case) -> Simulator:
+    """The same simulator, tried at its first roll-outs, after them.
+
+    Its `rollouts` raise UserError where it answers the same call in two ways, or has more state than the case.
+    """
+    if case.domain is None:
+        return simulator
+    own: Any = simulator
+    probe, rollouts, tried = _Probe(simulator, case), own.rollouts, [False]
+
+    def rollouts_tried(x: Floats, u: Floats) -> Floats:
+        following: Floats = rollouts(x, u)
+        if not tried[0]:
+            tried[0] = True
+            probe.begin(rollouts)
+        elif len(x) >= BLOCK:
+            probe.repeat(rollouts)
+        return following
+
+    own.rollouts = rollouts_tried
+    return simulator
+
+
+class _Probe:
+    """Calls spread over X and U, and what was answered first."""
+
+    def __init__(self, simulator: Simulator, case: Case) -> None:
+        self._simulator, self._rng = simulator, np.random.default_rng(0)
+        self._names = list(case.plant.states), list(case.plant.inputs)
+        self._whole = case.hidden_state is None and not simulator.remembers
+        domain: Any = case.domain
+        lo, hi = np.array([domain.X[name] for name in self._names[0]]).T
+        share = np.stack([self._rng.permutation(CALLS) for _ in self._names[0]], axis=1)
+        self._x = lo + (hi - lo) * (share + self._rng.random(share.shape)) / CALLS
+        values = [self._rng.choice(domain.U[name].list(), CALLS) for name in self._names[1]]
+        self._u = np.stack(values, axis=1) if values else np.zeros((CALLS, 0))
+
+    def begin(self, rollouts: Any) -> None:
+        self._first = np.array(rollouts(self._x.copy(), self._u.copy()))
+        time.sleep(PAUSE)
+        self.repeat(rollouts)
+        if self._whole:
+            self._second_steps()
+
+    def repeat(self, rollouts: Any) -> None:
+        order = self._rng.permutation(CALLS)
+        again = rollouts(self._x[order], self._u[order])
+        for k in np.flatnonzero((again != self._first[order]).any(axis=1))[:1]:
+            where = at_call(self._names, self._x[order[k]], self._u[order[k]])
+            raise UserError(
+                f"the simulator answers the same call in two ways, {where}: it keeps a state, draws random numbers or "
+                "reads a clock", key="simulator", remedy=DECLARE,
+            )  # fmt: skip
+
+    def _second_steps(self) -> None:
+        simulator = self._simulator
+        for x, u, other in zip(self._x, self._u, np.roll(self._u, CALLS // 2, axis=0), strict=True):
+            simulator.reset(x.copy())
+            middle = simulator.advance(u).copy()
+            onward = simulator.advance(other).copy()
+            simulator.reset(middle.copy())
+            off = np.abs(onward - simulator.advance(other)) > REMEMBERS * np.maximum(1.0, np.abs(onward))
+            if off.any():
+                name = self._names[0][int(np.argmax(off))]
+                raise UserError(
+                    f"the simulator has more state than the case: a second step moves {name} otherwise than a step "
+                    f"that begins where the first ended, {at_call(self._names, x, u)}", key="simulator", remedy=DECLARE,
+                )  # fmt: skip
+
 
 KEY = "simulator"
 REMEDY = "Correct the engine, or leave what it cannot do out of domain.X and domain.U."
@@ -90,6 +188,17 @@ def grown_too_large() -> bool:
         return False
 
 
+def bounded(what: str, longest: float, run: Callable[[], T]) -> T:
+    """The result of `run`; where this is an engine's process, it ends if that takes longer (s), and `what` is told."""
+    if _note is None:
+        return run()
+    _note.begin(what, longest)
+    try:
+        return run()
+    finally:
+        _note.end()
+
+
 @dataclass(frozen=True)
 class Watch:
     """Whose calls are watched.
@@ -105,13 +214,7 @@ class Watch:
 
     def call(self, what: str, run: Callable[[], Any], calls: int = 1) -> Any:
         """Run one call of the engine, or a block of `calls`."""
-        if _note is None:  # not in a process of its own
-            return run()
-        _note.begin(what, self.longest * max(1, calls))
-        try:
-            return run()
-        finally:
-            _note.end()
+        return bounded(what, self.longest * max(1, calls), run)
 
     def at(self, x: Floats | None, u: Floats) -> str:
         """A call in words."""
@@ -123,7 +226,8 @@ class Watch:
         if found.shape != (len(self.states),):
             raise self.fault(f"gives an array {found.shape} instead of ({len(self.states)},)", x, u)
         if not math.isfinite(float(found @ found)) and not np.isfinite(found).all():
-            raise self.fault(f"gives {', '.join(f'{v:g}' for v in found)}", x, u)
+            bad = [f"{n} = {v:g}" for n, v in zip(self.states, found, strict=True) if not math.isfinite(v)]
+            raise self.fault(f"gives {', '.join(bad)}", x, u)
         return found
 
     def fault(self, problem: str, x: Floats | None, u: Floats) -> UserError:
@@ -141,9 +245,12 @@ def watched(engine: Simulator, watch: Watch) -> Simulator:
         begun[0] = np.array(x)
         watch.call(f"while it is reset {watch.at(x, np.empty(0))}", lambda: reset(x))
 
+    named = ", ".join(f"{name.replace('%', '%%')} = %.9g" for name in (*watch.states, *watch.inputs))
+
     def advance_watched(u: Floats) -> Floats:
         before = begun[0]
-        found = watch.call(watch.at(before, u), lambda: advance(u))
+        what = watch.at(None, u) if before is None else "at " + named % (*before.tolist(), *u.tolist())
+        found = watch.call(what, lambda: advance(u))
         following = watch.state(found, before, u)
         begun[0] = following.copy()
         return following
