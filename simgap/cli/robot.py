@@ -18,21 +18,23 @@ from simgap.errors import UserError, excerpt
 if TYPE_CHECKING:
     from simgap.stages.check import Checked
 
+TUTORIAL = ("rod.yaml", "rod.urdf", "machine.urdf", "swings.csv")
+
 
 def tutorial(
     out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path(),
 ) -> None:
-    """Copy the files of the tutorial here: the URDF of a rod, and a recording."""
+    """Copy the files of the tutorial here: a case, two URDFs of a rod, and a recording."""
     from simgap.io.atomic import atomic
 
     source = workflow_file("tutorial") if (PACKAGE / "workflow").is_dir() else PACKAGE.parent / "docs/tutorial"
-    for name in ("rod.urdf", "swings.csv"):
+    for name in TUTORIAL:
         if (out / name).exists():
             raise UserError("is there already, and stays as it is", file=out / name, remedy="Take an empty folder.")
-    for name in ("rod.urdf", "swings.csv"):
+    for name in TUTORIAL:
         with atomic(out / name) as temporary:
             temporary.write_bytes(reading.read_bytes(source / name))
-    say("Wrote rod.urdf and swings.csv. Next: simgap new rod --urdf rod.urdf")
+    say(f"Wrote {', '.join(TUTORIAL)}. Next: simgap check rod.yaml, then simgap run rod.yaml")
 
 
 def new(

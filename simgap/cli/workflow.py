@@ -25,7 +25,6 @@ from simgap.io.runs import LINKED, RUN, runs_in
 
 PACKAGE = reading.real(Path(__file__)).parents[1]
 
-
 PARTLY = (
     "--dry-run",
     "-n",

@@ -71,7 +71,8 @@ def test_the_verdict_is_the_counts(pendulum):
     text = page(pendulum[0]).text
     assert "In 2 simulated runs, the controller that knows the gap never left the safe set." in text
     assert re.search(
-        r"The controller that trusts the model left the safe set in 2 of 2, half of these within [\d.]+ s\.", text
+        r"The controller that trusts the model left the safe set in 2 of 2 runs, half of the failures within [\d.]+ s",
+        text,
     )
     assert "Gap-aware controller: 2 of 2 runs safe, 0 of 80 steps outside gamma." in text
     assert "Nominal-only controller: 2 of 2 runs violate the specification in the simulator" in text
