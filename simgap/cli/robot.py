@@ -52,8 +52,8 @@ def new(
     seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for finding tau, X, U and cells.")] = 120.0,
 ) -> None:
     """Write a commented case for your robot, NAME.yaml, which runs as it stands."""
-    from simgap.stages import new as stage
-    from simgap.stages.new_model import BASES
+    from simgap.extras.wizard import new_case as stage
+    from simgap.extras.wizard.model_file import BASES
 
     if [urdf is not None, mjcf is not None, equations].count(True) != 1:
         raise UserError(
@@ -127,7 +127,7 @@ def propose(
     seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for the search.")] = 120.0,
 ) -> None:
     """Find tau, X, U and cells for which a controller exists, by the nominal model, and print them as sections."""
-    from simgap.stages import propose as stage
+    from simgap.extras.wizard import propose as stage
 
     with progress("building the nominal model") as tell:
         found = stage.run(case, values_of(at, "--at"), tell, seconds)
@@ -160,7 +160,7 @@ def certify(
     log: Log = None,
 ) -> None:
     """Export a controller as a certificate that checker/check.py verifies without simgap."""
-    from simgap.stages import certify as stage
+    from simgap.extras import certify as stage
 
     start_log(log)
     if bound is not None and controller is not None:
