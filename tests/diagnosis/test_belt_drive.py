@@ -16,7 +16,8 @@ NUMBERS = {"m1": (0.8, "kg"), "m2": (1.5, "kg"), "k": (2500.0, "N/m"), "d": (2.0
 
 
 def _belt() -> SymbolicModel:
-    x1, v1, x2, v2, m1, m2, k, d, c, force = (
+    names = ("x1", "v1", "x2", "v2", "m1", "m2", "k", "d", "c", "F")
+    x1, v1, x2, v2, m1, m2, k, d, c, force = (symbol(n) for n in names)
         symbol(n) for n in ["x1", "v1", "x2", "v2", "m1", "m2", "k", "d", "c", "F"]
     )
     pull = k * (x1 - x2) + d * (v1 - v2)
