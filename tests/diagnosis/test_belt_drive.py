@@ -18,8 +18,6 @@ NUMBERS = {"m1": (0.8, "kg"), "m2": (1.5, "kg"), "k": (2500.0, "N/m"), "d": (2.0
 def _belt() -> SymbolicModel:
     names = ("x1", "v1", "x2", "v2", "m1", "m2", "k", "d", "c", "F")
     x1, v1, x2, v2, m1, m2, k, d, c, force = (symbol(n) for n in names)
-        symbol(n) for n in ["x1", "v1", "x2", "v2", "m1", "m2", "k", "d", "c", "F"]
-    )
     pull = k * (x1 - x2) + d * (v1 - v2)
     return SymbolicModel(
         states=(Variable("x1", "m"), Variable("v1", "m/s"), Variable("x2", "m"), Variable("v2", "m/s")),
