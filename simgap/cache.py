@@ -5,8 +5,14 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import IO
+
+PACKAGE = Path(__file__).parent
 
 
 def cache_folder() -> Path | None:
@@ -17,12 +23,31 @@ def cache_folder() -> Path | None:
         return None
 
 
+@contextmanager
+def whole_file(path: Path) -> Iterator[IO[bytes]]:
+    """A file to be written that appears under its name when it is whole."""
+    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as temporary:
+        try:
+            yield temporary
+            temporary.flush()
+            os.replace(temporary.name, path)
+        except BaseException:
+            os.unlink(temporary.name)
+            raise
+
+
 @cache
-def kernel_sources(root: Path = Path(__file__).parent) -> str:
+def sources(root: Path = PACKAGE) -> dict[Path, tuple[str, bool]]:
+    """SHA-256 of every source of the package, and whether there are compiled kernels in it; read once a process."""
+    texts = {path: path.read_bytes() for path in sorted(root.rglob("*.py"))}
+    return {path: (hashlib.sha256(text).hexdigest(), b"jit" in text) for path, text in texts.items()}
+
+
+@cache
+def kernel_sources(root: Path = PACKAGE) -> str:
     """Digest of every source of the package with compiled kernels in it."""
-    texts = (path.read_bytes() for path in sorted(root.rglob("*.py")))
-    kernels = [hashlib.sha256(text).hexdigest() for text in texts if b"jit" in text]
-    return hashlib.sha256("".join(kernels).encode()).hexdigest()[:16]
+    kernels = "".join(found for found, compiled in sources(root).values() if compiled)
+    return hashlib.sha256(kernels.encode()).hexdigest()[:16]
 
 
 def keep_machine_code_by_sources() -> None:

@@ -58,13 +58,18 @@ def pytest_addoption(parser):
     parser.addoption("--record", action="store_true", help="keep the code with which files of slow tests passed")
 
 
+def pytest_ignore_collect(collection_path, config):
+    """All tests without the slow ones are `pytest` alone: their files are not even imported."""
+    whole = [Path(word).resolve() for word in config.args] == [ROOT / "tests"] and not config.option.markexpr
+    return True if whole and stale.is_slow(collection_path) else None
+
+
 def pytest_collection_modifyitems(config, items):
-    slow = {item.path for item in items if stale.is_slow(item.path)}
+    slow = {path for path in {item.path for item in items} if stale.is_slow(path)}
     for item in items:
         if item.path in slow:
             item.add_marker("slow")
-    whole = [Path(word).resolve() for word in config.args] == [ROOT / "tests"] and not config.option.markexpr
-    left = slow if whole else slow - stale.stale(slow) if config.getoption("--stale") else set()
+    left = slow - stale.stale(slow) if config.getoption("--stale") else set()
     config.hook.pytest_deselected(items=[item for item in items if item.path in left])
     items[:] = [item for item in items if item.path not in left]
 
