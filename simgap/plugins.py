@@ -26,7 +26,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         "engines": MappingProxyType(
             {
                 "pybullet": "simgap.simulators.pybullet_joints:PyBulletJoints",
-                "pybullet_wheeled": "simgap.simulators.wheeled:PyBulletWheeled",
+                "pybullet_wheeled": "simgap.simulators.pybullet_wheeled:PyBulletWheeled",
                 "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
                 "equations": "simgap.simulators.equations:EquationsEngine",
                 "python": "simgap.simulators.python_function:PythonEngine",

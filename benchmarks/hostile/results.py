@@ -80,8 +80,7 @@ def _gaps() -> tuple[str, ...]:
 
 def read_controller(rng: random.Random, folder: Path) -> None:
     """A damaged controller, or one that was altered by somebody who can write a checksum."""
-    from simgap.io.controller_file import load_controller, load_domain
-    from simgap.io.packed_arrays import checksum
+    from simgap.io.controller_file import checksum, load_controller, load_domain
 
     whole, path = folder / "whole.npz", folder / "a.npz"
     if rng.random() < 0.4:

@@ -21,8 +21,8 @@ from simgap.cli.options import app
 from simgap.cli.terminal import say
 from simgap.errors import SimgapError, UserError, excerpt
 from simgap.io.atomic import not_linked
-from simgap.io.cost_line import LINE, spent
-from simgap.io.follow import follow_the_run
+from simgap.io.job_times import LINE, spent
+from simgap.io.runs import follow_the_run
 from simgap.notation import one_line
 
 __all__ = ["app", "main"]

@@ -9,7 +9,7 @@ import typer
 
 from simgap.cli.options import CasePath, Log, Out, Shards, app, new_file, start_log
 from simgap.cli.terminal import say
-from simgap.config.trials import Trials
+from simgap.config.validation import Trials
 
 TrialsOption = Annotated[Trials, typer.Option(help="How many, where the case does not say it.")]
 

@@ -8,8 +8,8 @@ from datetime import datetime
 from rich.console import Console
 from rich.table import Table
 
+from simgap.io.job_times import JobTime
 from simgap.lint.costs import duration, size
-from simgap.stages.times import JobTime
 
 
 def show(console: Console, jobs: Sequence[JobTime]) -> None:

@@ -48,7 +48,7 @@ def schema(
     out: Annotated[Path, typer.Option(help="File to write.", callback=new_file)] = Path("configs/schema.json"),
 ) -> None:
     """Write the JSON schema of case files, for editors that complete and check."""
-    from simgap.config.schema import schema_text
+    from simgap.config.case import schema_text
     from simgap.io.atomic import write_text
 
     write_text(out, schema_text())
@@ -73,7 +73,7 @@ def times(
 ) -> None:
     """Show where the time of a run went: every job with its wall time, CPU time and memory, the costliest first."""
     from simgap.cli.timed import show
-    from simgap.stages.times import job_times
+    from simgap.io.job_times import job_times
 
     jobs = job_times(results)
     if as_json:

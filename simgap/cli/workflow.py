@@ -22,8 +22,7 @@ from simgap.config.case import Case
 from simgap.errors import SimgapError, UserError, excerpt
 from simgap.io.atomic import host, no_links_below, write_text
 from simgap.io.documents import read_json
-from simgap.io.follow import RUN
-from simgap.io.runs_here import LINKED, runs_in
+from simgap.io.runs import LINKED, RUN, runs_in
 
 PACKAGE = reading.real(Path(__file__)).parents[1]
 

@@ -38,7 +38,7 @@ from simgap.gap.sampling.translation import ShiftDeviation
 from simgap.gap.settings import GapSettings
 from simgap.plants.context import Context
 from simgap.plants.stops import joint_stops
-from simgap.simulators.surprises import to_stop
+from simgap.simulators.findings import to_stop
 
 Step = Callable[[Floats, Floats], Floats]
 THINNED = 20_000  # samples kept for pictures

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from simgap.config.trials import Trials
+from simgap.config.validation import Trials
 from simgap.gap.bounds.outside import Outside
 from simgap.gap.fitting.fresh_check import clopper_pearson_upper
 from simgap.io.traces import CAREFUL, EVERY_TITLE, NOMINAL, ROBUST, SIMULATOR

@@ -13,7 +13,7 @@ from simgap.config.plant import Integrator, SymbolicPlant
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.simulators.map_engine import MapEngine
+from simgap.simulators.base import MapEngine
 
 if TYPE_CHECKING:
     from simgap.config.case import Case

@@ -20,7 +20,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.function_file import KEY, FunctionFile
 from simgap.errors import UserError, excerpt
-from simgap.simulators.unnamed import SharedBytes, Unnamed
+from simgap.simulators.process import SharedBytes, Unnamed
 from simgap.simulators.watched import LOOK, grown_too_large
 
 ROWS = 1024

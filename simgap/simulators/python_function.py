@@ -13,8 +13,8 @@ from simgap.arrays import Floats
 from simgap.config.function_file import FunctionFile
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
+from simgap.simulators.base import MapEngine
 from simgap.simulators.function_process import FunctionProcess
-from simgap.simulators.map_engine import MapEngine
 from simgap.simulators.probe import at_call
 
 if TYPE_CHECKING:

@@ -26,10 +26,9 @@ from simgap.attack.seeds import border
 from simgap.attack.share import Searched, share
 from simgap.attack.starts import WorstStarts, beginnings
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
-from simgap.config.audit import AuditSection
 from simgap.config.case import Case
 from simgap.config.reads import CONTROLLED
-from simgap.config.trials import Trials
+from simgap.config.validation import AuditSection, Trials
 from simgap.errors import BrokenPromise
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.bounds.load import from_json

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from simgap.config.copied_plugins import copied_plugins
-from simgap.config.measured import MeasuredSection
-from simgap.config.recordings import matching
+from simgap.config.measured import MeasuredSection, matching
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.record.record import Record

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from simgap.config.wheeled import HiddenStateSection
+from simgap.config.gap import HiddenStateSection
 from simgap.gap.memory.histories import fresh_sequences
 from simgap.gap.sampling.points import draw
 from simgap.gap.sampling.tables import step_columns, successor_columns, units
@@ -16,8 +16,7 @@ from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import joined
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.rollouts import roll_out
-from simgap.simulators.wheeled_rollouts import along_sequences
+from simgap.simulators.rollouts import along_sequences, roll_out
 from simgap.stages import log
 
 

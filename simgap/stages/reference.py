@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from simgap.config.schema import schema_text
+from simgap.config.case import schema_text
 from simgap.effects import EFFECTS
 from simgap.notation import axis_label
 

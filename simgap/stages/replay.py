@@ -19,7 +19,7 @@ from simgap.gap.bounds.load import from_json
 from simgap.gap.bounds.rotation import to_body
 from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.io.documents import read_json
-from simgap.io.rerun.witness import write_witness
+from simgap.io.rerun.closed_loop import write_witness
 from simgap.io.traces import MODEL, ROBUST, SIMULATOR, Trace
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context, pose_axes

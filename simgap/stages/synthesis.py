@@ -25,8 +25,8 @@ from simgap.model.paths import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context, pose_axes
 from simgap.provenance import provenance
-from simgap.simulators.behind_commands import acts_at_once
 from simgap.simulators.body_samples import BodySamples
+from simgap.simulators.commands import acts_at_once
 from simgap.specifications.base import specification_of
 from simgap.specifications.path_aware_baseline import path_aware_baseline
 from simgap.specifications.solution import Solution

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from simgap.io.controller_file import load_domain_of
-from simgap.io.rerun.check import verify
-from simgap.io.rerun.closed_loop import write_recording
+from simgap.io.rerun.closed_loop import verify, write_recording
 from simgap.io.traces import split
 from simgap.plants.context import Context
 from simgap.report.recording import recording_content

@@ -30,7 +30,7 @@ from simgap.cli import main
 from simgap.io.atomic import atomic
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
-from simgap.io.rerun.log import recording_file, send
+from simgap.io.rerun.recording import recording_file, send
 from simgap.cli.options import app
 path = Path(sys.argv[1])
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -11,12 +11,12 @@ from typer.testing import CliRunner
 from simgap.cli import workflow
 from simgap.errors import UserError
 from simgap.io.atomic import host
-from simgap.io.runs_here import RUNS, announce, runs_in
+from simgap.io.runs import RUNS, announce, runs_in
 
 HOLD = """
 import sys
 from pathlib import Path
-from simgap.io.runs_here import announce
+from simgap.io.runs import announce
 announce(Path(sys.argv[1]), ["rod"], "simgap run")
 print("at work", flush=True)
 sys.stdin.read()

@@ -7,7 +7,7 @@ from queue import Full
 
 import pytest
 
-from simgap.simulators.unnamed import SharedBytes, Tokens, Unnamed
+from simgap.simulators.process import SharedBytes, Tokens, Unnamed
 
 
 def test_it_is_taken_as_often_as_it_has_tokens_and_again_when_one_is_given_back():

@@ -6,8 +6,7 @@ import sys
 import pytest
 
 from simgap.errors import UserError
-from simgap.io.cost_line import spent_by
-from simgap.stages.times import job_times
+from simgap.io.job_times import job_times, spent_by
 
 HEAD = "s\th:m:s\tmax_rss\tmax_vms\tmax_uss\tmax_pss\tio_in\tio_out\tmean_load\tcpu_time\n"
 

@@ -13,7 +13,7 @@ from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.gap.bounds.tiers import Tier
 from simgap.io.documents import write_json
-from simgap.io.rerun.check import read_curves
+from simgap.io.rerun.closed_loop import read_curves
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.build import make_simulator

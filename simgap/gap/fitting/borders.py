@@ -45,7 +45,7 @@ def border_states(context: Context, name: str, part: str) -> Borders:
     box, grid = context.box, covering_grid(context.case, context.box, name)
     if part == SHIFTED:
         x = shifted_states(context)
-        return Borders(x, np.zeros(x.shape, dtype=bool))
+        return Borders(x, np.zeros(x.shape, dtype=bool), np.arange(len(x)))
     names = tuple(context.states), tuple(context.inputs)
     domain = GapDomain(*names, box, context.input_set, free_axes(context.case))
     if part == FIT:
@@ -71,7 +71,7 @@ def directed_samples(context: Context, name: str, rolled: Columns, i: int) -> Di
     own = border_states(context, name, FIT)
     _, _, lower, upper = border_gaps(context, rolled, FIT, own)
     shape = (len(own.x), len(context.input_set))
-    return Directed(own.x, own.fixed, lower[:, i].reshape(shape), upper[:, i].reshape(shape))
+    return Directed(own, lower[:, i].reshape(shape), upper[:, i].reshape(shape))
 
 
 def border_gaps(context: Context, rolled: Columns, part: str, own: Borders) -> tuple[Floats, Floats, Floats, Floats]:

@@ -71,7 +71,8 @@ def _beside(samples: DimensionSamples, directed: Directed, settings: GapSettings
 
     where, target, at = samples.where, samples.side(up), directed.side(up)
     cells = where.grid.index(directed.x)
-    along, across = LocalPadding(target, where.grid, where.free, samples.floor).along(Beside(cells, directed.fixed))
+    own = LocalPadding(target, where.grid, where.free, samples.floor)
+    along, across = own.along(Beside(cells, directed.at, at))
     factor = float(((at - target.take(cells)) / np.maximum(across, samples.floor)).max())
     return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.config.basis import BasisSection
+from simgap.config.gap import BasisSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.bases import Basis
 from simgap.gap.bounds.forms import Form, make_form, negated

@@ -62,9 +62,9 @@ class SideProblem:
         """Local paddings of the targets."""
         return [LocalPadding(t, self.grid, self.free, self.floor, self.room) for t in self.targets]
 
-    def beside(self, directed: Directed) -> Beside:
-        """Where the samples beside the grid lie."""
-        return Beside(self.grid.index(directed.x), directed.fixed)
+    def beside(self, directed: Directed, residual: Floats) -> Beside:
+        """The samples beside the grid, with the residual (E, M) there."""
+        return Beside(self.grid.index(directed.x), directed.at, residual)
 
     def joined(self) -> SideProblem:
         """The problem whose design has the samples beside the grid as further rows."""
@@ -147,11 +147,12 @@ def _shortfall(problem: SideProblem, directed: Directed, settings: GapSettings, 
     The second number: the largest rise of the residual from the centre of a cell to such a sample, over what the slopes
     allow across the surface (1 or less: they said the truth).
     """
-    q, beside = fit.scenario.coefficients, problem.beside(directed)
+    q = fit.scenario.coefficients
     form, known = with_coefficients(problem.blank, q), problem.fit(q)
     there = Design.of(problem.design.basis, directed.x, problem.design.u).product(q).whole()
     short, factor = -np.inf, 0.0
     for own, at, target in zip(problem.local(), problem.beside_targets, problem.targets, strict=True):
+        beside = problem.beside(directed, at - there)
         along, across = own.along(beside, known)
         needed = at + (along if settings.padding == "inflate" else 0.0)
         short = max(short, float((needed - there).max()) - fit.missing - numerical(form, problem.floor))
@@ -177,8 +178,11 @@ def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
         rough = max(share for _, share in pads)
         every = [pad for pad, _ in pads]
         if problem.directed is not None and problem.design.shape[0] > n:
-            beside = problem.beside(problem.directed)
-            moved = [own.along(beside, known)[0] for own in estimated]
+            there = values.rows(n, problem.design.shape[0])
+            moved = [
+                own.along(problem.beside(problem.directed, at - there), known)[0]
+                for own, at in zip(estimated, problem.beside_targets, strict=True)
+            ]
             every = [Joined(*pair) for pair in zip(every, moved, strict=True)]
         padded = largest_of(tuple(Combined(np.add, pair) for pair in zip(targets, every, strict=True)))
         missing = Combined(np.subtract, (padded, values)).ends()[1]

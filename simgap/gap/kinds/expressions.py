@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from simgap.config.basis import BasisSection
+from simgap.config.gap import BasisSection
 from simgap.geometry import Box
 
 

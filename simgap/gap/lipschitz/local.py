@@ -23,16 +23,33 @@ from simgap.gap.lipschitz.grid import moving_axes
 from simgap.gap.lipschitz.rough import REACH, Roughness, roughness
 from simgap.gap.lipschitz.slabs import Slab, slabs
 from simgap.gap.lipschitz.stencils import steps, to_cells, turns, widest
+from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.values import Combined, Held, Kept, Room, Values
 from simgap.geometry import Grid
 
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """Where samples beside the grid lie: their cells (E,), and which coordinates a border or surface fixes, (E, nx)."""
+    """Samples beside the grid: their cells (E,), where they lie (E states), and the residual t - q.p there, (E, M)."""
 
     cells: Ints
-    fixed: Bools
+    at: Borders
+    residual: Floats
+
+    def moved(self, j: int, h: float) -> Floats:
+        """How far the residual may move along axis j within h on its own sheet, by its own neighbours there: (E, M).
+
+        A gap may be steep beside a surface (stick or slip) where it is flat in the middle of the cell.
+        """
+        behind, ahead = self.at.neighbours(j).T
+        back, on = (self._slope(a, b, j) for a, b in ((behind, np.arange(len(behind))), (np.arange(len(ahead)), ahead)))
+        lone = ((behind == np.arange(len(behind))) | (ahead == np.arange(len(ahead))))[:, None]
+        part = np.maximum(np.abs(back), np.abs(on)) + np.where(lone, 0.0, np.abs(on - back))
+        return h * np.maximum(np.maximum(part[behind], part), part[ahead])
+
+    def _slope(self, a: Ints, b: Ints, j: int) -> Floats:
+        away = (self.at.x[b, j] - self.at.x[a, j])[:, None]
+        return (self.residual[b] - self.residual[a]) / np.where(away > 0.0, away, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +97,9 @@ class LocalPadding:
     def along(self, beside: Beside, fit: Fit | None = None) -> tuple[Floats, Floats]:
         """How far t - q.p may move from samples beside the grid: -> along their surface, across it; (E, M) each.
 
-        Along the surface they stand for half a cell on either side. What the residual does across it, between the
-        centre of their cell and themselves, they show; the second number is what the slopes there allow.
+        Along the surface they stand for half a cell on either side, by the slopes of the grid and by their own. What
+        the residual does across it, between the centre of their cell and themselves, they show; the second number is
+        what the slopes there allow.
         """
         bend, count = self._bend(fit), (len(beside.cells), self.target.shape[1])
         rows = {j: np.empty(count) for j in self.axes}
@@ -94,8 +112,9 @@ class LocalPadding:
                     rows[j][here, some] = part.reshape(of_slab.size, -1)[beside.cells[here] - slab.first]
         moved, held = np.zeros(count), np.zeros((1, 1))
         for j, own in rows.items():
-            moved = moved + np.where(beside.fixed[:, [j]], 0.0, own)
-            held = held + np.where(beside.fixed[:, [j]], own, 0.0)
+            fixed = beside.at.fixed[:, [j]]
+            moved = moved + np.where(fixed, 0.0, np.maximum(own, beside.moved(j, float(self.grid.h[j]))))
+            held = held + np.where(fixed, own, 0.0)
         return moved + bend, held + bend
 
     def _bend(self, fit: Fit | None) -> float:

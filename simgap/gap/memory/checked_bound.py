@@ -12,7 +12,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
-from simgap.config.wheeled import HiddenStateSection
+from simgap.config.gap import HiddenStateSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.tiers import Tier
@@ -29,7 +29,7 @@ from simgap.gap.sampling.tables import body_samples
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.body_samples import REST
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.wheeled_rollouts import last_steps_of
+from simgap.simulators.rollouts import last_steps_of
 
 Saved = Mapping[str, Mapping[str, Any]]
 LONGER = "Raise hidden_state.chains, hidden_state.previous or hidden_state.search, or set \

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
-from simgap.config.grid import GridSection
+from simgap.config.gap import GridSection
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 

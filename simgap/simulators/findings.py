@@ -8,27 +8,18 @@ Nothing here is refused: gamma covers what the simulator does. It is said, so th
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
+from simgap.errors import Finding
 from simgap.plants.model_file import FileJoint, Link, ModelFile
 from simgap.plants.urdf_checks import slack
-from simgap.simulators.traits import FileTraits
+from simgap.simulators.base import FileTraits
 
 SAME = 1e-3
 """Relative difference up to which two numbers are the same: files round to that."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that a person would not expect: which key or part of the file, what happens, what can be done."""
-
-    key: str
-    problem: str
-    remedy: str
 
 
 def surprises(case: Case, traits: FileTraits, file: ModelFile, loaded: Mapping[str, Link]) -> list[Finding]:

@@ -7,12 +7,13 @@ lasts loses what came after its last look; what the stage says of itself at the 
 from __future__ import annotations
 
 import csv
+import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from simgap import reading
 from simgap.errors import UserError, excerpt
-from simgap.io.cost_line import spent_by
 
 
 @dataclass(frozen=True)
@@ -59,3 +60,22 @@ def _one(results: Path, path: Path) -> JobTime:
 
 def _number(text: str) -> float:
     return 0.0 if text in ("-", "NA") else float(text)  # a job that ended before Snakemake looked
+
+
+LINE = "spent %.2f s of CPU time, with its processes"
+_SPENT = re.compile(r"INFO spent (\d+\.\d+) s of CPU time, with its processes$", re.MULTILINE)
+
+
+def spent() -> float:
+    """CPU seconds of this process since it began, and of those that it began and waited for."""
+    used = os.times()
+    return used.user + used.system + used.children_user + used.children_system
+
+
+def spent_by(log: Path) -> float | None:
+    """CPU seconds that the last line of a log of a stage tells of; None where there is no such log, or no such line."""
+    try:
+        found = _SPENT.findall(reading.read_text(log, errors="replace"))
+    except OSError:
+        return None
+    return float(found[-1]) if found else None

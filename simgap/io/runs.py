@@ -11,7 +11,9 @@ import json
 import os
 import platform
 import re
+import select
 import shutil
+import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -145,3 +147,26 @@ def _read(path: Path) -> Run | None:
         return Run(cases, process, str(read["machine"]), str(read["since"]), str(read["command"]), alive)
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+RUN = "SIMGAP_RUN"
+"""Environment variable by which a run tells its stages who it is: this machine's digits, a colon, the process."""
+
+
+def follow_the_run() -> None:
+    """End this process when the run that it is part of has ended; does nothing without one."""
+    machine, _, process = os.environ.get(RUN, "").partition(":")
+    if machine != host() or not process.isdecimal() or not hasattr(os, "pidfd_open"):
+        return  # started by a person, or on another machine by a batch system
+    try:
+        run = os.pidfd_open(int(process))
+    except ProcessLookupError:
+        os._exit(1)
+    except OSError:
+        return
+    threading.Thread(target=_end_with, args=(run,), name="follow the run", daemon=True).start()
+
+
+def _end_with(run: int) -> None:
+    select.select([run], [], [])
+    os._exit(1)
