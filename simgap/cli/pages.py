@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -67,7 +68,9 @@ def report(
         gaps, samples, controllers, syntheses, validation, traces, measured, repaired, printed, audit, margins, twin
     )
     stage.run(case, given, out, summary, picture, figures, later)
-    say(f"Ready to open: {out}")
+    whole = os.path.normpath(out.parent / (later or ""))
+    follows = f", audit pending. Next: {whole}, after {stage.wait(case)}" if later is not None else ""
+    say(f"Ready to open: {out}{follows}")
 
 
 @app.command()

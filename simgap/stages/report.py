@@ -16,6 +16,7 @@ from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import need_template, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
+from simgap.lint.costs import costs, duration
 from simgap.paper import suprema_and_constants
 from simgap.plants.context import Context
 from simgap.provenance import provenance
@@ -131,6 +132,14 @@ def run(
         write_bytes(picture, drawn.picture)
     write_text(out, page)
     log.info("page of %d kB", len(page) // 1024)
+
+
+def wait(case_path: Path) -> str:
+    """What the whole page takes after the first one, in words: the adversary, and what a diagnosis corrects."""
+    context = Context.load(case_path)
+    seconds = {cost.stage: cost.seconds for cost in costs(context)}
+    corrected = ("scp", "lipschitz", "gap", "synthesis", "validation", "audit") if context.case.measured else ()
+    return f"about {duration(sum(seconds.get(stage, 0.0) for stage in ('audit', *corrected)))} of CPU time"
 
 
 def read(case_path: Path, inputs: Inputs) -> Material:
