@@ -37,10 +37,10 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         ),
         "bases": MappingProxyType(
             {
-                "expressions": "simgap.gap.kinds.expressions:Expressions",
-                "monomials": "simgap.gap.kinds.monomials:Monomials",
-                "trigonometric": "simgap.gap.kinds.trigonometric:Trigonometric",
-                "blocks": "simgap.gap.kinds.blocks:Blocks",
+                "expressions": "simgap.gap.bases:Expressions",
+                "monomials": "simgap.gap.bases:Monomials",
+                "trigonometric": "simgap.gap.bases:Trigonometric",
+                "blocks": "simgap.gap.bases:Blocks",
             }
         ),
         "effects": MappingProxyType(

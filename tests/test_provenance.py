@@ -48,14 +48,14 @@ def test_code_that_a_stage_reaches():
     elsewhere = ("games/", "abstraction/", "synthesis/", "diagnosis/", "lipschitz/", "fitting/")
     assert not any(name.startswith(elsewhere) for name in reached("rollouts"))
     where_it_is_asked = {
-        *("sampling/points", "sampling/tables", "memory/hidden_state", "memory/histories"),
+        *("sampling/points", "memory/hidden_state", "memory/histories"),
         *("bounds/previous", "gap/thresholds", "gap/json_record"),
     }
     of_the_gap = ("gap/", "sampling/", "memory/", "bounds/")
     assert {name for name in reached("rollouts") if name.startswith(of_the_gap)} <= where_it_is_asked
     assert {"fitting/scenario", "fitting/padding"} <= reached("scp")
     assert not {"fitting/scenario", "fitting/padding"} & reached("lipschitz")
-    assert "lipschitz/evt" in reached("lipschitz") - reached("scp") - reached("gap")
+    assert "lipschitz/estimates" in reached("lipschitz") - reached("scp") - reached("gap")
     assert not any(name.startswith("games/inv") for name in reached("gap"))
 
 

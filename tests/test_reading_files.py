@@ -25,8 +25,7 @@ RAW = {"read_bytes", "read_text", "memory_map", "is_file", "resolve"}
 OF_STREAMS = {"read_schema", "read_metadata", "read_table", "ParquetFile", "read_csv"}
 OWN = {
     "reading.py": "the door",
-    "simulators/watched.py": "memory of this process, from the system",
-    "simulators/function_process.py": "nowhere: the null device",
+    "simulators/supervision.py": "memory of this process, from the system",
     "simulators/process.py": "where the engine's words go, and a pipe of its own",
     "cache.py": "its own sources, before the package is imported",
     "io/atomic.py": "its own temporary file",

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from simgap.config.gap import BasisSection, GapSection
 from simgap.errors import UserError
-from simgap.gap.kinds.monomials import Monomials
+from simgap.gap.bases import Monomials
 
 OBJECTIVES = ("lexicographic", "eta")
 SIDES = ("signed", "unsigned")

@@ -22,8 +22,8 @@ from simgap.geometry import Box, Grid
 from simgap.io.atomic import atomic
 from simgap.reading import TooLarge, require_room
 from simgap.specifications.solution import Solution
-from simgap.synthesis.bits import packed_width
 from simgap.synthesis.controller import Controller
+from simgap.synthesis.input_sets import packed_width
 
 MOST_INPUTS = 2**15 - 1  # the chosen input is stored in 16 bits
 

@@ -9,12 +9,11 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context
 from simgap.simulators.commands import acts_at_once
-from simgap.specifications.base import specification_of
-from simgap.specifications.path_aware_baseline import path_aware_baseline
+from simgap.specifications.base import path_aware_baseline, specification_of
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, enough, excursion, flow_of
 from simgap.synthesis.games.game import one_input_only
-from simgap.synthesis.games.layer_tables import no_layers
+from simgap.synthesis.games.layered import no_layers
 
 
 def refuse_specification(context: Context) -> None:

@@ -10,7 +10,7 @@ from simgap.effects import effect
 from simgap.effects.base import CoordinateEffect
 from simgap.effects.drives import DriveEffect
 from simgap.errors import Finding, UserError
-from simgap.gap.kinds.blocks import Blocks
+from simgap.gap.bases import Blocks
 from simgap.gap.lipschitz.grid import FEWEST
 from simgap.gap.sampling.points import covering_grid, free_axes, own_point
 from simgap.late import sympy as sp
@@ -48,7 +48,7 @@ def refuse_basis(context: Context) -> None:
     section = context.case.gap
     if section is None or section.bound not in ("scenario", "conformal") or context.case.domain is None:
         return
-    from simgap.gap.bounds.forms import widened
+    from simgap.gap.bounds.basis import widened
     from simgap.gap.fitting.linear_fit import listed_basis  # takes a second: only paid by cases that get this far
 
     try:

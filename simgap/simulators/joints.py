@@ -17,7 +17,7 @@ from simgap.effects.commands import InputEffect
 from simgap.effects.drives import DriveEffect
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.plants.joint_units import check_joint_units
+from simgap.plants.urdf_checks import check_joint_units
 from simgap.simulators.base import Engine, Simulator
 from simgap.simulators.commands import RememberingInputs, case_command_paths, static_path
 

@@ -28,7 +28,7 @@ from typing import Any, TypeVar
 
 from simgap import plugins, reading
 from simgap.errors import SimgapError
-from simgap.simulators.watched import LOOK, NOTE, Note, grown_too_large, note_in
+from simgap.simulators.supervision import LOOK, NOTE, Note, grown_too_large, note_in
 
 
 class Tokens:

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from simgap.gap.bases import Blocks, Monomials
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.kinds.blocks import Blocks
-from simgap.gap.kinds.monomials import Monomials
+from simgap.gap.sampling.border_samples import kinks, switching_surfaces
 from simgap.gap.sampling.borders import BESIDE, critical_points, thinned_count
 from simgap.gap.sampling.samples import Directed, GapSamples
-from simgap.gap.sampling.switching import kinks, switching_surfaces
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.model.symbolic import symbol

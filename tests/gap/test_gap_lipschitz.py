@@ -7,14 +7,11 @@ import pytest
 from scipy.stats import weibull_max
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.fitting.assemble import check_resolved
-from simgap.gap.fitting.dimension_fit import fit_dimension
-from simgap.gap.lipschitz.compare import dimension_lipschitz
-from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
-from simgap.gap.lipschitz.grid import estimate
+from simgap.gap.fitting.bound_fit import check_resolved, fit_dimension
+from simgap.gap.lipschitz.estimates import dimension_lipschitz, fit_reverse_weibull, profile_upper, top_spacing_upper
+from simgap.gap.lipschitz.grid import estimate, roughness
 from simgap.gap.lipschitz.local import Beside, Fit, LocalPadding
 from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz
-from simgap.gap.lipschitz.rough import roughness
 from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.samples import SampleGrid
 from simgap.gap.sampling.values import Held
@@ -211,7 +208,7 @@ def test_the_spacing_limit_lies_beyond_the_largest_slope():
 
 def in_pieces(monkeypatch, tmp_path):
     """From here on a layer of cells and an input at a time, from files."""
-    monkeypatch.setattr("simgap.gap.lipschitz.slabs.PIECE", 1)
+    monkeypatch.setattr("simgap.gap.lipschitz.stencils.PIECE", 1)
     return room_in(tmp_path, held=0)
 
 

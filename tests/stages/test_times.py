@@ -48,7 +48,7 @@ def test_a_stage_counts_the_cpu_time_of_its_processes(tmp_path):
     burn = "import time\nwhile time.process_time() < 0.6: pass"
     stage = (
         "import subprocess, sys\n"
-        "from simgap.cli.options import app\n"
+        "from simgap.cli.commands import app\n"
         "from simgap.cli import options, main\n"
         "@app.command()\n"
         "def burn(log: options.Log = None) -> None:\n"

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.diagnosis.record.record import Record
-from simgap.diagnosis.thresholds import MIN_SAMPLES, SEVERAL_TRACES
+from simgap.diagnosis.record.record import Record, runs
+from simgap.diagnosis.thresholds import LOOK_BACK_SAMPLES, MIN_SAMPLES, SEVERAL_TRACES
 from simgap.errors import UserError
 
 
@@ -65,7 +65,7 @@ def past_the_unknown(windows: Windows, t: Floats, reach_s: float) -> Windows:
 
 
 def split_windows(record: Record, seconds: float) -> Windows:
-    """Cut every trace into windows of equal length near `seconds`; together they hold every sample once.
+    """Cut every trace into windows of equal length near `seconds`; they hold every sample once whose inputs are known.
 
     Raises:
         UserError: if no trace is as long as a window.
@@ -79,8 +79,8 @@ def split_windows(record: Record, seconds: float) -> Windows:
             edges = np.searchsorted(trace.t, trace.t[0] + duration * np.arange(1, count) / count)
             bounds = [0, *edges.tolist(), n]
             for a, b in itertools.pairwise(bounds):
-                if b - a >= MIN_SAMPLES:
-                    rows.append((base + a, base + b, base, index))
+                known = [(0, b - a)] if trace.told is None else runs(trace.told[a:b])
+                rows += [(base + a + i, base + a + j, base, index) for i, j in known if j - i >= MIN_SAMPLES]
         base += n
     if not rows:
         longest = max((trace.duration for trace in record.traces), default=0.0)
@@ -144,6 +144,12 @@ class Folds:
     def complete(self) -> bool:
         """Whether each fold has a window."""
         return all(bool(getattr(self, f.name).any()) for f in fields(self))
+
+
+def needed_ahead(record: Record, window_s: float, horizon_s: float) -> float:
+    """What a prediction needs in one piece, s: the horizon, and half a window or as many samples as begin it."""
+    interval = float(np.median(np.concatenate([np.diff(trace.t) for trace in record.traces])))
+    return horizon_s + max(0.5 * window_s, (LOOK_BACK_SAMPLES + 1) * interval)
 
 
 def cut_in_folds(

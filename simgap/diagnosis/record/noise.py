@@ -67,7 +67,8 @@ def resolution(record: Record) -> Floats:
     """
     out = np.zeros(len(record.measured))
     for k in range(len(record.measured)):
-        steps = np.concatenate([np.abs(np.diff(trace.y[:, k])) for trace in record.traces])
+        read = [trace.y[trace.compared[:, k] > 0.0, k] for trace in record.traces]  # what was bridged shows no counts
+        steps = np.concatenate([np.abs(np.diff(y)) for y in read])
         steps = steps[steps > 1e-12 * (float(np.max(np.abs(steps))) + 1e-300)] if steps.size else steps
         if steps.size > 20:
             single = steps[steps < 1.5 * np.min(steps)]
@@ -113,7 +114,7 @@ def worth(record: Record) -> Worth:
     shared = np.zeros(len(steps))
     for k in np.flatnonzero(steps > 0.0):
         step = float(steps[k])
-        white = _white(record, int(k), step, float(sigma[k]))
+        white = white_noise(record, int(k), step, float(sigma[k]))
         sigma[k] = max(sigma[k], np.hypot(white, step / np.sqrt(12.0)))  # few slow readings tell little of the noise
         shared[k] = _placed(white / step) * (step / sigma[k]) ** 2
     weight = [weights(trace.y, steps, shared) for trace in record.traces]
@@ -129,14 +130,15 @@ def weights(y: Floats, steps: Floats, shared: Floats) -> Floats:
     return out
 
 
-def _white(record: Record, k: int, step: float, every: float) -> float:
-    """White noise before the rounding.
+def white_noise(record: Record, k: int, step: float, every: float | None = None) -> float:
+    """Standard deviation of the white noise of channel k before it was rounded to a step.
 
     Where a motion is slow, steady readings change by whole counts in one direction, and only noise sends them back: two
     changes one after the other have a mean product of minus the variance of the readings at a place. Sixth differences
     (`every`) tell it too, but show rounding at half a count a reading as noise three times as large; they stand where
     the noise is larger than rounding by far, or nothing is slow.
     """
+    every = float(noise_floor(record)[k]) if every is None else every
     of_all = max(every**2 / step**2 - 1.0 / 12.0, 0.0)
     products = np.concatenate([_returns(np.round((tr.y[:, k] - tr.y[0, k]) / step)) for tr in record.traces])
     if of_all > _LOUD**2 or products.size < _FEWEST:

@@ -20,6 +20,7 @@ class Trace:
         y: (n, k) measured states, columns as in `Record.measured`.
         u: (n, m) recorded inputs, columns as in `Record.inputs`; each row holds from its stamp until the next.
         used: (n, k) which readings are measurements; None: all. Others were bridged, and nothing is held against them.
+        told: (n,) whether what was commanded from the row on is known; None: always. No window holds others.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Trace:
     y: Floats
     u: Floats
     used: Bools | None = None
+    told: Bools | None = None
 
     @property
     def compared(self) -> Floats:
@@ -40,6 +42,11 @@ class Trace:
             raise UserError(f"trace '{self.name}' holds a number that is not finite", remedy="Drop or fill such rows.")
         if np.any(np.diff(self.t) <= 0):
             raise UserError(f"time stands still or runs backwards in trace '{self.name}'", remedy="Sort or split it.")
+
+    def part(self, which: Bools) -> Trace:
+        """Some of its rows, (n,)."""
+        used, told = (None if mask is None else mask[which] for mask in (self.used, self.told))
+        return Trace(self.name, self.t[which], self.y[which], self.u[which], used, told)
 
     @property
     def duration(self) -> float:

@@ -9,10 +9,10 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
+from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.tiers import directed_words, guarantee
 from simgap.gap.json_record import JsonRecord
-from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.sampling.values import Combined, Joined, Values

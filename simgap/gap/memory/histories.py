@@ -16,8 +16,7 @@ from simgap.config.case import Case
 from simgap.config.gap import HiddenStateSection
 from simgap.errors import UserError
 from simgap.gap.memory.hidden_state import random_sequences
-from simgap.gap.sampling.points import Columns, Points, cut
-from simgap.gap.sampling.tables import AFTER_PREVIOUS, HISTORY, SEQUENCE, step_columns
+from simgap.gap.sampling.points import AFTER_PREVIOUS, HISTORY, SEQUENCE, Columns, Points, cut, step_columns
 from simgap.simulators.body_samples import BodySamples
 from simgap.simulators.rollouts import after_previous, along_sequences, repeated_histories
 

@@ -14,34 +14,44 @@ from dataclasses import replace
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.record.faults.base import Mended, SeenFault
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.thresholds import HUM_ACCELERATION, HUM_LINE
 from simgap.late import scipy
+from simgap.model.symbolic import SymbolicModel
 
 _MOST_LINES = 3
 _TURNS, _EVEN = 4.0 * math.pi, 4.0  # of steady turning: least travel, and times the scatter around it
 _AROUND = 40  # frequencies on either side that are the background of a line
 
 
-def without_hum(record: Record) -> tuple[Record, tuple[RecordingFault, ...]]:
-    """The record without such lines, and what was found."""
-    faults: list[RecordingFault] = []
-    for k, name in enumerate(record.measured):
-        for _ in range(_MOST_LINES):
-            hertz = _line(record, k)
-            if hertz is None:
-                break
-            sines = [_sine(trace, trace.y[:, k], hertz) for trace in record.traces]
-            size = max(float(np.hypot(*c)) for c in sines)
-            sentence = (
-                f"{name} has a hum of {hertz:.4g} Hz, {size:.2g} in amplitude, which no force makes; it was taken away."
-            )
-            remedy = f"Shield or filter the sensor of {name}, or set its rate apart from the mains."
-            faults.append(RecordingFault("hum", name, hertz, "Hz", sentence, remedy))
-            traces = tuple(_less(trace, k, hertz, c) for trace, c in zip(record.traces, sines, strict=True))
-            record = replace(record, traces=traces)
-    return record, tuple(faults)
+class Hum(SeenFault):
+    """A steady sine in a reading."""
+
+    name = "hum"
+    meaning = "a steady sine, as of the mains, stands in a reading"
+    detected = (
+        "a spectral line that would need twice the acceleration of the motion, and that no input contains; removed"
+    )
+    unit = "Hz"
+    remedy = "Shield or filter the sensor of {}, or set its rate apart from the mains."
+
+    def mend(self, record: Record, model: SymbolicModel) -> Mended:
+        """The record without such lines."""
+        faults: list[RecordingFault] = []
+        for k, name in enumerate(record.measured):
+            for _ in range(_MOST_LINES):
+                hertz = _line(record, k)
+                if hertz is None:
+                    break
+                sines = [_sine(trace, trace.y[:, k], hertz) for trace in record.traces]
+                size = max(float(np.hypot(*c)) for c in sines)
+                what = f"a hum of {hertz:.4g} Hz, {size:.2g} in amplitude, which no force makes; it was taken away."
+                faults.append(self.told(name, hertz, f"{name} has {what}"))
+                traces = tuple(_less(trace, k, hertz, c) for trace, c in zip(record.traces, sines, strict=True))
+                record = replace(record, traces=traces)
+        return record, tuple(faults)
 
 
 def _line(record: Record, k: int) -> float | None:
