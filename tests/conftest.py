@@ -59,9 +59,14 @@ def pytest_addoption(parser):
 
 
 def pytest_ignore_collect(collection_path, config):
-    """All tests without the slow ones are `pytest` alone: their files are not even imported."""
-    whole = [Path(word).resolve() for word in config.args] == [ROOT / "tests"] and not config.option.markexpr
-    return True if whole and stale.is_slow(collection_path) else None
+    """Files of which no test would run are not even imported: the slow ones of plain `pytest`, others of `-m slow`."""
+    whole, marks = [Path(word).resolve() for word in config.args] == [ROOT / "tests"], config.option.markexpr
+    if not whole or marks not in ("", "slow") or not collection_path.match("test_*.py"):
+        return None
+    slow = stale.is_slow(collection_path)
+    if marks == "slow" and slow and config.getoption("--stale"):
+        return not stale.stale([collection_path]) or None
+    return slow == (marks == "") or None
 
 
 def pytest_collection_modifyitems(config, items):

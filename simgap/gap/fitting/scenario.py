@@ -84,7 +84,7 @@ class _Scaled:
             wanted, fitted = target.rows(*block), product.rows(*block)
             level, largest = max(level, float(np.abs(wanted).max())), max(largest, float(np.abs(fitted).max()))
             residual = max(residual, float(np.abs(wanted - fitted).max()))
-        unit = max(residual, 1e-7 * level) or 1.0
+        unit = max(residual, 1e-7 * level) or np.finfo(np.float64).eps  # zeros are fitted to rounding
         reach = 4.0 * (3.0 * level + largest + unit) / unit
         return _Scaled(design, start, target, unit, reach, level)
 
