@@ -50,17 +50,23 @@ def kernel_sources(root: Path = PACKAGE) -> str:
     return hashlib.sha256(kernels.encode()).hexdigest()[:16]
 
 
-def keep_machine_code_by_sources() -> None:
-    """Let numba keep the machine code of this very package's kernels apart, before any of them is made.
+def machine_code() -> Path | None:
+    """Where numba keeps the machine code of this very package's kernels; None without a home.
 
     numba asks whether a function's own file has changed, and not those of what it calls: kept beside the sources, a
     kernel would go on with the old code of another file.
     """
     given, home = os.environ.get("NUMBA_CACHE_DIR"), cache_folder()
     folder = Path(given) if given else home / "machine_code" if home else None
-    if folder is None or folder.name == kernel_sources():  # no place, or a parent process saw to it
+    own = kernel_sources()
+    return folder if folder is None or folder.name == own else folder / own  # a parent process may have seen to it
+
+
+def keep_machine_code_by_sources() -> None:
+    """Let numba keep it there, before any kernel is made."""
+    folder = machine_code()
+    if folder is None:
         return
-    place = str(folder / kernel_sources())
     if "numba" in sys.modules:
-        sys.modules["numba"].config.CACHE_DIR = place
-    os.environ["NUMBA_CACHE_DIR"] = place
+        sys.modules["numba"].config.CACHE_DIR = str(folder)
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)
