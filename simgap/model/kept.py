@@ -123,7 +123,7 @@ def _module(text: str) -> types.ModuleType:
 
 @cache
 def _folder() -> Path:
-    """Where the modules stand; importable as a package."""
+    """Folder of the modules; importable as a package."""
     home = cache_folder()
     if home is None:
         raise _NotWritable("no home")

@@ -265,7 +265,7 @@ class Worst:
 
 @dataclass(frozen=True)
 class Scan:
-    """By how much rows fall short of their targets, and by how much they exceed eta."""
+    """Shortfall of rows below their targets, and their excess over eta."""
 
     short: Worst
     over: Worst

@@ -40,14 +40,13 @@ _ALIKE = 0.25  # a jump away and the one back differ by less than this share
 
 
 class MissingRows(SeenFault):
-    """Evenly spaced stamps that lack some."""
+    """Evenly spaced stamps lack rows.
+
+    Detected: intervals that are whole multiples of the usual one; bridged, with inputs from the rows around them.
+    Windows end at gaps across which the inputs cannot be told so.
+    """
 
     name = "missing_rows"
-    meaning = "evenly spaced stamps lack rows"
-    detected = (
-        "intervals that are whole multiples of the usual one; bridged, with inputs from the rows around them. Windows "
-        "end at gaps across which the inputs cannot be told so"
-    )
     remedy = "Log every row: what was commanded there is taken from the rows around them."
 
     def mend(self, record: Record, model: SymbolicModel) -> Mended:
@@ -91,14 +90,13 @@ class _LostReadings(SeenFault):
 
 
 class SaturatedReading(_LostReadings):
-    """A sensor at the end of its range."""
+    """A reading stands at its largest or smallest value, the limit of its sensor.
+
+    Detected: three readings in a row equal an extreme of the channel, of an encoder more than its noise would leave
+    there or where the motion stops and starts too abruptly to turn round; excluded from the error.
+    """
 
     name = "saturated_reading"
-    meaning = "a reading stands at its largest or smallest value, the limit of its sensor"
-    detected = (
-        "three readings in a row equal an extreme of the channel, of an encoder more than its noise would leave there "
-        "or where the motion stops and starts too abruptly to turn round; excluded from the error"
-    )
     remedy = "Choose a wider range for the sensor of {}, or a smaller motion."
     what = "are at the limit of the sensor"
 
@@ -139,11 +137,12 @@ def _turning(columns: Sequence[Floats]) -> float:
 
 
 class Overflow(SeenFault):
-    """A counter that begins again at the other end of its range."""
+    """A reading beyond one end of its range goes on at the other end.
+
+    Detected: jumps of one size between the ends of what the channel shows; given back.
+    """
 
     name = "overflow"
-    meaning = "a reading beyond one end of its range goes on at the other end"
-    detected = "jumps of one size between the ends of what the channel shows; given back"
     unit = ""
     remedy = "Choose a wider range for the sensor of {}, or map an angle with wrapped: true."
 
@@ -187,14 +186,13 @@ def _unwrapped(trace: Trace, k: int, size: float) -> Trace:
 
 
 class Spikes(_LostReadings):
-    """Readings that jump away and come back."""
+    """Readings jump away and return, one or a few in a row.
+
+    Detected: a change that stands out of those around it, and one back; bridged, and excluded from the error, if they
+    are a twentieth of the readings at most.
+    """
 
     name = "spikes"
-    meaning = "readings jump away and return, one or a few in a row"
-    detected = (
-        "a change that stands out of those around it, and one back; bridged, and excluded from the error, if they are "
-        "a twentieth of the readings at most"
-    )
     remedy = "Look at the wiring and the bus of {}; drop such rows."
     what = "jump away and come back"
     most = A_FEW
@@ -244,11 +242,12 @@ def _away(y: Floats, scale: float) -> Bools:
 
 
 class Stale(_LostReadings):
-    """Readings that repeat the one before them."""
+    """A reading repeats its predecessor although its neighbours show motion.
+
+    Detected: it misses the line between the readings around it; bridged, and excluded from the error.
+    """
 
     name = "stale"
-    meaning = "a reading repeats its predecessor although its neighbours show motion"
-    detected = "it misses the line between the readings around it; bridged, and excluded from the error"
     remedy = "Log {} when it is fresh, or with the stamp at which it was read."
     what = "repeat the one before while it moves"
     fewest, most = LEAST_STALE, MOST
