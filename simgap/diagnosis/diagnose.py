@@ -90,13 +90,15 @@ def _found(
     """
     every, most, before = parts, settings.max_effects, begun(parts.known, not_tried, watch)
     search, base = before
-    tiers = Tiers(model, record, settings, not_tried)
+    tiers = Tiers(model, record, settings, not_tried, parts)
     wider, wide = tiers.screened(*before)
     if wider is None:
         ends: Searched = (search, base, search.empty(base))
         if not explained_by_one(*before):
             parts, ends = under_its_law(every, ends, most, not_tried)
-        if not parts.left_out:  # nobody pushed: all data by least squares, from the beginning
+        if parts.left_out:
+            tiers, wide = replace(tiers, like=parts), None
+        else:  # nobody pushed: all data by least squares, from the beginning
             parts, ends = every, searched(every.known, most, not_tried, watch, before=before)
         wider = tiers.second(ends[0], ends[2], wide)
     wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider

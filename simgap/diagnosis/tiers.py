@@ -46,16 +46,19 @@ class Tiers:
 
     Attributes:
         model, record, settings: of the diagnosis; not_tried: candidates that are barred.
+        like: the folds of the first tier, whose law of gross errors holds for all.
     """
 
     model: SymbolicModel
     record: Record
     settings: DiagnosisSettings
     not_tried: Mapping[Key, str]
+    like: Parts
 
     def _begun(self, first: Search, last: bool = False, few: Collection[str] = ()) -> Begun:
         settings = replace(self.settings, effects=tuple(few)) if few else self.settings
         parts, _ = parts_of(self.model, self.record, settings, not few or last, last)
+        parts = parts.under_the_law_of(self.like)
         return parts, *begun(parts.known, self.not_tried, first.watch)
 
     def screened(self, search: Search, base: Fit) -> tuple[tuple[Parts, Searched] | None, Begun | None]:

@@ -52,6 +52,11 @@ class Parts:
         known, fit, choose = (p.on(left_out(p.windows, p.t, spans)) for p in (self.known, self.fit, self.choose))
         return replace(self, known=known, fit=fit, choose=choose, left_out=spans)
 
+    def under_the_law_of(self, other: Parts) -> Parts:
+        """The same without the times that another left out, and with its law of gross errors."""
+        parts = self.leaving_out(other.left_out) if other.left_out else self
+        return parts if other.known.usual is None else parts.with_gross_errors(other.known.usual, ())
+
     def changed(self, change: Callable[[Problem], Problem]) -> Parts:
         """Each of the problems, changed."""
         known, fit, choose, confirm = (change(p) for p in (self.known, self.fit, self.choose, self.confirm))
