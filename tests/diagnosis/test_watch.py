@@ -139,9 +139,9 @@ def _ended(found, watch):
 def test_a_fit_that_begins_at_the_same_place_is_made_once(monkeypatch):
     made, of_fit = [], explanations.fit
 
-    def counted(problem, theta, x0, slots, *rest):
+    def counted(problem, theta, x0, slots, *rest, **more):
         made.append((tuple(slots), theta.tobytes(), x0.tobytes()))
-        return of_fit(problem, theta, x0, slots, *rest)
+        return of_fit(problem, theta, x0, slots, *rest, **more)
 
     monkeypatch.setattr(explanations, "fit", counted)
     diagnose(block(), _record(extra=0.3), DiagnosisSettings(effects=EFFECTS, max_effects=2))
