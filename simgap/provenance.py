@@ -207,9 +207,9 @@ def imports() -> dict[str, list[str]]:
     texts = {path.relative_to(PACKAGE).as_posix(): found for path, (found, _) in sources().items()}
     name, home = digest([texts, UNHASHED, _version("grimp")]), cache_folder()
     kept = home / "imports" / f"{name}.json" if home is not None else None
-    with suppress(OSError, ValueError):
-        if kept is not None:
-            return dict(json.loads(kept.read_bytes()))
+    with suppress(OSError, ValueError, UserError):
+        if kept is not None and kept.exists():
+            return dict(json.loads(reading.read_bytes(kept)))
     import grimp
 
     graph = grimp.build_graph("simgap", cache_dir=None)

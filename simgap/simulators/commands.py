@@ -152,6 +152,40 @@ def acts_at_once(case: Case) -> bool:
     return case.hidden_state is None and not any(effect(e.name).remembers for e in effects)
 
 
+def behind_commands(case: Case, bare: Callable[[Sequence[AddedEffect]], Simulator]) -> Simulator:
+    """An engine behind the delayed and lagged commands of a case.
+
+    Args:
+        bare: the engine over one substep, on the plant's own states, with these effects.
+
+    Raises:
+        UserError: a lagged state of the plant that does not lag in the simulator.
+    """
+    section, inputs = case.simulator, list(case.plant.inputs)
+    assert section is not None
+    paths, tau = case_command_paths(case), case.domain.tau if case.domain is not None else 0.0
+    lags = check_lagged(case)
+    others = tuple(e for e in section.effects if not isinstance(effect(e.name), InputEffect))
+    return RememberingInputs(bare(others), paths, [inputs.index(n) for n in lags], tau, section.substeps)
+
+
+def check_lagged(case: Case) -> list[str]:
+    """The inputs whose lag is a state of the case.
+
+    Raises:
+        UserError: one that does not lag in the simulator.
+    """
+    effects = case.simulator.effects if case.simulator is not None else ()
+    lags = [s.lag_of for s in case.plant.states.values() if s.lag_of is not None]
+    if not set(lags) <= {e.on for e in effects if effect(e.name).memory_state(e.on) is not None}:
+        slow = sorted({e.name for e in case.plant.effects if effect(e.name).memory_state(e.on) is not None})
+        raise UserError(
+            "a lagged input is a state of the plant, but does not lag in the simulator", key="simulator.effects",
+            remedy=f"Add {slow} there too, or remove the state.",
+        )  # fmt: skip
+    return lags
+
+
 def case_command_paths(case: Case) -> list[CommandPath]:
     """The paths of the commands; the delay that the controller has as its latency is not acted out a second time."""
     if case.domain is None:

@@ -18,7 +18,7 @@ from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.plants.urdf_checks import check_joint_units
 from simgap.simulators.base import Engine, Simulator
-from simgap.simulators.commands import RememberingInputs, case_command_paths, static_path
+from simgap.simulators.commands import behind_commands, check_lagged, static_path
 
 Forces = Callable[..., Sequence[float]]
 
@@ -125,30 +125,6 @@ def _delivered(effects: Sequence[AddedEffect], name: str, drive: sp.Expr, veloci
     return felt.subs(placeholder, drive)
 
 
-def behind_commands(case: Case, plant: JointPlant, engine: Callable[[JointPlant, Any], Simulator]) -> Simulator:
-    """The engine for the plant of a case, its effects declared in `simulator.effects`.
-
-    Raises:
-        UserError: a lagged state of the plant that does not lag in the simulator.
-    """
-    section: Any = case.simulator
-    lags = [plant.input_names.index(s.lag_of) for s in case.plant.states.values() if s.lag_of is not None]
-    lagging = {e.on for e in section.effects if effect(e.name).memory_state(e.on) is not None}
-    if not {plant.input_names[k] for k in lags} <= lagging:
-        slow = sorted({e.name for e in case.plant.effects if effect(e.name).memory_state(e.on) is not None})
-        raise UserError(
-            "a lagged input is a state of the plant, but does not lag in the simulator", key="simulator.effects",
-            remedy=f"Add {slow} there too, or remove the state.",
-        )  # fmt: skip
-    if not any(effect(e.name).remembers for e in section.effects):
-        return engine(plant, section)
-    paths = case_command_paths(case)
-    others = tuple(e for e in section.effects if not isinstance(effect(e.name), InputEffect))
-    a_step = replace(plant, tau=plant.tau / section.substeps)
-    bare = engine(a_step, section.model_copy(update={"substeps": 1, "effects": others}))
-    return RememberingInputs(bare, paths, lags, plant.tau, section.substeps)
-
-
 class JointEngine(Engine):
     """An engine whose whole state is the positions and velocities of its joints."""
 
@@ -175,5 +151,11 @@ class JointEngine(Engine):
         Raises:
             UserError: no model file, no domain, or a lagged state of the plant that does not lag in the simulator.
         """
-
-        return behind_commands(case, joint_plant(case, folder), cls)
+        plant, section = joint_plant(case, folder), case.simulator
+        check_lagged(case)
+        if section is None or not any(effect(e.name).remembers for e in section.effects):
+            return cls(plant, section)
+        a_step = replace(plant, tau=plant.tau / section.substeps)
+        return behind_commands(
+            case, lambda effects: cls(a_step, section.model_copy(update={"substeps": 1, "effects": effects}))
+        )

@@ -6,7 +6,7 @@ import pytest
 from simgap.geometry import Box
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
-from simgap.synthesis.explain import explain
+from simgap.synthesis.explain import GammaParts, explain
 from simgap.synthesis.synthesise import EmptyDomain, Problem, synthesise
 from tests.synthesis.synthesis_plants import constant_gap, pendulum
 
@@ -57,3 +57,13 @@ def test_inputs_that_cannot_meet_the_specification_are_the_reason():
     assert all(t.wins == 0 for t in found.tries)
     assert "cannot meet" in found.sentence
     assert {t.key for t in found.tries} == {"synthesis.cells", "domain.tau"}
+
+
+def test_what_gamma_is_made_of_is_named_by_size_with_what_shrinks_the_largest():
+    """Of 1.0 in all: .1 at samples, .2 between them, .7 left by recordings."""
+    words = GammaParts(0.1, 0.3, 0.7).words("v")
+    assert words.index("0.7 is what the recordings leave") < words.index("0.2 is what may lie") < words.index("0.1 is")
+    assert "shrinks with: longer or less noisy recordings" in words
+    late = GammaParts(0.5, 0.6, 0.0, ("input_lag of u",)).words("v")
+    assert "input_lag of u, which the model does not carry" in late
+    assert "recordings" not in late

@@ -173,15 +173,21 @@ def _solve_working_set(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[
         scaled.target.take(rows // m)[np.arange(len(rows)), rows % m],
     )
     origin = float(base.max())  # eta is measured from here, so that the numbers stay of one size
-    reach, above = np.full(2 * a.shape[1], scaled.reach), (origin - base) / unit
-    left, goal = np.concatenate([-a, a, np.eye(a.shape[1]), -np.eye(a.shape[1])]), design.mean @ design.whitening
-    if cap is None:  # eta is the last variable
-        left = np.column_stack([left, np.repeat([0.0, -1.0, 0.0], [len(a), len(a), len(reach)])])
-        goal = np.eye(left.shape[1])[-1]
-    else:
-        above = above + (cap - origin) / unit
-    found = _linear_program(goal, left, np.concatenate([(base - target) / unit, above, reach]))
-    return (found[:-1], origin + unit * float(found[-1])) if cap is None else (found, cap)
+    n, size = a.shape  # of z = (y, w, eta), where w bounds |y|: one large number in the program and not 2 n of them
+    y, w, eta = np.eye(size), np.eye(size + 2)[[size]], np.eye(size + 2)[[size + 1]]
+    rows_of = [
+        (np.hstack([-a, np.zeros((n, 2))]), (base - target) / unit),
+        (np.hstack([a, np.zeros((n, 2))]) - eta, (origin - base) / unit),
+        *((np.hstack([sign * y, np.zeros((size, 2))]) - w, np.zeros(size)) for sign in (1.0, -1.0)),
+        (w, np.array([scaled.reach])),
+    ]
+    goal = eta[0]
+    if cap is not None:
+        rows_of.append((eta, np.array([(cap - origin) / unit])))
+        goal = np.append(design.mean @ design.whitening, [0.0, 0.0])
+    left, right = (np.concatenate(part) for part in zip(*rows_of, strict=True))
+    found = _linear_program(goal, left, right)
+    return found[:size], origin + unit * float(found[-1]) if cap is None else cap
 
 
 def _linear_program(goal: Floats, left: Floats, right: Floats) -> Floats:
