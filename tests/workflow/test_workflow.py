@@ -166,7 +166,11 @@ def test_each_stage_of_the_bound_is_kept_for_itself(project, change, again):
 
 @pytest.mark.parametrize(
     ("file", "again"),
-    [("fitting/scenario.py", {"scp", "gap"}), ("lipschitz/evt.py", {"lipschitz"}), ("fitting/fresh_check.py", {"gap"})],
+    [
+        ("fitting/scenario.py", {"scp", "gap"}),
+        ("lipschitz/estimates.py", {"lipschitz"}),
+        ("fitting/acceptance.py", {"gap"}),
+    ],
 )
 def test_an_edited_core_reruns_the_stages_that_use_it(project, file, again):
     core = project.folder / "simgap/gap" / file
