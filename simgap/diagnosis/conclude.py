@@ -350,7 +350,8 @@ def told(
 
     listed, changed = list(alternatives), list(effects)
     known = {keys(found), *(keys(other.effects) for other in alternatives)}
-    for equal in (found, *(other.effects for other in alternatives if other.exact)):
+    exact = [other.effects for other in alternatives if other.exact]
+    for equal in (found, *(own for own in exact if not any(is_fault(a.name) for a in own))):
         for other in restated(model, equal, measured):
             mine = keys(other.effects)
             if mine not in known:

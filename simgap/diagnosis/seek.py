@@ -113,10 +113,11 @@ def under_its_law(parts: Parts, ends: Searched, most: int, not_tried: Collection
     plain, base, found = ends
     search, start, kept, problem = plain, base, parts, plain.problem
     spans: tuple[Span, ...] = ()
-    last = np.full(len(plain.problem.sigma), np.inf)
+    last, smaller = np.full(len(plain.problem.sigma), np.inf), True
     while not (search.watch.stopped or search.reached(found)):
         usual = np.maximum(usual_size(problem.misses(found.fit.theta, found.fit.x0)), 1.0) * problem.sigma
-        if not np.any(usual < MOST * last):
+        smaller, before = bool(np.any(usual < MOST * last)), smaller
+        if not (smaller or before):  # once more after the last: windows are cut where the errors end by then
             break
         last, kept = usual, parts.with_gross_errors(usual, spans)
         problem = coarse(kept.known)
@@ -125,6 +126,8 @@ def under_its_law(parts: Parts, ends: Searched, most: int, not_tried: Collection
         search = Search(problem, plain.starts, scale, watch=search.watch)
         found = _grown_from(search, start, found, min(most, LEAPS_ANYHOW))
         spans = gross_spans(problem, found.fit)
+        if not spans:  # nobody pushed
+            break
     if search is plain or search.watch.stopped or not search.reached(found):
         return kept, (search, start, found)
     whole = looked_again(plain.watch, lambda: _whole(plain, found))
