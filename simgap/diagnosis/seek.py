@@ -126,8 +126,6 @@ def under_its_law(parts: Parts, ends: Searched, most: int, not_tried: Collection
         search = Search(problem, plain.starts, scale, watch=search.watch)
         found = _grown_from(search, start, found, min(most, LEAPS_ANYHOW))
         spans = gross_spans(problem, found.fit)
-        if not spans:  # nobody pushed
-            break
     if search is plain or search.watch.stopped or not search.reached(found):
         return kept, (search, start, found)
     whole = looked_again(plain.watch, lambda: _whole(plain, found))
