@@ -9,7 +9,7 @@ from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.confirming import confirmed
 from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.faults.registry import fitted_faults, gain_faults
-from simgap.diagnosis.record.folds import Span, stretches
+from simgap.diagnosis.record.folds import stretches
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import (
     Alternative,
@@ -26,24 +26,22 @@ from simgap.diagnosis.result import (
     Step,
     Verdict,
 )
-from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
-from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.scoring import places
 from simgap.diagnosis.search.watch import Watch
-from simgap.diagnosis.simulation.gross_errors import LIMIT
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, EXACTLY_COLLINEAR, FIT_QUALITY, MATTERS, NARROW
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, EXACTLY_COLLINEAR, FAR, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
-from simgap.diagnosis.verdict.faults import faint_memory, noise_faults, push_faults
+from simgap.diagnosis.verdict.faults import faint_memory, noise_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
+    chi2_dof,
     excess_share,
     judge,
     judged,
@@ -67,27 +65,22 @@ def conclude(
     seen = confirmed(parts, put, names, horizon)
     chosen, old = seen.chosen, seen.old
     search, full, base = chosen.search, chosen.full, chosen.base
-    verdict_is = _worded(record, parts.left_out, known, confirm, chosen, seen.evidence)
+    verdict_is = _worded(record, known, confirm, chosen, seen.evidence)
     word, named = verdict_is.word, verdict_is.named
     kept, held = (chosen.kept, seen.new) if named else (full.empty(base), old)
     short = nearest(full, chosen.kept, seen.evidence, chosen.at_floor, model) if word == "unexplained" else None
     tested = word in ("partial", "unexplained") and short is None
     empty = search.empty(chosen.sparse)
     left = second_look(search, chosen.found if named else empty, confirm, held, horizon, model) if tested else None
-    pushes = push_faults(parts.left_out, known, names)
-    plain = replace(known, usual=None)
-    declared = fit(plain, base.theta, base.x0, [], {})
     told_of = _told(model, record, known, chosen, kept, verdict_is.others)
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
     most = settings.max_effects if chosen.at_floor else min(settings.max_effects, settings.most_off_floor)
-    usual, own = DiagnosisSettings(), settings
-    limited = (own.max_effects, own.most_off_floor) != (usual.max_effects, usual.most_off_floor)  # by a person
     return Diagnosis(
         verdict=word,
         effects=told_of.effects,
         alternatives=told_of.listed,
-        before=judged(plain, declared, old, horizon),
+        before=judged(known, base, old, horizon),
         after=judged(known, kept.fit, held, horizon),
         floor=_floor(confirm, held, horizon),
         excess_share=seen.evidence.share if named else 1.0,
@@ -99,19 +92,14 @@ def conclude(
         warnings=(*said, *told_of.slight, *_warnings(search.watch, held, kept, horizon), *verdict_is.fitter),
         unconfirmed=verdict_is.further,
         faint_memory=verdict_is.faint,
-        at_most=most if limited and len(chosen.kept.members) >= most else None,
+        at_most=most if len(chosen.kept.members) >= most else None,
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),
         nearest=short,
         left_over=left,
         concentrated=seen.where,
-        recording=(
-            *faults,
-            *pushes,
-            *told_of.faults,
-            *noise_faults(known),
-        ),
+        recording=(*faults, *told_of.faults, *noise_faults(known)),
         steps=steps(search, empty, chosen.kept),
     )
 
@@ -155,13 +143,12 @@ class _Worded:
     fitter: tuple[str, ...]
 
 
-def _worded(
-    record: Record, left_out: tuple[Span, ...], known: Problem, confirm: Problem, chosen: Chosen, evidence: Evidence
-) -> _Worded:
+def _worded(record: Record, known: Problem, confirm: Problem, chosen: Chosen, evidence: Evidence) -> _Worded:
     """The verdict by the evidence, held back where something else may have acted or fits better."""
     word, members = verdict(chosen.kept, evidence), chosen.kept.members
-    asked = left_out and word in ("attributed", "none")
-    further = beyond(record, left_out, known, chosen.kept.fit, confirm) if asked else ()
+    further = (
+        beyond(record, known, chosen.kept.fit, confirm) if word in ("attributed", "none") and record.left_out else ()
+    )
     word = "partial" if further and members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
@@ -179,7 +166,7 @@ def _rivals(chosen: Chosen) -> list[Rival]:
     others = rivals(search, found)
     if chosen.carried is not None:  # what fits as well need not carry over as well
         others = [r for r in others if r.exact] + [Rival(e, False) for e in chosen.carried.rivals]
-    return [r for r in once([*others, *as_good(search, found)]) if r.explanation.keys != found.keys]
+    return once([*others, *as_good(search, found)])
 
 
 def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:
@@ -201,10 +188,10 @@ def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) 
         said.append(f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects that were fitted.")
     if not kept.fit.converged:
         said.append("The last fit had not settled: take its numbers with care.")
-    if held.stray and held.at_noise:
+    if held.stray:
         said.append(
-            f"Readings of the fold that confirms ({held.stray}) are gross errors, {LIMIT:.2g} noises off and more: "
-            "noise with heavy tails, or bad readings."
+            f"Single readings of the fold that confirms ({held.stray}) miss by more than {FAR:g} noises between "
+            "neighbours that do not: noise with heavy tails, or bad readings. They are not counted in RMSE/sigma."
         )
     if horizon_s > 0 and held.horizon is None:
         said.append("No stretch of the fold that confirms is as long as the horizon: the errors are within windows.")
@@ -305,8 +292,10 @@ def nearest(
     return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
 
 
-def restated(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
-    """Sets in which one effect of the library stands for some of those found, exactly."""
+def restated(
+    model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]
+) -> list[tuple[Alternative, frozenset[int]]]:
+    """Sets in which one effect of the library stands for some of those found, exactly; with the places of these."""
     out = []
     for e in EFFECTS.values():
         for on in e.targets(model):
@@ -314,11 +303,13 @@ def restated(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Seq
             if same is not None:
                 kept = tuple(a for k, a in enumerate(found) if k not in same[0])
                 whole = (*kept, AppliedEffect(e.name, on, same[1]))
-                out.append(Alternative(whole, 0.0, True))
+                out.append((Alternative(whole, 0.0, True), same[0]))
     return out + _by_the_sensors(model, found, measured)
 
 
-def _by_the_sensors(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
+def _by_the_sensors(
+    model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]
+) -> list[tuple[Alternative, frozenset[int]]]:
     """Readings that are all as late as the only input was found to act; or a sensor that is as slow, of a linear plant.
 
     Whether a command or a reading is under way for so long, no record of these channels tells; in a closed loop both
@@ -327,7 +318,7 @@ def _by_the_sensors(model: SymbolicModel, found: Sequence[AppliedEffect], measur
     if len(model.inputs) != 1:
         return []
     out = []
-    for a in found:
+    for k, a in enumerate(found):
         kept = tuple(b for b in found if b is not a)
         late: tuple[AppliedEffect, ...] = ()
         if a.name == "input_delay" and not any(b.name == "late_reading" for b in kept):
@@ -335,7 +326,7 @@ def _by_the_sensors(model: SymbolicModel, found: Sequence[AppliedEffect], measur
         elif a.name == "input_lag" and len(measured) == 1 and {b.name for b in kept} <= LINEAR and is_linear(model):
             late = (AppliedEffect("filtered_reading", measured[0], {"lag": a.values["T"]}),)
         if late:
-            out.append(Alternative((*kept, *late), 0.0, True))
+            out.append((Alternative((*kept, *late), 0.0, True), frozenset({k})))
     return out
 
 
@@ -343,24 +334,16 @@ def told(
     effects: Sequence[FoundEffect], alternatives: Sequence[Alternative], model: SymbolicModel,
     found: Sequence[AppliedEffect], measured: Sequence[str],
 ) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...]]:  # fmt: skip
-    """The effects and the alternatives with what restates them or an equal of theirs, each set once."""
-
-    def keys(whole: Sequence[AppliedEffect]) -> frozenset[Key]:
-        return frozenset((a.name, a.on) for a in whole)
-
+    """The effects and the alternatives with what restates them, each set once."""
+    known = [frozenset((a.name, a.on) for a in other.effects) for other in alternatives]
     listed, changed = list(alternatives), list(effects)
-    known = {keys(found), *(keys(other.effects) for other in alternatives)}
-    exact = [other.effects for other in alternatives if other.exact]
-    for equal in (found, *(own for own in exact if not any(is_fault(a.name) for a in own))):
-        for other in restated(model, equal, measured):
-            mine = keys(other.effects)
-            if mine not in known:
-                known.add(mine)
-                listed.append(other)
-                new = tuple((a.name, a.on) for a in other.effects if (a.name, a.on) not in keys(found))
-                changed = [
-                    e if (e.name, e.on) in mine else replace(e, alternatives=(*e.alternatives, new)) for e in changed
-                ]
+    for other, stand_ins in restated(model, found, measured):
+        if frozenset((a.name, a.on) for a in other.effects) in known:
+            continue
+        listed.append(other)
+        new = tuple((a.name, a.on) for a in other.effects if a not in found)
+        for k in stand_ins:
+            changed[k] = replace(changed[k], alternatives=(*changed[k].alternatives, new))
     return tuple(changed), tuple(listed)
 
 

@@ -5,27 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from typing import TypeVar
 
-import numpy as np
-
 from simgap.arrays import Floats
-from simgap.diagnosis.record.folds import Span
 from simgap.diagnosis.result import Key
-from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.noise_colour import noise_colour
 from simgap.diagnosis.search.scoring import list_starts
-from simgap.diagnosis.search.selection import best_so_far, carried_over, grow, on_all, preferred, select
+from simgap.diagnosis.search.selection import best_so_far, carried_over, on_all, preferred, select
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour
-from simgap.diagnosis.simulation.gross_errors import usual_size
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import BRIEF_S, FIT_QUALITY, LEAPS_ANYHOW, MOST, MOST_COLOURED
-from simgap.diagnosis.verdict.faults import faint_memory, gross_spans
+from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MOST_COLOURED
+from simgap.diagnosis.verdict.faults import faint_memory
+from simgap.diagnosis.verdict.judge import chi2_dof
 
 Searched = tuple[Search, Fit, Explanation]
 """The search, the model as declared on it, and what explains it best."""
@@ -93,68 +89,6 @@ def fitted_again(problem: Problem, search: Search, found: Explanation, not_tried
     base = fit(sought, sought.model.null, initial_states(sought), [], {})
     again = Search(sought, list_starts(sought, not_tried), watch=search.watch)
     return again, base, on_all(again, search, found, base)
-
-
-def explained_by_one(search: Search, base: Fit) -> bool:
-    """Whether the model as declared or with one effect more is down to the noise."""
-    empty = search.empty(base)
-    if search.reached(empty):
-        return True
-    return bool(looked_again(search.watch, lambda: any(search.reached(e) for e in search.joined(empty)) or None))
-
-
-def under_its_law(parts: Parts, ends: Searched, most: int, not_tried: Collection[Key]) -> tuple[Parts, Searched]:
-    """The search on where misses far beyond the usual ones are gross errors, until usual ones hardly get smaller.
-
-    What the model misses all the time says first what is usual, so that nothing it lacks is a gross error; what is
-    worth its parameters at that size joins, and leaves smaller ones. Where one effect more explains everything down to
-    the noise, nothing was a gross error.
-    """
-    plain, base, found = ends
-    search, start, kept, problem = plain, base, parts, plain.problem
-    spans: tuple[Span, ...] = ()
-    last, smaller = np.full(len(plain.problem.sigma), np.inf), True
-    while not (search.watch.stopped or search.reached(found)):
-        usual = np.maximum(usual_size(problem.misses(found.fit.theta, found.fit.x0)), 1.0) * problem.sigma
-        smaller, before = bool(np.any(usual < MOST * last)), smaller
-        if not (smaller or before):  # once more after the last: windows are cut where the errors end by then
-            break
-        last, kept = usual, parts.with_gross_errors(usual, spans)
-        problem = coarse(kept.known)
-        start = fit(problem, base.theta, base.begin(problem), [], {})
-        scale = float(np.mean(problem.spread**2)) * independent_share(problem, start)
-        search = Search(problem, plain.starts, scale, watch=search.watch)
-        found = _grown_from(search, start, found, min(most, LEAPS_ANYHOW))
-        spans = gross_spans(problem, found.fit)
-    if search is plain or search.watch.stopped or not search.reached(found):
-        return kept, (search, start, found)
-    whole = looked_again(plain.watch, lambda: _whole(plain, found))
-    if whole is not None:
-        return parts, ended(plain, base, preferred(plain, grow(plain, whole, most), most), most)
-    if spans:
-        around = tuple((k, a - 0.25 * BRIEF_S, b + 0.25 * BRIEF_S) for k, a, b in spans)
-        kept = parts.leaving_out(around).with_gross_errors(last, ())
-        return kept, searched(kept.known, most, not_tried, search.watch, (found, chi2_dof(problem, found.fit)))
-    return kept, ended(search, start, found, most)
-
-
-def _whole(plain: Search, found: Explanation) -> Explanation | None:
-    """What was found, or it with one effect more, where it explains what looked like gross errors too."""
-    known = plain.explain(found.members, found.fit.theta, found.fit)
-    return next((e for e in (known, *plain.joined(known)) if plain.reached(e)), None)
-
-
-def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Explanation:
-    """The best that a search finds from what another one found."""
-
-    def look() -> Explanation:
-        known = search.explain(found.members, found.fit.theta, found.fit) if found.members else search.empty(base)
-        for c in known.members:
-            if c.effect.contains is not None:
-                search.coarser(known, c)
-        return preferred(search, grow(search, known, most), most)
-
-    return looked_again(search.watch, look) or best_so_far(search, base, most)
 
 
 def under_its_noise(
