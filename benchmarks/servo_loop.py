@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.transitions import seen, transitions, within
+from simgap.diagnosis.verdict.transitions import held, transitions, within
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.fitting.acceptance import covering_remainder
 from simgap.io.gap_file import load_gap
@@ -51,13 +51,13 @@ def inside(context: Context, gap: GapFunction, windows: list[WindowPrediction], 
     """Transitions inside `f +- gamma` in position and speed, and all that begin in X with an input in the hull of U."""
     model, domain = context.plant.corrected, context.case.domain
     assert domain is not None
-    known = seen(windows, {"q": sigma}, model)
-    part = within(transitions(known.windows, ["q", "v"], model, {}, domain.tau), model, domain.X)
+    part = transitions(windows, {"q": sigma}, model, domain.tau, context.case.measured.confidence)
+    part = within(part, model, domain.X)
     x, u = part.start[:, :2], part.start[:, 2:]
     taken = (u[:, 0] >= context.input_set.min()) & (u[:, 0] <= context.input_set.max())
     nearest = context.input_set[np.argmin(np.abs(u - context.input_set.T), axis=1)]
     lo, hi = gap.bounds(x, nearest)
-    residual = part.then - context.plant.sampled.step(x, u)
+    residual = held(model, part) + part.missed - context.plant.sampled.step(x, u)
     good = np.all((residual >= lo) & (residual <= hi), axis=1)
     return int(np.sum(good & taken)), int(np.sum(taken))
 

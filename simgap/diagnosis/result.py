@@ -148,6 +148,7 @@ class WindowPrediction:
         trace: name of the trace; held_out: whether it is of *confirm*.
         t: (n,) s; measured, before, after: (n, k).
         states: (n, nx) states of the corrected model; inputs: (n, m) recorded inputs.
+        used: (n, k) what each reading is worth, 0 for one that is no measurement; None where all are worth the same.
     """
 
     trace: str
@@ -158,6 +159,7 @@ class WindowPrediction:
     after: Floats
     states: Floats
     inputs: Floats
+    used: Floats | None = None
 
 
 @dataclass(frozen=True)

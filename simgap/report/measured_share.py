@@ -1,7 +1,7 @@
 """Held-out transitions of the recordings against `f +- gamma`, before and after the correction.
 
-The diagnosis keeps the transitions, the report holds them against the two bounds. What is measured carries noise at
-both ends of a step, so the share that noise alone would leave inside the same bound stands beside it.
+The diagnosis keeps the transitions, smoothed, with what the readings cannot tell of them; the report compares them with
+the two bounds. The share that a rig in the middle of the same bound would show, with that alone, stands beside it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.transitions import seen, transitions
+from simgap.diagnosis.verdict.transitions import commands, held, known_states, transitions
 from simgap.gap.bounds.function import GapFunction
 from simgap.io.parquet import stack
 from simgap.model.sampled import NominalModel
@@ -38,21 +38,22 @@ def transition_columns(
 
     Args:
         sigma: noise of each measured state, in the order of the columns.
-        model: the corrected one, its known conditions as inputs.
+        model: the corrected one with what remembers earlier commands, its known conditions as inputs.
         late: seconds by which an input acts later; declared: condition -> its value in the case.
     """
-    known = seen([w for w in windows if w.held_out], sigma, model)
-    steps = [np.diff(w.t) for w in known.windows]
-    domain, measured = context.case.domain, list(known.sigma)
+    held_out = [w for w in windows if w.held_out]
+    steps, domain = [np.diff(w.t) for w in held_out], context.case.domain
     tau = domain.tau if domain is not None else float(np.median(np.concatenate(steps))) if steps else 1.0
-    plain, later = (transitions(known.windows, measured, model, by, tau) for by in ({}, late))
-    names = [*model.state_names, *model.input_names]
-    kept = np.ones(len(plain.start), dtype=bool)
+    part = transitions(held_out, sigma, model, tau, context.case.measured.confidence if context.case.measured else 0.95)
+    then, names = held(model, part) + part.missed, [*model.state_names, *model.input_names]
+    kept = np.ones(len(part.start), dtype=bool)
     for n, value in declared.items():
-        kept &= np.isclose(plain.start[:, names.index(n)], value, rtol=1e-9, atol=1e-12)  # a mean of a constant
-    columns = {n: plain.start[kept, names.index(n)] for n in (*context.states, *context.inputs)}
-    columns |= {f"late_{n}": later.start[kept, names.index(n)] for n in context.inputs}
-    return columns | {f"next_{n}": later.then[kept, k] for k, n in enumerate(measured)}
+        kept &= np.isclose(part.start[:, names.index(n)], value, rtol=1e-9, atol=1e-12)  # a mean of a constant
+    plain, later = (commands(held_out, part, model.input_names, by) for by in ({}, late))
+    columns = {n: part.start[kept, names.index(n)] for n in model.state_names}
+    columns |= {n: plain[kept, j] for j, n in enumerate(model.input_names) if n in context.inputs}
+    columns |= {f"late_{n}": later[kept, j] for j, n in enumerate(model.input_names) if n in context.inputs}
+    return columns | {f"next_{n}": then[kept, names.index(n)] for n in known_states(model, list(sigma))}
 
 
 def share_inside(
@@ -63,7 +64,7 @@ def share_inside(
     Args:
         rows: table with the columns of `transition_columns`.
         model, gap: f and its bound.
-        noise: state -> standard deviation of a reading.
+        noise: state -> standard deviation of what the readings cannot tell of a transition.
         late: whether the inputs act as the corrected plant feels them.
 
     Returns:
@@ -86,7 +87,7 @@ def share_inside(
     nearest = inputs[np.argmin(((u[:, None, :] - inputs[None]) ** 2).sum(axis=-1), axis=1)]  # gamma is given on U
     lo, hi = (bound[:, axes] for bound in gap.bounds(x, nearest))
     residual = then - model.step(x, u)[:, axes]
-    sigma = np.sqrt(2.0) * np.array([noise[n] for n in measured])
+    sigma = np.array([noise[n] for n in measured])
     drawn = np.random.default_rng(0).standard_normal((DRAWS, *residual.shape)) * sigma + 0.5 * (lo + hi)
     return {
         "share": float(np.mean(np.all((residual >= lo) & (residual <= hi), axis=1))),

@@ -1,47 +1,55 @@
-"""A joint engine behind its commands: as it is, or a step at a time where an input is delayed or lags."""
+"""An engine behind its commands: a substep at a time where an input is delayed or lags."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
+from simgap.config.plant import AddedEffect
 from simgap.effects import effect
 from simgap.effects.commands import InputEffect
 from simgap.errors import UserError
 from simgap.plants.model_file import Link
 from simgap.simulators.base import Simulator
 from simgap.simulators.commands import CommandMemory, CommandPath, command_paths
-from simgap.simulators.joints import JointPlant
 
 
-def behind_commands(case: Case, plant: JointPlant, engine: Callable[[JointPlant, Any], Simulator]) -> Simulator:
-    """The engine for the plant of a case, its effects declared in `simulator.effects`.
+def behind_commands(case: Case, bare: Callable[[Sequence[AddedEffect]], Simulator]) -> Simulator:
+    """An engine behind the delayed and lagged commands of a case.
+
+    Args:
+        bare: the engine over one substep, on the plant's own states, with these effects.
 
     Raises:
         UserError: a lagged state of the plant that does not lag in the simulator.
     """
-    section: Any = case.simulator
-    lags = [plant.input_names.index(s.lag_of) for s in case.plant.states.values() if s.lag_of is not None]
-    lagging = {e.on for e in section.effects if effect(e.name).memory_state(e.on) is not None}
-    if not {plant.input_names[k] for k in lags} <= lagging:
+    section, inputs = case.simulator, list(case.plant.inputs)
+    assert section is not None
+    paths, tau = case_command_paths(case), case.domain.tau if case.domain is not None else 0.0
+    lags = check_lagged(case)
+    others = tuple(e for e in section.effects if not isinstance(effect(e.name), InputEffect))
+    return RememberingInputs(bare(others), paths, [inputs.index(n) for n in lags], tau, section.substeps)
+
+
+def check_lagged(case: Case) -> list[str]:
+    """The inputs whose lag is a state of the case.
+
+    Raises:
+        UserError: one that does not lag in the simulator.
+    """
+    effects = case.simulator.effects if case.simulator is not None else ()
+    lags = [s.lag_of for s in case.plant.states.values() if s.lag_of is not None]
+    if not set(lags) <= {e.on for e in effects if effect(e.name).memory_state(e.on) is not None}:
         slow = sorted({e.name for e in case.plant.effects if effect(e.name).memory_state(e.on) is not None})
         raise UserError(
             "a lagged input is a state of the plant, but does not lag in the simulator", key="simulator.effects",
             remedy=f"Add {slow} there too, or remove the state.",
         )  # fmt: skip
-    if not any(effect(e.name).remembers for e in section.effects):
-        return engine(plant, section)
-    paths = case_command_paths(case)
-    others = tuple(e for e in section.effects if not isinstance(effect(e.name), InputEffect))
-    a_step = replace(plant, tau=plant.tau / section.substeps)
-    bare = engine(a_step, section.model_copy(update={"substeps": 1, "effects": others}))
-    return RememberingInputs(bare, paths, lags, plant.tau, section.substeps)
+    return lags
 
 
 def acts_at_once(case: Case) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -9,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from simgap.arrays import Floats
-from simgap.config.plant import Integrator, SymbolicPlant
+from simgap.config.plant import AddedEffect, Integrator, SymbolicPlant
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.late import sympy as sp
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from simgap.config.case import Case
     from simgap.effects.base import Effect
     from simgap.model.sampled import NominalModel
+    from simgap.simulators.base import Simulator
 
 
 class EquationsSettings(EngineSection):
@@ -56,18 +58,25 @@ class EquationsEngine(MapEngine):
         step.step(np.empty((0, step.nx)), np.empty((0, step.nu)))  # compiled here, at no state: 0 may be a pole
 
     @classmethod
-    def build(cls, case: Case, folder: Path) -> EquationsEngine:
-        """The engine for a case.
+    def build(cls, case: Case, folder: Path) -> Simulator:
+        """The map, or, where earlier commands act on that no state holds, the map a substep at a time behind them.
 
         Raises:
-            UserError: equations that do not fit the plant's states and inputs, or an integrator that does not fit them.
+            UserError: equations that do not fit the plant's states and inputs, an integrator that does not fit them,
+                or a lagged state of the plant that does not lag in the simulator.
         """
-        return cls(_substep(case, folder), _section(case).substeps)
+        from simgap.simulators.behind_commands import behind_commands
+
+        if _carried(case):
+            return cls(_substep(case, folder), _section(case).substeps)
+        own = {n: s for n, s in case.plant.states.items() if s.lag_of is None}
+        bare = case.model_copy(update={"plant": case.plant.model_copy(update={"states": own})})
+        return behind_commands(case, lambda effects: cls(_substep(bare, folder, effects), 1))
 
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:
-        """Every effect on the plant itself; none that remembers earlier inputs, none of the readings."""
-        return not effect.remembers and effect.kind != "state"
+        """Every effect on the plant and its commands; none of the readings."""
+        return effect.kind != "state"
 
     @classmethod
     def of_its_own(cls, case: Case) -> bool:
@@ -84,7 +93,7 @@ class EquationsEngine(MapEngine):
         """
         from simgap.model.sampled import MOST_OPERATIONS
 
-        if _section(case).slopes == "sampled":
+        if _section(case).slopes == "sampled" or not _carried(case):
             return None
         step = _substep(case, folder)
         if step.too_long_to_write_out:
@@ -118,22 +127,37 @@ def _section(case: Case) -> EquationsSettings:
     return section
 
 
-def _substep(case: Case, folder: Path) -> NominalModel:
-    """The map over one substep: the plant with the equations, effects and integrator of the simulator."""
+def _carried(case: Case) -> bool:
+    """Whether states of the case hold all that the simulator remembers of earlier commands."""
+    from simgap.effects import effect
+    from simgap.effects.commands import MemoryInputEffect
+
+    kinds = [(effect(e.name), e) for e in _section(case).effects]
+    return all(
+        kind.memory_state(e.on) in case.plant.states and kind.seconds(e.parameters)[0] == 0.0
+        for kind, e in kinds
+        if isinstance(kind, MemoryInputEffect)
+    )
+
+
+def _substep(case: Case, folder: Path, effects: Sequence[AddedEffect] | None = None) -> NominalModel:
+    """The map over one substep: the plant with the equations, effects and integrator of the simulator.
+
+    Args:
+        effects: in place of all those that the simulator acts out.
+    """
     from simgap.plants.plant_model import PlantModel
 
     section = _section(case)
     if case.domain is None:
         raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
-    if any(state.lag_of is not None for state in case.plant.states.values()):
-        raise UserError(
-            "equations do not act out a lagged input", key="simulator.engine", remedy="Use an engine of joints."
-        )
-    changes: dict[str, object] = {"integrator": section.integrator, "effects": section.effects}
+    added = section.effects if effects is None else tuple(effects)
+    changes: dict[str, object] = {"integrator": section.integrator, "effects": added}
     if section.equations is not None:
-        if set(section.equations.dynamics) != set(case.plant.states):
+        own = [n for n, state in case.plant.states.items() if state.lag_of is None]
+        if set(section.equations.dynamics) != set(own):
             raise UserError(
-                f"dynamics are given for {sorted(section.equations.dynamics)}, states are {sorted(case.plant.states)}",
+                f"dynamics are given for {sorted(section.equations.dynamics)}, states are {sorted(own)}",
                 key="simulator.equations.dynamics",
             )
         changes |= {"urdf": None, "symbolic": section.equations}

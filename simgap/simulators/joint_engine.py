@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +44,15 @@ class JointEngine(Engine):
         Raises:
             UserError: no model file, no domain, or a lagged state of the plant that does not lag in the simulator.
         """
-        from simgap.simulators.behind_commands import behind_commands
+        from simgap.effects import effect
+        from simgap.simulators.behind_commands import behind_commands, check_lagged
         from simgap.simulators.joints import joint_plant
 
-        return behind_commands(case, joint_plant(case, folder), cls)
+        plant, section = joint_plant(case, folder), case.simulator
+        check_lagged(case)
+        if section is None or not any(effect(e.name).remembers for e in section.effects):
+            return cls(plant, section)
+        a_step = replace(plant, tau=plant.tau / section.substeps)
+        return behind_commands(
+            case, lambda effects: cls(a_step, section.model_copy(update={"substeps": 1, "effects": effects}))
+        )

@@ -37,8 +37,8 @@ LARGEST_ROLLOUTS = 2_000_000
 """Most roll-outs (cells of `grid.eps` times inputs) with a lag as a state."""
 LARGEST_PAIRS = 100_000_000
 """Most pairs of a cell of `synthesis.cells` and an input with a lag as a state."""
-LAG_CELLS = 24
-"""Cells of the abstraction along a lagged input."""
+LAG_CELLS, LAG_SAMPLES, LAG_BLOCKS = 24, 4, 2
+"""Along a lagged input: cells of the abstraction, of a grid of half-widths, and of a bound in blocks."""
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,14 @@ def plan(case: Case, applied: Sequence[AppliedEffect]) -> Augmentation:
         return Augmentation({}, False, ())
     ranges = {on: _felt(case.domain.U[on], applied, on) for on in lagged}
     words = []
-    fits = lagged and case.plant.symbolic is None and _rollouts(case, ranges) and _pairs(case, len(lagged))
+    fits = bool(lagged) and _rollouts(case, ranges) and _pairs(case, len(lagged))
     if lagged:
         names = ", ".join(f"{on}_lagged" for on in lagged)
         words.append(
             f"The lag is a state of the model: {names}, which the controller computes from its own commands."
             if fits
             else "The lag is not in the sampled model: as a state it would exceed "
-            f"{LARGEST_ROLLOUTS:,} roll-outs or {LARGEST_PAIRS:,} pairs, or this plant cannot take it. Gamma covers it."
+            f"{LARGEST_ROLLOUTS:,} roll-outs or {LARGEST_PAIRS:,} pairs. Gamma covers it."
         )
     pending = bool(delays) and _one_sample(case, delays) and not fits
     if delays:
@@ -104,10 +104,15 @@ def augment(content: dict[str, Any], case: Case, chosen: Augmentation) -> None:
             continue
         content["plant"]["states"][name] = {"unit": case.plant.inputs[on].unit, "lag_of": on}
         content["domain"]["X"][name] = list(ends)
+        if case.grid is not None and case.grid.half_widths:
+            content["grid"]["half_widths"][name] = (ends[1] - ends[0]) / (2 * LAG_SAMPLES)
         if case.synthesis is not None:
             content["synthesis"]["cells"] = [*content["synthesis"]["cells"], LAG_CELLS]
-        if case.gap is not None and isinstance(content["gap"]["basis"], list):
-            content["gap"]["basis"] = [*content["gap"]["basis"], name]
+        basis = content["gap"]["basis"] if case.gap is not None else None
+        if isinstance(basis, list):
+            content["gap"]["basis"] = [*basis, name]
+        elif isinstance(basis, dict) and basis.get("blocks"):
+            basis["blocks"] = [*basis["blocks"], LAG_BLOCKS]
     if chosen.pending:
         content["sensing"] = {**(content.get("sensing") or {}), "latency": 1, "latency_of": "input_delay"}
 
@@ -120,11 +125,13 @@ def _felt(values: InputSet, applied: Sequence[AppliedEffect], on: str) -> tuple[
 def _rollouts(case: Case, ranges: Mapping[str, tuple[float, float]]) -> bool:
     if case.grid is None or case.domain is None:
         return True
-    ends = [*(v for n, v in case.domain.X.items() if n not in {f"{on}_lagged" for on in ranges}), *ranges.values()]
-    if any(lo == hi for lo, hi in ends):
+    own = {n: v for n, v in case.domain.X.items() if n not in {f"{on}_lagged" for on in ranges}}
+    if any(lo == hi for lo, hi in (*own.values(), *ranges.values())):
         return False
-    if case.grid.eps is None:  # no half-width is given for the lagged input
-        return False
+    if case.grid.eps is None:
+        cells = [math.ceil((own[n][1] - own[n][0]) / (2 * h)) for n, h in case.grid.half_widths.items()]
+        return math.prod(cells) * LAG_SAMPLES ** len(ranges) * _inputs(case) <= LARGEST_ROLLOUTS
+    ends = [*own.values(), *ranges.values()]
     grid = Grid.covering(Box([lo for lo, _ in ends], [hi for _, hi in ends]), case.grid.eps)
     return math.prod(grid.cells) * _inputs(case) <= LARGEST_ROLLOUTS
 

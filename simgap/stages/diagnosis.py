@@ -21,6 +21,7 @@ from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder
 from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
+from simgap.effects import apply_effects
 from simgap.errors import UserError
 from simgap.io.atomic import atomic, write_text
 from simgap.io.documents import write_json
@@ -155,7 +156,8 @@ def conclude(
     """Bound what is left, write the answer, say it, then draw it: the content of `diagnosis.json`."""
     model, shifts = context.plant.corrected_by(found.applied)
     corrected = conditioned(model, _conditions(reading, context)), shifts
-    remainder = _remainder(context, section, corrected, found, reading)
+    remembering = conditioned(apply_effects(context.plant.corrected, found.applied), _conditions(reading, context))
+    remainder = _remainder(context, section, remembering, found, reading)
     case = context.case
     use = use_of(remainder, found.verdict, section.rig, case.gap is not None, case.hidden_state is not None)
     made_of = provenance("diagnosis", case, context.folder)
@@ -163,7 +165,7 @@ def conclude(
         simulated = measured_out(context, section, found, (reading.record.measured, reading.record.inputs))
     content = document(found, reading, look, remainder, use, context.units, made_of)
     content["simulator"] = simulated.document() if simulated is not None else None
-    _write(context, section, corrected, found, reading, content, use, simulated, paths, out_dir)
+    _write(context, section, (remembering, shifts), found, reading, content, use, simulated, paths, out_dir)
     tell(f"{content['verdict']}: {content['sentence']}")
     _show(context, corrected, found, reading, content, out_dir)
     return content
@@ -209,14 +211,13 @@ def _declared(context: Context, reading: Reading) -> SymbolicModel:
 
 
 def _remainder(
-    context: Context, section: MeasuredSection, corrected: Corrected, found: Diagnosis, reading: Reading
+    context: Context, section: MeasuredSection, model: SymbolicModel, found: Diagnosis, reading: Reading
 ) -> Remainder | None:
-    domain, (model, shifts) = context.case.domain, corrected
+    domain = context.case.domain
     return bound_remainder(
         found.windows,
         {name: found.sigma[name] for name in reading.record.measured},
         (_declared(context, reading), model),
-        shifts,
         domain.tau if domain is not None else 0.0,
         section.confidence,
         {s: ends for s, ends in domain.X.items() if s in model.state_names} if domain is not None else {},
@@ -250,7 +251,8 @@ def _write(
     )
     noise = {s: found.sigma[s] for s in reading.record.measured}
     columns = transition_columns(context, found.windows, noise, model, shifts, _as_declared(context, model))
-    units = {c: context.units[c.removeprefix("late_").removeprefix("next_")] for c in columns}
+    known = context.units | {v.name: v.unit for v in model.states}
+    units = {c: known[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
     for plugin in copied_plugins(context.case, context.folder, out_dir):
         with atomic(out_dir / plugin.file) as temporary:

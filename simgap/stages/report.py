@@ -175,11 +175,12 @@ def _inside(
     context: Context, later: Context, files: CorrectedFiles, found: Measured | None, gap: GapFunction
 ) -> dict[str, Mapping[str, float] | None]:
     """Measured transitions against both bounds, where the diagnosis kept them."""
-    if found is None or found.transitions is None or later.states != context.states:
+    if found is None or found.transitions is None:
         return {}
     document, rows = read_json(found.document), read_parquet(found.transitions)
-    noise = document["noise"] | ((document.get("remainder") or {}).get("estimated") or {})
-    sides = {"before": (context, gap, False), "after": (later, load_gap(files.gap, later).function, True)}
+    noise = document["noise"] | ((document.get("remainder") or {}).get("one_step") or {}).get("unresolved", {})
+    carried = later.states != context.states  # a lag is a state of the corrected case, whose commands come at once
+    sides = {"before": (context, gap, False), "after": (later, load_gap(files.gap, later).function, not carried)}
     return {
         side: share_inside(own, rows, own.plant.sampled, bound, noise, late)
         for side, (own, bound, late) in sides.items()

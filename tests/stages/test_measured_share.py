@@ -52,7 +52,7 @@ def test_the_share_is_that_of_a_count_by_hand(context):
     data = example.record(seed=4)
     rows = pa.table(transition_columns(context, example.windows(data), NOISE, context.plant.corrected, {"u": 0.02}, {}))
     start, then = stack(rows, ["q", "v"]), stack(rows, ["next_q", "next_v"])
-    assert len(start) == 3 * 19  # as many as the conformal bound rests on
+    assert len(start) == 3 * 17  # as many as the conformal bound rests on
     half = np.array([0.05, 0.3])
     gap = constant_gap(context, half)
     lo, hi = gap.bounds(start[:1], np.zeros((1, 1)))
@@ -60,10 +60,10 @@ def test_the_share_is_that_of_a_count_by_hand(context):
     got = share_inside(context, rows, Exact(), gap, noise, late=False)
     assert got["transitions"] == len(start)
     assert got["share"] == np.mean(np.all((then - start >= lo) & (then - start <= hi), axis=1))
-    # two independent normals of sqrt(2) sigma inside the symmetric bound
+    # two independent normals inside the symmetric bound
     from scipy.stats import norm
 
-    want = np.prod([2 * norm.cdf(h / (np.sqrt(2) * s)) - 1 for h, s in zip(half, noise.values(), strict=True)])
+    want = np.prod([2 * norm.cdf(h / s) - 1 for h, s in zip(half, noise.values(), strict=True)])
     assert got["noise_alone"] == pytest.approx(want, abs=0.05)
 
 
@@ -75,8 +75,8 @@ def test_files_under_other_conditions_than_the_declared_are_not_held_against_the
         weight = np.full((len(w.t), 1), 1.5 if k % 8 == 2 else 2.5)
         windows.append(replace(w, inputs=np.hstack([w.inputs, weight])))
     both, one = (transition_columns(context, windows, NOISE, model, {}, declared) for declared in ({}, {"w": 1.5}))
-    assert len(both["q"]) == 3 * 19
-    assert len(one["q"]) == 2 * 19  # of windows 2 and 10, not 6
+    assert len(both["q"]) == 51
+    assert len(one["q"]) == 34  # of windows 2 and 10, not 6
     assert set(one) == {"q", "v", "u", "late_u", "next_q", "next_v"}
 
 

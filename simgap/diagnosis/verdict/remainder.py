@@ -1,9 +1,10 @@
 """What is left after the correction, bounded from held-out transitions: a split-conformal one-step bound.
 
-The residual of a transition is `y_i(t + tau) - F_i(x(t), u)`, with F the model integrated in fine steps, as the
-simulator of a corrected case is (what the steps of the nominal map miss of that is in the gap already). Under known
-conditions it is divided by what a force does there over what it does under the declared ones: what is left is a force,
-which moves a light arm further than a heavy one. `near_rest` says how far the residuals reach.
+The size of a transition's remainder is what the smoothed readings say that the model misses in it, and as much more as
+they cannot tell from noise; the model is integrated in fine steps, as the simulator of a corrected case is (what the
+steps of the nominal map miss of that is in the gap already). Under known conditions it is divided by what a force does
+there over what it does under the declared ones: what is left is a force, which moves a light arm further than a heavy
+one. `near_rest` says how far the sizes reach.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from simgap.arrays import Floats, Ints
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.near_rest import NearRest, Sizes, bound, slow_and_fast
 from simgap.diagnosis.verdict.pieces import Left, pieces
-from simgap.diagnosis.verdict.transitions import Transitions, force_ratio, held, seen, transitions, within
+from simgap.diagnosis.verdict.transitions import Transitions, force_ratio, known_states, transitions, within
 from simgap.model.symbolic import SymbolicModel
 from simgap.split_conformal import attained, fewest
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """One-step bounds of |measured - predicted|, by state.
+    """One-step bounds of |true - predicted|, by state.
 
     Attributes:
         tau: the step, s.
@@ -34,11 +35,10 @@ class Remainder:
             rests on; by_run: whether runs differ, so that they are the pieces; runs: how many were held out.
         before, after: state -> bound under the declared and the corrected model; inf if there are too few transitions.
         rest_before, rest_after: where the velocity is small a wider bound stands beside these; None: nowhere.
-        one_step: "before", "after", "noise_floor" -> state -> RMS of the one-step residual on held-out data; the floor
-            is the noise of both ends.
-        noise_only: state -> what the bound would be if measurement noise were all there is.
+        one_step: "before", "after" -> state -> RMS of what the model misses in a step on held-out data;
+            "unresolved" -> state -> what of it noise may be.
         inside: share of the held-out transitions inside the bound, for the corrected model.
-        estimated: velocity that was derived from its position -> noise of the estimate.
+        estimated: velocities that were derived from their positions.
         unbounded: states that were neither measured nor derived.
         statement: the coverage in words.
     """
@@ -54,9 +54,8 @@ class Remainder:
     after: Mapping[str, float]
     rest_before: NearRest | None
     rest_after: NearRest | None
-    noise_only: Mapping[str, float]
     inside: float
-    estimated: Mapping[str, float]
+    estimated: tuple[str, ...]
     unbounded: tuple[str, ...]
     statement: str
     one_step: Mapping[str, Mapping[str, float]]
@@ -64,13 +63,13 @@ class Remainder:
 
 @dataclass(frozen=True, eq=False)
 class _Bound:
-    """Of one model: state -> bound, state -> RMS on held-out data, bound near rest, the first as (k,), share inside;
-    how many held-out transitions, independent pieces and runs it rests on, and whether runs are the pieces."""
+    """Of one model: state -> bound, state -> RMS on held-out data and what noise may be of it, bound near rest, share
+    inside; how many held-out transitions, independent pieces and runs it rests on, and whether runs are the pieces."""
 
     by: Mapping[str, float]
     rms: Mapping[str, float]
+    unresolved: Mapping[str, float]
     rest: NearRest | None
-    limit: Floats
     inside: float
     count: int
     pieces: int
@@ -82,19 +81,17 @@ def bound_remainder(
     windows: Sequence[WindowPrediction],
     sigma: Mapping[str, float],
     models: tuple[SymbolicModel, SymbolicModel],
-    shifts: Mapping[str, float],
     tau: float,
     level: float,
     X: Mapping[str, tuple[float, float]] | None = None,
     declared: Mapping[str, float] | None = None,
 ) -> Remainder | None:
-    """Bound the one-step residual from the windows that were held out.
+    """Bound what a model misses in one step from the windows that were held out.
 
     Args:
         windows: with measured channels, inputs, and the states that the corrected model gives where none was measured.
         sigma: noise of each measured state, in the order of the columns.
-        models: declared and corrected, over the same states.
-        shifts: seconds by which inputs act later in the corrected model.
+        models: declared and corrected; this has what remembers earlier commands as further states and delays.
         tau: sampling time, s; at least the interval of the data is used.
         level: coverage, such as 0.95.
         X: state -> where the bound is asked for; transitions that begin elsewhere, or that the corrected model takes
@@ -104,59 +101,66 @@ def bound_remainder(
     Returns:
         None if nothing was held out, or no held-out window is longer than a step and begins in X.
     """
-    known = seen(windows, sigma, models[1])
-    kept, fitted = ([w for w in known.windows if w.held_out is out] for out in (True, False))
+    kept = [w for w in windows if w.held_out]
     if not kept:
         return None
     step = max(tau, float(np.median(np.concatenate([np.diff(w.t) for w in kept]))))
-    names, bounds = list(known.sigma), []
-    for model, late in zip(models, ({}, shifts), strict=True):
-        parts = [within(transitions(ws, names, models[1], late, step), models[1], X or {}) for ws in (fitted, kept)]
-        if not len(parts[1].start):
-            return None
-        bounds.append(_bound(model, (parts[0], parts[1]), names, level, X or {}, declared or {}))
+    names = known_states(models[0], list(sigma))
+    bounds = [_bound(model, windows, sigma, names, step, level, X or {}, declared or {}) for model in models]
     first, last = bounds
-    noise = _noise_only(np.array(list(known.sigma.values())), last.limit, level)
+    if first is None or last is None:
+        return None
     missing = tuple(n for n in models[0].state_names if n not in names)
     finite = all(math.isfinite(v) for v in last.by.values())
     confidence = attained(last.pieces, level) if finite else 0.0
     statement = _statement(level, confidence, last, step, missing) if finite else _too_few(last.count, level)
-    one_step = {
-        "before": first.rms, "after": last.rms, "noise_floor": {n: math.sqrt(2.0) * s for n, s in known.sigma.items()}
-    }  # fmt: skip
+    one_step = {"before": first.rms, "after": last.rms, "unresolved": last.unresolved}
+    derived = tuple(n for n in names if n not in sigma)
     return Remainder(
         step, level, last.count, confidence, last.pieces, last.by_run, last.runs,
-        first.by, last.by, first.rest, last.rest,
-        dict(zip(names, noise.tolist(), strict=True)), last.inside, {n: known.sigma[n] for n in known.estimated},
-        missing, statement + _derived(known.estimated) + _near_rest(last.rest, confidence), one_step,
+        first.by, last.by, first.rest, last.rest, last.inside, derived, missing,
+        statement + _derived(derived) + _near_rest(last.rest, confidence), one_step,
     )  # fmt: skip
 
 
 def _bound(
-    model: SymbolicModel, parts: tuple[Transitions, Transitions], names: Sequence[str], level: float,
-    X: Mapping[str, tuple[float, float]], declared: Mapping[str, float],
-) -> _Bound:  # fmt: skip
-    plain = [_residuals(part, names, model) for part in parts]
-    forces = [r / force_ratio(model, part, names, declared) for r, part in zip(plain, parts, strict=True)]
-    piece, by_run = _pieces(parts, forces)
-    fitted = Sizes(np.abs(forces[0]), _speeds(parts[0], model))
-    fresh = Sizes(np.abs(forces[1]), _speeds(parts[1], model), piece)
+    model: SymbolicModel, windows: Sequence[WindowPrediction], sigma: Mapping[str, float], names: Sequence[str],
+    step: float, level: float, X: Mapping[str, tuple[float, float]], declared: Mapping[str, float],
+) -> _Bound | None:  # fmt: skip
+    """Of one model; None if no transition that was held out begins in X."""
+    smoothed = transitions(windows, sigma, model, step, level)
+    parts = (within(smoothed, model, X, False), within(smoothed, model, X, True))
+    if not len(parts[1].start):
+        return None
+    place = [model.state_names.index(n) for n in names]
+    ratios = [force_ratio(model, part, names, declared) for part in parts]
+    forces = [part.missed[:, place] / r for part, r in zip(parts, ratios, strict=True)]
+    sizes = [np.abs(f) + part.beyond[:, place] / r for f, part, r in zip(forces, parts, ratios, strict=True)]
+    rng = np.random.default_rng(0)  # what is hidden does not last because a smoothed number does
+    piece, by_run = _pieces(
+        parts,
+        [
+            p.missed[:, place] + rng.standard_normal((len(p.at), 1)) * p.spread[:, place] / r
+            for p, r in zip(parts, ratios, strict=True)
+        ],
+    )
+    fitted, fresh = Sizes(sizes[0], _speeds(parts[0], model)), Sizes(sizes[1], _speeds(parts[1], model), piece)
     split = slow_and_fast(fitted, fresh, level, {n: 0.5 * (hi - lo) for n, (lo, hi) in X.items()})
     limit = bound(fitted, fresh, level) if split is None else split.fast
-    by, rest = dict(zip(names, limit.tolist(), strict=True)), None
-    inside = np.all(fresh.residual <= limit, axis=1)
+    rest, inside = None, np.all(fresh.residual <= limit, axis=1)
     if split is not None:
         rest = NearRest(split.velocity, split.below, dict(zip(names, split.slow.tolist(), strict=True)), split.own)
         slow = fresh.speed[split.velocity] <= split.below
         inside = np.where(slow, np.all(fresh.residual <= split.slow, axis=1), inside)
-    rms = dict(zip(names, np.sqrt(np.mean(plain[1] ** 2, axis=0)).tolist(), strict=True))
+    missed, squares = parts[1].missed[:, place], parts[1].spread[:, place] ** 2
+    rms, unresolved = (np.sqrt(np.mean(each, axis=0)).tolist() for each in (missed**2 + squares, squares))
     return _Bound(
-        by,
-        rms,
+        dict(zip(names, limit.tolist(), strict=True)),
+        dict(zip(names, rms, strict=True)),
+        dict(zip(names, unresolved, strict=True)),
         rest,
-        limit,
         float(np.mean(inside)),
-        len(plain[1]),
+        len(fresh.residual),
         fresh.count if split is None else split.pieces,
         len(set(parts[1].trace)),
         by_run,
@@ -181,19 +185,6 @@ def _speeds(part: Transitions, model: SymbolicModel) -> dict[str, Floats]:
     return {c.velocity: np.abs(part.start[:, model.state_names.index(c.velocity)]) for c in model.coordinates}
 
 
-def _noise_only(sigma: Floats, scale: Floats, level: float) -> Floats:
-    """The same bound for residuals that are the difference of two noisy readings and nothing else (seeded draws)."""
-    draws = np.random.default_rng(0).standard_normal((20_000, len(sigma))) * np.sqrt(2.0) * sigma
-    if not np.all(np.isfinite(scale)):
-        return scale
-    return scale * float(np.quantile(np.max(np.abs(draws) / scale, axis=1), level))
-
-
-def _residuals(part: Transitions, names: Sequence[str], model: SymbolicModel) -> Floats:
-    """Measured minus predicted one step later: (n, k)."""
-    return part.then - held(model, part)[:, [model.state_names.index(n) for n in names]]
-
-
 def _near_rest(rest: NearRest | None, confidence: float) -> str:
     if rest is None:
         return ""
@@ -209,7 +200,7 @@ def _derived(names: Sequence[str]) -> str:
     if not names:
         return ""
     was = "was" if len(names) == 1 else "were"
-    return f" {', '.join(names)} {was} derived from positions by local cubics, an estimate of what was not measured."
+    return f" {', '.join(names)} {was} derived from positions by the model, an estimate of what was not measured."
 
 
 def _percent(probability: float) -> str:
@@ -233,6 +224,7 @@ def _statement(level: float, confidence: float, own: _Bound, step: float, missin
         f"Split conformal: a further transition over {step:.4g} s, {of} exchangeable with these, lies within the bound "
         "of the model in all measured states at once with probability at least "
         f"{_percent(confidence)}{few}. It rests on {own.count:,} held-out transitions, which "
-        f"are {own.pieces:,} {pieces}; no smaller share of the fitted ones is inside.{one} Measurement noise is inside "
-        f"the bound. This is not a bound for every state.{rest}"
+        f"are {own.pieces:,} {pieces}; no smaller share of the fitted ones is inside.{one} It is what is left beyond "
+        "the noise of the readings, which are smoothed for it: assumed are white noise, of the stated size "
+        f"at most, and a remainder that does not alternate from step to step. It is no bound for every state.{rest}"
     )

@@ -1,29 +1,31 @@
-"""Transitions over one sampling time, cut out of the windows of a diagnosis.
+"""Transitions over one sampling time, as the smoothed readings of a diagnosis tell them.
 
-A controller holds its command over the sampling time; a recording often has several commands in it. The model says what
-such a change within the step did, and the measured end is freed of it, so that a transition is always one of a command
-held at its mean. A velocity that was not measured is taken from its position by local cubics (Savitzky and Golay 1964):
-an estimate, with the noise of the position that goes through the filter.
+A controller holds its command over the sampling time; a recording often has several commands in it. The smoothed state
+at the begin of a step, the model under the mean of the commands, and what the model misses in the step make a
+transition of a command that is held. `smoothing` tells what is missed from the noise of the readings.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.arrays import Floats
+from simgap.arrays import Bools, Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.missing import compiled
+from simgap.diagnosis.verdict.smoothing import Plant, Stretch, missed_by
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
-from simgap.savitzky_golay import savgol_coeffs, savgol_filter
 
-_SPAN_S, _FEWEST, _ORDER = 0.05, 5, 3
-_INNER, _MOST = 20, 1000
+_INNER, _MOST = 8, 200
 """Steps of the integration within an interval of the recording, and the most within a transition."""
+_STEPS, _ENDS = 20, 4
+"""Steps that are smoothed together: what lasts is seen best, and an unstable plant stays near its path. Where there are
+as many as the second, the first and the last are left out: nothing is read on one side of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,106 +34,149 @@ class Transitions:
 
     Attributes:
         start: (n, states and inputs) where each begins, the states first; the inputs are means over the step.
-        then: (n, k) what is measured a step later, under inputs held at these means.
+        missed: (n, nx) what the model misses at the end, as far as the readings tell it; spread: its standard
+            deviation; beyond: how much more it may be.
         seconds: length of the step; pieces: into how many an integration takes it.
-        trace: (n,) name of the recording that each is of; at: (n,) when it begins there, s.
+        trace: (n,) name of the recording that each is of; at: (n,) when it begins there, s; held_out: (n,).
     """
 
     start: Floats
-    then: Floats
+    missed: Floats
+    spread: Floats
+    beyond: Floats
     seconds: float
     pieces: int
     trace: NDArray[np.str_]
     at: Floats
+    held_out: Bools
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """Windows and the states that are known in them.
-
-    Attributes:
-        windows: neighbouring ones of a trace as one; `measured` has a column for each state here.
-        sigma: state -> noise, in the order of the columns; estimated: those that were derived from positions.
-    """
-
-    windows: tuple[WindowPrediction, ...]
-    sigma: Mapping[str, float]
-    estimated: tuple[str, ...]
-
-
-def seen(windows: Sequence[WindowPrediction], sigma: Mapping[str, float], model: SymbolicModel) -> Seen:
-    """The windows laid together, with the velocities of coordinates whose position alone was measured.
-
-    Args:
-        sigma: noise of each measured state, in the order of the columns; model: has the coordinates.
-    """
-    whole = _joined(windows)
-    missing = {c.velocity: c.position for c in model.coordinates if c.velocity not in sigma and c.position in sigma}
-    steps = [np.diff(w.t) for w in whole]
-    if not missing or not steps:
-        return Seen(tuple(whole), dict(sigma), ())
-    dt = float(np.median(np.concatenate(steps)))
-    size = max(_FEWEST, 2 * round(0.5 * _SPAN_S / dt) + 1)
-    through = float(np.linalg.norm(savgol_coeffs(size, _ORDER, deriv=1, delta=dt)))
-    more = {velocity: through * sigma[position] for velocity, position in missing.items()}
-    columns = [list(sigma).index(position) for position in missing.values()]
-    long = [_with_velocities(w, columns, size, dt) for w in whole if len(w.t) > 2 * size]
-    return Seen(tuple(long), dict(sigma) | more, tuple(missing))
+def known_states(model: SymbolicModel, measured: Sequence[str]) -> list[str]:
+    """Those that are measured, and the velocities of coordinates whose position is."""
+    derived = {c.velocity for c in model.coordinates if c.position in measured}
+    return [n for n in model.state_names if n in measured or n in derived]
 
 
 def transitions(
-    windows: Sequence[WindowPrediction], measured: Sequence[str], model: SymbolicModel, late: Mapping[str, float],
-    step: float,
+    windows: Sequence[WindowPrediction], sigma: Mapping[str, float], model: SymbolicModel, step: float, level: float,
 ) -> Transitions:  # fmt: skip
-    """Steps of `step` seconds in the windows of `seen`.
+    """Steps of `step` seconds in the windows, smoothed together.
 
-    A state that was not measured is what the corrected model makes of it; an input is its mean over the step, `late`
-    seconds earlier. `model` says what commands that change within a step did.
+    Args:
+        sigma: noise of each measured state, in the order of the columns.
+        model: its delays act; what remembers earlier commands otherwise are states of it.
+        level: of the interval at whose upper end the size of what is missed is taken.
     """
+    whole = [w for w in _joined(windows) if w.t[-1] - w.t[0] >= step * (1 - 1e-9)]
+    dt = min((float(np.median(np.diff(w.t))) for w in whole), default=step)
+    pieces = min(max(_INNER * int(np.ceil(step / dt * (1 - 1e-9))), 2 * _INNER), _MOST)
+    parts = [part for w in whole for part in _parts(w, step)]
     names, nx = [*model.state_names, *model.input_names], len(model.state_names)
-    begin, end = [np.zeros((0, len(names)))], [np.zeros((0, len(measured)))]
-    traces, stamps = [np.zeros(0, dtype=str)], [np.zeros(0)]
-    dt = [float(np.median(np.diff(w.t))) for w in windows]
-    samples = int(np.ceil(step / min(dt) * (1 - 1e-9))) if dt else 1
-    pieces = max(min(_INNER * samples, _MOST), samples)
-    for w in windows:
-        at = np.arange(w.t[0], w.t[-1] - step * (1 + 1e-9), step)
-        own = np.full(len(at), w.trace)
-        columns = {n: np.interp(at, w.t, w.states[:, i]) for i, n in enumerate(names[:nx])}
-        columns |= {n: np.interp(at, w.t, w.measured[:, k]) for k, n in enumerate(measured)}
-        columns |= {n: mean_input(w, j, at - late.get(n, 0.0), step) for j, n in enumerate(names[nx:])}
-        start = np.stack([columns[n] for n in names], axis=1)
-        then = np.stack([np.interp(at + step, w.t, w.measured[:, k]) for k in range(len(measured))], axis=1)
-        if samples > 1 and len(at):
-            true = _integrated(model, start[:, :nx], _commands(w, at, model, late), step, pieces)
-            moved = true - held(model, Transitions(start, then, step, pieces, own, at))
-            then = then - moved[:, [model.state_names.index(n) for n in measured]]
-        begin.append(start)
-        end.append(then)
-        traces.append(own)
-        stamps.append(at)
-    whole = (np.concatenate(parts) for parts in (traces, stamps))
-    return Transitions(np.concatenate(begin), np.concatenate(end), step, pieces, *whole)
+    if not parts:
+        empty = np.zeros((0, nx))
+        return Transitions(
+            np.zeros((0, len(names))),
+            empty,
+            empty,
+            empty,
+            step,
+            pieces,
+            np.zeros(0, str),
+            np.zeros(0),
+            np.zeros(0, bool),
+        )
+    plant = _plant(model, sigma, whole, step, max(count for _, _, count in parts), pieces)
+    stretches = [_stretch(w, first, count, plant, model) for w, first, count in parts]
+    found = missed_by(plant, stretches, level)
+    inner = [range(1, count - 1) if count >= _ENDS else range(count) for _, _, count in parts]
+    rows = [(k, m) for k, own in enumerate(inner) for m in own]
+    k, m = np.array(rows).T
+    means = np.stack([s.inputs.reshape(plant.steps, pieces, -1).mean(axis=1) for s in stretches])
+    begins = np.array([parts[i][1] for i in k]) + step * m
+    return Transitions(
+        np.hstack([found.at[k, m], means[k, m]]), found.by[k, m], found.spread[k, m], found.beyond[k, m], step, pieces,
+        np.array([parts[i][0].trace for i in k]), begins, np.array([parts[i][0].held_out for i in k]),
+    )  # fmt: skip
+
+
+def commands(
+    windows: Sequence[WindowPrediction], part: Transitions, inputs: Sequence[str], late: Mapping[str, float]
+) -> Floats:
+    """Means of the recorded inputs over the transitions of these windows, each input by its seconds earlier: (n, m)."""
+    found = np.zeros((len(part.at), len(inputs)))
+    for w in _joined(windows):
+        own = (part.trace == w.trace) & (part.at >= w.t[0]) & (part.at <= w.t[-1])
+        for j, n in enumerate(inputs):
+            found[own, j] = mean_input(w, j, part.at[own] - late.get(n, 0.0), part.seconds)
+    return found
+
+
+def _parts(w: WindowPrediction, step: float) -> list[tuple[WindowPrediction, float, int]]:
+    """A window cut into stretches of nearly the same number of steps: (window, begin in s, steps)."""
+    steps = int((w.t[-1] - w.t[0]) / step * (1 + 1e-9))
+    edges = np.linspace(0, steps, -(-steps // _STEPS) + 1).astype(int)
+    return [(w, float(w.t[0] + a * step), int(b - a)) for a, b in itertools.pairwise(edges)]
+
+
+def _plant(
+    model: SymbolicModel, sigma: Mapping[str, float], windows: Sequence[WindowPrediction], step: float, steps: int,
+    pieces: int,
+) -> Plant:  # fmt: skip
+    names, known = list(model.state_names), known_states(model, list(sigma))
+    kinematic = {c.position for c in model.coordinates}
+    sizes = {n: 1e-3 * max(float(np.std(np.concatenate([w.states[:, i] for w in windows]))), 1e-9)
+             for i, n in enumerate(names[: windows[0].states.shape[1]])}  # fmt: skip
+    sizes |= {c.velocity: sigma[c.position] / step for c in model.coordinates if c.position in sigma} | dict(sigma)
+    varied = np.array([sizes.get(n, 1e-3) for n in names])
+    rate = compiled(list(model.numeric()), [*names, *model.input_names])
+    moved = [names.index(n) for n in known if n not in kinematic]
+    return Plant(
+        rate, [names.index(n) for n in sigma], moved, np.array(list(sigma.values())), varied, step, steps, pieces
+    )
+
+
+def _stretch(w: WindowPrediction, first: float, count: int, plant: Plant, model: SymbolicModel) -> Stretch:
+    inside = (w.t >= first - 1e-9) & (w.t <= first + count * plant.step * (1 + 1e-9))
+    at = np.asarray(first + plant.step / plant.pieces * np.arange(plant.steps * plant.pieces, dtype=np.float64))
+    late = [float(model.delays.get(n, 0.0)) for n in model.input_names]
+    inputs = [mean_input(w, j, at - late[j], plant.step / plant.pieces) for j in range(len(late))]
+    begin = int(np.argmax(inside))
+    start = np.zeros(len(model.state_names))
+    start[: w.states.shape[1]] = w.states[begin, : len(start)]
+    for k, i in enumerate(plant.measured):
+        start[i] = w.measured[begin, k]
+    for i, n in enumerate(model.state_names):
+        if i >= w.states.shape[1]:  # the output of a lag, near its command
+            start[i] = inputs[model.input_names.index(n.removesuffix("_lagged"))][0]
+    used = np.ones_like(w.measured) if w.used is None else w.used
+    columns = np.stack(inputs, axis=1) if inputs else np.zeros((len(at), 0))
+    return Stretch(w.t[inside] - first, w.measured[inside], used[inside], columns, start, w.held_out)
 
 
 def held(model: SymbolicModel, part: Transitions) -> Floats:
     """Where a model ends under inputs held at their means: (n, nx)."""
-    nx = len(model.state_names)
-    inputs = part.start[:, nx:].T
-    return _integrated(model, part.start[:, :nx], lambda _, __: inputs, part.seconds, part.pieces)
+    nx, h = len(model.state_names), part.seconds / part.pieces
+    rate = compiled(list(model.numeric()), [*model.state_names, *model.input_names])
+    x, u = part.start[:, :nx].T, part.start[:, nx:].T
+    for _ in range(part.pieces):
+        x = x + h * rate([*(x + 0.5 * h * rate([*x, *u])), *u])
+    return x.T
 
 
-def within(part: Transitions, model: SymbolicModel, X: Mapping[str, tuple[float, float]]) -> Transitions:
-    """Those that begin in X and that the model keeps there, as a controller takes no others.
+def within(
+    part: Transitions, model: SymbolicModel, X: Mapping[str, tuple[float, float]], held_out: bool | None = None
+) -> Transitions:
+    """Those that begin in X and that the model keeps there, as a controller takes no others; of one kind if asked.
 
     States that are not named may be anything.
     """
-    kept, end = np.ones(len(part.start), dtype=bool), held(model, part) if len(part.start) else part.start
+    kept = np.ones(len(part.start), dtype=bool) if held_out is None else part.held_out == held_out
+    end = held(model, part) if len(part.start) else part.start
     for name, (lo, hi) in X.items():
         for at in (part.start, end):
             column = at[:, model.state_names.index(name)]
             kept &= (column >= lo) & (column <= hi)
-    rows = {n: getattr(part, n)[kept] for n in ("start", "then", "trace", "at")}
+    rows = {n: getattr(part, n)[kept] for n in ("start", "missed", "spread", "beyond", "trace", "at", "held_out")}
     return replace(part, **rows)
 
 
@@ -169,32 +214,6 @@ def mean_input(w: WindowPrediction, j: int, starts: Floats, step: float) -> Floa
     return (integral(starts + step) - integral(starts)) / step
 
 
-Commands = Callable[[float, float], Floats]
-"""(seconds since the start, seconds) -> mean inputs of each transition over that piece, (m, n)."""
-
-
-def _commands(w: WindowPrediction, at: Floats, model: SymbolicModel, late: Mapping[str, float]) -> Commands:
-    """The inputs as they were recorded."""
-    shift = [late.get(n, 0.0) for n in model.input_names]
-
-    def mean(since: float, h: float) -> Floats:
-        each = [mean_input(w, j, at - shift[j] + since, h) for j in range(len(shift))]
-        return np.stack(each) if each else np.zeros((0, len(at)))
-
-    return mean
-
-
-def _integrated(model: SymbolicModel, x: Floats, commands: Commands, seconds: float, pieces: int) -> Floats:
-    """States after some seconds in steps of the explicit midpoint: (n, nx) -> (n, nx)."""
-    rate = compiled(list(model.numeric()), [*model.state_names, *model.input_names])
-    x, h = x.T.copy(), seconds / pieces
-    for k in range(pieces):
-        u = commands(k * h, h)
-        half = x + 0.5 * h * rate([*x, *u])
-        x = x + h * rate([*half, *u])
-    return x.T
-
-
 def _joined(windows: Sequence[WindowPrediction]) -> list[WindowPrediction]:
     """Neighbouring windows of a trace as one, in the order of time."""
     runs: list[list[WindowPrediction]] = []
@@ -211,19 +230,7 @@ def _joined(windows: Sequence[WindowPrediction]) -> list[WindowPrediction]:
 def _one(run: Sequence[WindowPrediction]) -> WindowPrediction:
     if len(run) == 1:
         return run[0]
-
-    def whole(name: str) -> Floats:
-        return np.concatenate([getattr(w, name) for w in run])
-
-    parts = (whole(n) for n in ("t", "measured", "before", "after", "states", "inputs"))
-    return WindowPrediction(run[0].trace, run[0].held_out, *parts)
-
-
-def _with_velocities(w: WindowPrediction, columns: Sequence[int], size: int, dt: float) -> WindowPrediction:
-    """More measured columns; the ends, where a local cubic is one-sided, are cut off."""
-    even = np.arange(w.t[0], w.t[-1], dt)
-    slopes = [savgol_filter(np.interp(even, w.t, w.measured[:, k]), size, _ORDER, deriv=1, delta=dt) for k in columns]
-    more = np.stack([np.interp(w.t, even, slope) for slope in slopes], axis=1)
-    inner = slice(size // 2, -(size // 2))
-    rows = (a[inner] for a in (w.t, np.hstack([w.measured, more]), w.before, w.after, w.states, w.inputs))
-    return WindowPrediction(w.trace, w.held_out, *rows)
+    names = ("t", "measured", "before", "after", "states", "inputs")
+    t, read, before, after, states, inputs = (np.concatenate([getattr(w, n) for w in run]) for n in names)
+    used = np.concatenate([np.ones_like(w.measured) if w.used is None else w.used for w in run])
+    return replace(run[0], t=t, measured=read, before=before, after=after, states=states, inputs=inputs, used=used)
