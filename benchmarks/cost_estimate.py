@@ -19,10 +19,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from simgap.gap.sampling.points import own_point
+from simgap.io.job_times import JobTime, job_times
 from simgap.lint.costs import costs
 from simgap.lint.engine import of_engine
 from simgap.plants.context import Context
-from simgap.stages.times import JobTime, job_times
 
 ROOT = Path(__file__).parents[1]
 APART = 3.0

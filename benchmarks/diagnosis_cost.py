@@ -32,7 +32,7 @@ sys.path.insert(0, str(ROOT))
 
 from simgap.diagnosis import diagnose as module  # noqa: E402
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
-from simgap.diagnosis.reading.record import Record, Trace  # noqa: E402
+from simgap.diagnosis.record.record import Record, Trace  # noqa: E402
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings  # noqa: E402
 from simgap.diagnosis.simulation.supermodel import cached_supermodel  # noqa: E402
 from simgap.model.symbolic import (  # noqa: E402

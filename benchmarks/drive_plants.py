@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from drive_kinds import ROBOTS
 
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.model.symbolic import SymbolicModel
 from tests.effects.plants import unicycle

@@ -19,8 +19,8 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.simulator import Damping
+from simgap.gap.fitting.acceptance import check_fresh
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.fitting.fresh_check import check_fresh
 from simgap.gap.sampling.points import draw, product
 from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings

@@ -17,7 +17,7 @@ from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.tables import reduced_cells, reduced_size, table_meta, table_post
+from simgap.synthesis.abstraction.post import reduced_cells, reduced_size, table_meta, table_post
 
 ENLARGEMENT = 1e-10  # of a cell, before the growth and again after it
 TOGETHER = 1 << 18  # pairs of cell and input that are tabulated in one call

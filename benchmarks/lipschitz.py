@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import kstest, weibull_max
 
 from simgap.arrays import Floats
-from simgap.gap.lipschitz.evt import ReverseWeibull, fit_reverse_weibull, profile_upper, top_spacing_upper
+from simgap.gap.lipschitz.estimates import ReverseWeibull, fit_reverse_weibull, profile_upper, top_spacing_upper
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.thresholds import GATE
 from simgap.geometry import Box, Grid

@@ -113,7 +113,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "synthesis/abstraction/frame.py",
+        "synthesis/abstraction/post.py",
         KERNELS,
         ("the rounding pad of cells is dropped", "grow = data[4 * n + j] + data[5 * n + j]", "grow = data[4 * n + j]"),
         (
@@ -149,7 +149,7 @@ MUTANTS: list[Mutant] = [
         ("infinite posts become cells", "if not (-largest < lo and hi < largest):", "if not (-largest < lo):"),
     ),
     *_of(
-        "synthesis/abstraction/product.py",
+        "synthesis/abstraction/post.py",
         KERNELS,
         ("a group's gap ignores its last cell", "index[n - 1] += extra\n", "index[n - 1] += extra - 1\n"),
         (
@@ -201,7 +201,7 @@ MUTANTS: list[Mutant] = [
         ("rows have no empty bits behind them", "(count + farthest + 63) // 64", "(count + 63) // 64"),
     ),
     *_of(
-        "synthesis/games/windows.py",
+        "synthesis/input_sets.py",
         KERNELS,
         ("sensing windows do not wrap", "other %= cells", "other = min(max(other, 0), cells - 1)"),
         ("sensing windows miss their last cell", "range(-margin, margin + 1)", "range(-margin, margin)"),
@@ -214,7 +214,7 @@ MUTANTS: list[Mutant] = [
         ("measurements beyond X are not padded on both sides", "[c + 2 * int(p) for", "[c + int(p) for"),
     ),
     *_of(
-        "synthesis/abstraction/holes.py",
+        "synthesis/abstraction/cells.py",
         KERNELS,
         (
             "a box across the seam leaves the count",
@@ -374,7 +374,7 @@ MUTANTS: list[Mutant] = [
         ("nothing is extrapolated beyond the largest excess", "* r / (1.0 - r))", "* 0.0)"),
     ),
     *_of(
-        "gap/bounds/symmetry.py",
+        "gap/bounds/body_frame.py",
         BOUNDS,
         (
             "heading bounds are not rounded outward",
@@ -383,7 +383,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/memory/headings.py",
+        "gap/sampling/symmetry.py",
         BOUNDS,
         (
             "deviations between headings have a sign",
@@ -392,7 +392,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/bounds/rotation.py",
+        "gap/bounds/body_frame.py",
         SYMMETRY,
         (
             "a turned box misses its farthest point",
@@ -421,7 +421,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/lipschitz/compare.py",
+        "gap/lipschitz/estimates.py",
         RANGES,
         (
             "slopes are those of the lower end",
@@ -448,7 +448,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/fitting/side.py",
+        "gap/fitting/padding.py",
         RANGES,
         ("the padding per axis is not added", "raised = reach + fit.missing", "raised = fit.missing"),
         (
@@ -467,7 +467,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/fitting/fresh_check.py",
+        "gap/fitting/acceptance.py",
         BOUNDS,
         ("samples below the bound are not counted", "excess = np.maximum(lo - d, top - hi)", "excess = top - hi"),
         (
@@ -562,7 +562,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "specifications/surroundings.py",
+        "specifications/toward.py",
         PLACES,
         ("what just touches touches nothing", "np.flatnonzero(clearance <= 0.0)", "np.flatnonzero(clearance < 0.0)"),
         ("upper walls are not there", "np.minimum(at - self.walls[0], self.walls[1] - at)", "(at - self.walls[0])"),
@@ -574,7 +574,7 @@ MUTANTS: list[Mutant] = [
         ("a chord is its beginning", "np.linspace(0.0, 1.0, POINTS)", "np.linspace(0.0, 0.0, POINTS)"),
     ),
     *_of(
-        "gap/bounds/periodic.py",
+        "gap/bounds/function.py",
         TURNS,
         (
             "parts of a box across the seam lose their rounding",
@@ -588,7 +588,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "simulators/probe.py",
+        "simulators/supervision.py",
         PROBE,
         ("calls are repeated at once", "time.sleep(PAUSE)", "time.sleep(0.0)"),
         ("calls are not repeated later", "elif len(x) >= BLOCK:", "elif not tried:"),

@@ -24,7 +24,7 @@ sys.path.insert(0, str(ROOT))
 from kept_rows import Rows, asked, places  # noqa: E402
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
-from simgap.diagnosis.reading.record import Record, Trace  # noqa: E402
+from simgap.diagnosis.record.record import Record, Trace  # noqa: E402
 from simgap.diagnosis.result import DiagnosisSettings  # noqa: E402
 from tests.undeclared.nominals import nominal, record  # noqa: E402
 from tests.undeclared.rig.textbook import PLANTS, Hidden  # noqa: E402

@@ -23,7 +23,7 @@ sys.path.insert(0, str(ROOT))
 from kept_rows import Rows, asked, places  # noqa: E402
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
-from simgap.diagnosis.reading.record import Record, Trace  # noqa: E402
+from simgap.diagnosis.record.record import Record, Trace  # noqa: E402
 from simgap.diagnosis.result import DiagnosisSettings  # noqa: E402
 from tests.undeclared.nominals import nominal  # noqa: E402
 from tests.undeclared.rig.strange import MECHANISMS, strange_runs  # noqa: E402

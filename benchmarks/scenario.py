@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.gap.bounds.bases import Basis
+from simgap.gap.bounds.basis import Basis
 from simgap.gap.fitting.design import Design
 from simgap.gap.fitting.scenario import ScenarioResult, solve_scenario
 from simgap.geometry import Box, Grid

@@ -133,7 +133,7 @@ def _undeclared(kind: str, seed: int) -> Row:
 def _real(place: Row) -> Row:
     """A real set; what is right is what is known of it: friction on the rod, the payload's mass, no name by hand."""
     from simgap.diagnosis.diagnose import diagnose
-    from simgap.diagnosis.reading.record import Record
+    from simgap.diagnosis.record.record import Record
     from simgap.diagnosis.result import DiagnosisSettings
     from tests.diagnosis.plants import point_pendulum
 
@@ -169,7 +169,7 @@ def _real(place: Row) -> Row:
 
 
 def _trace(path: str, until: float, keys: Sequence[str]) -> Any:
-    from simgap.diagnosis.reading.record import Trace
+    from simgap.diagnosis.record.record import Trace
 
     table = np.genfromtxt(DATA / f"{path}.csv", delimiter=",", names=True)
     fresh = np.concatenate([[True], np.diff(table[keys[0]]) > 1e-6]) & (table[keys[0]] < until)

@@ -26,7 +26,7 @@ from kept_rows import Rows  # noqa: E402
 from strange_table import strange  # noqa: E402
 
 from simgap.diagnosis.diagnose import diagnose  # noqa: E402
-from simgap.diagnosis.reading.record import Record  # noqa: E402
+from simgap.diagnosis.record.record import Record  # noqa: E402
 from simgap.diagnosis.result import DiagnosisSettings  # noqa: E402
 from simgap.diagnosis.simulation.supermodel import build_supermodel  # noqa: E402
 from simgap.model.symbolic import SymbolicModel  # noqa: E402

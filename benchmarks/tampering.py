@@ -228,9 +228,9 @@ CHANGES: tuple[Change, ...] = (
 
 def cart() -> Any:
     """A cart with drag on a rail with a post at its left, that is to come to rest at its right; its bound is proven."""
+    from simgap.gap.bases import Expressions
     from simgap.gap.bounds.closed_form import ClosedFormGap
     from simgap.gap.fitting.fit import fit_gap
-    from simgap.gap.kinds.expressions import Expressions
     from simgap.gap.sampling.samples import GapSamples
     from simgap.gap.settings import GapSettings
     from simgap.geometry import Box, Grid

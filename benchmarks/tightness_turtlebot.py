@@ -22,15 +22,15 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import SimgapError
-from simgap.gap.bounds.bases import Basis
+from simgap.gap.bounds.basis import Basis
+from simgap.gap.bounds.body_frame import BodyFrameGap, nominal_motion
 from simgap.gap.bounds.load import from_json
-from simgap.gap.bounds.symmetry import BodyFrameGap, nominal_motion
+from simgap.gap.fitting.acceptance import check_fresh
 from simgap.gap.fitting.design import Design
-from simgap.gap.fitting.fresh_check import check_fresh
 from simgap.gap.fitting.scenario import solve_scenario
 from simgap.gap.memory.hidden_state import hull
 from simgap.gap.sampling.gap_samples import steps_of
-from simgap.gap.sampling.tables import AFTER_PREVIOUS, body_samples
+from simgap.gap.sampling.points import AFTER_PREVIOUS, body_samples
 from simgap.io.documents import read_json
 from simgap.plants.context import Context, pose_axes
 from simgap.stages.gap_inputs import samples_of

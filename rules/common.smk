@@ -5,10 +5,10 @@ import os
 import sys
 from pathlib import Path
 
-from simgap.io.follow import RUN, follow_the_run
+from simgap.io.runs import RUN, follow_the_run
 from simgap.config.load import load_case
 from simgap.config.reads import READS
-from simgap.config.recordings import matching
+from simgap.config.measured import matching
 from simgap.config.rig import case_of_rig
 from simgap.config.sweep import MARK, base_of, points_of_sweep
 from simgap.config.workflow import workflow_config
@@ -21,8 +21,8 @@ from simgap.gap.sampling.points import (
     shard_count,
 )
 from simgap.io.atomic import host, no_links_below
-from simgap.io.runs_here import LINKED, join
-from simgap.io.runs_here import announce
+from simgap.io.runs import LINKED, join
+from simgap.io.runs import announce
 from simgap.reading import is_file
 from simgap.provenance import (
     code_digest,

@@ -13,6 +13,7 @@ from simgap.bytecode import keep_bytecode
 from simgap.cache import keep_machine_code_by_sources
 
 if TYPE_CHECKING:
+    __version__: str
     from simgap.api import check, diagnose, load_gap, load_summary, new_case
     from simgap.config.load import load_case
     from simgap.errors import BrokenPromise, UserError
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BrokenPromise",
     "UserError",
+    "__version__",
     "check",
     "diagnose",
     "export_controller",
@@ -50,6 +52,10 @@ keep_machine_code_by_sources()
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("simgap")
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"simgap.{_ROOMS.get(name, 'api')}"), name)

@@ -1,7 +1,8 @@
-"""The two ways a run ends early: a person's mistake and a promise that does not hold."""
+"""What a person is told: a mistake or a broken promise, which end a run early, and a finding, which does not."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from simgap.notation import one_line
@@ -46,6 +47,15 @@ class BrokenPromise(SimgapError):
     def __init__(self, problem: str, remedy: str | None = None) -> None:
         text = f"{problem.rstrip('.')}. {remedy}" if remedy else problem
         super().__init__(one_line(text))
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a person would not expect, for which no run is refused: key or part of a file, what happens, what to do."""
+
+    key: str
+    problem: str
+    remedy: str
 
 
 def excerpt(value: object, longest: int = MOST_ECHOED) -> str:

@@ -13,11 +13,9 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.gap.bounds.bases import Basis
-from simgap.gap.bounds.forms import Form, make_form, negated
+from simgap.gap.bounds.basis import Basis, Form, make_form, negated, supremum
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.linear import LinearGap
-from simgap.gap.bounds.supremum import supremum
 from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box
 from simgap.late import sympy as sp

@@ -26,7 +26,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         "engines": MappingProxyType(
             {
                 "pybullet": "simgap.simulators.pybullet_joints:PyBulletJoints",
-                "pybullet_wheeled": "simgap.simulators.wheeled:PyBulletWheeled",
+                "pybullet_wheeled": "simgap.simulators.pybullet_wheeled:PyBulletWheeled",
                 "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
                 "equations": "simgap.simulators.equations:EquationsEngine",
                 "python": "simgap.simulators.python_function:PythonEngine",
@@ -37,10 +37,10 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         ),
         "bases": MappingProxyType(
             {
-                "expressions": "simgap.gap.kinds.expressions:Expressions",
-                "monomials": "simgap.gap.kinds.monomials:Monomials",
-                "trigonometric": "simgap.gap.kinds.trigonometric:Trigonometric",
-                "blocks": "simgap.gap.kinds.blocks:Blocks",
+                "expressions": "simgap.gap.bases:Expressions",
+                "monomials": "simgap.gap.bases:Monomials",
+                "trigonometric": "simgap.gap.bases:Trigonometric",
+                "blocks": "simgap.gap.bases:Blocks",
             }
         ),
         "effects": MappingProxyType(

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import sympy as sp
 
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.geometry import Box, Grid
 from simgap.judge import LEFT, Judge, strays
 from simgap.model.sampled import NominalModel
@@ -16,7 +16,7 @@ from simgap.specifications.monitor import Run
 from simgap.specifications.reach_avoid import Arriving
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.specifications.surroundings import Surroundings
+from simgap.specifications.toward import Surroundings
 
 PI = np.pi
 BOX = Box([0.0, 0.0, -PI], [6.0, 1.0, PI])

@@ -48,14 +48,14 @@ def test_code_that_a_stage_reaches():
     elsewhere = ("games/", "abstraction/", "synthesis/", "diagnosis/", "lipschitz/", "fitting/")
     assert not any(name.startswith(elsewhere) for name in reached("rollouts"))
     where_it_is_asked = {
-        *("sampling/points", "sampling/tables", "memory/hidden_state", "memory/histories"),
+        *("sampling/points", "memory/hidden_state", "memory/histories"),
         *("bounds/previous", "gap/thresholds", "gap/json_record"),
     }
     of_the_gap = ("gap/", "sampling/", "memory/", "bounds/")
     assert {name for name in reached("rollouts") if name.startswith(of_the_gap)} <= where_it_is_asked
     assert {"fitting/scenario", "fitting/padding"} <= reached("scp")
     assert not {"fitting/scenario", "fitting/padding"} & reached("lipschitz")
-    assert "lipschitz/evt" in reached("lipschitz") - reached("scp") - reached("gap")
+    assert "lipschitz/estimates" in reached("lipschitz") - reached("scp") - reached("gap")
     assert not any(name.startswith("games/inv") for name in reached("gap"))
 
 
@@ -181,7 +181,7 @@ def test_only_the_effects_of_the_case_count(vary):
 def test_another_engine_in_the_registry_changes_nothing(root, monkeypatch):
     path = root / "configs/cases/pendulum.yaml"
     before = code_digest("rollouts", load_case(path), path.parent)
-    more = {"engines": {**plugins.BUILT_IN["engines"], "another": "simgap.simulators.wheeled:PyBulletWheeled"}}
+    more = {"engines": {**plugins.BUILT_IN["engines"], "another": "simgap.simulators.pybullet_wheeled:PyBulletWheeled"}}
     monkeypatch.setattr(plugins, "BUILT_IN", {**plugins.BUILT_IN, **more})
     assert code_digest("rollouts", load_case(path), path.parent) == before
     path = root / "configs/cases/pendulum_mujoco.yaml"
@@ -212,9 +212,9 @@ def test_a_file_beside_the_case_is_code_of_its_stages(own):
 
 
 def test_what_a_file_imports_from_the_package_is_its_code(own):
-    (own.parent / "still.py").write_text(ENGINE + "from simgap.simulators import joint_engine\n")
+    (own.parent / "still.py").write_text(ENGINE + "from simgap.simulators import joints\n")
     sources = provenance._sources("engines", "still.py:Still", own.parent)
-    assert {"", "simgap.simulators.base", "simgap.simulators.joint_engine"} <= set(sources)
+    assert {"", "simgap.simulators.base", "simgap.simulators.joints"} <= set(sources)
     assert not list(own.parent.rglob("__pycache__"))
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from simgap import reading
 from simgap.config.load import load_case
-from simgap.config.recordings import matching
+from simgap.config.measured import matching
 from simgap.errors import UserError
 from simgap.io.controller_file import load_controller
 from simgap.io.documents import MOST, read_json
@@ -25,16 +25,14 @@ RAW = {"read_bytes", "read_text", "memory_map", "is_file", "resolve"}
 OF_STREAMS = {"read_schema", "read_metadata", "read_table", "ParquetFile", "read_csv"}
 OWN = {
     "reading.py": "the door",
-    "simulators/watched.py": "memory of this process, from the system",
-    "simulators/function_process.py": "nowhere: the null device",
-    "simulators/process.py": "where the engine's words go",
-    "simulators/unnamed.py": "a pipe of its own",
+    "simulators/supervision.py": "memory of this process, from the system",
+    "simulators/process.py": "where the engine's words go, and a pipe of its own",
     "cache.py": "its own sources, before the package is imported",
     "io/atomic.py": "its own temporary file",
     "io/parquet.py": "its own temporary file",
     "io/rerun/scene.py": "its `open` opens no file",
-    "io/runs_here.py": "a lock",
-    "simulators/fmu_unit.py": "a lock on its own folder",
+    "io/runs.py": "a lock",
+    "simulators/fmu.py": "a lock on its own folder",
     "io/shared_solution.py": "tables of its own scratch folder",
     "stages/validation.py": "a table of its own scratch folder",
 }

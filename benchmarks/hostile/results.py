@@ -54,12 +54,11 @@ def read_gap(rng: random.Random, folder: Path) -> None:
 @cache
 def _gaps() -> tuple[str, ...]:
     """One bound of each kind, as JSON."""
-    from simgap.gap.bounds.bases import Basis
+    from simgap.gap.bounds.basis import Basis, make_form
+    from simgap.gap.bounds.body_frame import BodyFrameGap
     from simgap.gap.bounds.cells import CellGap
-    from simgap.gap.bounds.forms import make_form
     from simgap.gap.bounds.function import GapDomain
     from simgap.gap.bounds.linear import LinearGap
-    from simgap.gap.bounds.symmetry import BodyFrameGap
     from simgap.gap.bounds.tiers import Tier
     from simgap.geometry import Box
 
@@ -80,8 +79,7 @@ def _gaps() -> tuple[str, ...]:
 
 def read_controller(rng: random.Random, folder: Path) -> None:
     """A damaged controller, or one that was altered by somebody who can write a checksum."""
-    from simgap.io.controller_file import load_controller, load_domain
-    from simgap.io.packed_arrays import checksum
+    from simgap.io.controller_file import checksum, load_controller, load_domain
 
     whole, path = folder / "whole.npz", folder / "a.npz"
     if rng.random() < 0.4:

@@ -1,4 +1,4 @@
-"""How near states are to losing: what a greedy adversary steers towards."""
+"""How near states are to losing: what a greedy adversary steers towards, and where it begins."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simgap.arrays import Floats
-from simgap.geometry import Grid
+from simgap.arrays import Floats, Ints
+from simgap.geometry import Grid, points_of_cells
 from simgap.specifications.solution import Solution
 
 NOWHERE = 1e9  # outside the grid: nothing is nearer to losing
@@ -49,3 +49,45 @@ class Danger:
         cells = self.grid.index(x.reshape(-1, x.shape[-1]))
         field = self.level if by_level and self.level is not None else self.edge
         return np.where(cells >= 0, field[cells], NOWHERE).reshape(x.shape[:-1]).astype(np.float64)
+
+
+NARROWEST = 0.02  # share of the cells, or all of the same number, from which narrow ones are drawn
+
+
+class WorstStarts:
+    """Winning cells in which a run does not end at once (`beginnings`), by what makes them narrow.
+
+    A quarter of the starts each come from cells of the smallest `margin` (cells,) if it is known, from those at the
+    edge of the winning domain, from those of the greatest level, and from all `cells` (k,).
+    """
+
+    def __init__(self, danger: Danger, margin: NDArray[np.float32] | None, cells: Ints) -> None:
+        fields = [danger.edge[cells]]
+        fields += [np.nan_to_num(-margin[cells], nan=-np.inf)] if margin is not None else []
+        fields += [danger.level[cells]] if danger.level is not None else []
+        self._grid = danger.grid
+        self._pools = [cells, *(_cells_with_largest(cells, field) for field in fields)]
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats:
+        """States (count, nx): half of them at corners of their cells, a quarter on a face, a quarter inside."""
+        turns = rng.integers(0, len(self._pools), count)
+        chosen = np.array([rng.choice(self._pools[k]) for k in turns], dtype=np.int64)
+        nx = self._grid.box.size
+        place, sign = rng.uniform(-0.999, 0.999, (count, nx)), rng.integers(0, 2, (count, nx))
+        face = np.arange(nx) == rng.integers(0, nx, count)[:, None]
+        where = rng.integers(0, 4, count)[:, None]
+        pinned = (where < 2) | ((where == 2) & face)
+        return points_of_cells(self._grid, chosen, np.where(pinned, 2.0 * sign - 1.0, place))
+
+
+def beginnings(solution: Solution) -> Ints:
+    """Winning cells in which a run does not end at once, (k,)."""
+    every = np.ones(solution.grid.size, np.bool_)
+    begin = every if solution.target is None else solution.at_first(solution.served)
+    return np.flatnonzero(solution.winning & begin)
+
+
+def _cells_with_largest(cells: Ints, field: NDArray[np.float32]) -> Ints:
+    """Cells whose number is among the largest."""
+    limit = np.quantile(field, 1.0 - NARROWEST, method="lower")
+    return cells[field >= limit]

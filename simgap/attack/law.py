@@ -1,4 +1,4 @@
-"""What a controller admits, seen by an adversary who chooses the measurement and the input.
+"""The choices of an adversary against a controller: which measurement, and which of the admissible inputs.
 
 At every sample the adversary takes any corner of the error box (or its middle) as the measurement, and any input that
 the controller admits there. If the controller has no input at one of these measurements, and is not at its end there,
@@ -14,9 +14,24 @@ from functools import cached_property
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.attack.memory import stepped
+from simgap.gap.bounds.body_frame import BodyFrameGap
+from simgap.simulators.body_samples import REST
 from simgap.specifications.solution import Solution
-from simgap.synthesis.bits import unpack
+from simgap.synthesis.input_sets import unpack
+
+__all__ = ["REST", "class_bounds", "stepped"]
+
+
+def stepped(solution: Solution, memory: Ints, decided: Ints) -> tuple[Ints, Ints]:
+    """Which inputs act now, and the memory afterwards: (n,), (n,) -> (n,), (n,)."""
+    now, after = solution.step(memory, decided)
+    return np.asarray(now, np.int64), np.asarray(after, np.int64)
+
+
+def class_bounds(gap: BodyFrameGap, m: Ints, before: Ints) -> tuple[Floats, Floats]:
+    """Body-frame bounds of steps with input numbers (k,) after others (k,), `REST` among them: two (k, 3)."""
+    kind = gap.classes.after(before)
+    return gap.class_lower[kind, m], gap.class_upper[kind, m]
 
 
 @dataclass(frozen=True, eq=False)

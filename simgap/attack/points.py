@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.attack.seeds import border, pinned_to_border
+from simgap.attack.known import border, pinned_to_border
 from simgap.attack.share import Searched, Step, share
 from simgap.geometry import Box
 

@@ -12,7 +12,7 @@ from simgap.arrays import Floats
 from simgap.attack.campaign import BrokenRun
 from simgap.attack.share import Step
 from simgap.errors import UserError
-from simgap.gap.bounds.outside import worst_outside
+from simgap.gap.fitting.acceptance import worst_outside
 
 STEP, RUN = "step outside gamma", "closed-loop run"
 SIMULATOR, DISTURBANCE = "simulator", "disturbance"

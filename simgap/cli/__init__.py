@@ -14,15 +14,13 @@ from typing import Any
 
 import typer
 
-from simgap.cli import control, gap, measured, pages, sweeps, tools, view, workflow  # noqa: F401 - they add commands
-from simgap.cli.announce import announce_code
+from simgap.cli.commands import app
 from simgap.cli.lean import without_pandas, without_searching
-from simgap.cli.options import app
-from simgap.cli.terminal import say
+from simgap.cli.terminal import announce_code, say
 from simgap.errors import SimgapError, UserError, excerpt
 from simgap.io.atomic import not_linked
-from simgap.io.cost_line import LINE, spent
-from simgap.io.follow import follow_the_run
+from simgap.io.job_times import LINE, spent
+from simgap.io.runs import follow_the_run
 from simgap.notation import one_line
 
 __all__ = ["app", "main"]

@@ -1,4 +1,4 @@
-"""Subcommands around measured data: a rig that stands in for hardware, and the diagnosis."""
+"""Commands about recordings: the diagnosis, the next recording, and the effects that a diagnosis may find."""
 
 from __future__ import annotations
 
@@ -8,24 +8,12 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.options import AsJson, CasePath, Log, Out, app, new_folder, start_log, values_of
-from simgap.cli.terminal import say, say_json
+from simgap.cli.options import AsJson, CasePath, Log, new_folder, start_log, values_of
+from simgap.cli.terminal import progress, say, say_json
 from simgap.errors import UserError
 from simgap.io.atomic import no_links_below
 
 
-@app.command()
-def rig(
-    file: Annotated[Path, typer.Argument(help="Rig file (YAML).", show_default=False)], out: Out, log: Log = None
-) -> None:
-    """Move a stand-in for hardware and record it."""
-    from simgap.stages import rig as stage
-
-    start_log(log)
-    stage.run(file, out, log)
-
-
-@app.command()
 def diagnose(
     case: CasePath,
     data: Annotated[list[Path] | None, typer.Argument(help="Recordings; those of the case if none is given.")] = None,
@@ -34,7 +22,6 @@ def diagnose(
     log: Log = None,
 ) -> None:
     """Find the physical effect that the nominal model lacks, from recordings."""
-    from simgap.cli.progress import progress
     from simgap.stages import diagnosis as stage
 
     if out != Path():  # before the search, and not when its results are written; beside the case there may be links
@@ -59,7 +46,6 @@ def diagnose(
         say(line)
 
 
-@app.command("next")
 def next_experiment(
     case: CasePath,
     found: Annotated[Path, typer.Argument(help="Folder of a diagnosis of it.", show_default=False)],
@@ -69,7 +55,6 @@ def next_experiment(
     log: Log = None,
 ) -> None:
     """Propose the recording that separates explanations that a diagnosis left open."""
-    from simgap.cli.progress import progress
     from simgap.stages import next as stage
 
     start_log(log or out / "next.log")
@@ -77,3 +62,17 @@ def next_experiment(
         result = stage.run(case, found, out, seconds, values_of(start, "--start"), tell)
     for line in (result["paragraph"], f"Picture: {out / 'next.png'}" if result["input"] else ""):
         say(line)
+
+
+def effects(
+    case: Annotated[Path | None, typer.Argument(help="Case file; lists what it can act on.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the effects with formula, parameters and units; with a case, what each can act on."""
+    from simgap.stages.effects import listed, printed
+
+    start_log(None)
+    if as_json:
+        say_json(listed(case))
+    else:
+        say(printed(listed(case)))

@@ -1,27 +1,19 @@
-"""The command line as a whole: the application, what its subcommands share, where their logs go."""
+"""What commands share: options, places that can be written to, values by name, where their logs go."""
 
 from __future__ import annotations
 
 import logging
 import tempfile
 from contextlib import suppress
-from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from simgap.cli.groups import Groups, show_all
-from simgap.cli.terminal import Lines, console, say
+from simgap.cli.terminal import Lines, console
 from simgap.errors import UserError
 from simgap.io.atomic import new_log, not_linked
 
-app = typer.Typer(
-    cls=Groups,
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-)
 CasePath = Annotated[Path, typer.Argument(help="Case file (YAML).", show_default=False)]
 
 
@@ -62,11 +54,6 @@ def new_folder(option: typer.CallbackParam, path: Path | None) -> Path | None:
 
 
 Out = Annotated[Path, typer.Option(help="File to write.", show_default=False, callback=new_file)]
-Grid = Annotated[Path, typer.Option("--grid", help="Folder of a grid.", show_default=False)]
-Shards = Annotated[list[Path], typer.Option("--rollouts", help="Roll-out shards of the grid, in order.")]
-Borders = Annotated[
-    Path | None, typer.Option("--borders", help="Samples on borders and beside switching surfaces; not for a robot.")
-]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.")]
 Log = Annotated[Path | None, typer.Option(help="File for the log of this stage; stderr if not given.")]
 
@@ -97,24 +84,6 @@ def start_log(path: Path | None) -> None:
     logger = logging.getLogger("simgap")
     logger.handlers, logger.propagate = [handler], False
     logger.setLevel(logging.INFO)
-
-
-def _version(wanted: bool) -> None:
-    if wanted:
-        say(f"simgap {metadata.version('simgap')}")
-        raise typer.Exit
-
-
-@app.callback()
-def options(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
-    ] = False,
-    everything: Annotated[
-        bool, typer.Option("--all", callback=show_all, is_eager=True, help="List the stages of the workflow, too.")
-    ] = False,
-) -> None:
-    """Measure, bound and close the gap between a robot model, its simulator and its recordings."""
 
 
 def values_of(text: str, key: str) -> dict[str, float]:

@@ -1,9 +1,12 @@
-"""What the command line says: words of somebody's files are text there, no markup and no control sequences."""
+"""What the command line says, and how far it is: words of somebody's files are text there, and no markup."""
 
 from __future__ import annotations
 
 import json
 import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -43,3 +46,47 @@ class Lines(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """The record, printable."""
         return printable(super().format(record))
+
+
+EVERY_S = 30.0
+"""Between two lines about progress where the output is no terminal."""
+
+
+@contextmanager
+def progress(first: str) -> Iterator[Callable[[str], None]]:
+    """Gives what is to be told of progress, in words; it goes to stderr."""
+    from rich.text import Text
+
+    terminal = console(stderr=True)
+    if terminal.is_terminal:
+        with terminal.status(Text(first)) as status:
+            yield lambda words: status.update(Text(printable(words)))
+        return
+    said = time.monotonic()
+
+    def tell(words: str) -> None:
+        nonlocal said
+        if time.monotonic() - said >= EVERY_S:
+            said = time.monotonic()
+            say(words, err=True)
+
+    yield tell
+
+
+CODE = "simgap.code"
+"""The logger of plug-ins, functions and FMUs: what it tells goes to the log of a stage like all else."""
+
+
+class _ToStderr(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        above = logging.getLogger("simgap").handlers
+        if all(isinstance(handler, logging.NullHandler) for handler in above):
+            say(f"Note: {record.getMessage()}", err=True)
+
+
+def announce_code() -> None:
+    """From now on; once is enough."""
+    logger = logging.getLogger(CODE)
+    logger.setLevel(logging.WARNING)  # also where a command wants to hear of errors alone
+    if not any(isinstance(handler, _ToStderr) for handler in logger.handlers):
+        logger.addHandler(_ToStderr())

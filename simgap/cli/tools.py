@@ -1,18 +1,65 @@
-"""Subcommands beside the stages: the paper's numbers, lists, the schema."""
+"""Commands beside the stages: where time went, a witness again, the paper's numbers, the schema and the reference."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
+from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from simgap.cli.options import AsJson, Log, Out, app, new_file, new_folder, start_log
+from simgap.cli.options import AsJson, Log, Out, new_file, start_log
 from simgap.cli.terminal import console, say, say_json
 
+if TYPE_CHECKING:
+    from simgap.io.job_times import JobTime
 
-@app.command()
+
+def times(
+    results: Annotated[Path, typer.Argument(help="Folder of results, or of one case.")] = Path("results"),
+    as_json: AsJson = False,
+) -> None:
+    """Show where the time of a run went: every job with its wall time, CPU time and memory, the costliest first."""
+    from simgap.io.job_times import job_times
+
+    jobs = job_times(results)
+    if as_json:
+        say_json([asdict(job) for job in jobs])
+    else:
+        _show_times(jobs)
+
+
+def _show_times(jobs: Sequence[JobTime]) -> None:
+    """A table of the jobs, the costliest first, with the share of the CPU time that each and all before it took."""
+    from rich.table import Table
+
+    from simgap.lint.costs import duration, size
+
+    out = console()
+    total, so_far = sum(job.cpu for job in jobs), 0.0
+    table = Table("case", "job", "wall time", "CPU time", "so far", "memory", box=None)
+    for job in jobs:
+        so_far += job.cpu
+        share = f"{so_far / total:.0%}" if total else "-"
+        table.add_row(job.case, job.job, duration(job.wall), duration(job.cpu), share, size(job.memory))
+    out.print(table)
+    last = datetime.fromtimestamp(max(job.ended for job in jobs)).astimezone()
+    out.print(f"{len(jobs)} jobs, {duration(total)} of CPU time; the last ended on {last:%Y-%m-%d at %H:%M %Z}")
+
+
+def replay(
+    witness: Annotated[Path, typer.Argument(help="witness.json of an audit.", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="Recording for Rerun to write.", callback=new_file)] = None,
+) -> None:
+    """Simulate a witness of an audit again, and print it step by step."""
+    from simgap.stages import replay as stage
+
+    start_log(None)
+    say(stage.run(witness, out))
+
+
 def paper(
     folder: Annotated[Path, typer.Argument(help="Folder with the paper's cases and printed.yaml.")],
     pendulum: Annotated[Path, typer.Option(help="Case whose simulator is PyBullet with its default inertia.")],
@@ -28,33 +75,16 @@ def paper(
     say(table(stage.run(folder, pendulum, out, workers, log)))
 
 
-@app.command()
-def effects(
-    case: Annotated[Path | None, typer.Argument(help="Case file; lists what it can act on.")] = None,
-    as_json: AsJson = False,
-) -> None:
-    """List the effects with formula, parameters and units; with a case, what each can act on."""
-    from simgap.stages.effects import listed, printed
-
-    start_log(None)
-    if as_json:
-        say_json(listed(case))
-    else:
-        say(printed(listed(case)))
-
-
-@app.command()
 def schema(
     out: Annotated[Path, typer.Option(help="File to write.", callback=new_file)] = Path("configs/schema.json"),
 ) -> None:
     """Write the JSON schema of case files, for editors that complete and check."""
-    from simgap.config.schema import schema_text
+    from simgap.config.case import schema_text
     from simgap.io.atomic import write_text
 
     write_text(out, schema_text())
 
 
-@app.command()
 def reference(
     out: Annotated[Path, typer.Option(help="Folder to write into.")] = Path("docs/reference"),
 ) -> None:
@@ -64,60 +94,3 @@ def reference(
 
     for name, text in pages().items():
         write_text(out / name, text)
-
-
-@app.command()
-def times(
-    results: Annotated[Path, typer.Argument(help="Folder of results, or of one case.")] = Path("results"),
-    as_json: AsJson = False,
-) -> None:
-    """Show where the time of a run went: every job with its wall time, CPU time and memory, the costliest first."""
-    from simgap.cli.timed import show
-    from simgap.stages.times import job_times
-
-    jobs = job_times(results)
-    if as_json:
-        say_json([asdict(job) for job in jobs])
-    else:
-        show(console(), jobs)
-
-
-@app.command()
-def export(
-    what: Annotated[Path, typer.Argument(help="controller.npz, or a case file with effects.", show_default=False)],
-    out: Annotated[
-        Path, typer.Option(help="law.h, law.py, model.urdf or model.xml (MJCF).", show_default=False, callback=new_file)
-    ],
-) -> None:
-    """Write a controller as a C header or a Python file, or the model of a case with its effects as a URDF or MJCF."""
-    from simgap.io.controller_export import export_controller
-    from simgap.io.controller_file import load_controller
-    from simgap.io.model_export import export_model
-
-    if what.suffix in (".yaml", ".yml"):
-        export_model(what, out)
-    else:
-        controller = load_controller(what)
-        export_controller(controller, out)
-        cells, size = len(controller.choice), out.stat().st_size
-        held = f"; compiled, its table takes {2 * cells:,}, 2 for each of {cells:,} cells" if out.suffix == ".h" else ""
-        say(f"Wrote {out}, {size:,} bytes{held}.")
-
-
-@app.command()
-def certify(
-    what: Annotated[Path, typer.Argument(help="Case file, or its folder in results/.", show_default=False)],
-    out: Annotated[Path, typer.Option(help="Folder for the certificate.", show_default=False, callback=new_folder)],
-    bound: Annotated[Path | None, typer.Option("--gap", help="gap.json, if it is not at its place.")] = None,
-    controller: Annotated[Path | None, typer.Option(help="controller.npz, if it is not at its place.")] = None,
-    log: Log = None,
-) -> None:
-    """Export a controller as a certificate that checker/check.py verifies without simgap."""
-    from simgap.stages import certify as stage
-
-    start_log(log)
-    if bound is not None and controller is not None:
-        stage.run(what, bound, controller, out)
-        return
-    case, own_bound, own_controller = stage.results_of(what) if what.is_dir() else stage.of_case(what)
-    stage.run(case, bound or own_bound, controller or own_controller, out)

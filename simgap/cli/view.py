@@ -16,7 +16,7 @@ from typing import Annotated
 import typer
 
 from simgap import reading
-from simgap.cli.options import app, new_file
+from simgap.cli.options import new_file
 from simgap.cli.terminal import say
 from simgap.errors import UserError
 
@@ -26,7 +26,6 @@ SIZE, LONGEST = "1600x1000", 180.0  # of a picture, and how long the viewer may 
 LOOPBACK = "127.0.0.1"  # Rerun's own default is every network that the machine is on
 
 
-@app.command()
 def view(
     what: Annotated[
         Path, typer.Argument(help="results/CASE, the folder of a diagnosis, or a recording.", show_default=False)

@@ -1,4 +1,4 @@
-"""`simgap run`: all stages of a person's own cases, by the workflow that the package carries; no checkout needed."""
+"""`simgap run` and `simgap sweep`: all stages of a person's cases, by the workflow that the package carries."""
 
 from __future__ import annotations
 
@@ -16,14 +16,12 @@ import yaml
 
 from simgap import reading
 from simgap.cli import start
-from simgap.cli.options import CasePath, app, new_folder, values_of
 from simgap.cli.terminal import say
 from simgap.config.case import Case
-from simgap.errors import SimgapError, UserError, excerpt
+from simgap.errors import SimgapError, UserError
 from simgap.io.atomic import host, no_links_below, write_text
 from simgap.io.documents import read_json
-from simgap.io.follow import RUN
-from simgap.io.runs_here import LINKED, runs_in
+from simgap.io.runs import LINKED, RUN, runs_in
 
 PACKAGE = reading.real(Path(__file__)).parents[1]
 
@@ -47,7 +45,6 @@ class WorkflowFailed(SimgapError):
     """A stage failed; Snakemake has shown its log."""
 
 
-@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def run(
     context: typer.Context,
     cases: Annotated[list[Path], typer.Argument(help="Case files, all of one folder.", show_default=False)],
@@ -140,97 +137,6 @@ def require_made(result: Path) -> Path:
     return result
 
 
-@app.command()
-def new(
-    name: Annotated[str, typer.Argument(help="Name of the case: lower-case letters, digits, - and _.")],
-    urdf: Annotated[Path | None, typer.Option(help="Model file of the robot.")] = None,
-    mjcf: Annotated[Path | None, typer.Option(help="Model file of MuJoCo's own format.")] = None,
-    equations: Annotated[bool, typer.Option("--equations", help="Equations, to be replaced by your own.")] = False,
-    inputs: Annotated[str, typer.Option(help="Joints that have a drive, such as arm or shoulder,elbow.")] = "",
-    joints: Annotated[str, typer.Option(help="Joints of the case, such as elbow; the others are locked.")] = "",
-    base: Annotated[str, typer.Option(help="What its base is: fixed (bolted to the world) or wheels.")] = "",
-    at: Annotated[
-        str, typer.Option(help="Posture around which to work, such as pole=3.1416; 0 for other joints.")
-    ] = "",
-    out: Annotated[Path, typer.Option(help="Folder for the case.", callback=new_folder)] = Path(),
-    seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for finding tau, X, U and cells.")] = 120.0,
-) -> None:
-    """Write a commented case for your robot, NAME.yaml, which runs as it stands."""
-    from simgap.cli.progress import progress
-    from simgap.stages import new as stage
-    from simgap.stages.new_model import BASES
-
-    if [urdf is not None, mjcf is not None, equations].count(True) != 1:
-        raise UserError(
-            "either a URDF, or MJCF, or equations", key="--urdf",
-            remedy="Give --urdf FILE, --mjcf FILE, or --equations.",
-        )  # fmt: skip
-    of_files = {"--inputs": inputs, "--at": at, "--joints": joints, "--base": base}
-    if equations and any(of_files.values()):
-        key = next(key for key, given in of_files.items() if given)
-        raise UserError("belongs to a model file", key=key, remedy="Write it into the equations.")
-    if base not in ("", *BASES):
-        raise UserError(f"'{excerpt(base, 40)}' is no base", key="--base", remedy=f"Known: {', '.join(BASES)}.")
-    named, kept = ([n.strip() for n in said.split(",") if n.strip()] or None for said in (inputs, joints))
-    notes, posture = list[str](), values_of(at, "--at")
-    with progress("reading the model") as tell:
-        path = stage.run(name, urdf, out, named, posture, tell, notes.append, seconds, mjcf, kept, base or None)
-    for line in [*notes, f"Wrote {path}. Next: simgap check {path}, then simgap run {path}"]:
-        say(line)
-
-
-@app.command()
-def propose(
-    case: CasePath,
-    at: Annotated[str, typer.Option(help="Posture around which to work, such as q2=3.1416; 0 for other states.")] = "",
-    seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for the search.")] = 120.0,
-) -> None:
-    """Find tau, X, U and cells for which a controller exists, by the nominal model, and print them as sections."""
-    from simgap.cli.progress import progress
-    from simgap.stages import propose as stage
-
-    with progress("building the nominal model") as tell:
-        found = stage.run(case, values_of(at, "--at"), tell, seconds)
-    say(found.block())
-    for doubt in filter(None, (found.small, found.doubtful)):
-        say(doubt, err=True)
-
-
-@app.command()
-def refine(
-    case: CasePath,
-    samples: Annotated[
-        int | None, typer.Option(min=1, help="At most so many, all inputs counted; by default as many as now.")
-    ] = None,
-) -> None:
-    """Find along which states the grid of samples has to be fine, from lines through X, and print its section."""
-    from simgap.cli.progress import progress
-    from simgap.stages import refine as stage
-
-    with progress("building the nominal model") as tell:
-        found = stage.run(case, samples, tell)
-    say(found.block())
-    for name, then in found.then.items():
-        say(f"# {name}: within a cell the bound loses {then:.2g} on average, now {found.now[name]:.2g}")
-
-
-@app.command()
-def tutorial(
-    out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path(),
-) -> None:
-    """Copy the files of the tutorial here: the URDF of a rod, and a recording."""
-    from simgap.io.atomic import atomic
-
-    source = workflow_file("tutorial") if (PACKAGE / "workflow").is_dir() else PACKAGE.parent / "docs/tutorial"
-    for name in ("rod.urdf", "swings.csv"):
-        if (out / name).exists():
-            raise UserError("is there already, and stays as it is", file=out / name, remedy="Take an empty folder.")
-    for name in ("rod.urdf", "swings.csv"):
-        with atomic(out / name) as temporary:
-            temporary.write_bytes(reading.read_bytes(source / name))
-    say("Wrote rod.urdf and swings.csv. Next: simgap new rod --urdf rod.urdf")
-
-
 def workflow_file(name: str) -> Path:
     """A file of the workflow: in the package where it is a wheel, else in the checkout around it."""
     packaged = PACKAGE / "workflow" / name
@@ -299,3 +205,26 @@ def _status(folder: Path, cases: Sequence[str], cores: int, options: Sequence[st
         if status == start.USAGE:  # told
             raise typer.Exit(2)
         return status
+
+
+def sweep(
+    context: typer.Context,
+    file: Annotated[Path, typer.Argument(help="Sweep file (YAML).", show_default=False)],
+    cores: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 2,
+) -> None:
+    """Make every point of a sweep, one table and one page: results/sweeps/<name> of this folder.
+
+    Other options, such as --dry-run, --unlock or --keep-going, are passed to Snakemake.
+    """
+    from simgap.stages.sweep import checked_points
+
+    files, words = split([str(file), *context.args])
+    if len(files) != 1:
+        raise UserError(f"{len(files) or 'no'} sweep files are given", remedy="Name one, such as sweeps/radii.yaml.")
+    path = files[0]
+    base, points = checked_points(path)
+    target = f"results/sweeps/{path.stem}/report.html"
+    snakemake(base.parent, [base.stem], cores, [*words, "--", target], path.parent)
+    if not looks_on(words):
+        require_made(Path(target))
+        say(f"{path.stem}: {len(points)} points. Page: {target}, table: {Path(target).parent}/table.parquet")

@@ -1,26 +1,39 @@
-"""The case file: everything that a run of simgap needs, in typed sections."""
+"""The case file: everything that a run of simgap needs, in typed sections, and its JSON schema."""
 
 from __future__ import annotations
 
+import json
+import os
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from simgap.config.audit import AuditSection
-from simgap.config.base import Section
-from simgap.config.budget import BudgetSection
+from simgap.config.base import Gibibytes, Hours, Section
 from simgap.config.domain import DomainSection
-from simgap.config.gap import GapSection
-from simgap.config.grid import GridSection
+from simgap.config.gap import GapSection, GridSection, HiddenStateSection, SymmetrySection
 from simgap.config.measured import MeasuredSection
 from simgap.config.plant import PlantSection
 from simgap.config.plugged import Plugged
-from simgap.config.sensing import SensingSection
-from simgap.config.simulator import EngineSection
-from simgap.config.synthesis import SynthesisSection
-from simgap.config.twin import TwinSection
-from simgap.config.validation import ValidationSection
-from simgap.config.wheeled import HiddenStateSection, SymmetrySection
+from simgap.config.simulator import EngineSection, TwinSection
+from simgap.config.synthesis import SensingSection, SynthesisSection
+from simgap.config.validation import AuditSection, ValidationSection
+
+
+class BudgetSection(Section):
+    """Limits that a case is held against before anything runs."""
+
+    memory: Gibibytes | None = Field(
+        None, gt=0, description="Most memory of one stage, in GiB or with a unit; half of the machine's if not given."
+    )
+    time: Hours = Field(1.0, gt=0, description="Most time of one stage on one core, in hours or with a unit.")
+
+    @property
+    def bytes(self) -> float:
+        """`memory` in bytes."""
+        if self.memory is not None:
+            return self.memory * 2.0**30
+        return 0.5 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
 
 SimulatorSection = Annotated[EngineSection, Plugged("engines", "engine")]
 
@@ -71,3 +84,16 @@ class Case(Section):
             if set(self.grid.half_widths) != needed:
                 raise ValueError(f"grid.half_widths has {sorted(self.grid.half_widths)}, it needs {sorted(needed)}")
         return self
+
+
+def schema_text() -> str:
+    """The text of configs/schema.json."""
+    schema = Case.model_json_schema() | {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    schema["properties"]["extends"] = {
+        "type": "string",
+        "description": "Another case file of this folder: sections that are not given here are taken from it, null "
+        "leaves one out.",
+    }
+    own = [name for name in schema.pop("required") if name != "plant"]
+    schema["anyOf"] = [{"required": [*own, "plant"]}, {"required": [*own, "extends"]}]
+    return json.dumps(schema, indent=1, sort_keys=True) + "\n"

@@ -8,8 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from simgap.arrays import Floats
-from simgap.config.base import Section
-from simgap.config.quantity import Seconds
+from simgap.config.base import Seconds, Section
 
 
 class InputSet(Section):

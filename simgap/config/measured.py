@@ -1,13 +1,111 @@
-"""The `measured` section: where recordings are, how their columns map to states and inputs, how they are judged."""
+"""The section `measured`: where recordings are, which column is which state, what is known of a file."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
+from simgap import reading
 from simgap.config.base import Section
-from simgap.config.conditions import Condition, ConditionColumn, bare_column
+from simgap.errors import UserError, excerpt
+
+
+def bare_column(value: object) -> object:
+    """A bare name is the name of the column."""
+    return {"column": value} if isinstance(value, str) else value
+
+
+class Condition(Section):
+    """Under which conditions a file was recorded: `file`, and parameters of the plant with their values there."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, float] = Field(init=False)
+
+    file: str = Field(description="The file (its name, or the end of its path).")
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameter -> value."""
+        return dict(self.__pydantic_extra__)
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Condition:
+        if not self.__pydantic_extra__:
+            raise ValueError("a condition names a file and a parameter of the plant at least: add one, such as m: 2.0")
+        return self
+
+
+class ConditionColumn(Section):
+    """Which column holds a parameter that differs from file to file: `scale * (cell in the parameter's unit)`."""
+
+    column: str = Field(description="Name of the column; it has one value within a file, or within a trace of it.")
+    unit: str | None = Field(
+        default=None,
+        description="Unit of the cells, such as g or mV; if not given, the unit stored with a Parquet column, else "
+        "the unit of the parameter.",
+    )
+    scale: float = Field(default=1.0, description="Factor on the converted cell.")
+
+    @model_validator(mode="after")
+    def _says_something(self) -> ConditionColumn:
+        if self.scale == 0.0:
+            raise ValueError("scale is 0, which throws the column away: give a factor")
+        return self
+
+
+_SIGNS = "*?["
+MOST_FILES = 10_000
+"""Files that a pattern may stand for."""
+
+
+def matching(folder: Path, names: Sequence[str], typed: bool = False) -> list[tuple[int, Path]]:
+    """The files behind names, each with the place of the name that brought it.
+
+    A name with `*`, `?` or `[` that is no file itself stands for the files of the folder that match it, sorted; `**`
+    for folders below. A name that nothing matches stays as it is, and a file that several names bring comes once.
+
+    Args:
+        folder: where names start from; names: as `measured.files` lists them.
+        typed: whether a person typed them, who may look anywhere; a case may come from a stranger.
+
+    Raises:
+        UserError: a pattern that leads out of the folder, or matches too much.
+    """
+    found: dict[Path, int] = {}
+    for place, name in enumerate(names):
+        path = folder / name
+        hits = [path]
+        if any(s in name for s in _SIGNS) and not path.exists():
+            hits = _files(folder, name, None if typed else f"measured.files.{place}") or [path]
+        for hit in hits:
+            found.setdefault(hit, place)
+    return [(place, path) for path, place in found.items()]
+
+
+def _files(folder: Path, pattern: str, key: str | None) -> list[Path]:
+    """Files that match, sorted; none where it is no pattern (`**` stands alone between slashes)."""
+    anchor = Path(pattern).anchor
+    if key is not None and (anchor or ".." in Path(pattern).parts):
+        raise UserError(
+            f"the pattern '{excerpt(pattern, 60)}' leads out of the case's folder", key=key,
+            remedy="Name the files one by one, or put the case beside them.",
+        )  # fmt: skip
+    try:
+        found = list(islice((folder / anchor).glob(pattern.removeprefix(anchor)), MOST_FILES + 1))
+    except ValueError:
+        return []
+    if len(found) > MOST_FILES:
+        raise UserError(
+            f"the pattern '{excerpt(pattern, 60)}' stands for more than {MOST_FILES} files",
+            key=key,
+            remedy="Narrow it.",
+        )
+    return sorted(path for path in found if reading.is_file(path))
+
 
 Range = Annotated[tuple[float, float], Field(description="From and to, in seconds as the time column reads.")]
 

@@ -1,13 +1,14 @@
-"""The `simulator` section: what every engine's keys have in common; an engine's own are in its file, as `Settings`."""
+"""The sections `simulator` and `twin`: the keys of every engine; those of one alone are in its file, as `Settings`."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from simgap.config.base import Section
 from simgap.config.plant import AddedEffect
+from simgap.config.plugged import Plugged
 from simgap.errors import UserError
 
 
@@ -50,3 +51,24 @@ class Damping(Section):
     linear: float = Field(0.04, ge=0, description="Of a link's linear velocity, 1/s; PyBullet's default is 0.04.")
     angular: float = Field(0.04, ge=0, description="Of a link's angular velocity, 1/s; PyBullet's default is 0.04.")
     joint: float = Field(0.0, ge=0, description="Of a joint, N m s/rad; replaces what the URDF says.")
+
+
+class TwinSection(Section):
+    """What a simulator in closed form stands for: both take every step of the run, the differences are printed."""
+
+    of: Annotated[EngineSection, Plugged("engines", "engine")] = Field(
+        description="The engine it stands for, with its keys, as in `simulator`."
+    )
+    tolerance: dict[str, float] = Field(
+        default_factory=dict,
+        description="For a state, the largest difference after one step that is taken, in its unit; more fails the "
+        "run. States that are not named are measured and not judged.",
+    )
+
+    @field_validator("tolerance")
+    @classmethod
+    def _not_negative(cls, value: dict[str, float]) -> dict[str, float]:
+        bad = [name for name, limit in value.items() if limit < 0]
+        if bad:
+            raise ValueError(f"the tolerance of {bad} is negative")
+        return value

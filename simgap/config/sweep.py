@@ -16,9 +16,8 @@ from pydantic import Field, ValidationError
 
 from simgap.config.base import Section
 from simgap.config.case import Case
-from simgap.config.load import case_content, parse_case
+from simgap.config.load import case_content, parse_case, told
 from simgap.config.load_yaml import read_yaml
-from simgap.config.words import told
 from simgap.errors import UserError
 
 MARK = "--"

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import Field, ValidationError
 
 from simgap.config.base import Section
-from simgap.config.words import told
+from simgap.config.load import told
 from simgap.errors import UserError
 
 

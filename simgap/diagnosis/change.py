@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.faults.noise import PlantChanged
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Estimate, FoundEffect, RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
@@ -87,16 +88,11 @@ def _for(part: Record, settings: DiagnosisSettings) -> DiagnosisSettings:
 
 def _cut(record: Record, change: Change, window_s: float) -> tuple[Record | None, ...]:
     """What is surely before and surely after; pieces shorter than a window are left out."""
-
-    def piece(trace: Trace, which: np.ndarray) -> Trace:
-        used = None if trace.used is None else trace.used[which]
-        return Trace(trace.name, trace.t[which], trace.y[which], trace.u[which], used)
-
     before, after = list(record.traces[: change.trace]), list(record.traces[change.trace + 1 :])
     split = record.traces[change.trace]
     for side, at, which in ((before, len(before), split.t < change.begin), (after, 0, split.t > change.end)):
         if np.count_nonzero(which) >= MIN_SAMPLES and np.ptp(split.t[which]) >= window_s:
-            side.insert(at, piece(split, which))
+            side.insert(at, split.part(which))
     if change.begin == change.end:  # between two traces
         before, after = list(record.traces[: change.trace]), list(record.traces[change.trace :])
     return tuple(replace(record, traces=tuple(s), left_out=()) if s else None for s in (before, after))
@@ -116,8 +112,7 @@ def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], a
         when, at = f"Between {change.begin:.4g} and {change.end:.4g} s of {name}", 0.5 * (change.begin + change.end)
     same = _by_other_names(sides[0 if about == "before" else 1], keys)
     sentence = f"{when} the plant changed: {then} before, {now} after{same}; the answer is about what came {about}."
-    remedy = "Diagnose the times before and after apart (measured.masks), or say what differs (measured.conditions)."
-    return RecordingFault("plant_changed", "", at, "s", sentence, remedy)
+    return PlantChanged().told("", at, sentence)
 
 
 def _differs(a: FoundEffect | None, b: FoundEffect | None, name: str) -> bool:

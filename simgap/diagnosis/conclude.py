@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.confirming import confirmed
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.windows import stretches
+from simgap.diagnosis.record.faults.measurement import is_fault
+from simgap.diagnosis.record.faults.registry import fitted_faults, gain_faults
+from simgap.diagnosis.record.folds import stretches
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import (
     Alternative,
     Diagnosis,
@@ -30,13 +32,12 @@ from simgap.diagnosis.search.scoring import places
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.simulation.recording import is_fault
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, EXACTLY_COLLINEAR, FAR, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
-from simgap.diagnosis.verdict.faults import faint_memory, fitted_faults, gain_faults, noise_faults
+from simgap.diagnosis.verdict.faults import faint_memory, noise_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,

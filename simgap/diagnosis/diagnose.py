@@ -12,11 +12,9 @@ from simgap.diagnosis.choosing import chosen
 from simgap.diagnosis.conclude import conclude
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.push import left_out_by, one_is_enough, push_fault, suspected
-from simgap.diagnosis.reading.exchanged import put_back
-from simgap.diagnosis.reading.hum import without_hum
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.repair import repaired
-from simgap.diagnosis.reading.windows import Span
+from simgap.diagnosis.record.faults.registry import mended
+from simgap.diagnosis.record.folds import Span
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Key, RecordingFault
 from simgap.diagnosis.search.barred import barred
 from simgap.diagnosis.search.columns import better_columns
@@ -62,7 +60,7 @@ def _answer(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings, tell: Callable[[str], None], whole: bool
 ) -> Diagnosis:
     """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle."""
-    record, parts, said, faults = mended(model, record, settings)
+    record, parts, said, faults = ready(model, record, settings)
     watch, not_tried = Watch(settings.budget_s, tell), barred(model, record, settings.effects, settings.known)
     before = begun(parts.known, not_tried, watch)
     aside: tuple[Span, ...] = ()
@@ -153,14 +151,11 @@ def _found(
     return _Found(parts, ends, reach, late, filtered, not_tried)
 
 
-def mended(
+def ready(
     model: SymbolicModel, record: Record, settings: DiagnosisSettings
 ) -> tuple[Record, Parts, tuple[str, ...], tuple[RecordingFault, ...]]:
     """The record without what a look at it shows to be no measurement, its folds, what is to be said, the faults."""
-    record, seen = repaired(record)
-    record, lines = without_hum(record)
-    record, places = put_back(record, model.coordinates)
-    seen = (*seen, *lines, *places)
+    record, seen = mended(record, model)
     parts, said = parts_of(model, record, settings)
     columns = better_columns(coarse(parts.known))
     if columns is None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from simgap.diagnosis.reading.encoder import worth
-from simgap.diagnosis.reading.folds import cut_in_folds
-from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.record.folds import cut_in_folds, needed_ahead
+from simgap.diagnosis.record.noise import worth
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import build_problem
@@ -39,7 +39,7 @@ def parts_of(
     for name, value in settings.noise.items():
         if name in record.measured:
             sigma[record.measured.index(name)] = value
-    ahead = settings.horizon_s + 0.5 * settings.window_s
+    ahead = needed_ahead(record, settings.window_s, settings.horizon_s)
     traces, share = settings.held_out_traces, settings.held_out_share
     windows, folds, length = cut_in_folds(record, settings.window_s, traces, share, ahead)
     said = (_SHORT.format(length, settings.window_s),) if length < settings.window_s else ()

@@ -13,8 +13,9 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.windows import Span, Windows
+from simgap.diagnosis.record.faults.noise import Push
+from simgap.diagnosis.record.folds import Span, Windows
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key, RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
@@ -180,5 +181,4 @@ def push_fault(record: Record, kept: Problem) -> RecordingFault:
         f"{where[0].upper()}{where[1:]} (a push?): {100 * lasts / (lasts + rest):.2g} % of the time that is fitted was "
         "left out, as it stands out and no effect that was tried explains it."
     )
-    remedy = "Drop what was disturbed (measured.masks), or repeat the run with nothing touching the plant."
-    return RecordingFault("push", "", lasts, "s", sentence, remedy)
+    return Push().told("", lasts, sentence)

@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit, fit

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from simgap.config.basis import BasisSection
-from simgap.config.gap import GapSection
+from simgap.config.gap import BasisSection, GapSection
 from simgap.errors import UserError
-from simgap.gap.kinds.monomials import Monomials
+from simgap.gap.bases import Monomials
 
 OBJECTIVES = ("lexicographic", "eta")
 SIDES = ("signed", "unsigned")

@@ -12,9 +12,22 @@ from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.tiers import Tier
-from simgap.gap.fitting.acceptance import confirmed, covering_remainder, none_outside, tolerate
-from simgap.gap.fitting.assemble import assemble
-from simgap.gap.fitting.borders import (
+from simgap.gap.fitting.acceptance import (
+    BorderCheck,
+    FreshCheck,
+    check_fresh,
+    confirmed,
+    covering_remainder,
+    none_outside,
+    tolerate,
+)
+from simgap.gap.fitting.bound_fit import assemble, fit_from_json
+from simgap.gap.fitting.conformal import Calibration
+from simgap.gap.fitting.force_reversal import engine_grain, grain_tier
+from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.memory.bound import hidden_bound
+from simgap.gap.memory.hidden_state import tolerance_of
+from simgap.gap.sampling.border_samples import (
     CHECK,
     MAKE_BORDERS,
     NO_BORDERS,
@@ -22,23 +35,24 @@ from simgap.gap.fitting.borders import (
     border_gaps,
     border_states,
     directed_samples,
+    switching_surfaces,
 )
-from simgap.gap.fitting.conformal import Calibration
-from simgap.gap.fitting.dimension_fit import fit_from_json
-from simgap.gap.fitting.force_reversal import engine_grain, grain_tier
-from simgap.gap.fitting.fresh_check import BorderCheck, FreshCheck, check_fresh
-from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.memory.checked_bound import hidden_bound
-from simgap.gap.memory.hidden_state import tolerance_of
 from simgap.gap.sampling.gap_samples import check_drawn, motion_of, read_back, sample_grid, steps_of
-from simgap.gap.sampling.points import Columns, Points, free_axes, known_radius, remembers
-from simgap.gap.sampling.switching import switching_surfaces
-from simgap.gap.sampling.tables import AFTER_PREVIOUS, stacked, successors
-from simgap.gap.sampling.translation import ShiftDeviation
+from simgap.gap.sampling.points import (
+    AFTER_PREVIOUS,
+    Columns,
+    Points,
+    free_axes,
+    known_radius,
+    remembers,
+    stacked,
+    successors,
+)
+from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.settings import GapSettings
 from simgap.plants.context import Context
-from simgap.plants.stops import joint_stops
-from simgap.simulators.surprises import to_stop
+from simgap.plants.model_file import joint_stops
+from simgap.simulators.findings import to_stop
 
 Step = Callable[[Floats, Floats], Floats]
 THINNED = 20_000  # samples kept for pictures
@@ -133,7 +147,7 @@ def gap(context: Context, made: Made) -> Bound:
     return Bound(content, check, _thinned(context, step, where.size, made.shards))
 
 
-def _shifts(context: Context, name: str, borders: Columns) -> ShiftDeviation | None:
+def _shifts(context: Context, name: str, borders: Columns) -> SymmetryDeviation | None:
     """By how much the gap depends on what a declared translation says it does not; None without one.
 
     Raises:
@@ -142,7 +156,7 @@ def _shifts(context: Context, name: str, borders: Columns) -> ShiftDeviation | N
     if not free_axes(context.case):
         return None
     _, _, lower, upper = border_gaps(context, borders, SHIFTED, border_states(context, name, SHIFTED))
-    found = ShiftDeviation.of(context, lower, upper)
+    found = SymmetryDeviation.of_translation(context, lower, upper)
     symmetry = context.need(context.case.symmetry, "symmetry")
     found.check(context.states, tolerance_of(context.states, symmetry.tolerance), reached_stops(context, found.along))
     return found

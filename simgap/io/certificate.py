@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.gap.bounds.basis import Form
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.closed_form import ClosedFormGap
-from simgap.gap.bounds.forms import Form
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.linear import LinearGap
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.geometry import Box
 from simgap.io.atomic import atomic
-from simgap.model.prefix import prefix
+from simgap.model.expressions import prefix
 from simgap.model.sampled import NominalModel
 from simgap.specifications.solution import Solution
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -18,11 +20,10 @@ from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io.atomic import atomic
-from simgap.io.packed_arrays import Arrays, checksum, fits, pack, unpacked
-from simgap.io.unpacked import TooLarge, require_room
+from simgap.reading import TooLarge, require_room
 from simgap.specifications.solution import Solution
-from simgap.synthesis.bits import packed_width
 from simgap.synthesis.controller import Controller
+from simgap.synthesis.input_sets import packed_width
 
 MOST_INPUTS = 2**15 - 1  # the chosen input is stored in 16 bits
 
@@ -195,7 +196,7 @@ def save_controller(controller: Controller, path: Path | str) -> None:
     except TooLarge as error:
         raise UserError(f"the controller {error.problem}", remedy=FEWER) from None
     with atomic(Path(path)) as temporary:
-        pack(temporary, arrays)
+        write_arrays(temporary, arrays)
 
 
 def load_controller(path: Path | str) -> Controller:
@@ -214,9 +215,9 @@ def _load(path: Path | str, whole: bool) -> Controller:
             names = [name.removesuffix(".npy") for name in archive.namelist()]
             require({*names} >= _NEEDED and ("mask" in names) != ("chosen" in names), "parts of it are missing")
             require(CHECKSUM in names, "it has no checksum, so nothing says that it is whole")
-            stated = unpacked(archive, CHECKSUM)
+            stated = read_array(archive, CHECKSUM)
             whole = whole or stated.ndim == 1  # an earlier version's, one checksum of everything
-            arrays = {n: unpacked(archive, n) for n in names if n != CHECKSUM and (whole or n not in _INPUTS)}
+            arrays = {n: read_array(archive, n) for n in names if n != CHECKSUM and (whole or n not in _INPUTS)}
         about = json.loads(arrays["about"].tobytes().decode())
         require(fits(stated, arrays, sorted({*names} - {CHECKSUM})), "its checksum does not fit its content")
         return controller_from(about, arrays)
@@ -298,3 +299,66 @@ def _made_for(wanted: CaseNames, found: Controller, path: Path | str) -> Control
         raise UserError(f"the controller of '{made_for}' is of another U than this case has", file=path, remedy=REMEDY)
     wanted.own(path, found.metadata, "synthesis")
     return found
+
+
+Arrays = Mapping[str, NDArray[Any]]
+_EPOCH = (1980, 1, 1, 0, 0, 0)
+_PIECE = 2**20  # bytes read_array at a time
+
+
+def write_arrays(path: Path, arrays: Arrays) -> None:
+    """Write arrays in their order."""
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, array in arrays.items():
+            entry = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry._compresslevel = 1  # type: ignore[attr-defined]  # zipfile has no other way for an open entry
+            with archive.open(entry, "w", force_zip64=True) as stream:
+                np.lib.format.write_array(stream, np.ascontiguousarray(array), allow_pickle=False)
+
+
+def read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """One array of the file, a piece at a time into its place.
+
+    Raises:
+        UserError: a header that says something else than how many bytes there are. Damage raises what zipfile raises.
+    """
+    entry = archive.getinfo(f"{name}.npy")
+    with archive.open(entry) as stream:
+        version = np.lib.format.read_magic(stream)
+        if version != (1, 0):
+            raise UserError("it is of another version of numpy's format")
+        shape, columns_first, kind = np.lib.format.read_array_header_1_0(stream)
+        if kind.hasobject or columns_first:
+            raise UserError("its arrays are laid out in another way")
+        size = math.prod(shape) * kind.itemsize
+        if stream.tell() + size != entry.file_size:
+            raise UserError("an array has another size than it says")
+        array = np.empty(shape, kind)
+        place, done = array.reshape(-1).view(np.uint8).data, 0
+        while piece := stream.read(_PIECE):  # to the end, where the archive's own checksum is compared
+            place[done : done + len(piece)] = piece
+            done += len(piece)
+    return array
+
+
+def checksum(arrays: Arrays) -> NDArray[np.uint8]:
+    """A row for each array in the order of their names: of name, type, shape, bytes; so some can be read alone."""
+    return np.stack([np.frombuffer(_hashed(arrays, [name]), np.uint8) for name in sorted(arrays)])
+
+
+def fits(stated: NDArray[np.uint8], arrays: Arrays, names: Sequence[str]) -> bool:
+    """Whether the checksum is that of the arrays that were read, of those `names` that the file has."""
+    if stated.ndim == 1:
+        return np.array_equal(stated, np.frombuffer(_hashed(arrays, sorted(arrays)), np.uint8))
+    rows = [names.index(name) for name in sorted(arrays)]
+    return len(stated) == len(names) and np.array_equal(stated[rows], checksum(arrays))
+
+
+def _hashed(arrays: Arrays, names: Sequence[str]) -> bytes:
+    found = hashlib.sha256()
+    for name in names:
+        array = np.ascontiguousarray(arrays[name])
+        found.update(f"{name} {array.dtype.str} {array.shape};".encode())
+        found.update(array.reshape(-1).view(np.uint8).data)
+    return found.digest()

@@ -14,7 +14,7 @@ import numpy as np
 from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.io.atomic import write_text
-from simgap.io.unpacked import JSON_HELD
+from simgap.reading import JSON_HELD
 
 CHECKSUM = "checksum"
 REMEDY = "Delete it and run again: it is remade."

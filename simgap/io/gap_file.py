@@ -11,9 +11,9 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.bounds.load import from_json
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.geometry import Box
 from simgap.io.documents import read_json
 

@@ -8,15 +8,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.errors import UserError
+from simgap.errors import Finding, UserError
 from simgap.late import sympy as sp
 from simgap.lint.costs import StageCost, affordable
-from simgap.lint.sampling_time import LONGEST_RULE
+from simgap.lint.equations import LONGEST_RULE
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
 from simgap.plants.model_file import FileJoint
 from simgap.simulators.build import closed_form
-from simgap.simulators.surprises import Finding
 
 ROUND, LEAST, LARGE = 5.0, 10.0, 100.0
 """Of what both ends of an angle are multiples when they are degrees, from which size on that says something (a turn and

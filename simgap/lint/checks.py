@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from simgap.errors import Finding
 from simgap.lint.angles import refuse_seams
-from simgap.lint.between_samples import refuse_free_path
-from simgap.lint.equations import heavy_steps, mixed_units, refuse_prefixes, wrong_dimensions
-from simgap.lint.gap import refuse_basis, refuse_few_cells
+from simgap.lint.controller import refuse_free_path, refuse_specification
+from simgap.lint.equations import heavy_steps, long_steps, mixed_units, refuse_prefixes, wrong_dimensions
+from simgap.lint.gap import refuse_basis, refuse_few_cells, stuck, sudden
 from simgap.lint.measured import no_coordinates
-from simgap.lint.sampling_time import long_steps
-from simgap.lint.specification import refuse_specification
-from simgap.lint.switching import stuck, sudden
 from simgap.lint.wheels import bolted, wheel_sizes
 from simgap.plants.context import Context
-from simgap.simulators.surprises import Finding
 
 Check = Callable[[Context], list[Finding] | None]
 """What is odd about a case; what no stage could use raises UserError with the key and the remedy."""

@@ -13,14 +13,13 @@ import numpy as np
 from simgap import plugins, reading
 from simgap.config.case import Case
 from simgap.config.model_files import places_of
-from simgap.errors import UserError
-from simgap.lint.wheels import driven_as_told
+from simgap.errors import Finding, UserError
+from simgap.lint.wheels import Drive, driven_as_told, drives
 from simgap.plants.context import Context
 from simgap.plants.model_file import Link, ModelFile, read_model_file
 from simgap.simulators.base import Engine
-from simgap.simulators.drive_trial import Drive, drives
+from simgap.simulators.findings import surprises
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.surprises import Finding, surprises
 
 TRIED, FEWEST, TOGETHER = 0.2, 15, 10_000
 """Seconds for which the engine is timed, how many roll-outs it makes, unless they take ten times as long, and how many

@@ -7,19 +7,17 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from simgap import reading
-from simgap.config.measured import MeasuredSection
-from simgap.config.recordings import matching
-from simgap.diagnosis.reading.channels import Channel, measured_columns
-from simgap.diagnosis.reading.conditions import conditioned
-from simgap.diagnosis.reading.stamps import same_file
+from simgap.config.measured import MeasuredSection, matching
+from simgap.diagnosis.record.channels import Channel, measured_columns
+from simgap.diagnosis.record.clock import same_file
+from simgap.diagnosis.record.conditions import conditioned
 from simgap.effects import EFFECTS
-from simgap.errors import UserError
+from simgap.errors import Finding, UserError
 from simgap.io.recordings.mcap_messages import is_mcap
 from simgap.io.recordings.measured import channels_of, condition_channels, display_name, reading_options
 from simgap.io.recordings.tables import read_header
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.context import Context
-from simgap.simulators.surprises import Finding
 
 
 def check_measured(context: Context) -> None:

@@ -1,10 +1,20 @@
-"""From the `plant` section of a case to the symbolic model as declared, before any effect."""
+"""From the `plant` section of a case to the symbolic model as declared, before any effect.
+
+A force on one coordinate of written equations moves all of them: with `M(q) dv/dt = Q + ...` a generalised force Q_j
+adds column j of M^-1 to the accelerations (Siciliano et al. (2009), Robotics, sec. 7.2). Where the equations themselves
+show that coordinates are coupled, a force that is said to move its own coordinate alone is refused.
+"""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
-from simgap.config.plant import PlantSection, SymbolicPlant
+import numpy as np
+
+from simgap.config.plant import PlantSection, SymbolicCoordinate, SymbolicPlant
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.expressions import parse
@@ -17,11 +27,147 @@ from simgap.model.symbolic import (
     Variable,
     symbol,
 )
-from simgap.plants.coupling import force_columns
-from simgap.plants.joint_units import check_joint_units
 from simgap.plants.urdf import JointState, load_urdf
-from simgap.plants.urdf_checks import check_urdf
+from simgap.plants.urdf_checks import check_joint_units, check_urdf
 from simgap.units import check_unit, dimension, force_along, require_unit
+
+Column: TypeAlias = "tuple[sp.Expr, ...]"
+Parse: TypeAlias = "Callable[[str, str], sp.Expr]"
+"""Text of an expression and its key -> expression."""
+_DRAWS = 20  # positions at which numbers are looked at, within one unit of zero
+_SAME = 1e-9  # relative
+_KEY = "plant.symbolic.mass_matrix"
+
+
+def force_columns(
+    written: SymbolicPlant, states: Sequence[str], xdot: Sequence[sp.Expr], inputs: Sequence[str], parsed: Parse
+) -> dict[str, Column]:
+    """d xdot / d Q of the force on each coordinate, over the states.
+
+    Args:
+        written: the equations; states, inputs: names, in order.
+        xdot: their rates, parsed; parsed: reads a further expression of the case.
+
+    Raises:
+        UserError: no structure or two, a matrix that is no mass matrix, coupling that the case does not say.
+    """
+    if written.mass_matrix is not None:
+        return _from_mass_matrix(written, states, parsed)
+    columns = {}
+    for name, c in written.coordinates.items():
+        key = f"plant.symbolic.coordinates.{name}"
+        if (c.force_gain is None) == (c.force_map is None):
+            raise UserError(
+                "a coordinate has either force_gain or force_map", key=key, remedy="Or give the plant a mass_matrix."
+            )
+        gains = c.force_map if c.force_map is not None else {c.velocity: str(c.force_gain)}
+        unknown = sorted(set(gains) - {other.velocity for other in written.coordinates.values()})
+        if unknown:
+            raise UserError(f"{unknown} are no velocities of coordinates", key=f"{key}.force_map")
+        where = f"{key}.force_map" if c.force_map is not None else f"{key}.force_gain"
+        read = {n: parsed(text, where if c.force_map is None else f"{where}.{n}") for n, text in gains.items()}
+        columns[name] = tuple(read.get(n, sp.Integer(0)) for n in states)
+    _refuse_hidden_coupling(written, states, xdot, inputs, columns)
+    return columns
+
+
+def _from_mass_matrix(written: SymbolicPlant, states: Sequence[str], parsed: Parse) -> dict[str, Column]:
+    """Columns of the inverse, after a look at what makes a mass matrix."""
+    names, rows = list(written.coordinates), written.mass_matrix or ()
+    if len(rows) != len(names) or any(len(row) != len(names) for row in rows):
+        raise UserError(
+            f"the mass matrix is not {len(names)} x {len(names)}",
+            key=_KEY, remedy=f"One row and column for each of the coordinates {names}.",
+        )  # fmt: skip
+    for name, c in written.coordinates.items():
+        if c.force_gain is not None or c.force_map is not None:
+            raise UserError(
+                "with a mass matrix a coordinate has no force_gain and no force_map",
+                key=f"plant.symbolic.coordinates.{name}", remedy="Remove it.",
+            )  # fmt: skip
+    matrix = sp.Matrix(len(names), len(names), lambda i, j: parsed(rows[i][j], f"{_KEY}.{i}.{j}"))
+    positions = [c.position for c in written.coordinates.values()]
+    _check_mass_matrix(written, matrix, positions)
+    inverse = matrix.adjugate() / matrix.det(method="berkowitz")
+    place = {c.velocity: k for k, c in enumerate(written.coordinates.values())}
+    zero = sp.Integer(0)
+    return {name: tuple(inverse[place[n], j] if n in place else zero for n in states) for j, name in enumerate(names)}
+
+
+def _check_mass_matrix(written: SymbolicPlant, matrix: sp.Matrix, positions: Sequence[str]) -> None:
+    """Symmetric and positive definite at some positions, and of positions and parameters alone."""
+    numbers = {symbol(n): p.value for n, p in written.parameters.items()}
+    foreign = {str(s) for s in matrix.free_symbols} - set(positions) - set(written.parameters)
+    if foreign:
+        raise UserError(
+            f"the mass matrix holds {sorted(foreign)}", key=_KEY, remedy="It is made of positions and parameters alone."
+        )
+    rng = np.random.default_rng(0)
+    for at in rng.uniform(-1.0, 1.0, (_DRAWS, len(positions))):
+        here = numbers | {symbol(n): v for n, v in zip(positions, at, strict=True)}
+        try:
+            m = np.array(matrix.subs(here).tolist(), dtype=np.float64)
+        except TypeError:
+            raise UserError("the mass matrix is no finite real number everywhere", key=_KEY) from None
+        if not np.allclose(m, m.T, rtol=_SAME, atol=0.0):
+            raise UserError(
+                "the mass matrix is not symmetric", key=_KEY, remedy="Correct the entries off its diagonal."
+            )
+        if not np.isfinite(m).all() or np.linalg.eigvalsh(m)[0] <= 0.0:
+            raise UserError(
+                "the mass matrix is not positive definite", key=_KEY, remedy="Correct its entries or the parameters."
+            )
+
+
+def _refuse_hidden_coupling(
+    written: SymbolicPlant, states: Sequence[str], xdot: Sequence[sp.Expr], inputs: Sequence[str],
+    columns: Mapping[str, Column],
+) -> None:  # fmt: skip
+    """Refuse coordinates that their equations couple while the case says that a force moves its own one alone.
+
+    What shows it: an input that acts on a coordinate as a force does and accelerates another one too, and products of
+    velocities (Coriolis and centrifugal terms) in an acceleration that are not of its own speed alone. Forces between
+    bodies, such as springs, dampers and drag, show nothing of this kind.
+    """
+    rates = dict(zip(states, xdot, strict=True))
+    alone = {n: c for n, c in written.coordinates.items() if c.force_map is None}
+    for (a, first), (b, second) in itertools.permutations(alone.items(), 2):
+        gain = columns[a][states.index(first.velocity)]
+        for u in map(symbol, inputs):
+            here, there = (sp.diff(rates[c.velocity], u) for c in (first, second))
+            if there != 0 and _constant(here / gain, written):
+                raise _coupled(a, b, f"{u} drives '{a}' and accelerates '{b}' too")
+        if _coriolis(rates[second.velocity], first, alone):
+            raise _coupled(a, b, f"the acceleration of '{b}' holds products of velocities with that of '{a}'")
+
+
+def _constant(share: sp.Expr, written: SymbolicPlant) -> bool:
+    """Whether an expression is the same number, not 0, wherever it is evaluated."""
+    share = share.subs({symbol(n): p.value for n, p in written.parameters.items()})
+    free = sorted(share.free_symbols, key=str)
+    rng = np.random.default_rng(0)
+    try:
+        found = [float(share.subs(dict(zip(free, at, strict=True)))) for at in rng.uniform(-1.0, 1.0, (4, len(free)))]
+    except TypeError:  # not a real number there
+        return False
+    return abs(found[0]) > 0.0 and bool(np.allclose(found, found[0], rtol=_SAME, atol=0.0))
+
+
+def _coriolis(rate: sp.Expr, of: SymbolicCoordinate, among: Mapping[str, SymbolicCoordinate]) -> bool:
+    """Whether the rate of another velocity holds the square of this speed or its product with one, as powers."""
+    speeds = [symbol(c.velocity) for c in among.values()]
+    if not rate.is_polynomial(*speeds):
+        return False
+    return any(sp.diff(rate, symbol(of.velocity), v) != 0 for v in speeds)
+
+
+def _coupled(a: str, b: str, why: str) -> UserError:
+    return UserError(
+        f"'{a}' and '{b}' are coupled ({why}), but a force on one is said to move it alone",
+        key="plant.symbolic.coordinates",
+        remedy="Give plant.symbolic.mass_matrix in the order of the coordinates, and no force_gain; or a force_map for "
+        "each coordinate.",
+    )
 
 
 def declared_model(section: PlantSection, folder: Path) -> SymbolicModel:

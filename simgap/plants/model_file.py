@@ -1,8 +1,9 @@
-"""What a URDF says, link by link and joint by joint, as numbers to hold an engine's own against."""
+"""What a URDF says, link by link and joint by joint, as numbers to compare with an engine's own, and its end stops."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -131,3 +132,20 @@ def _geared(transmission: ElementTree.Element) -> bool:
     tags = {part.tag: part for part in transmission.iter()}
     ratio = (tags["mechanicalReduction"].text or "1") if "mechanicalReduction" in tags else "1"
     return ratio.strip() not in ("1", "1.0") or any("rotor_inertia" in t or "gear_ratio" in t for t in tags)
+
+
+_STOPPED = ("revolute", "prismatic")
+
+
+def joint_stops(urdf: Path, joints: Sequence[str]) -> dict[str, tuple[float, ...]]:
+    """Finite limits of the position of each of these joints, in rad or m; none for a continuous one.
+
+    The file is one that `urdf_checks.check_urdf` has taken.
+    """
+    found = {}
+    for joint in reading.read_xml(urdf).findall("joint"):
+        limit = joint.find("limit")
+        if joint.get("name") in joints and joint.get("type") in _STOPPED and limit is not None:
+            ends = [float(limit.get(end, "0")) for end in ("lower", "upper")]
+            found[str(joint.get("name"))] = tuple(sorted({end for end in ends if math.isfinite(end)}))
+    return {name: found.get(name, ()) for name in joints}

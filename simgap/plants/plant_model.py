@@ -22,7 +22,7 @@ from simgap.model.symbolic import SymbolicModel
 from simgap.model.tree import Tree
 from simgap.plants.declared import declared_model
 from simgap.plants.drake_check import check_declared, check_map
-from simgap.plants.urdf_tree import load_tree
+from simgap.plants.urdf import load_tree
 from simgap.units import require_unit
 
 

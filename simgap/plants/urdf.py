@@ -1,25 +1,33 @@
-"""A URDF, loaded by Drake, as a symbolic model whose inertial parameters stay symbols.
+"""A URDF, loaded by Drake: as a symbolic model whose inertial parameters stay symbols, or as a `Tree` of numbers.
 
 Drake's symbolic `MultibodyPlant` gives the mass matrix M(q), the bias C(q, v) v and the gravity forces; the
 accelerations follow as `vdot = M^-1 (tau_g - C v - D v + B u)`. (Its symbolic articulated-body solve fails on a pivot
-test for more than one degree of freedom, hence the mass matrix.) From three joints on it is not written out
-(`numeric_terms`). A joint's URDF `friction` is ignored by Drake and
+test for more than one degree of freedom, hence the mass matrix.) A joint's URDF `friction` is ignored by Drake and
 therefore here; `damping` is kept.
+
+Writing out the inverse mass matrix of three joints takes a minute of CPU and of six does not end; Newton-Euler on the
+numbers takes microseconds (`model.tree`: 17 us a sample with the regressor of six joints). So from three joints on,
+W = M^-1 and h (bias and gravity) are undefined functions of what they depend on. Effects act on such equations as on
+any: forces, inputs and changed parameters go to their places. What needs the equations themselves (a bound, a
+controller) refuses them.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.simplified import simplified
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol
-from simgap.plants import numeric_terms
+from simgap.model.tree import Tree, moved
 from simgap.plants.urdf_checks import check_urdf, loading, root_link
 
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")
@@ -66,9 +74,9 @@ def load_urdf(
     drag = [symbol(f"{j}.damping") * symbol(v) if d else 0 for j, v, d in zip(joints, rates, damping, strict=True)]
     drive = [sum((symbol(n) for n, (joint, _) in inputs.items() if joint == j), sp.Integer(0)) for j in joints]
     forces = sp.Matrix(drive) - sp.Matrix(drag)
-    if len(joints) > numeric_terms.MOST_DERIVED:
-        inverse = numeric_terms.inverse_mass(order, parameters)
-        acceleration = inverse * (forces - numeric_terms.bias(order, rates, parameters))
+    if len(joints) > MOST_DERIVED:
+        inverse = inverse_mass(order, parameters)
+        acceleration = inverse * (forces - bias(order, rates, parameters))
     else:
         inverse, free = _equations(path, plant, joints, order, rates)
         acceleration = free + inverse * forces
@@ -252,3 +260,93 @@ def _named_parameters(plant: Any, kept: Mapping[str, Parameter]) -> dict[str, Na
     if kept[GRAVITY[2]].value:
         add("gravity", "m/s^2", dict.fromkeys(GRAVITY[::-1], 1))
     return named
+
+
+MOST_DERIVED = 2
+"""Largest number of joints whose equations are written out: two take 2 s of CPU, three 60 s."""
+
+
+def inverse_mass(order: Sequence[str], parameters: Mapping[str, Parameter]) -> sp.Matrix:
+    """W, n x n and symmetric, over the positions and the inertial parameters."""
+    n = len(order)
+    at = [symbol(name) for name in (*order, *_inertial(parameters))]
+    return sp.Matrix(n, n, lambda i, k: sp.Function(f"W_{min(i, k) + 1}_{max(i, k) + 1}", real=True)(*at))
+
+
+def bias(order: Sequence[str], rates: Sequence[str], parameters: Mapping[str, Parameter]) -> sp.Matrix:
+    """h, n x 1, over positions, velocities, the inertial parameters and gravity."""
+    at = [symbol(name) for name in (*order, *rates, *_inertial(parameters), *_gravity(parameters))]
+    return sp.Matrix(len(order), 1, lambda i, _: sp.Function(f"h_{i + 1}", real=True)(*at))
+
+
+def _inertial(parameters: Mapping[str, Parameter]) -> list[str]:
+    """Those that are not 0."""
+    other = ("gravity_", ".damping")
+    return [n for n, p in parameters.items() if p.value and not n.startswith(other[0]) and not n.endswith(other[1])]
+
+
+def _gravity(parameters: Mapping[str, Parameter]) -> list[str]:
+    return [n for n in parameters if n.startswith("gravity_")]
+
+
+def load_tree(path: Path, gravity: float = 9.81) -> Tree:
+    """The moving joints and bodies of a file that `urdf_checks.check_urdf` has taken.
+
+    Args:
+        path: the URDF; its root link is welded to the world.
+        gravity: acceleration along -z, m/s^2.
+
+    Raises:
+        UserError: a joint other than a hinge or a slide.
+    """
+    plant, names = multibody_plant(path, (0.0, 0.0, -gravity))
+    joints = [plant.GetJointByName(name) for name in names]
+    context = plant.CreateDefaultContext()
+    poses = {joint.child_body().name(): _pose(plant, context, joint.child_body()) for joint in joints}
+    carried = {body.name(): k for k, j in enumerate(joints) for body in plant.GetBodiesWeldedTo(j.child_body())}
+    parent, turn, place, inertial = [], [], [], np.zeros((len(joints), 10))
+    for k, joint in enumerate(joints):
+        up = joint.parent_body()
+        parent.append(carried.get(up.name(), -1))
+        base = poses[joints[parent[k]].child_body().name()] if parent[k] >= 0 else (np.eye(3), np.zeros(3))
+        own = _at_zero(plant, context, joint)
+        turn.append(base[0].T @ own[0])
+        place.append(base[0].T @ (own[1] - base[1]))
+        for body in plant.GetBodiesWeldedTo(joint.child_body()):
+            other, mine = _pose(plant, context, body), poses[joint.child_body().name()]
+            inertial[k] += moved(_parameters(body), mine[0].T @ other[0], mine[0].T @ (other[1] - mine[1]))
+    return Tree(
+        joints=tuple(names),
+        links=tuple(j.child_body().name() for j in joints),
+        parent=np.array(parent, dtype=np.int64),
+        turn=np.array(turn),
+        place=np.array(place),
+        axis=np.array([_axis(j) for j in joints]),
+        slides=np.array([j.type_name() == "prismatic" for j in joints]),
+        inertial=inertial,
+        damping=np.array([float(j.default_damping()) for j in joints]),
+        gravity=np.array([0.0, 0.0, -gravity]),
+    )
+
+
+def _axis(joint: Any) -> Floats:
+    axis = joint.revolute_axis() if joint.type_name() == "revolute" else joint.translation_axis()
+    return np.array(axis, dtype=np.float64)
+
+
+def _pose(plant: Any, context: Any, body: Any) -> tuple[Floats, Floats]:
+    pose = plant.EvalBodyPoseInWorld(context, body)
+    return np.array(pose.rotation().matrix()), np.array(pose.translation())
+
+
+def _at_zero(plant: Any, context: Any, joint: Any) -> tuple[Floats, Floats]:
+    """Pose in the world of the joint's frame on its parent, which at position 0 is that of the body that it moves."""
+    pose = joint.frame_on_parent().CalcPoseInWorld(context)
+    return np.array(pose.rotation().matrix()), np.array(pose.translation())
+
+
+def _parameters(body: Any) -> Floats:
+    inertia = body.default_spatial_inertia()
+    m, com = inertia.get_mass(), np.array(inertia.get_com())
+    tensor = inertia.CalcRotationalInertia().CopyToFullMatrix3()  # about the body frame's origin: its joint
+    return np.concatenate([[m], m * com, tensor[np.triu_indices(3)]])

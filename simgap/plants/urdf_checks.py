@@ -1,4 +1,4 @@
-"""What a URDF must have before two engines may be trusted to read it alike."""
+"""What a URDF must have before two engines may be trusted to read it alike, and the units of the joints of a case."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ import numpy as np
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.config.model_files import places_of
+from simgap.config.plant import PlantSection
 from simgap.errors import SimgapError, UserError, excerpt
+from simgap.units import require_unit
 
 NUMBERS: Mapping[str, Mapping[str, int]] = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -337,3 +339,45 @@ def check_floating_root(path: Path) -> None:
             path, link, "<inertial>", "the root of a robot that stands freely has no mass and inertia",
             "Make the chassis the root, its frame midway between the wheels, or give this link its mass and inertia.",
         )  # fmt: skip
+
+
+_TURNS, _SLIDES = ("rad", "rad/s", "N*m"), ("m", "m/s", "N")
+
+
+def check_joint_units(section: PlantSection, urdf: Path) -> None:
+    """Refuse states and inputs that stand for no moving joint of the file, or in a unit other than the joint's.
+
+    Their numbers go to the engine as they are: a state in deg would be labelled deg and hold radians.
+
+    Raises:
+        UserError: naming the key and the joints there are, or the unit that is wanted.
+    """
+    robot = reading.read_xml(urdf)
+    if robot.tag != "robot":
+        return
+    check_units(section, {str(j.get("name")): str(j.get("type")) for j in robot.findall("joint")}, urdf.name)
+
+
+def check_units(section: PlantSection, types: Mapping[str, str], file: str) -> None:
+    """The same for the joints of any model file, by name: prismatic, fixed, or one that turns.
+
+    Raises:
+        UserError: as `check_joint_units`.
+    """
+    for group, owners in (("states", section.states), ("inputs", section.inputs)):
+        for name, owner in owners.items():
+            if owner.joint is not None and types.get(owner.joint, "fixed") == "fixed":
+                moving = ", ".join(n for n, kind in types.items() if kind != "fixed") or "none"
+                raise UserError(
+                    f"{file} has no moving joint '{owner.joint}'", key=f"plant.{group}.{name}.joint",
+                    remedy=f"Moving joints: {moving}.",
+                )  # fmt: skip
+    units = {name: _SLIDES if kind == "prismatic" else _TURNS for name, kind in types.items()}
+    for name, state in section.states.items():
+        if state.joint in units and state.quantity is not None:
+            position, velocity, _ = units[state.joint]
+            wanted = position if state.quantity == "position" else velocity
+            require_unit(state.unit, wanted, f"plant.states.{name}.unit")
+    for name, drive in section.inputs.items():
+        if drive.joint in units:
+            require_unit(drive.unit, units[drive.joint][2], f"plant.inputs.{name}.unit")

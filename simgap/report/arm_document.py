@@ -11,8 +11,8 @@ from typing import Any
 from simgap.diagnosis.arms.problem import INERTIAL
 from simgap.diagnosis.arms.result import ArmDiagnosis, BaseParameter, FoundPayload
 from simgap.diagnosis.arms.terms import TERMS
-from simgap.diagnosis.reading.survey import Survey
-from simgap.diagnosis.reading.traces import Reading
+from simgap.diagnosis.record.survey import Survey
+from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.result import Estimate, FoundEffect
 from simgap.effects import effect
 from simgap.effects.quoted import Quoted

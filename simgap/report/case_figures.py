@@ -12,7 +12,7 @@ import numpy as np
 
 from simgap.io import figure_style as style
 from simgap.io.parquet import stack
-from simgap.io.rerun.content import PlanarScene
+from simgap.io.rerun.recording import PlanarScene
 from simgap.io.traces import MODEL, NOMINAL, ROBUST, SIMULATOR, shown
 from simgap.plants.context import Context
 from simgap.report.figures import arena as figures_arena

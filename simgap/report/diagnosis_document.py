@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from simgap.diagnosis.reading.survey import Survey
-from simgap.diagnosis.reading.traces import Reading
+from simgap.diagnosis.record.survey import Survey
+from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.result import (
     Alternative,
     CandidateScore,

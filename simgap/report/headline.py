@@ -6,9 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from simgap.config.trials import Trials
-from simgap.gap.bounds.outside import Outside
-from simgap.gap.fitting.fresh_check import clopper_pearson_upper
+from simgap.config.validation import Trials
+from simgap.gap.fitting.acceptance import Outside, clopper_pearson_upper
 from simgap.io.traces import CAREFUL, EVERY_TITLE, NOMINAL, ROBUST, SIMULATOR
 from simgap.report import adversary, tables
 from simgap.report.material import Material

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simgap.io.rerun.content import SERIES, Content
+from simgap.io.rerun.recording import SERIES, Content
 from simgap.io.traces import NOMINAL, ROBUST, TITLES, Trace, shown
 from simgap.notation import axis_label
 from simgap.plants.context import Context

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from simgap.geometry import Box
-from simgap.io.rerun.content import JointScene, PlanarScene
+from simgap.io.rerun.recording import JointScene, PlanarScene
 from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space

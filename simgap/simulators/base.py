@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -13,12 +14,26 @@ from simgap.arrays import Floats
 from simgap.config.simulator import EngineSection
 from simgap.late import sympy as sp
 from simgap.plants.model_file import Link
-from simgap.simulators.traits import FileTraits
 
-if TYPE_CHECKING:  # a case names engines, and its sections are found through them
+if TYPE_CHECKING:
     from simgap.config.case import Case
     from simgap.effects.base import Effect
-    from simgap.simulators.surprises import Finding
+    from simgap.errors import Finding
+
+
+@dataclass(frozen=True)
+class FileTraits:
+    """Of an engine that loads a URDF; tests show each in the engine itself.
+
+    Attributes:
+        stops: whether a joint stops at the ends of its range.
+        damps_links: whether it damps the motion of links on its own (`simulator.damping`).
+        fastest: the speed at which it cuts every joint, rad/s or m/s; None if it does not.
+    """
+
+    stops: bool = True
+    damps_links: bool = False
+    fastest: float | None = None
 
 
 class Simulator(ABC):
@@ -145,3 +160,18 @@ class PathSimulator(Simulator):
     @abstractmethod
     def chain(self, start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
         """Run inputs (k, nu) one after the other from rest: -> poses (k + 1, 3), paths (k, poses, 3) in body frames."""
+
+
+class MapEngine(Engine):
+    """An engine that offers `rollouts`; a step is one of them."""
+
+    _x: Floats
+
+    def reset(self, x: Floats) -> None:
+        """Put the plant at x (nx,)."""
+        self._x = np.array(x, dtype=np.float64)
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold u (nu,) for tau: -> (nx,)."""
+        self._x = self.rollouts(self._x[None], np.asarray(u, dtype=np.float64).reshape(1, self.nu))[0]
+        return self._x.copy()

@@ -10,8 +10,7 @@ from simgap.config.case import Case
 from simgap.effects import EFFECTS, check_listed, effect
 from simgap.errors import UserError
 from simgap.simulators.base import Engine, Simulator
-from simgap.simulators.probe import probed
-from simgap.simulators.watched import Watch, watched
+from simgap.simulators.supervision import Watch, probed, watched
 
 
 def make_simulator(case: Case, folder: Path) -> Simulator:
@@ -24,11 +23,10 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
     simulator = kind.build(case, folder)
     if section is None:
         return simulator
-    built_in = section.engine in plugins.BUILT_IN["engines"]
-    if not built_in:
-        names = list(case.plant.states), list(case.plant.inputs)
-        simulator = watched(simulator, Watch(section.engine, *names, section.timeout))
-    return simulator if built_in and not kind.of_a_person else probed(simulator, case)
+    if section.engine in plugins.BUILT_IN["engines"] and not kind.of_a_person:
+        return simulator
+    names, calls = (list(case.plant.states), list(case.plant.inputs)), section.substeps if kind.of_a_person else 1
+    return probed(watched(simulator, Watch(section.engine, *names, section.timeout * calls)), case)
 
 
 def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:

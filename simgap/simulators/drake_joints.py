@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import metadata
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -14,11 +14,8 @@ from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf, loading, root_link
-from simgap.simulators.joint_engine import JointEngine
-from simgap.simulators.traits import FileTraits
-
-if TYPE_CHECKING:
-    from simgap.simulators.joints import JointPlant
+from simgap.simulators.base import FileTraits
+from simgap.simulators.joints import JointEngine, JointPlant, joint_forces
 
 
 class DrakeSettings(EngineSection):
@@ -41,7 +38,6 @@ class DrakeJoints(JointEngine):
     file_traits = FileTraits(stops=True)
 
     def __init__(self, plant: JointPlant, section: DrakeSettings) -> None:
-        from simgap.simulators.joints import joint_forces
 
         check_urdf(plant.file)
         self.nx, self.nu = plant.nx, plant.nu

@@ -14,7 +14,7 @@ from simgap.config.plant import AddedEffect, Integrator, SymbolicPlant
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.simulators.map_engine import MapEngine
+from simgap.simulators.base import MapEngine
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
@@ -65,7 +65,7 @@ class EquationsEngine(MapEngine):
             UserError: equations that do not fit the plant's states and inputs, an integrator that does not fit them,
                 or a lagged state of the plant that does not lag in the simulator.
         """
-        from simgap.simulators.behind_commands import behind_commands
+        from simgap.simulators.commands import behind_commands
 
         if _carried(case):
             return cls(_substep(case, folder), _section(case).substeps)

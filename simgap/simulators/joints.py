@@ -1,21 +1,25 @@
-"""What every engine needs to know of a plant made of joints, and the forces that declared effects add."""
+"""Plants made of joints: where states and inputs stand, the forces that effects add, what engines over a URDF share."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from simgap import reading
 from simgap.config.case import Case
 from simgap.config.plant import AddedEffect
-from simgap.effects import CoordinateEffect, StaticInputEffect, effect
+from simgap.effects import StaticInputEffect, effect
+from simgap.effects.base import CoordinateEffect, Effect
+from simgap.effects.commands import InputEffect
 from simgap.effects.drives import DriveEffect
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.plants.joint_units import check_joint_units
-from simgap.simulators.commands import static_path
+from simgap.plants.urdf_checks import check_joint_units
+from simgap.simulators.base import Engine, Simulator
+from simgap.simulators.commands import behind_commands, check_lagged, static_path
 
 Forces = Callable[..., Sequence[float]]
 
@@ -120,3 +124,39 @@ def _delivered(effects: Sequence[AddedEffect], name: str, drive: sp.Expr, veloci
             values = {key: sp.Float(value) for key, value in added.parameters.items()}
             felt = felt.subs(placeholder, kind.felt(placeholder, velocity, values))
     return felt.subs(placeholder, drive)
+
+
+class JointEngine(Engine):
+    """An engine whose whole state is the positions and velocities of its joints."""
+
+    @abstractmethod
+    def __init__(self, plant: JointPlant, section: Any) -> None:
+        """Load the plant with the settings of the case."""
+
+    @classmethod
+    def acts_out(cls, effect: Effect) -> bool:
+        """Forces on coordinates, every change of a command, and what a drive makes of it at its speed."""
+
+        return isinstance(effect, CoordinateEffect | InputEffect | DriveEffect)
+
+    @classmethod
+    def of_its_own(cls, case: Case) -> bool:
+        """Another model file than the plant's may differ in anything."""
+        section = case.simulator
+        return section is not None and section.urdf is not None and section.urdf != case.plant.urdf
+
+    @classmethod
+    def build(cls, case: Case, folder: Path) -> Simulator:
+        """The engine itself, or, where an input is delayed or lags, the engine a step at a time behind its commands.
+
+        Raises:
+            UserError: no model file, no domain, or a lagged state of the plant that does not lag in the simulator.
+        """
+        plant, section = joint_plant(case, folder), case.simulator
+        check_lagged(case)
+        if section is None or not any(effect(e.name).remembers for e in section.effects):
+            return cls(plant, section)
+        a_step = replace(plant, tau=plant.tau / section.substeps)
+        return behind_commands(
+            case, lambda effects: cls(a_step, section.model_copy(update={"substeps": 1, "effects": effects}))
+        )

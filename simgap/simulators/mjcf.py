@@ -11,8 +11,7 @@ import numpy as np
 from simgap import reading
 from simgap.config.model_files import named_by
 from simgap.errors import UserError, excerpt
-from simgap.plants.joint_units import check_units
-from simgap.plants.urdf_checks import TRUST, loading
+from simgap.plants.urdf_checks import TRUST, check_units, loading
 
 if TYPE_CHECKING:
     from simgap.config.case import Case

@@ -16,14 +16,12 @@ from simgap.late import sympy as sp
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import check_urdf, loading
 from simgap.simulators import mjcf, mjcf_findings, mujoco_divergence
-from simgap.simulators.base import Simulator
-from simgap.simulators.joint_engine import JointEngine
-from simgap.simulators.traits import FileTraits
+from simgap.simulators.base import FileTraits, Simulator
+from simgap.simulators.joints import JointEngine, JointPlant, joint_forces
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
-    from simgap.simulators.joints import JointPlant
-    from simgap.simulators.surprises import Finding
+    from simgap.errors import Finding
 
 
 class MuJoCoSettings(EngineSection):
@@ -57,7 +55,6 @@ class MuJoCoJoints(JointEngine):
     file_traits = FileTraits(stops=True)
 
     def __init__(self, plant: JointPlant, section: MuJoCoSettings) -> None:
-        from simgap.simulators.joints import joint_forces
 
         mujoco = mjcf.installed()
         self.nx, self.nu, self.engine = plant.nx, plant.nu, f"mujoco {mujoco.__version__}"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -20,11 +20,8 @@ from simgap.errors import UserError, excerpt
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import loading, root_link
 from simgap.simulators import mujoco_divergence
-from simgap.simulators.wheeled_engine import WheeledEngine, WheeledSettings
-
-if TYPE_CHECKING:
-    from simgap.simulators.commands import CommandPath
-    from simgap.simulators.wheeled_plant import WheeledPlant
+from simgap.simulators.commands import CommandPath
+from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettings
 
 IMPRATIO = 10.0
 """Stiffness of friction over that of contact: tyres of MuJoCo's default, 1, creep under load (its documentation)."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import logging
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -10,16 +13,17 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from simgap.arrays import Floats
-from simgap.config.function_file import FunctionFile
+from simgap.config.function_file import KEY, FunctionFile
 from simgap.config.simulator import EngineSection
-from simgap.errors import UserError
-from simgap.simulators.function_process import FunctionProcess
-from simgap.simulators.map_engine import MapEngine
-from simgap.simulators.probe import at_call
+from simgap.errors import UserError, excerpt
+from simgap.simulators.base import Engine
+from simgap.simulators.supervision import at_call, bounded
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
 
+STARTING = 60.0
+"""Longest time that the file may take to be imported, s."""
 log = logging.getLogger("simgap.code")
 _told: set[Path] = set()
 
@@ -58,17 +62,22 @@ class PythonSettings(EngineSection):
         return function
 
 
-class PythonEngine(MapEngine):
+class PythonEngine(Engine):
     """`f_hat` by a function: all its state is x, so a reset leaves nothing behind."""
 
     Settings = PythonSettings
     engine = "python function"
     of_a_person = True
 
-    def __init__(self, process: FunctionProcess, names: tuple[list[str], list[str]], substeps: int) -> None:
-        """Calls go to `process`; `names` are those of states and inputs."""
-        self.nx, self.nu = len(names[0]), len(names[1])
-        self._process, self._names, self._substeps = process, names, substeps
+    def __init__(self, file: FunctionFile, case: Case, section: PythonSettings, tau: float) -> None:
+        """Import the file in this process, which is the engine's own."""
+        self._file, self._names = file, (list(case.plant.states), list(case.plant.inputs))
+        self.nx, self.nu = len(self._names[0]), len(self._names[1])
+        self._tau, self._substeps, self._parameters = tau, section.substeps, dict(section.parameters)
+        try:
+            self._function = bounded("while the function's file is imported", STARTING, lambda: _imported(file))
+        except Exception as error:
+            raise self._fault(f"cannot be imported: {type(error).__name__}: {excerpt(str(error))}") from None
 
     @classmethod
     def build(cls, case: Case, folder: Path) -> PythonEngine:
@@ -82,35 +91,87 @@ class PythonEngine(MapEngine):
             raise UserError("the simulator is no Python function", key="simulator.engine")
         if case.domain is None:
             raise UserError("the simulator needs a sampling time", key="domain.tau", remedy="Add `domain:`.")
-        found = FunctionFile.find(section.function, folder)
-        tau = case.domain.tau / section.substeps
-        process = FunctionProcess(found, tau, dict(section.parameters), section.batch, section.timeout)
-        return cls(process, (list(case.plant.states), list(case.plant.inputs)), section.substeps)
+        kind = _OfMany if section.batch else cls
+        return kind(FunctionFile.find(section.function, folder), case, section, case.domain.tau / section.substeps)
 
-    def rollouts(self, x: Floats, u: Floats) -> Floats:
-        """One step from each state: (n, nx), (n, nu) -> (n, nx).
+    def reset(self, x: Floats) -> None:
+        """Put the plant at x (nx,)."""
+        self._x = np.array(x, dtype=np.float64)
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold u (nu,) for tau: -> (nx,).
 
         Raises:
-            UserError: a call that fails, ends its process, takes too long or gives no finite state, with its x and u.
+            UserError: a call that fails or gives no state, with its x and u.
         """
         for _ in range(self._substeps):
-            x = self._checked(x, u)
+            self._x = self._called(self._x, np.array(u, dtype=np.float64))
+        return self._x.copy()
+
+    def _called(self, x: Floats, u: Floats) -> Floats:
+        try:
+            result = self._function(x.copy(), u.copy(), self._tau, **self._parameters)
+        except Exception as error:
+            line = _line(error, str(self._file.path))
+            raise self._fault(f"fails: {type(error).__name__}: {excerpt(str(error))}{line}", x, u) from None
+        try:
+            found = np.asarray(result, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise self._fault(f"gives {excerpt(repr(result), 60)}, which is no array of numbers", x, u) from None
+        if found.shape != x.shape:
+            raise self._fault(f"gives an array {found.shape} instead of {x.shape}", x, u)
+        return found
+
+    def _fault(self, problem: str, x: Floats | None = None, u: Floats | None = None) -> UserError:
+        """What went wrong, with the call, the first of many."""
+        where = "" if x is None or u is None else f", {at_call(self._names, *(np.atleast_2d(v)[0] for v in (x, u)))}"
+        return UserError(
+            f"the function '{self._file.name}' {problem}{where}", file=self._file.path, key=KEY,
+            remedy="Correct it, or leave what it cannot do out of domain.X and domain.U.",
+        )  # fmt: skip
+
+
+class _OfMany(PythonEngine):
+    """A function that takes many at once."""
+
+    def rollouts(self, x: Floats, u: Floats) -> Floats:
+        """One step from each state: (n, nx), (n, nu) -> (n, nx)."""
+        for _ in range(self._substeps):
+            x = self._called(x, u)
         return x
 
-    def _checked(self, x: Floats, u: Floats) -> Floats:
-        following = self._process.call(x, u, self._said)
-        bad = np.flatnonzero(~np.isfinite(following).all(axis=1))
-        if bad.size:
-            k = int(bad[0])
-            where = [name for name, value in zip(self._names[0], following[k], strict=True) if not np.isfinite(value)]
-            values = ", ".join(f"{n} = {following[k][self._names[0].index(n)]:g}" for n in where)
-            raise self._process.fault(f"gives {values}", self._said(x[k], u[k]))
-        return following
+    def advance(self, u: Floats) -> Floats:
+        """Hold u (nu,) for tau: -> (nx,)."""
+        self._x = self.rollouts(self._x[None], np.asarray(u, dtype=np.float64).reshape(1, self.nu))[0]
+        return self._x.copy()
 
-    def _said(self, x: Any, u: Any) -> str:
-        """A call in words."""
-        return at_call(self._names, x, u)
 
-    def close(self) -> None:
-        """End the function's process."""
-        self._process.close()
+def _line(error: BaseException, path: str) -> str:
+    """The line of the file where it failed."""
+    trace, found = error.__traceback__, ""
+    while trace is not None:
+        if trace.tb_frame.f_code.co_filename == path:
+            found = f" (line {trace.tb_lineno})"
+        trace = trace.tb_next
+    return found
+
+
+def _imported(file: FunctionFile) -> Callable[..., Any]:
+    sys.dont_write_bytecode = True  # what runs is what was hashed
+    folder = str(file.path.parent)
+    sys.path.insert(0, folder)
+    spec = importlib.util.spec_from_file_location(f"simgap_function_{file.path.stem}", file.path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file.path.name} cannot be read")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(folder)
+        sys.path.append(folder)  # what it imports later is found; nothing that simgap imports later is shadowed
+    function = getattr(module, file.name)
+    if not callable(function):
+        raise TypeError(f"'{file.name}' is no function")
+    found: Callable[..., Any] = function
+    return found

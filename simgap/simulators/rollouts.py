@@ -1,14 +1,18 @@
-"""Roll-outs of one sampling time; each function runs in the engine's own process."""
+"""Roll-outs of one sampling time, of a wheeled robot in its own frame too; each runs in the engine's own process."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from simgap.arrays import Floats
+from simgap.arrays import Floats, Ints
 from simgap.config.case import Case
+from simgap.errors import UserError
+from simgap.simulators.base import PathSimulator
+from simgap.simulators.body_samples import REST, BodySamples, joined
 
 Range = tuple[Floats, Floats]
 
@@ -52,3 +56,79 @@ def follow(jobs: Sequence[tuple[Case, Sequence[Floats], Sequence[Floats]]], fold
         finally:
             simulator.close()
     return every
+
+
+@contextmanager
+def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
+    from simgap.simulators.build import make_simulator
+
+    simulator = make_simulator(case, folder)
+    try:
+        if not isinstance(simulator, PathSimulator):
+            raise UserError(
+                "the engine records no poses between samples, which a hidden state needs",
+                key="simulator.engine",
+                remedy="Use one that does, such as pybullet_wheeled.",
+            )
+        yield simulator
+    finally:
+        simulator.close()
+
+
+def after_previous(case: Case, folder: Path, previous: Floats, inputs: Floats) -> tuple[BodySamples, str]:
+    """All inputs (M, nu) after each previous input (P, nu) from rest: (P M) rows, the input running fastest."""
+    every = np.arange(len(inputs))
+    with _robot(case, folder) as robot:
+        before = [int(np.flatnonzero((inputs == u).all(axis=1))[0]) for u in previous]
+        every_path = (robot.responses(u[None], inputs) for u in previous)
+        parts = [BodySamples.of_paths(every, p, robot.pose, m) for p, m in zip(every_path, before, strict=True)]
+        return joined(parts), robot.engine
+
+
+def along_sequences(
+    case: Case, folder: Path, sequences: Ints, inputs: Floats, seed: int | list[int]
+) -> tuple[BodySamples, str]:
+    """Every step of random input sequences (n, length), each from rest at a random heading: n length rows."""
+    rng = np.random.default_rng(seed)
+    with _robot(case, folder) as robot:
+        parts = []
+        for numbers in sequences:
+            start = np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+            paths, before = robot.chain(start, inputs[numbers])[1], np.array([REST, *numbers[:-1]])
+            parts.append(BodySamples.of_paths(numbers, paths, robot.pose, before))
+        return joined(parts), robot.engine
+
+
+def repeated_histories(
+    case: Case, folder: Path, sequences: Ints, inputs: Floats, headings: Floats
+) -> tuple[BodySamples, str]:
+    """Sequences (n, L + 1), the last number of which is the present input, with shorter histories and other headings.
+
+    Each gives L + H rows: the present input after the last 1, ..., L inputs before it at heading 0, then after all L at
+    the headings (n, H).
+    """
+    length, parts = sequences.shape[1] - 1, []
+    with _robot(case, folder) as robot:
+        for numbers, turned in zip(sequences, headings, strict=True):
+            history, present = inputs[numbers[:-1]], inputs[numbers[-1:]]
+            paths = [robot.responses(history[length - back :], present) for back in range(1, length + 1)]
+            paths += [robot.responses(history, present, float(heading)) for heading in turned]
+            m = np.full(len(paths), numbers[-1])
+            parts.append(BodySamples.of_paths(m, np.concatenate(paths), robot.pose, int(numbers[-2])))
+        return joined(parts), robot.engine
+
+
+@contextmanager
+def last_steps_of(case: Case, folder: Path, inputs: Floats) -> Iterator[Callable[[Ints, Floats], BodySamples]]:
+    """A function of sequences of input numbers (n, L) and headings (n,): the last step of each, run from rest."""
+    with _robot(case, folder) as robot:
+
+        def last_steps(sequences: Ints, headings: Floats) -> BodySamples:
+            parts = []
+            for numbers, heading in zip(sequences, headings, strict=True):
+                path = robot.responses(inputs[numbers[:-1]], inputs[numbers[-1:]], float(heading))
+                before = int(numbers[-2]) if len(numbers) > 1 else REST
+                parts.append(BodySamples.of_paths(numbers[-1:], path, robot.pose, before))
+            return joined(parts)
+
+        yield last_steps

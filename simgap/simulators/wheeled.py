@@ -1,200 +1,230 @@
-"""A differential-drive robot in PyBullet: wheels in frictional contact with a floor, torque-limited velocity motors.
-
-Contacts and motors are solved directly (Dantzig's pivoting): sequential impulses, PyBullet's default, need some 200
-iterations a step to forget in which order and along which axes of the world they work. Where the direct solver finds no
-solution Bullet takes them instead.
-
-The engine's state is larger than the pose: wheel and body velocities, contact caches. `reset` restores a saved state of
-the robot at rest before it moves the robot, so that nothing of an earlier roll-out is left; `responses` restores the
-saved state that a history of inputs leaves behind. The same arguments give the same bits in any order.
-"""
+"""Planar wheeled robots: roles of states and inputs, chains of inputs, paths seen from where an input began."""
 
 from __future__ import annotations
 
+import copy
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
+from simgap.config.plant import AddedEffect
+from simgap.config.simulator import EngineSection
+from simgap.effects import effect
+from simgap.effects.base import Effect, WheelEffect
+from simgap.effects.commands import InputEffect
 from simgap.errors import UserError
-from simgap.plants.model_file import Link
-from simgap.plants.urdf_checks import loading
-from simgap.simulators.pybullet_links import links_of, without_mass
-from simgap.simulators.wheeled_engine import WheeledEngine, WheeledSettings
-
-if TYPE_CHECKING:
-    from simgap.simulators.commands import CommandPath
-    from simgap.simulators.wheeled_plant import WheeledPlant
-
-CONTACT_BREAKING = 0.2
-"""Distance at which a contact point is dropped, as a share of a shape's radius (so Bullet reads it): 7.6 mm for a wheel
-of 38 mm. Below a few mm a wheel that hops by a fraction of a millimetre loses its contact, falls freely for an engine
-step and turns the robot by up to some hundredths of a radian, at some headings and not at others."""
-SOFTNESS = 1e-8
-"""Constraint force mixing: the velocity, m/s, by which a contact gives way to an impulse of 1 N s, times the time of an
-engine step. Two wheels on an axle both hold the robot against sliding along it, so that without it the direct solver
-meets a singular matrix seven times in ten; with it the impulse that carries the robot moves a contact by 1e-6 m/s."""
-SETTLED = 1e-8
-"""Sum of squares of the velocity changes, (m/s)^2, at which an iteration of the contact solver is the last."""
+from simgap.plants.urdf_checks import check_floating_root, check_urdf, check_wheels
+from simgap.simulators.base import Engine, FileTraits, PathSimulator
+from simgap.simulators.commands import CommandMemory, CommandPath, case_command_paths
 
 
-class PyBulletWheeled(WheeledEngine):
-    """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity."""
+@dataclass(frozen=True)
+class WheeledPlant:
+    """Where pose and commands stand among the states and inputs, and the sampling time (s)."""
 
-    Settings = WheeledSettings
-    distributions = ("pybullet",)
+    urdf: Path
+    tau: float
+    gravity: float = 9.81
+    pose: tuple[int, int, int] = (0, 1, 2)
+    commands: tuple[int, int] = (0, 1)
+
+
+def wheeled_plant(case: Case, folder: Path) -> WheeledPlant:
+    """Where the roles of `plant.symbolic.wheels` stand in the case.
+
+    Raises:
+        UserError: a plant whose states and inputs are not those of a planar wheeled robot.
+    """
+    plant, section, domain = case.plant, case.simulator, case.domain
+    wheels = plant.symbolic.wheels if plant.symbolic else None
+    states, inputs = list(plant.states), list(plant.inputs)
+    if wheels is None or domain is None or section is None or section.urdf is None:
+        raise UserError(
+            "a wheeled simulator needs plant.symbolic.wheels and a domain", key="plant.symbolic.wheels",
+            remedy="Name the states x, y, heading and the inputs linear, angular.",
+        )  # fmt: skip
+    pose, commands = (wheels.x, wheels.y, wheels.heading), (wheels.linear, wheels.angular)
+    if sorted(states) != sorted(pose) or sorted(inputs) != sorted(commands):
+        raise UserError(
+            f"wheels are {pose} and {commands}, the plant has {states} and {inputs}", key="plant.symbolic.wheels"
+        )
+    x, y, heading = (states.index(name) for name in pose)
+    linear, angular = (inputs.index(name) for name in commands)
+    return WheeledPlant(folder / section.urdf, domain.tau, plant.gravity, (x, y, heading), (linear, angular))
+
+
+WheelPath = tuple[tuple[WheelEffect, Mapping[str, float]], ...]
+"""Effects on the wheels' speeds with their values, the nearest to the command first."""
+
+
+def wheel_path(effects: Sequence[AddedEffect]) -> WheelPath:
+    """Those of the effects that act on the wheels; those on the commands change none of their speeds.
+
+    Raises:
+        UserError: missing or unphysical values.
+    """
+    own = []
+    for added in sorted(effects, key=lambda a: -effect(a.name).rank):
+        kind = effect(added.name)
+        kind.check_values(added.parameters)
+        if isinstance(kind, WheelEffect):
+            own.append((kind, added.parameters))
+    return tuple(own)
+
+
+class WheeledSettings(EngineSection):
+    """PyBullet over a differential-drive URDF: wheels in contact with a floor, torque-limited velocity motors."""
+
+    engine: Literal["pybullet_wheeled"] = Field("pybullet_wheeled", description="Which engine.")
+    urdf: str = Field(
+        description="Model file, relative to the case file; its root, midway between the wheels, has mass and inertia."
+    )
+    left: str = Field("left_wheel", description="Joint of the left wheel.")
+    right: str = Field("right_wheel", description="Joint of the right wheel.")
+    wheel_radius: float = Field(gt=0, description="Radius that turns speeds into wheel speeds, m.")
+    track: float = Field(gt=0, description="Distance between the wheels that does so, m.")
+    torque: float = Field(gt=0, description="Largest torque of a wheel motor, N m.")
+    floor_friction: float = Field(gt=0, description="Friction coefficient of the floor (times that of the tyre).")
+    payload: float = Field(0.0, ge=0, description="Mass added to the base, its inertia scaled alike, kg.")
+    substeps: int = Field(100, ge=1, description="Engine steps within tau.")
+    poses: int = Field(20, ge=1, description="Poses recorded within tau, evenly spaced; divides substeps.")
+    solver_iterations: int = Field(
+        100,
+        ge=1,
+        description="Most iterations of the contact solver an engine step, in PyBullet where its direct solver finds "
+        "no solution; too few make turns differ between headings: friction is solved along the axes of the world.",
+    )
+    settle: float = Field(0.5, ge=0, description="Time at rest after loading, before the rest state is saved, s.")
+    effects: tuple[AddedEffect, ...] = Field(
+        (), description="Effects on the commands, delay and lag among them, and on the wheels' speeds."
+    )
+
+    def between_poses(self, tau: float, gravity: float) -> float:
+        """a t^2 / 8 for the largest acceleration that the tyres can give, over the time between two poses."""
+        return float(self.floor_friction * gravity * (tau / self.poses) ** 2 / 8.0)
+
+
+class WheeledEngine(Engine, PathSimulator):
+    """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity.
+
+    `path` (poses, 3) holds the poses of the last step, headings continued.
+    """
+
+    file_traits = FileTraits(stops=True)
+    path: Floats
+    _section: WheeledSettings
+
+    @classmethod
+    def acts_out(cls, effect: Effect) -> bool:
+        """Changes of the commands, and of the wheels' speeds."""
+
+        return isinstance(effect, InputEffect | WheelEffect)
+
+    @classmethod
+    def of_its_own(cls, case: Case) -> bool:
+        """A unicycle has no model file: the robot's is what stands for it."""
+        return False
+
+    @classmethod
+    def build(cls, case: Case, folder: Path) -> WheeledEngine:
+        """The robot of a case with `plant.symbolic.wheels`."""
+
+        section: Any = case.simulator
+        return cls(wheeled_plant(case, folder), section, case_command_paths(case) if section.effects else ())
 
     def __init__(self, plant: WheeledPlant, section: WheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
-        import pybullet as p
-        from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
-        super().__init__(plant, section, paths)
-        self._section = section
-        self.engine = f"pybullet {p.getAPIVersion()}"
-        self._p: Any = BulletClient(p.DIRECT)
-        self._native: Any = p  # the client looks every function up anew, which costs more than a pose does
-        self._body, self._wheels = self._load()
-        # Bullet's body frame is at the centre of mass, along the principal axes of inertia: seen from the root
-        place, self._axes = self._p.getDynamicsInfo(self._body, -1)[3:5]
-        self._offset = np.array(place)
-        self._from_axes = np.array(self._native.getMatrixFromQuaternion(self._axes)).reshape(3, 3).T
-        self._aligned = bool(np.array_equal(self._from_axes, np.eye(3)))
-        self._height = self._settled_height()
-        self._rest = self._kept()
-
-    def _load(self) -> tuple[int, tuple[int, int]]:
-        p, s = self._p, self._section
-        p.setGravity(0, 0, -self._plant.gravity)
-        p.setPhysicsEngineParameter(
-            fixedTimeStep=self._plant.tau / s.poses,
-            numSubSteps=s.substeps // s.poses,
-            deterministicOverlappingPairs=1,
-            enableConeFriction=1,
-            contactBreakingThreshold=CONTACT_BREAKING,
-            constraintSolverType=p.CONSTRAINT_SOLVER_LCP_DANTZIG,
-            globalCFM=SOFTNESS,
-            numSolverIterations=s.solver_iterations,
-            solverResidualThreshold=SETTLED,
-        )
-        floor = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
-        p.changeDynamics(floor, -1, lateralFriction=s.floor_friction, restitution=0)
-        urdf, place = self._plant.urdf, [0, 0, s.wheel_radius]
-        with loading("PyBullet", urdf):
-            body = p.loadURDF(str(urdf), place, flags=p.URDF_USE_INERTIA_FROM_FILE)
-        index = {p.getJointInfo(body, j)[1].decode(): j for j in range(p.getNumJoints(body))}
-        for link in range(-1, p.getNumJoints(body)):
-            p.changeDynamics(
-                body, link, linearDamping=0, angularDamping=0, jointDamping=0, rollingFriction=0, spinningFriction=0,
-                restitution=0, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING,
-            )  # fmt: skip
-        without_mass(p, p._client, body, self._plant.urdf)
-        grip = max(p.getDynamicsInfo(body, link)[1] for link in range(-1, p.getNumJoints(body)))
-        if grip > 1.0:  # how far a path may stray between poses counts on the floor's friction alone
+        check_urdf(plant.urdf)
+        check_floating_root(plant.urdf)
+        check_wheels(plant.urdf, section.left, section.right)
+        if section.substeps % section.poses:
             raise UserError(
-                f"a link has the lateral friction {grip:g}; what the floor gives is multiplied by it",
-                file=self._plant.urdf, key="<lateral_friction>",
-                remedy="State at most 1 there and the rest in simulator.floor_friction.",
+                f"{section.poses} poses do not divide {section.substeps} sub-steps", key="simulator.poses",
+                remedy="Let substeps be a multiple of poses.",
             )  # fmt: skip
-        p.setCollisionFilterPair(body, floor, -1, -1, 0)  # the body hangs clear of the floor; asking costs a third
-        if s.payload:
-            mass, _, inertia = p.getDynamicsInfo(body, -1)[:3]
-            scale = 1.0 + s.payload / mass
-            p.changeDynamics(body, -1, mass=mass * scale, localInertiaDiagonal=[scale * i for i in inertia])
-        return body, (index[s.left], index[s.right])
+        self.nx, self.nu, self.pose, self.commands = 3, 2, plant.pose, plant.commands
+        self._plant, self._wheel_path = plant, wheel_path(section.effects)
+        self._memory = [CommandMemory(path, plant.tau) for path in paths]
+        self.path, self._turned = np.zeros((section.poses, 3)), 0.0
 
-    def loaded(self) -> Mapping[str, Link]:
-        """See `Simulator.loaded`."""
-        return links_of(self._p, self._p._client, self._body)
-
-    def _settled_height(self) -> float:
-        """Let the robot stand until its contacts carry it: height of its centre of mass, m."""
-        self._command(0.0, 0.0)
-        for _ in range(int(np.ceil(self._section.settle * self._section.poses / self._plant.tau))):
-            self._p.stepSimulation()
-        return float(self._p.getBasePositionAndOrientation(self._body)[0][2])
-
-    def _command(self, linear: float, angular: float) -> None:
-        s = self._section
-        # PyBullet limits a motor's impulse by force times the outer time step whatever the number of sub-steps
-        force = s.torque / (s.substeps // s.poses)
-        self._p.setJointMotorControlArray(
-            self._body, self._wheels, self._p.VELOCITY_CONTROL,
-            targetVelocities=self.wheel_rates(linear, angular),
-            forces=[force, force],
-        )  # fmt: skip
-
+    @abstractmethod
     def reset(self, x: Floats) -> None:
-        """Put the robot at rest at a pose: x (nx,), m and rad."""
-        i, j, k = self._plant.pose
-        heading = float(x[k])
-        p = self._p
-        self._return_to(self._rest)
-        quaternion = p.getQuaternionFromEuler([0, 0, heading])
-        if not self._aligned:
-            quaternion = p.multiplyTransforms([0, 0, 0], quaternion, [0, 0, 0], self._axes)[1]
-        cos, sin = np.cos(heading), np.sin(heading)
-        a, b, _ = self._offset
-        place = [float(x[i]) + cos * a - sin * b, float(x[j]) + sin * a + cos * b, self._height]
-        p.resetBasePositionAndOrientation(self._body, place, quaternion)
-        p.resetBaseVelocity(self._body, [0, 0, 0], [0, 0, 0])
-        for wheel in self._wheels:
-            p.resetJointState(self._body, wheel, 0.0, 0.0)
-        self._turned = heading
-        for memory in self._memory:
-            memory.rest(0.0)
+        """Put the robot at rest at a pose."""
 
-    def advance(self, u: Floats) -> Floats:
-        """Hold (linear, angular) for tau: -> pose, the heading continued not wrapped; `path` holds the poses on it."""
-        a, b = self._plant.commands
-        self._command(float(u[a]), float(u[b]))
-        felt = [m.step(float(c), self._section.poses) for m, c in zip(self._memory, u, strict=False)]
-        step, where, client = self._native.stepSimulation, self._native.getBasePositionAndOrientation, self._p._client
-        seen: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
-        for n in range(self._section.poses):
-            if felt:
-                self._command(float(felt[a][n]), float(felt[b][n]))
-            step(physicsClientId=client)
-            seen.append(where(self._body, physicsClientId=client))
-        self._watch(seen)
-        return self.path[-1].copy()
+    def wheel_rates(self, linear: float, angular: float) -> tuple[float, float]:
+        """What the left and the right motor are told, rad/s: the commands as effects on the wheels leave them."""
+        half, radius = 0.5 * self._section.track * angular, self._section.wheel_radius
+        left, right = linear - half, linear + half
+        for kind, values in self._wheel_path:
+            left, right = kind.turned(left, right, values)
+        return left / radius, right / radius
 
-    def _watch(self, seen: Sequence[tuple[tuple[float, ...], tuple[float, ...]]]) -> None:
-        """`path` from positions and quaternions of the centre of mass: poses of the root frame, headings continued."""
-        turn = self._native.getMatrixFromQuaternion
-        place = np.array([position for position, _ in seen])
-        m = np.array([turn(quaternion) for _, quaternion in seen])
-        if not self._aligned:
-            m = (m.reshape(-1, 3, 3) @ self._from_axes).reshape(-1, 9)
-        a, b, c = self._offset
-        i, j, k = self._plant.pose
-        self.path[:, i] = place[:, 0] - (m[:, 0] * a + m[:, 1] * b + m[:, 2] * c)
-        self.path[:, j] = place[:, 1] - (m[:, 3] * a + m[:, 4] * b + m[:, 5] * c)
-        for n, heading in enumerate(np.arctan2(m[:, 3], m[:, 0]).tolist()):
-            self._turned += (heading - self._turned + np.pi) % (2.0 * np.pi) - np.pi
-            self.path[n, k] = self._turned
-
+    @abstractmethod
     def turning(self) -> tuple[float, float]:
-        """See `WheeledEngine.turning`."""
-        left, right = (float(self._p.getJointState(self._body, wheel)[1]) for wheel in self._wheels)
-        return left, right
+        """Rates of the left and the right wheel's joint, rad/s."""
 
+    @abstractmethod
     def standing(self) -> tuple[float, float]:
-        """See `WheeledEngine.standing`."""
-        place, quaternion = self._p.getBasePositionAndOrientation(self._body)
-        turned = np.array(self._native.getMatrixFromQuaternion(quaternion)).reshape(3, 3) @ self._from_axes
-        return float(place[2] - turned[2] @ self._offset), float(np.arccos(np.clip(turned[2, 2], -1.0, 1.0)))
+        """Height of the root above the floor, m, and how far it leans from upright, rad."""
 
-    def _kept(self) -> int:
-        """The number of a saved state, contacts included."""
-        return int(self._p.saveState())
+    @abstractmethod
+    def _kept(self) -> Any:
+        """All of the engine's state that the next step depends on."""
 
-    def _return_to(self, kept: int) -> None:
-        self._p.restoreState(kept)
+    @abstractmethod
+    def _return_to(self, kept: Any) -> None:
+        """Put the engine into a kept state."""
 
-    def _forget(self, kept: int) -> None:
-        self._p.removeState(kept)
+    def _forget(self, kept: Any) -> None:
+        """Free a kept state."""
 
-    def close(self) -> None:
-        """Disconnect from the engine."""
-        self._p.disconnect()
+    def chain(self, start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
+        """Run inputs (k, nu) one after the other from rest: -> poses (k + 1, 3), paths (k, poses, 3) in body frames."""
+        self.reset(start)
+        poses = np.empty((len(inputs) + 1, 3))
+        poses[0] = start
+        paths = np.empty((len(inputs), *self.path.shape))
+        for n, u in enumerate(inputs):
+            poses[n + 1] = self.advance(u)
+            paths[n] = self._in_body_frame(poses[n])
+        return poses, paths
+
+    def _in_body_frame(self, origin: Floats) -> Floats:
+        i, j, k = self.pose
+        cos, sin = np.cos(origin[k]), np.sin(origin[k])
+        d = self.path - origin
+        out = np.empty_like(d)
+        out[:, i] = cos * d[:, i] + sin * d[:, j]
+        out[:, j] = -sin * d[:, i] + cos * d[:, j]
+        out[:, k] = d[:, k]
+        return out
+
+    def responses(self, history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
+        """Paths in the body frame of the pose that a history of inputs (k, nu) leads to, from rest.
+
+        -> (M, poses, 3), one for each of the inputs (M, nu).
+        """
+        here = np.zeros(3)
+        here[self.pose[2]] = heading
+        self.reset(here)
+        for u in history:
+            here = self.advance(u)
+        if len(inputs) == 1:  # keeping a state costs as much as a step
+            self.advance(inputs[0])
+            return self._in_body_frame(here)[None]
+        out = np.empty((len(inputs), *self.path.shape))
+        kept, remembered, turned = self._kept(), copy.deepcopy(self._memory), self._turned
+        for m, u in enumerate(inputs):
+            self._return_to(kept)
+            self._turned, self._memory = turned, copy.deepcopy(remembered)
+            self.advance(u)
+            out[m] = self._in_body_frame(here)
+        self._forget(kept)
+        return out

@@ -8,6 +8,7 @@ and the picture for a report. Nobody asks for its class: what differs between ki
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -17,6 +18,7 @@ from simgap.config.base import Section
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
+from simgap.plants.context import Context
 from simgap.specifications.monitor import Monitor
 from simgap.specifications.picture import Look, Plane
 from simgap.specifications.regions import KEY
@@ -159,3 +161,19 @@ def specification_of(case: Case) -> Specification:
             remedy="Derive it from simgap.specifications.base.Specification.",
         )
     return found
+
+
+def path_aware_baseline(context: Context) -> Context:
+    """The case with the fair baseline: a nominal-only controller that checks its model between samples.
+
+    Raises:
+        UserError: a specification of the samples alone.
+    """
+    if not specification_of(context.case).between_samples:
+        raise UserError(
+            "needs a specification between samples; this one is about sampling instants alone",
+            file=context.path, key="validation.fair_baseline", remedy="Take the key out.",
+        )  # fmt: skip
+    section = context.need(context.case.synthesis, "synthesis")
+    asked = section.model_copy(update={"nominal_between_samples": True})
+    return replace(context, case=context.case.model_copy(update={"synthesis": asked}))

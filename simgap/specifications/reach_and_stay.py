@@ -19,8 +19,7 @@ from simgap.specifications.monitor import EARLY, STUCK, Monitor, Run
 from simgap.specifications.reaching import Reaching
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.specifications.surroundings import Surroundings
-from simgap.specifications.toward import LATE, Toward
+from simgap.specifications.toward import LATE, Surroundings, Toward
 
 STAYED, LEFT = "reached the target and stayed", "left the target again"
 

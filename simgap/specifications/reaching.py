@@ -26,7 +26,7 @@ from simgap.specifications.regions import (
     upright,
 )
 from simgap.specifications.space import Space
-from simgap.specifications.surroundings import on_floor
+from simgap.specifications.toward import on_floor
 
 NOT_FREE = "every cell of the target is inside an obstacle or too near to one or to a wall"
 RADIUS = 0.15

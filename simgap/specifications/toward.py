@@ -1,4 +1,8 @@
-"""What watches a run towards a target: the level of the value function, and how near it comes to anything."""
+"""The monitor of a run towards a target: the level of the value function, and the distance to obstacles and walls.
+
+A body with a round footprint on a floor has a Euclidean distance there. Any other plant has states of different units:
+its distance to a box is the largest over the axes, each in shares of the width of X along that axis.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +13,116 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.geometry import Box
 from simgap.specifications.monitor import Monitor, Outcome, Run, Verdict
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.specifications.surroundings import Surroundings, first_touch
+
+POINTS = 21
+"""Points on the chord of a step for which no path was recorded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Boxes to keep away from, and the box never to leave.
+
+    Attributes:
+        obstacles: (b, 2, n) lower and upper ends along the n axes that matter, infinite where there are none.
+        walls: (2, n) likewise.
+        axes: the states along these axes; scale: (n,) what a distance along each is divided by.
+        keep: (n,) distance to keep along each axis, already divided.
+        period: (n,) of the axes that wrap around, infinite for others.
+        round: whether the footprint is round, and `keep` (n equal numbers) its radius.
+    """
+
+    obstacles: Floats
+    walls: Floats
+    axes: tuple[int, ...]
+    scale: Floats
+    keep: Floats
+    period: Floats
+    round: bool
+
+    @property
+    def touched(self) -> str:
+        """How a run ends that touches something."""
+        return "collision" if self.round else "left the free set"
+
+    @staticmethod
+    def of(space: Space, obstacles: tuple[Box, ...], region: Box, clearance: Floats) -> Surroundings:
+        """From boxes over all states and the clearance (nx,) of the case."""
+        wraps = space.wrapping(region)
+        floor = space.pose is not None and on_floor(obstacles, clearance, space.pose)
+        axes = list(space.pose[:2] if space.pose is not None and floor else range(space.size))
+        walls = np.stack([region.lo, region.hi])
+        walls[:, list(wraps)] = [[-np.inf], [np.inf]]
+        width = space.box.hi - space.box.lo
+        scale = np.ones(len(axes)) if floor else width[axes]
+        keep = np.full(len(axes), clearance[axes].min()) if floor else clearance[axes] / scale
+        return Surroundings(
+            obstacles=np.array([[b.lo[axes], b.hi[axes]] for b in obstacles]).reshape(-1, 2, len(axes)),
+            walls=walls[:, axes],
+            axes=tuple(axes),
+            scale=scale,
+            keep=keep,
+            period=np.array([width[j] if j in wraps else np.inf for j in axes]),
+            round=floor,
+        )
+
+    def least(self, path: Floats) -> float:
+        """Least distance along points (k, nx), less what is to be kept; not positive where something is touched."""
+        return float(self.distances(path).min())
+
+    def distances(self, points: Floats) -> Floats:
+        """Distance of each point, less what is to be kept: (..., nx) -> (...)."""
+        at = points[..., list(self.axes)]
+        inside = np.minimum(at - self.walls[0], self.walls[1] - at) / self.scale
+        nearest = (inside - self.keep).min(axis=-1)
+        for box in self.obstacles:
+            nearest = np.minimum(nearest, self._to_box(at, box))
+        return nearest
+
+    def along_chords(self, x: Floats) -> Floats:
+        """Least distance at the first sample and along the straight line of each step: (k + 1, nx) -> (k + 1,)."""
+        share = np.linspace(0.0, 1.0, POINTS)[:, None, None]
+        chords = x[:-1] + share * (x[1:] - x[:-1])
+        return np.concatenate([self.distances(x[:1]), self.distances(chords).min(axis=0)])
+
+    def _to_box(self, at: Floats, box: Floats) -> Floats:
+        outside = np.maximum(box[0] - at, at - box[1])
+        for j in np.flatnonzero(np.isfinite(self.period)).tolist():
+            shifts = self._copies(at, box, j)
+            copies = [np.maximum(box[0, j] + s - at[..., j], at[..., j] - box[1, j] - s) for s in shifts]
+            outside[..., j] = np.min(copies, axis=0)
+        outside = outside / self.scale
+        if not self.round:
+            return np.asarray((outside - self.keep).max(axis=-1))
+        far = np.hypot(np.maximum(outside[..., 0], 0.0), np.maximum(outside[..., 1], 0.0))
+        return np.asarray(far + np.minimum(outside.max(axis=-1), 0.0) - self.keep[0])
+
+    def _copies(self, at: Floats, box: Floats, j: int) -> Floats:
+        """Shifts of the copies of a box that may be near points anywhere on a periodic axis."""
+        centre = 0.5 * (box[0, j] + box[1, j]) if np.isfinite(box[:, j]).all() else 0.0
+        middle = np.round((at[..., j] - centre) / self.period[j]) * self.period[j]
+        return np.stack([middle + n * self.period[j] for n in (-1.0, 0.0, 1.0)])
+
+
+def on_floor(obstacles: tuple[Box, ...], clearance: Floats, pose: tuple[int, int, int]) -> bool:
+    """Whether obstacles and clearance are about x and y alone, so that the footprint is round."""
+    others = np.ones(clearance.size, np.bool_)
+    others[list(pose[:2])] = False
+    bounded = [np.isfinite(box.lo[others]) | np.isfinite(box.hi[others]) for box in obstacles]
+    return not np.any(clearance[others]) and not any(np.any(b) for b in bounded)
+
+
+def first_touch(clearance: Floats) -> int | None:
+    """First step in which clearances (k + 1,) touch, counted from 1; a start that touches ends in its first step."""
+    touched: NDArray[np.intp] = np.flatnonzero(clearance <= 0.0)
+    return None if len(touched) == 0 else max(int(touched[0]), 1)
+
 
 LATE = "out of time"
 

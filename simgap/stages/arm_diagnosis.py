@@ -15,9 +15,9 @@ from simgap.diagnosis.arms.motion import columns_of
 from simgap.diagnosis.arms.problem import Payload
 from simgap.diagnosis.arms.result import ArmDiagnosis
 from simgap.diagnosis.arms.terms import TERMS
-from simgap.diagnosis.reading.stamps import same_file
-from simgap.diagnosis.reading.survey import survey
-from simgap.diagnosis.reading.traces import Reading
+from simgap.diagnosis.record.clock import same_file
+from simgap.diagnosis.record.survey import survey
+from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.result import WindowPrediction
 from simgap.errors import UserError
 from simgap.io.atomic import write_text

@@ -7,36 +7,32 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.attack.campaign import Campaign, Opponent, campaign
-from simgap.attack.danger import Danger
+from simgap.attack.danger import Danger, WorstStarts, beginnings
 from simgap.attack.histories import HistoryQuestion, HistorySearch
-from simgap.attack.known import worst_histories, worst_steps
-from simgap.attack.law import Law
-from simgap.attack.memory import class_bounds
+from simgap.attack.known import border, worst_histories, worst_steps
+from simgap.attack.law import Law, class_bounds
 from simgap.attack.plants import OneByOne, RolledOut, WorstDisturbance
 from simgap.attack.points import PointSearch, Question
 from simgap.attack.rules import Scene
-from simgap.attack.seeds import border
 from simgap.attack.share import Searched, share
-from simgap.attack.starts import WorstStarts, beginnings
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
-from simgap.config.audit import AuditSection
 from simgap.config.case import Case
 from simgap.config.reads import CONTROLLED
-from simgap.config.trials import Trials
+from simgap.config.validation import AuditSection, Trials
 from simgap.errors import BrokenPromise
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.bounds.load import from_json
-from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.sampling.border_samples import switching_surfaces
 from simgap.gap.sampling.borders import critical_points
 from simgap.gap.sampling.gap_samples import motion_of
-from simgap.gap.sampling.switching import switching_surfaces
 from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
@@ -52,6 +48,7 @@ from simgap.simulators.process import engine_pool
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Gap, HowMany, Option, Out, Shards, Workers
 from simgap.stages.gap_inputs import samples_of
 from simgap.stages.margins import margins_of, summary
 from simgap.stages.scratch import scratch
@@ -201,28 +198,28 @@ PARTS = 2  # each with random numbers of its own, whatever the number of workers
 class Inputs:
     """Files that the audit reads: the bound, the gap-aware controller, its roll-outs and the fresh samples."""
 
-    gap: Path
-    controller: Path
-    rollouts: Sequence[Path]
-    fresh: Path
+    gap: Gap
+    controller: Annotated[Path, Option("Controller made for the model with its gap.")]
+    rollouts: Shards
+    fresh: Annotated[Path, Option("Fresh samples (Parquet).")]
 
 
 @dataclass(frozen=True)
 class Outputs:
     """Files that it writes: the counts, the margins of every cell, and what breaks the promise, if anything does."""
 
-    counts: Path
-    margins: Path
-    witness: Path
+    counts: Out
+    margins: Annotated[Path, Option("File for the margins of every cell (Parquet).")]
+    witness: Annotated[Path, Option("File for what breaks the promise, if anything does (JSON).")]
 
 
 def run(
-    case_path: Path,
+    case_path: CasePath,
     inputs: Inputs,
     out: Outputs,
-    workers: int = 2,
+    workers: Workers = 2,
     engine_log: Path | None = None,
-    trials: Trials = Trials.PLAIN,
+    trials: HowMany = Trials.PLAIN,
 ) -> None:
     """Attack with the budget of the case, count, and write what was found.
 

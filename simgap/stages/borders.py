@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from simgap.gap.fitting.borders import border_states, parts_of, roll_out_borders
-from simgap.gap.sampling.points import own_point
-from simgap.gap.sampling.tables import units
+from simgap.gap.sampling.border_samples import border_states, parts_of, roll_out_borders
+from simgap.gap.sampling.points import own_point, units
 from simgap.io.samples import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Out, Point
 
 
-def run(case_path: Path, point: str | None, out: Path, engine_log: Path | None = None) -> None:
+def run(case_path: CasePath, point: Point, out: Out, engine_log: Path | None = None) -> None:
     """Roll out the states of a point (the case's own if none is named) and write them.
 
     Raises:

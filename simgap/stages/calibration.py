@@ -6,10 +6,11 @@ from pathlib import Path
 
 from simgap.errors import UserError
 from simgap.plants.context import Context
+from simgap.stages.arguments import CasePath, Out, Workers
 from simgap.stages.fresh import Draw, random_samples
 
 
-def run(case_path: Path, out: Path, engine_log: Path | None = None, workers: int = 2) -> None:
+def run(case_path: CasePath, out: Out, engine_log: Path | None = None, workers: Workers = 2) -> None:
     """Roll out `gap.conformal.calibration_samples` random pairs, uniform on X x U, and write them.
 
     Raises:

@@ -8,7 +8,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.errors import UserError
-from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.sampling.gap_samples import known_gap
 from simgap.gap.sampling.points import own_point, remembers
 from simgap.geometry import Box

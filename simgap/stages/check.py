@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from simgap.errors import Finding
 from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.io.documents import write_json
 from simgap.lint.angles import affordable_or_degrees, in_degrees
@@ -21,7 +22,6 @@ from simgap.lint.measured import check_measured
 from simgap.lint.wheels import BOLTED
 from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.simulators.surprises import Finding
 from simgap.stages import log
 
 

@@ -29,9 +29,9 @@ from simgap.plants.plant_model import PlantModel
 from simgap.simulators.commands import CommandPath
 from simgap.specifications.base import specification_of
 from simgap.stages.acted_out import ActedOut
-from simgap.synthesis.bits import packed_width
 from simgap.synthesis.games.pending import LARGEST_NODES, bytes_of_nodes
 from simgap.synthesis.games.sensing import LARGEST_MASK
+from simgap.synthesis.input_sets import packed_width
 
 LARGEST_ROLLOUTS = 2_000_000
 """Most roll-outs (cells of `grid.eps` times inputs) with a lag as a state."""

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from simgap.config.copied_plugins import copied_plugins
-from simgap.config.measured import MeasuredSection
-from simgap.config.recordings import matching
+from simgap.config.measured import MeasuredSection, matching
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.survey import Survey, survey
-from simgap.diagnosis.reading.traces import Reading
+from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.record.record import Record
+from simgap.diagnosis.record.survey import Survey, survey
+from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder

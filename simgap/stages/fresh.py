@@ -7,21 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from simgap.config.wheeled import HiddenStateSection
+from simgap.config.gap import HiddenStateSection
 from simgap.gap.memory.histories import fresh_sequences
-from simgap.gap.sampling.points import draw
-from simgap.gap.sampling.tables import step_columns, successor_columns, units
+from simgap.gap.sampling.points import draw, step_columns, successor_columns, units
 from simgap.io.samples import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import joined
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.rollouts import roll_out
-from simgap.simulators.wheeled_rollouts import along_sequences
+from simgap.simulators.rollouts import along_sequences, roll_out
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Out, Workers
 
 
-def run(case_path: Path, out: Path, engine_log: Path | None = None, workers: int = 2) -> None:
+def run(case_path: CasePath, out: Out, engine_log: Path | None = None, workers: Workers = 2) -> None:
     """Roll out random pairs, uniform on X x U, and write them."""
     context = Context.load(case_path)
     if context.case.hidden_state is not None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import resource
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from simgap.gap.whole_bound import Made, gap, seeds
 from simgap.io.documents import write_json
@@ -13,23 +13,29 @@ from simgap.io.samples import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
-from simgap.stages.gap_inputs import Shards, blame_shards, by_state, points_of_case, samples_of
+from simgap.stages.arguments import Borders, CasePath, Grid, Option, Out, Shards
+from simgap.stages.gap_inputs import Rolled, blame_shards, by_state, points_of_case, samples_of
 
 
 @dataclass(frozen=True)
 class Inputs:
     """Files that the stages before this one wrote."""
 
-    grid: Path
-    rollouts: Sequence[Path]
-    scp: Path
-    lipschitz: Path
-    fresh: Path
-    calibration: Path | None = None
-    borders: Path | None = None
+    grid: Grid
+    rollouts: Shards
+    scp: Annotated[Path, Option("Scenario programs.")]
+    lipschitz: Annotated[Path, Option("Lipschitz estimates.")]
+    fresh: Annotated[Path, Option("Fresh samples to check the bound on.")]
+    calibration: Annotated[Path | None, Option("Samples for a conformal bound.")] = None
+    borders: Borders = None
 
 
-def run(case_path: Path, made: Inputs, out: Path, thinned: Path) -> None:
+def run(
+    case_path: CasePath,
+    made: Inputs,
+    out: Out,
+    thinned: Annotated[Path, Option("File for thinned samples, for pictures (Parquet).", "--samples")],
+) -> None:
     """Put the dimensions together, check the bound on the fresh samples, write it and a few samples for pictures.
 
     Raises:
@@ -45,7 +51,7 @@ def run(case_path: Path, made: Inputs, out: Path, thinned: Path) -> None:
             points,
             by_state(context, "scp", points.name, made.scp),
             by_state(context, "lipschitz", points.name, made.lipschitz),
-            Shards(context, made.rollouts),
+            Rolled(context, made.rollouts),
             samples_of(context, made.fresh, "fresh"),
             samples_of(context, made.calibration, "calibration") if made.calibration else None,
             samples_of(context, made.borders, "borders") if made.borders else None,

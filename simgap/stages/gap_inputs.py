@@ -60,7 +60,7 @@ def table_of(context: Context, path: Path, stage: str) -> pa.Table:
     return content
 
 
-class Shards(Sequence[Columns]):
+class Rolled(Sequence[Columns]):
     """Roll-outs, shards in order; each is read when it is asked for, so that no two are in memory at once."""
 
     def __init__(self, context: Context, paths: Sequence[Path]) -> None:
@@ -75,7 +75,7 @@ class Shards(Sequence[Columns]):
     def __getitem__(self, k: slice) -> Sequence[Columns]: ...
     def __getitem__(self, k: int | slice) -> Columns | Sequence[Columns]:
         if isinstance(k, slice):
-            return Shards(self._context, self.paths[k])
+            return Rolled(self._context, self.paths[k])
         return samples_of(self._context, self.paths[k], "rollouts")
 
 
@@ -99,7 +99,7 @@ class Found(Protocol):
 
 def dimensions(
     context: Context, stage: str, grid: Path, shards: Sequence[Path], out: Path,
-    find: Callable[[Points, Shards, int], Found],
+    find: Callable[[Points, Rolled, int], Found],
 ) -> None:  # fmt: skip
     """Write what `find` finds out about each dimension, the i-th, from the roll-outs of a grid.
 
@@ -112,7 +112,7 @@ def dimensions(
         log.info("%d samples x %d inputs", len(points.states), len(points.inputs))
         for i, state in enumerate(context.states):
             began = time.perf_counter()
-            found[state] = {"state": state, **find(points, Shards(context, shards), i).to_json()}
+            found[state] = {"state": state, **find(points, Rolled(context, shards), i).to_json()}
             log.info("%s in %.2f s, roll-outs read and compared", state, time.perf_counter() - began)
     record = provenance(stage, context.case, context.folder, point=points.name)
     write_json(out, {"states": found, "provenance": record})

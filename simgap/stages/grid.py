@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 from simgap.errors import UserError
 from simgap.gap.memory.hidden_state import previous_inputs
@@ -21,9 +22,16 @@ from simgap.lint.costs import affordable, costs
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Option
 
 
-def run(case_path: Path, point: str | None, out: Path) -> None:
+def run(
+    case_path: CasePath,
+    point: Annotated[
+        str | None, Option("eps~ and the radius of the balls that cover X; hidden-state or full-table for a robot.")
+    ],
+    out: Annotated[Path, Option("Folder to write states and inputs to (Parquet).", writes="folder")],
+) -> None:
     """Write states (or earlier inputs) and inputs of a point, the case's own if none is named, to the folder `out`.
 
     Raises:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from simgap import reading
 from simgap.errors import UserError
@@ -15,18 +14,23 @@ from simgap.io.documents import read_json
 from simgap.io.pages import render
 from simgap.report.tables import overview
 from simgap.stages import log
+from simgap.stages.arguments import Option, Out
 
 PICTURE = "picture.png"
 
 
-def run(summaries: Sequence[Path], out: Path, earlier: Sequence[Path] = ()) -> None:
+def run(
+    summaries: Annotated[list[Path], Option("summary.json of each case.", "--summary")],
+    out: Out,
+    earlier: Annotated[list[Path] | None, Option("summary.json of cases of other runs.")] = None,
+) -> None:
     """Write the page: the cases of this run, then those that earlier runs made.
 
     Raises:
         UserError: a summary of this run that is missing or damaged; an earlier one is left out, and the log says so.
     """
     rows = [_row(path, out) for path in summaries]
-    for path in earlier:
+    for path in earlier or ():
         try:
             rows.append(_row(path, out))
         except UserError as error:

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.memory.fit import HistoryInfluence
-from simgap.gap.memory.headings import heading_deviation
 from simgap.gap.memory.hidden_state import fading
 from simgap.gap.sampling.gap_samples import check_histories, dimension_samples
-from simgap.gap.sampling.points import Columns, Points, remembers
-from simgap.gap.sampling.tables import HISTORY
+from simgap.gap.sampling.points import HISTORY, Columns, Points, remembers
+from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.sampling.values import Held, Room
 from simgap.gap.settings import GapSettings
 from simgap.io.spilled_numbers import room_in
 from simgap.plants.context import Context
+from simgap.stages.arguments import CasePath, Grid, Out, Shards
 from simgap.stages.gap_inputs import dimensions
 
 
-def run(case_path: Path, grid: Path, shards: Sequence[Path], out: Path) -> None:
+def run(case_path: CasePath, grid: Grid, shards: Shards, out: Out) -> None:
     """Estimate the Lipschitz constant of each state from the roll-outs of a grid.
 
     Raises:
@@ -46,7 +45,7 @@ def lipschitz(
     if remembers(context.case):
         check_histories(context, points, shards)
         return _influence(context, shards, i)
-    from simgap.gap.lipschitz.compare import dimension_lipschitz
+    from simgap.gap.lipschitz.estimates import dimension_lipschitz
 
     section = context.need(context.case.gap, "gap")
     return dimension_lipschitz(dimension_samples(context, points, shards, i, room), GapSettings.of(section))
@@ -59,5 +58,5 @@ def _influence(context: Context, shards: Sequence[Columns], i: int) -> HistoryIn
     moved = np.concatenate([s[f"moved_{context.states[i]}"][rows] for s, rows in zip(shards, kept, strict=True)])
     responses = moved.reshape(-1, hidden.length + symmetry.headings).T[..., None]  # (L + H, n, 1)
     straight, turned = responses[: hidden.length], responses[hidden.length :]
-    deviation = heading_deviation(straight[-1], turned)
+    deviation = SymmetryDeviation.of_headings(straight[-1], turned)
     return HistoryInfluence(fading(straight)[:, 0], float(deviation.largest[0]), deviation.samples)

@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Floats
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapFunction
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.geometry import Grid
 from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.synthesis.bits import unpack
-from simgap.synthesis.games.windows import inner, margins
+from simgap.synthesis.input_sets import inner, margins, unpack
 from simgap.synthesis.margins import LARGEST_FACTOR, Margins, Remembered, one_step_margins, shown_layers
 
 SHARES = (0.0, 0.05, 0.5)  # quantiles of the margins that are printed

@@ -20,7 +20,7 @@ from simgap.io.atomic import write_text
 from simgap.io.pages import text
 from simgap.io.wheeled_urdf import Wheels, case_of_wheels, wheels_of
 from simgap.plants.model_file import ModelFile
-from simgap.plants.numeric_terms import MOST_DERIVED
+from simgap.plants.urdf import MOST_DERIVED
 from simgap.plants.urdf_checks import check_urdf, root_link
 from simgap.stages.new_joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
 from simgap.stages.new_model import Asked, Model, model_of_mjcf, model_of_urdf, relative

@@ -16,8 +16,8 @@ from simgap.io.mjcf_as_urdf import compiled
 from simgap.io.own_model import composed, lock, refuse_coupled
 from simgap.plants.model_file import FileJoint, ModelFile, read_model_file
 from simgap.plants.premise import base_of
+from simgap.plants.urdf import load_tree
 from simgap.plants.urdf_checks import check_urdf, inside_folders, root_link
-from simgap.plants.urdf_tree import load_tree
 from simgap.stages.new_joints import centre_of, check_positions
 
 BASES = ("fixed", "wheels")

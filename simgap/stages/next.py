@@ -11,16 +11,16 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.measured import MeasuredSection
-from simgap.diagnosis.diagnose import mended
+from simgap.diagnosis.diagnose import ready
 from simgap.diagnosis.experiment.ask import ENOUGH, Advice, Question, ask
 from simgap.diagnosis.experiment.lengths import windows_to_come
 from simgap.diagnosis.experiment.rivals import Explained, library_names
 from simgap.diagnosis.experiment.verify import missed
 from simgap.diagnosis.experiment.words import lengths_in_words, paragraph
-from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
-from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.record.faults.measurement import is_fault
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
-from simgap.diagnosis.simulation.recording import is_fault
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.geometry import Box
@@ -89,7 +89,7 @@ def _question(
         window_s=section.window_s, horizon_s=section.horizon_s, held_out_traces=reading.held_out,
         held_out_share=section.held_out.fraction, effects=section.effects,
     )  # fmt: skip
-    record = mended(conditioned(model, names), record, replace(settings, effects=library_names(sets)))[0]
+    record = ready(conditioned(model, names), record, replace(settings, effects=library_names(sets)))[0]
     allowed, middle, reach = _limits(context, record)
     return Question(
         conditioned(model, names), record, settings, dict(document["noise"]), sets,

@@ -1,4 +1,4 @@
-"""Pages of docs/reference that are generated from what simgap itself reads: keys of a case file, and effects."""
+"""Pages of docs/reference that are generated from what simgap itself reads: keys of a case, effects, faults."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from simgap.config.schema import schema_text
+from simgap.config.case import schema_text
+from simgap.diagnosis.record.faults.registry import FAULTS
 from simgap.effects import EFFECTS
 from simgap.notation import axis_label
 
@@ -42,6 +43,43 @@ in place of an effect that was found and that it resembles; *last*, after all ot
 | effect | on | formula | parameters | tried | motion | source |
 |---|---|---|---|---|---|---|
 """
+_FAULTS = f"""# Recording faults
+
+{_WRITTEN} Faults of the logging chain are reported apart from effects of the plant. Each is an entry of `recording`
+in `diagnosis.json`, with its channel, a number, a sentence and the remedy. It has a row on the page and a clause in
+the verdict's sentence. No fault enters the corrected case. If faults alone explain the data down to the noise, the
+verdict is `none`.
+
+| fault | meaning | how it is detected |
+|---|---|---|
+{{rows}}
+
+## Coloured noise
+
+Where the best answer leaves more than white noise, two spectra compete for what is left: noise with autocorrelation
+exp(-t / tau), and the spectrum of a force, which falls with the fourth power of the frequency. Noise is named if it
+is likelier by e^12, windows agree on its size, the residual does not follow the input (Ljung-Box test) and chi^2/dof
+is at most 10. Residuals are then whitened and the search runs again. BIC, chi^2/dof, RMSE/sigma and intervals count
+independent samples from there on.
+
+## A plant that changed
+
+The scores of the windows show from which time on another parameter value would fit best. If such a change promises
+most of what is left, and no slow drift does as well, both sides are diagnosed separately. The fault is reported if
+motion and commands are of similar size on both sides, both sides reach their noise, and a parameter's intervals do
+not overlap. The answer describes the longer side.
+
+## What a recording cannot tell
+
+- With a linear plant and one sensor, a slow sensor looks like a slow input, and a sensor gain like an input gain.
+  simgap names the input and lists the sensor as its equal.
+- A sign error of the input looks like one of the only reading: the input is named. Of a unit error the column in
+  smaller units (millimetres, degrees, thousandths) is named. The sentence lists the alternative.
+- Where strong friction hides a unit error from the declared model, each unit is tried with friction, biases and
+  gains.
+
+Measured detection rates: [recording faults](../evidence/recording_faults.md).
+"""
 _DEEPEST = 8  # sections inside sections; none is inside itself
 
 
@@ -73,7 +111,8 @@ def reference() -> dict[str, str]:
             _cell(effect.source),
         )
         rows += f"| `{name}` | {' | '.join(cells)} |\n"
-    return pages | {"effects.md": _EFFECTS + rows}
+    faults = "".join(f"| `{f.name}` | {f.meaning} | {f.detected} |\n" for f in FAULTS.values())
+    return pages | {"effects.md": _EFFECTS + rows, "recording_faults.md": _FAULTS.format(rows=faults.rstrip())}
 
 
 def _keys(schema: Mapping[str, Any], defs: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, str, str, str]]:

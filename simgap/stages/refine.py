@@ -12,8 +12,8 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.synthesis import SynthesisSection
 from simgap.errors import UserError
+from simgap.gap.bases import Blocks
 from simgap.gap.fitting.linear_fit import listed_basis
-from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.sampling.points import covering_grid, free_axes, own_point, remembers
 from simgap.gap.sampling.resolution import COUNTS, POINTS, Lines, at_count, counts_for, movement
 from simgap.plants.context import Context

@@ -9,17 +9,16 @@ import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
-from simgap.attack.memory import REST, class_bounds
+from simgap.attack.law import REST, class_bounds
 from simgap.attack.witness import SIMULATOR as ON_SIMULATOR
 from simgap.attack.witness import STEP, Witness
 from simgap.config.case import Case
 from simgap.errors import UserError
+from simgap.gap.bounds.body_frame import BodyFrameGap, to_body
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
-from simgap.gap.bounds.rotation import to_body
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.io.documents import read_json
-from simgap.io.rerun.witness import write_witness
+from simgap.io.rerun.closed_loop import write_witness
 from simgap.io.traces import MODEL, ROBUST, SIMULATOR, Trace
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context, pose_axes

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
@@ -24,91 +25,47 @@ from simgap.report.content import content, summary
 from simgap.report.material import Corrected, Material
 from simgap.report.measured_share import share_inside
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, NominalController, Option, Out, RobustController, Traces
 from simgap.stages.gap_inputs import result_of, table_of
 
 TEMPLATE = "report.html.j2"
 
 
 @dataclass(frozen=True)
-class Measured:
-    """Files of a diagnosis: diagnosis.json, the transitions that it held out (if they are there)."""
-
-    document: Path
-    transitions: Path | None = None
-
-
-@dataclass(frozen=True)
-class CorrectedFiles:
-    """Files of the corrected case: itself, its bound, its summary, its controllers by kind."""
-
-    case: Path
-    gap: Path
-    summary: Path
-    controllers: Mapping[str, Path]
-
-
-@dataclass(frozen=True)
 class Inputs:
-    """Files that the page is made from, every one of them.
+    """Files that the page is made from, every one of them; those of a corrected case together, or none of them."""
 
-    Attributes:
-        gaps: gap.json of each eps, the case's own among them; samples: thinned samples of the gap.
-        controllers, syntheses: controller.npz and synthesis.json by kind, "nominal" and "gap".
-        validation, traces: validation.json and traces.parquet.
-        diagnosis, corrected: what measured data said, and the case that it corrected, if there are any.
-        printed: the values that the paper prints, if they are to stand beside.
-        audit, margins: audit.json and margins.parquet, if the adversary has been there.
-        twin: twin.json, if the simulator stands for another engine.
-    """
-
-    gaps: Sequence[Path]
-    samples: Path
-    controllers: Mapping[str, Path]
-    syntheses: Mapping[str, Path]
-    validation: Path
-    traces: Path
-    diagnosis: Measured | None = None
-    corrected: CorrectedFiles | None = None
-    printed: Path | None = None
-    audit: Path | None = None
-    margins: Path | None = None
-    twin: Path | None = None
-
-
-def by_kind(nominal: Path, robust: Path) -> dict[str, Path]:
-    """Files of the two kinds of controller."""
-    return {NOMINAL: nominal, ROBUST: robust}
-
-
-def corrected_files(
-    case: Path | None, gap: Path | None, summary: Path | None, nominal: Path | None, robust: Path | None
-) -> CorrectedFiles | None:
-    """The files of a corrected case: all of them, or none.
-
-    Raises:
-        UserError: only some are given.
-    """
-    if case is None:
-        return None
-    if gap is None or summary is None or nominal is None or robust is None:
-        raise UserError(
-            "the corrected case needs its bound, its summary and both controllers",
-            file=case,
-            remedy="Give --corrected-gap, --corrected-summary, --corrected-nominal and --corrected-robust.",
-        )
-    return CorrectedFiles(case, gap, summary, by_kind(nominal, robust))
+    gaps: Annotated[list[Path], Option("gap.json of each eps.", "--gap")]
+    samples: Annotated[Path, Option("Thinned samples of the gap (Parquet).")]
+    nominal: NominalController
+    nominal_summary: Annotated[Path, Option("Its synthesis.json.")]
+    robust: RobustController
+    robust_summary: Annotated[Path, Option("Its synthesis.json.")]
+    validation: Annotated[Path, Option("validation.json")]
+    traces: Traces
+    diagnosis: Annotated[Path | None, Option("diagnosis.json, if there is one.")] = None
+    transitions: Annotated[Path | None, Option("Transitions that the diagnosis held out.")] = None
+    corrected: Annotated[Path | None, Option("The corrected case, if it has results.")] = None
+    corrected_gap: Annotated[Path | None, Option("Its gap.json.")] = None
+    corrected_summary: Annotated[Path | None, Option("Its summary.json.")] = None
+    corrected_nominal: Annotated[Path | None, Option("Its controller for the nominal model.")] = None
+    corrected_robust: Annotated[Path | None, Option("Its controller for the model with its gap.")] = None
+    twin: Annotated[Path | None, Option("twin.json, if the simulator stands for another engine.")] = None
+    printed: Annotated[Path | None, Option("Values that the paper prints (YAML).")] = None
+    audit: Annotated[Path | None, Option("audit.json")] = None
+    margins: Annotated[Path | None, Option("Margins of every cell (Parquet).")] = None
 
 
 def run(
-    case_path: Path,
+    case_path: CasePath,
     inputs: Inputs,
-    out: Path,
-    figures_out: Path,
-    picture: Path | None = None,
-    folder: Path | None = None,
-    later: str | None = None,
-) -> None:
-    """Read the results of a case, write its page and its summary.
+    out: Out,
+    figures_out: Annotated[Path, Option("File for the figures that a script wants (JSON).", "--summary")],
+    picture: Annotated[Path | None, Option("File for a small PNG that stands for the case.")] = None,
+    folder: Annotated[Path | None, Option("Folder for the figures as files.", "--figures", "folder")] = None,
+    later: Annotated[str | None, Option("The page, seen from this one, that waits for all of it.")] = None,
+) -> str:
+    """Read the results of a case, write its page and its summary: -> where the page is, in words.
 
     Args:
         picture: file for a small PNG that stands for the case; folder: place for the figures of the page as files;
@@ -131,6 +88,7 @@ def run(
         write_bytes(picture, drawn.picture)
     write_text(out, page)
     log.info("page of %d kB", len(page) // 1024)
+    return f"Ready to open: {out}"
 
 
 def read(case_path: Path, inputs: Inputs) -> Material:
@@ -139,7 +97,9 @@ def read(case_path: Path, inputs: Inputs) -> Material:
     bounds = sorted((load_gap(path, context) for path in inputs.gaps), key=lambda g: -_eps(g))
     grid = context.case.grid
     gap = min(bounds, key=lambda g: abs(_eps(g) - (grid.eps or 0.0))) if grid is not None else bounds[-1]
-    given, found, later = inputs.printed, inputs.diagnosis, inputs.corrected
+    given, found = inputs.printed, inputs.diagnosis
+    controllers = {NOMINAL: inputs.nominal, ROBUST: inputs.robust}
+    syntheses = {NOMINAL: inputs.nominal_summary, ROBUST: inputs.robust_summary}
     printed = suprema_and_constants(read_yaml(given), context.case.name) if given is not None else {}
     return Material(
         context=context,
@@ -147,12 +107,12 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         gap=gap.content,
         bound=gap.function,
         samples=table_of(context, inputs.samples, "gap"),
-        syntheses={kind: result_of(context, path, "synthesis") for kind, path in inputs.syntheses.items()},
-        controllers={kind: load_domain_of(path, context) for kind, path in inputs.controllers.items()},
+        syntheses={kind: result_of(context, path, "synthesis") for kind, path in syntheses.items()},
+        controllers={kind: load_domain_of(path, context) for kind, path in controllers.items()},
         validation=result_of(context, inputs.validation, "validation"),
         traces=split(table_of(context, inputs.traces, "validation"), context.states, context.inputs),
-        diagnosis=result_of(context, found.document, "diagnosis") if found is not None else None,
-        corrected=_corrected(context, later, found, gap.function) if later is not None else None,
+        diagnosis=result_of(context, found, "diagnosis") if found is not None else None,
+        corrected=_corrected(context, inputs, gap.function),
         printed=printed,
         audit=result_of(context, inputs.audit, "audit") if inputs.audit is not None else None,
         margins=table_of(context, inputs.margins, "audit") if inputs.margins is not None else None,
@@ -165,23 +125,31 @@ def _eps(bound: SavedGap) -> float:
     return float(bound.content.get("eps") or 0.0)
 
 
-def _corrected(context: Context, files: CorrectedFiles, found: Measured | None, gap: GapFunction) -> Corrected:
-    later = Context.load(files.case)
-    controllers = {kind: load_domain_of(path, later) for kind, path in files.controllers.items()}
-    return Corrected(result_of(later, files.summary, "report"), controllers, _inside(context, later, files, found, gap))
+def _corrected(context: Context, inputs: Inputs, gap: GapFunction) -> Corrected | None:
+    """What the corrected case came to, and measured transitions against both bounds where the diagnosis kept them.
 
-
-def _inside(
-    context: Context, later: Context, files: CorrectedFiles, found: Measured | None, gap: GapFunction
-) -> dict[str, Mapping[str, float] | None]:
-    """Measured transitions against both bounds, where the diagnosis kept them."""
-    if found is None or found.transitions is None:
-        return {}
-    document, rows = read_json(found.document), read_parquet(found.transitions)
-    noise = document["noise"] | ((document.get("remainder") or {}).get("one_step") or {}).get("unresolved", {})
-    carried = later.states != context.states  # a lag is a state of the corrected case, whose commands come at once
-    sides = {"before": (context, gap, False), "after": (later, load_gap(files.gap, later).function, not carried)}
-    return {
-        side: share_inside(own, rows, own.plant.sampled, bound, noise, late)
-        for side, (own, bound, late) in sides.items()
-    }
+    Raises:
+        UserError: only some of its files are given.
+    """
+    if inputs.corrected is None:
+        return None
+    bound, summary = inputs.corrected_gap, inputs.corrected_summary
+    nominal, robust = inputs.corrected_nominal, inputs.corrected_robust
+    if bound is None or summary is None or nominal is None or robust is None:
+        raise UserError(
+            "the corrected case needs its bound, its summary and both controllers", file=inputs.corrected,
+            remedy="Give --corrected-gap, --corrected-summary, --corrected-nominal and --corrected-robust.",
+        )  # fmt: skip
+    later = Context.load(inputs.corrected)
+    controllers = {NOMINAL: load_domain_of(nominal, later), ROBUST: load_domain_of(robust, later)}
+    inside: dict[str, Mapping[str, float] | None] = {}
+    if inputs.diagnosis is not None and inputs.transitions is not None:
+        document, rows = read_json(inputs.diagnosis), read_parquet(inputs.transitions)
+        noise = document["noise"] | ((document.get("remainder") or {}).get("one_step") or {}).get("unresolved", {})
+        carried = later.states != context.states  # a lag is a state of the corrected case, whose commands come at once
+        sides = {"before": (context, gap, False), "after": (later, load_gap(bound, later).function, not carried)}
+        inside = {
+            side: share_inside(own, rows, own.plant.sampled, own_bound, noise, late)
+            for side, (own, own_bound, late) in sides.items()
+        }
+    return Corrected(result_of(later, summary, "report"), controllers, inside)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -17,9 +18,12 @@ from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.stages import log
+from simgap.stages.arguments import Argument, Out
 
 
-def run(rig_path: Path, out: Path, engine_log: Path | None = None) -> None:
+def run(
+    rig_path: Annotated[Path, Argument("Rig file (YAML).", "file")], out: Out, engine_log: Path | None = None
+) -> None:
     """Move the rig and write what its sensors and its drive recorded.
 
     Raises:

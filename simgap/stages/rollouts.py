@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.gap.memory.histories import history_shard
-from simgap.gap.sampling.points import Columns, Points, cut, product, remembers, shard_count
-from simgap.gap.sampling.tables import successor_columns, units
+from simgap.gap.sampling.points import Columns, Points, cut, product, remembers, shard_count, successor_columns, units
 from simgap.io.samples import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out_range
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Grid, Option, Out
 from simgap.stages.gap_inputs import points_of_case
 
 
-def run(case_path: Path, grid: Path, shard: int, out: Path, engine_log: Path | None = None) -> None:
+def run(
+    case_path: CasePath,
+    out: Out,
+    grid: Grid,
+    shard: Annotated[int, Option("Which part of the grid.")] = 0,
+    engine_log: Path | None = None,
+) -> None:
     """Roll out one shard of the grid in folder `grid` and write it.
 
     Raises:

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from simgap.errors import UserError
-from simgap.gap.fitting.borders import MAKE_BORDERS, NO_BORDERS, directed_samples
-from simgap.gap.fitting.dimension_fit import DimensionFit, fit_dimension
+from simgap.gap.fitting.bound_fit import DimensionFit, fit_dimension
 from simgap.gap.memory.fit import HullFit, fit_hull
+from simgap.gap.sampling.border_samples import MAKE_BORDERS, NO_BORDERS, directed_samples
 from simgap.gap.sampling.gap_samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of
-from simgap.gap.sampling.points import Columns, Points, remembers
-from simgap.gap.sampling.tables import AFTER_PREVIOUS, SEQUENCE
+from simgap.gap.sampling.points import AFTER_PREVIOUS, SEQUENCE, Columns, Points, remembers
 from simgap.gap.sampling.values import Held, Room
 from simgap.gap.settings import GapSettings
 from simgap.io.spilled_numbers import room_in
 from simgap.plants.context import Context, pose_axes
+from simgap.stages.arguments import Borders, CasePath, Grid, Out, Shards
 from simgap.stages.gap_inputs import dimensions, samples_of
 
 
-def run(case_path: Path, grid: Path, shards: Sequence[Path], out: Path, borders: Path | None = None) -> None:
+def run(case_path: CasePath, grid: Grid, shards: Shards, out: Out, borders: Borders = None) -> None:
     """Fit the bound of each state from the roll-outs of a grid, and those on borders and beside switching surfaces.
 
     Raises:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import yaml
 
@@ -24,6 +24,7 @@ from simgap.late import pyarrow as pa
 from simgap.lint.costs import affordable, costs
 from simgap.plants.context import Context
 from simgap.report.figures.sweep import figure
+from simgap.stages.arguments import Argument, Option, Out, SweepPath
 
 GAP = "gap.json"
 LEFT_OUT = ("provenance", "checksum", "guarantee", "case", "title", "verdict")
@@ -54,7 +55,7 @@ def checked_points(path: Path) -> tuple[Path, list[Point]]:
     return base, points
 
 
-def write_point(path: Path, name: str, out: Path) -> None:
+def write_point(path: SweepPath, name: Annotated[str, Argument("Name of the point.")], out: Out) -> None:
     """Write the case file of one point; its model files are named as they are found from there.
 
     Raises:
@@ -72,7 +73,12 @@ def write_point(path: Path, name: str, out: Path) -> None:
     write_text(out, f"# A point of the sweep {path.name}.\n" + yaml.safe_dump(content, sort_keys=False))
 
 
-def run(path: Path, results: Sequence[Path], out: Path, table_out: Path) -> None:
+def run(
+    path: SweepPath,
+    results: Annotated[list[Path], Option("summary.json or gap.json of each point, in order.", "--result")],
+    out: Out,
+    table_out: Annotated[Path, Option("File for the table (Parquet).", "--table", "file")],
+) -> None:
     """Write table and page of a sweep.
 
     Args:

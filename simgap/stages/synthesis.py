@@ -6,14 +6,14 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.reads import CONTROLLED
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bounds.symmetry import BodyFrameGap
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.geometry import Box
 from simgap.io.atomic import write_text
 from simgap.io.controller_file import save_controller
@@ -21,24 +21,23 @@ from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import render
 from simgap.lint.costs import affordable, costs
-from simgap.model.paths import nominal_paths
+from simgap.model.integrators import nominal_paths
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context, pose_axes
 from simgap.provenance import provenance
-from simgap.simulators.behind_commands import acts_at_once
 from simgap.simulators.body_samples import BodySamples
-from simgap.specifications.base import specification_of
-from simgap.specifications.path_aware_baseline import path_aware_baseline
+from simgap.simulators.commands import acts_at_once
+from simgap.specifications.base import path_aware_baseline, specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Option, Out
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.explain import explain
-from simgap.synthesis.games.previous import PreviousBounds
-from simgap.synthesis.refusals import EmptyDomain
-from simgap.synthesis.synthesise import Problem, synthesise
+from simgap.synthesis.games.game import PreviousBounds
+from simgap.synthesis.synthesise import EmptyDomain, Problem, synthesise
 
 FIRST_INPUT = 1e-9  # how far the first input may be from the one of U that it is
 EMPTY_PAGE = "empty.html.j2"
@@ -47,7 +46,14 @@ PATH_POINTS = 20  # poses on the nominal path between two samples
 
 
 def run(
-    case_path: Path, gap_path: Path | None, out: Path, summary: Path, threads: int = 2, careful: bool = False
+    case_path: CasePath,
+    gap_path: Annotated[Path | None, Option("gap.json; the nominal model alone if not given.", "--gap")],
+    out: Out,
+    summary: Annotated[Path, Option("File for the figures of the synthesis (JSON).")],
+    threads: Annotated[int, Option("Threads.", "--workers")] = 2,
+    careful: Annotated[
+        bool, Option("Without a gap: check the path between samples (fair baseline).", "--careful")
+    ] = False,
 ) -> None:
     """Synthesise, write the controller and its figures.
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from simgap.io.controller_file import load_domain_of
-from simgap.io.rerun.check import verify
-from simgap.io.rerun.closed_loop import write_recording
+from simgap.io.rerun.closed_loop import verify, write_recording
 from simgap.io.traces import split
 from simgap.plants.context import Context
 from simgap.report.recording import recording_content
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, NominalController, Out, RobustController, Traces
 from simgap.stages.gap_inputs import table_of
 
 
-def run(case_path: Path, nominal: Path, robust: Path, traces_path: Path, out: Path) -> None:
+def run(
+    case_path: CasePath, nominal: NominalController, robust: RobustController, traces_path: Traces, out: Out
+) -> None:
     """Write the recording of a case and read it back.
 
     Raises:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.sampling.points import remembers
-from simgap.gap.sampling.tables import stacked
+from simgap.gap.sampling.points import remembers, stacked
 from simgap.io.documents import write_json
 from simgap.io.traces import SIMULATOR, split
 from simgap.plants.context import Context
@@ -21,6 +20,7 @@ from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Option, Out, Shards
 from simgap.stages.gap_inputs import samples_of, table_of
 
 Steps = tuple[Floats, Floats, Floats]
@@ -30,9 +30,9 @@ Steps = tuple[Floats, Floats, Floats]
 class Inputs:
     """Files of samples: roll-outs on the grid, fresh ones, traces of the closed loop (or None)."""
 
-    rollouts: Sequence[Path]
-    fresh: Path
-    traces: Path | None = None
+    rollouts: Shards
+    fresh: Annotated[Path, Option("Fresh samples.")]
+    traces: Annotated[Path | None, Option("Traces that the validation kept (Parquet).")] = None
 
 
 @dataclass(eq=False)
@@ -57,7 +57,7 @@ class Held:
                 self.at[i] = {"x": x[k].tolist(), "u": u[k].tolist()}
 
 
-def run(case_path: Path, given: Inputs, out: Path, engine_log: Path | None = None) -> None:
+def run(case_path: CasePath, given: Inputs, out: Out, engine_log: Path | None = None) -> None:
     """Take every sample again in the other engine, write and log the largest differences.
 
     Raises:

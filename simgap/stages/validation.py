@@ -7,7 +7,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from simgap.arrays import Floats, Ints
 from simgap.closed_loop import Sensing, batch_loop, closed_loop
 from simgap.config.case import Case
 from simgap.config.reads import CONTROLLED
-from simgap.config.trials import Trials
-from simgap.config.validation import ValidationSection
+from simgap.config.validation import Trials, ValidationSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import points_of_cells
 from simgap.io.controller_file import load_controller_of
@@ -34,6 +33,7 @@ from simgap.specifications.base import specification_of
 from simgap.specifications.monitor import Run, Verdict
 from simgap.specifications.space import Space
 from simgap.stages import log
+from simgap.stages.arguments import CasePath, Gap, HowMany, NominalController, Option, Out, RobustController, Workers
 from simgap.stages.scratch import scratch
 from simgap.synthesis.controller import Controller
 
@@ -42,16 +42,16 @@ TABLES = ".tables"  # folder beside the traces
 
 
 def run(
-    case_path: Path,
-    nominal: Path,
-    robust: Path,
-    gap_path: Path,
-    out: Path,
-    traces: Path,
-    workers: int = 2,
+    case_path: CasePath,
+    nominal: NominalController,
+    robust: RobustController,
+    gap_path: Gap,
+    out: Out,
+    traces: Annotated[Path, Option("File for the traces that are kept (Parquet).")],
+    workers: Workers = 2,
     engine_log: Path | None = None,
-    careful: Path | None = None,
-    trials: Trials = Trials.PLAIN,
+    careful: Annotated[Path | None, Option("Controller of the fair baseline.")] = None,
+    trials: HowMany = Trials.PLAIN,
 ) -> None:
     """Run both controllers from the same starts, audit every step, keep a few traces.
 

@@ -23,7 +23,7 @@ from simgap.arrays import Bools, Floats, Ints
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import Grid
 from simgap.specifications.solution import Solution
-from simgap.synthesis.bits import preferred, unpack
+from simgap.synthesis.input_sets import preferred, unpack
 
 RULES = ("least_effort", "middle")
 FARTHEST = 1e9

@@ -18,9 +18,8 @@ import numpy as np
 from simgap.errors import UserError
 from simgap.late import njit, numba
 from simgap.synthesis.abstraction.nominal import Model
-from simgap.synthesis.abstraction.product import Kernel, no_gap
-from simgap.synthesis.refusals import extremes
-from simgap.synthesis.synthesise import Problem
+from simgap.synthesis.abstraction.post import Kernel, no_gap
+from simgap.synthesis.synthesise import Problem, extremes
 
 SAMPLED = 2_000
 """Cells that are looked at one by one."""

@@ -36,12 +36,10 @@ from simgap.arrays import Bools, Floats, Ints
 from simgap.geometry import Grid
 from simgap.late import njit
 from simgap.model.kept import kept
-from simgap.synthesis.abstraction.frame import Frame, cell_box, to_cells
-from simgap.synthesis.abstraction.holes import count_holes, layout, table_size
+from simgap.synthesis.abstraction.cells import count_holes, layout, table_size
 from simgap.synthesis.abstraction.nominal import Model
-from simgap.synthesis.abstraction.product import Kernel, image, without_ends
-from simgap.synthesis.abstraction.tables import reduced_cells
-from simgap.synthesis.games.windows import crop, padded, to_bytes, to_words, window_and
+from simgap.synthesis.abstraction.post import Frame, Kernel, cell_box, image, reduced_cells, to_cells, without_ends
+from simgap.synthesis.input_sets import crop, padded, to_bytes, to_words, window_and
 
 LARGEST_FACTOR = 1e4
 """Factors are looked for up to here; a margin that reaches it is at least that."""

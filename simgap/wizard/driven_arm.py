@@ -26,7 +26,7 @@ from simgap.model.symbolic import SymbolicModel
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
-from simgap.synthesis.abstraction.product import Kernel
+from simgap.synthesis.abstraction.post import Kernel
 from simgap.synthesis.synthesise import Problem
 from simgap.wizard.no_proposal import check_room, check_strength
 from simgap.wizard.posture import Posture

@@ -17,7 +17,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.late import numba, scipy
 from simgap.model.symbolic import SymbolicModel
-from simgap.synthesis.abstraction.product import Kernel
+from simgap.synthesis.abstraction.post import Kernel
 from simgap.wizard.posture import Posture
 
 RUBBING, RESTING = {1: 80, 2: 24}, {2: 25, 3: 10, 4: 8}

@@ -8,10 +8,10 @@ import pytest
 
 from simgap.attack.known import worst_histories
 from simgap.attack.points import PointSearch, Question
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
-from simgap.gap.bounds.symmetry import BodyFrameGap
-from simgap.gap.sampling.tables import step_columns
+from simgap.gap.sampling.points import step_columns
 from simgap.geometry import Box, Grid
 from simgap.plants.context import Context
 from simgap.simulators.body_samples import REST, BodySamples

@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.geometry import Box
 from simgap.io.certificate import Certified, Reached, write_certificate
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.swept import planar_swept_cells
-from simgap.synthesis.games.previous import PreviousBounds
+from simgap.synthesis.games.game import PreviousBounds
 from simgap.synthesis.synthesise import Problem, synthesise
 from tests.checker.checker_runs import change, run
 from tests.synthesis.synthesis_plants import unicycle

@@ -7,7 +7,7 @@ import pytest
 import typer
 
 from simgap.cli import app, main
-from simgap.cli.groups import GROUPS, SHOWN
+from simgap.cli.commands import GROUPS, SHOWN
 
 
 def run(arguments, capsys):

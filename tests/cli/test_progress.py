@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simgap.cli import progress as module
+from simgap.cli import terminal as module
 
 
 def test_a_line_now_and_then_where_there_is_no_terminal(monkeypatch, capsys):

@@ -6,7 +6,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from simgap.cli import sweeps, workflow
+from simgap.cli import app, workflow
 from simgap.errors import UserError
 
 CASE = {
@@ -35,7 +35,7 @@ def asked(tmp_path, monkeypatch):
 
 def typed(*words, name="fine", **content):
     Path(f"{name}.yaml").write_text(yaml.safe_dump({"case": "rod.yaml"} | content))
-    return CliRunner().invoke(sweeps.app, ["sweep", *words])
+    return CliRunner().invoke(app, ["sweep", *words])
 
 
 AXES = {"gap.fresh_samples": [500, 600]}
@@ -61,7 +61,7 @@ def test_what_was_made_is_said_at_the_end(asked):
 
 def test_a_run_that_ends_well_without_its_page_is_an_error(asked):
     assert isinstance(typed("fine.yaml", axes=AXES).exception, workflow.WorkflowFailed)
-    done = CliRunner().invoke(workflow.app, ["run", "rod.yaml"])
+    done = CliRunner().invoke(app, ["run", "rod.yaml"])
     assert isinstance(done.exception, workflow.WorkflowFailed)
     assert "has not made results/rod/check/check.json" in str(done.exception)
 

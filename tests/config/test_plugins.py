@@ -129,7 +129,7 @@ def gain(section):
 
 def test_a_plug_in_without_its_methods_is_one_line(vary):
     path = vary("pendulum", {"simulator": {"engine": "half.py:Half"}, "gap.basis": {"kind": "half.py:Less"}})
-    bases = "from simgap.config.basis import BasisSection\nfrom simgap.simulators.base import Engine\n"
+    bases = "from simgap.config.gap import BasisSection\nfrom simgap.simulators.base import Engine\n"
     (path.parent / "half.py").write_text(
         f"{bases}class Half(Engine):\n    def reset(self, x): pass\nclass Less(BasisSection): pass\n"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simgap.config.recordings import matching
+from simgap.config.measured import matching
 
 
 def test_a_pattern_brings_its_files_sorted_and_each_once(tmp_path):

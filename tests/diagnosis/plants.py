@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import sympy as sp
 
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.record.folds import Windows
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.supermodel import SuperModel, cached_supermodel
 from simgap.model.symbolic import Coordinate, NamedParameter, Parameter, SymbolicModel, Variable, symbol

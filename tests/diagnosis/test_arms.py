@@ -15,11 +15,10 @@ from simgap.diagnosis.arms.base import base_parameters
 from simgap.diagnosis.arms.consistent import consistent, possible
 from simgap.errors import UserError
 from simgap.io.inertial_file import with_inertial
-from simgap.model.inverse_dynamics import forces, regressor
+from simgap.model.tree import forces, regressor
 from simgap.plants.plant_model import load_plant
-from simgap.plants.urdf import multibody_plant
+from simgap.plants.urdf import load_tree, multibody_plant
 from simgap.plants.urdf_checks import check_urdf
-from simgap.plants.urdf_tree import load_tree
 from simgap.stages import diagnosis as stage
 from tests.diagnosis import arm_rig as rig
 

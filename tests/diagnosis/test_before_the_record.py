@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import past_the_unknown, split_windows
+from simgap.diagnosis.record.folds import past_the_unknown, split_windows
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.confidence import vanishing
 from simgap.diagnosis.search.explanations import Explanation

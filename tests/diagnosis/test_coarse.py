@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import split_windows
+from simgap.diagnosis.record.folds import split_windows
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.simulation.coarse import SEARCH_ROWS, coarse
 from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel

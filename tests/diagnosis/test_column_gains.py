@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import columns
 from simgap.diagnosis.simulation.coarse import coarse

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from simgap.diagnosis.reading.channels import Channel
-from simgap.diagnosis.reading.column_words import column_words
-from simgap.diagnosis.reading.table import RawTable
+from simgap.diagnosis.record.channels import Channel, RawTable, column_words
 
 Q, V, U = Channel("q", "rad", False, "q"), Channel("v", "rad/s", False, "v"), Channel("u", "N*m", True, "u")
 ANGLE = Channel("q", "rad", False, "angle", column_unit="deg", mapped=True)

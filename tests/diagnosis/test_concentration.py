@@ -9,7 +9,7 @@ import pytest
 
 from simgap.diagnosis.confirming import concentrated
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.verdict.horizon import HorizonError
 from simgap.diagnosis.verdict.words import verdict_parts

@@ -9,10 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.folds import confirm_mask
-from simgap.diagnosis.reading.noise import noise_floor
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import split_windows
+from simgap.diagnosis.record.folds import confirm_mask, split_windows
+from simgap.diagnosis.record.noise import noise_floor
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.sensitivity import choose_step, linearise, slot_direction
 from simgap.errors import UserError

@@ -6,7 +6,7 @@ import numpy as np
 
 from simgap import units
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import columns
 from simgap.diagnosis.simulation import refit as refits

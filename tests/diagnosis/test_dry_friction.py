@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import split_windows
+from simgap.diagnosis.record.folds import split_windows
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.search import fit as module
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.encoder import worth
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.noise import worth
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from tests.undeclared.counted import counted_model, counted_record
 

@@ -17,8 +17,8 @@ from simgap.diagnosis.experiment.propose import Wave, random_wave, tried, waves
 from simgap.diagnosis.experiment.rivals import known_rivals
 from simgap.diagnosis.experiment.words import paragraph
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.conditions import conditioned
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.conditions import conditioned
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.effects import AppliedEffect
 from simgap.excitation import multisine

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.folds import cut_in_folds, split_folds
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import split_windows
+from simgap.diagnosis.record.folds import cut_in_folds, split_folds, split_windows
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.errors import UserError
 from tests.diagnosis.plants import block

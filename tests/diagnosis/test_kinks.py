@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.seek import begun

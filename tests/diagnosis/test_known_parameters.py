@@ -8,7 +8,7 @@ import yaml
 
 from simgap.config.load import parse_case
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.barred import barred
 from simgap.errors import UserError

@@ -8,7 +8,7 @@ import sympy as sp
 import yaml
 
 from simgap.config.load import parse_case
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.effects import AppliedEffect, apply_effects
 from simgap.model.symbolic import PlanarWheels, SymbolicModel, Variable, symbol

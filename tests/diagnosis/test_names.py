@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.effects import AppliedEffect, apply_effects
 from simgap.model.symbolic import Coordinate, Parameter, SymbolicModel, Variable, symbol

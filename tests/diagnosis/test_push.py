@@ -8,8 +8,8 @@ import pytest
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.push import stands_out, suspected
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import Windows, left_out
+from simgap.diagnosis.record.folds import Windows, left_out
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.search.watch import Watch
 from simgap.diagnosis.seek import begun

@@ -8,10 +8,10 @@ from scipy.signal import lfilter
 
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.exchanged import put_back
-from simgap.diagnosis.reading.hum import without_hum
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.repair import repaired
+from simgap.diagnosis.record.faults.columns import SwappedColumns
+from simgap.diagnosis.record.faults.hum import Hum
+from simgap.diagnosis.record.faults.registry import READINGS, mended
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.columns import better_columns
 from simgap.diagnosis.search.noise_colour import _law
@@ -23,6 +23,14 @@ from tests.undeclared.nominals import nominal, record
 from tests.undeclared.rig.textbook import Hidden, cart_pole, oscillator
 
 FEW = DiagnosisSettings(effects=("viscous_friction", "coulomb_friction", "input_gain", "input_delay", "spring"))
+
+
+def _repaired(made):
+    return mended(made, rigs.oscillator_model(), READINGS)
+
+
+def _without_hum(made):
+    return Hum().mend(made, rigs.oscillator_model())
 
 
 def _diagnosed(rig, fault, seed=1, **hidden):
@@ -87,15 +95,15 @@ def test_errors_of_prediction_are_white():
 def test_readings_that_are_none_are_found_and_the_others_left(fault):
     for rig in (rigs.pendulum(), rigs.oscillator()):
         dirty, clean_ = (rigs.record(rig, f, 3, seconds=6.0, coulomb=0.1) for f in (fault, "clean"))
-        mended, said = repaired(dirty)
-        mended, lines = without_hum(mended)
+        clear, said = _repaired(dirty)
+        clear, lines = _without_hum(clear)
         assert [f.fault for f in (*said, *lines)] == [rigs.FAULTS[fault][1]]
-        for a, b in zip(mended.traces, clean_.traces, strict=True):
+        for a, b in zip(clear.traces, clean_.traces, strict=True):
             used = a.compared > 0.0
             assert used.mean() > 0.9
             assert np.std((a.y - b.y)[used]) < 2e-3  # noise alone, of 1e-3 in each
-        assert repaired(clean_) == (clean_, ())
-        assert without_hum(clean_)[1] == ()
+        assert _repaired(clean_) == (clean_, ())
+        assert _without_hum(clean_)[1] == ()
 
 
 def _counted(motion, seconds=30.0, rate=100.0, step=4e-5):
@@ -112,7 +120,7 @@ def test_what_turns_round_or_breaks_away_under_an_encoder_repeats_counts_and_is_
         _, y, record = _counted(motion)
         repeats = np.diff(y) == 0.0
         assert repeats.sum() > 5
-        assert repaired(record(y))[1] == ()
+        assert _repaired(record(y))[1] == ()
 
 
 def test_stale_readings_of_an_encoder_are_found():
@@ -121,9 +129,9 @@ def test_stale_readings_of_an_encoder_are_found():
     hit[7::33] = True
     dirty = y.copy()
     dirty[hit] = dirty[np.flatnonzero(hit) - 1]
-    mended, (fault,) = repaired(record(dirty))
+    clear, (fault,) = _repaired(record(dirty))
     assert fault.fault == "stale"
-    found = ~mended.traces[0].used[:, 0]
+    found = ~clear.traces[0].used[:, 0]
     assert not found[~hit].any()
     assert found[hit].mean() > 0.8
 
@@ -187,7 +195,7 @@ def test_the_lines_of_a_shaft_that_turns_steadily_are_no_hum(speed, found):
     t, rng = np.arange(4000) / 200.0, np.random.default_rng(4)
     slow = 0.3 * np.sin(0.9 * t)
     q = speed * t + slow + 2e-3 * np.sin(24 * (5.0 * t)) + 1e-4 * rng.standard_normal(len(t))
-    _, faults = without_hum(Record((Trace("a", t, q[:, None], np.zeros((len(t), 0))),), ("q",), ()))
+    _, faults = _without_hum(Record((Trace("a", t, q[:, None], np.zeros((len(t), 0))),), ("q",), ()))
     assert [f.fault for f in faults] == found
 
 
@@ -197,8 +205,8 @@ def test_a_line_of_one_trace_alone_is_no_hum():
     for name, size in (("a", 2e-3), ("b", 0.0)):
         q = 0.3 * np.sin(0.9 * t) + size * np.sin(120.0 * t) + 1e-4 * rng.standard_normal(len(t))
         traces.append(Trace(name, t, q[:, None], np.zeros((len(t), 0))))
-    assert without_hum(Record(tuple(traces), ("q",), ()))[1] == ()
-    assert len(without_hum(Record(tuple(traces[:1]), ("q",), ()))[1]) == 1
+    assert _without_hum(Record(tuple(traces), ("q",), ()))[1] == ()
+    assert len(_without_hum(Record(tuple(traces[:1]), ("q",), ()))[1]) == 1
 
 
 def test_windows_of_a_few_samples_have_no_law_of_the_noise():
@@ -209,10 +217,10 @@ def test_windows_of_a_few_samples_have_no_law_of_the_noise():
 def test_swapped_columns_are_told_by_the_derivative_however_much_is_missing(hidden):
     for rig in (rigs.pendulum(), rigs.oscillator()):
         swapped, good = (rigs.record(rig, f, 1, 6.0, **hidden) for f in ("columns swapped", "velocity filtered"))
-        mended, found = put_back(swapped, rig.model.coordinates)
+        back, found = SwappedColumns().mend(swapped, rig.model)
         assert [(f.fault, f.channel) for f in found] == [("swapped_columns", ", ".join(rig.states))]
-        assert all(np.array_equal(a.y, b.y[:, ::-1]) for a, b in zip(mended.traces, swapped.traces, strict=True))
-        assert put_back(good, rig.model.coordinates) == (good, ())
+        assert all(np.array_equal(a.y, b.y[:, ::-1]) for a, b in zip(back.traces, swapped.traces, strict=True))
+        assert SwappedColumns().mend(good, rig.model) == (good, ())
 
 
 def test_friction_behind_swapped_columns_is_named():

@@ -76,11 +76,7 @@ def moved(x, u, extra, seconds, steps):
 def recorded(kind, size, seed, seconds=20.0):
     """States (n, 2) and torques (n,) of a bench with a torque that the model lacks, and what it misses in each step."""
     rng = np.random.default_rng(seed)
-    drawn, phase, begin = (
-        rng.standard_normal(int(seconds * RATE) // EVERY + 1),
-        rng.uniform(0, 6.28, 2),
-        rng.uniform(0, 5),
-    )
+    drawn, phase = rng.standard_normal(int(seconds * RATE) // EVERY + 1), rng.uniform(0, 6.28, 2)
     x, states, torques = np.array([0.4, 0.0]), [], []
     for k in range(int(seconds * RATE)):
         t, more = k / RATE, drawn[k // EVERY]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.stillness import resolution
+from simgap.diagnosis.record.noise import resolution
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from tests.diagnosis.plants import block
 

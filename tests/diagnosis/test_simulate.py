@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.step_length import resolved

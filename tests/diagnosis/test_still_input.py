@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from tests.diagnosis.plants import block
 

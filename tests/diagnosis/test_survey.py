@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.survey import survey
+from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.record.survey import survey
 from simgap.model.symbolic import Coordinate, SymbolicModel, Variable, symbol
 
 MODEL = SymbolicModel(

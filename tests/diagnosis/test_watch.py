@@ -7,7 +7,7 @@ import pytest
 
 import simgap.diagnosis.diagnose as module
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search import explanations, selection
 from simgap.diagnosis.search.watch import Stopped, Watch

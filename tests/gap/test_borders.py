@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from simgap.gap.bases import Blocks, Monomials
 from simgap.gap.bounds.function import GapDomain
+from simgap.gap.fitting.fit import fit_gap
+from simgap.gap.sampling.border_samples import kinks, switching_surfaces
 from simgap.gap.sampling.borders import BESIDE, critical_points, thinned_count
-from simgap.gap.sampling.switching import kinks, switching_surfaces
-from simgap.geometry import Box
+from simgap.gap.sampling.samples import Directed, GapSamples
+from simgap.gap.settings import GapSettings
+from simgap.geometry import Box, Grid
 from simgap.model.symbolic import symbol
 from simgap.plants.context import Context
 
@@ -135,3 +139,44 @@ def test_what_will_be_listed_is_counted_before_it_is_listed(shape):
     on_border = ((found.x == 0.0) | (found.x == 1.0)).any(axis=1)
     assert on_border.all()
     assert len(rows(found.x)) == len(found.x)
+
+
+def test_neighbours_lie_on_one_side_of_one_surface():
+    """Along a, the states beside v = 0 are joined on each side by themselves, and each face of X along v."""
+    found = critical_points(domain(lo=(-0.3, -0.5)), [V], [np.linspace(-0.25, 0.15, 5), np.array([-0.2, 0.2])])
+    before, after = found.neighbours(0).T
+    for k, state in enumerate(found.x):
+        line = {tuple(found.x[i]) for i in (before[k], k, after[k])}
+        if found.fixed[k, 0]:
+            assert line == {tuple(state)}
+            continue
+        assert {v for _, v in line} == {state[1]}
+        inner = sorted(a for a, v in rows(found.x) if v == state[1] and -0.3 < a < 0.2)
+        at = inner.index(state[0])
+        assert sorted(a for a, _ in line) == inner[max(at - 1, 0) : at + 2]
+
+
+@pytest.mark.parametrize("basis", [Blocks(kind="blocks", blocks=(20, 20)), Monomials(degree=2)])
+def test_a_gap_that_is_steep_beside_a_surface_alone_is_covered_there(basis):
+    """What sticks within a step is flat at every cell centre, and steep along the surface between the samples on it."""
+    box, inputs = Box([-0.2, -0.5], [0.2, 0.5]), np.array([[-1.0], [1.0]])
+
+    def gap(x, u):
+        stuck = np.abs(x[..., 1]) < 1e-3
+        d = 1e-3 * u[..., 0] + np.where(stuck, 0.4 * np.abs(x[..., 0] - 0.013), 0.0)
+        return np.stack([0.01 * d, d], axis=-1)
+
+    def at_all_inputs(x):
+        return gap(np.repeat(x[:, None], 2, axis=1), inputs[None].repeat(len(x), axis=0))
+
+    grid, names = Grid(box, (20, 20)), (("a", "v"), ("u",))
+    beside = critical_points(GapDomain(*names, box, inputs), [V], [grid.axis(j) for j in range(2)])
+    there = np.moveaxis(at_all_inputs(beside.x), -1, 0)
+    directed = tuple(Directed(beside, own, own) for own in there)
+    samples = GapSamples(grid, inputs, at_all_inputs(grid.centres()), *names, directed=directed)
+    bound = fit_gap(samples, GapSettings(basis=basis, rough_limit=1.0)).function
+    rng = np.random.default_rng(41)
+    x = np.stack([rng.uniform(-0.2, 0.2, 4000), rng.choice([-1e-9, 0.0, 1e-9], 4000)], axis=1)
+    u = inputs[rng.integers(0, 2, 4000)]
+    lower, upper = bound.bounds(x, u)
+    assert np.all((lower <= gap(x, u)) & (gap(x, u) <= upper))

@@ -8,22 +8,21 @@ import pytest
 
 from simgap.config.gap import GapSection
 from simgap.errors import UserError
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.gap.bounds.tiers import Tier
-from simgap.gap.fitting.acceptance import covering_remainder
+from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper, covering_remainder
 from simgap.gap.fitting.envelope import fit_envelope
-from simgap.gap.fitting.fresh_check import check_fresh, clopper_pearson_upper
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.lipschitz.result import GridLipschitz, worse
 from simgap.gap.lipschitz.stencils import bends, steps, to_cells
 from simgap.gap.memory.bound import Robot, assemble_hulls
 from simgap.gap.memory.fit import HistoryInfluence, HullFit, Widened, fit_hull
-from simgap.gap.memory.headings import heading_deviation
 from simgap.gap.memory.hidden_state import extrapolated_maximum, fading, hull
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
+from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.sampling.values import Held
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
@@ -184,7 +183,7 @@ def test_hulls_and_fading_by_their_definitions():
         r = (1.0 - 0.05 ** (1 / 3)) ** (1 / dimension)
         assert extrapolated_maximum(excess, dimension) == pytest.approx(0.3 + 0.3 * r / (1 - r))
     turned = np.array([[[0.1, 0.0, 0.0]], [[-0.3, 0.0, 0.2]]])
-    assert heading_deviation(np.zeros((1, 3)), turned).largest.tolist() == pytest.approx([0.3, 0.0, 0.2])
+    assert SymmetryDeviation.of_headings(np.zeros((1, 3)), turned).largest.tolist() == pytest.approx([0.3, 0.0, 0.2])
 
 
 def test_a_body_frame_bound_is_rounded_outward_in_the_heading_too():

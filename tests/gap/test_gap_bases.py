@@ -4,13 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simgap.errors import UserError
-from simgap.gap.bounds.bases import Basis
-from simgap.gap.bounds.forms import make_form
-from simgap.gap.bounds.supremum import supremum
-from simgap.gap.kinds.blocks import Blocks
-from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.kinds.monomials import Monomials
-from simgap.gap.kinds.trigonometric import Trigonometric
+from simgap.gap.bases import Blocks, Expressions, Monomials, Trigonometric
+from simgap.gap.bounds.basis import Basis, make_form, supremum
 from tests.gap.gap_examples import PAPER, U, X
 
 NAMES = (("x1", "x2"), ("u",))

@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 
 from simgap.errors import BrokenPromise, UserError
+from simgap.gap.bases import Blocks, Expressions, Monomials, Trigonometric
 from simgap.gap.bounds.load import from_json
+from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper
 from simgap.gap.fitting.conformal import Calibration
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.fitting.fresh_check import check_fresh, clopper_pearson_upper
-from simgap.gap.kinds.blocks import Blocks
-from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.kinds.monomials import Monomials
-from simgap.gap.kinds.trigonometric import Trigonometric
 from simgap.gap.settings import GapSettings
 from tests.gap.gap_examples import PAPER, U, X, coulomb, off_grid, on_grid, smooth
 

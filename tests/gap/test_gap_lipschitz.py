@@ -7,14 +7,12 @@ import pytest
 from scipy.stats import weibull_max
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.fitting.assemble import check_resolved
-from simgap.gap.fitting.dimension_fit import fit_dimension
-from simgap.gap.lipschitz.compare import dimension_lipschitz
-from simgap.gap.lipschitz.evt import fit_reverse_weibull, profile_upper, top_spacing_upper
-from simgap.gap.lipschitz.grid import estimate
+from simgap.gap.fitting.bound_fit import check_resolved, fit_dimension
+from simgap.gap.lipschitz.estimates import dimension_lipschitz, fit_reverse_weibull, profile_upper, top_spacing_upper
+from simgap.gap.lipschitz.grid import estimate, roughness
 from simgap.gap.lipschitz.local import Beside, Fit, LocalPadding
 from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz
-from simgap.gap.lipschitz.rough import roughness
+from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.samples import SampleGrid
 from simgap.gap.sampling.values import Held
 from simgap.gap.settings import GapSettings
@@ -210,7 +208,7 @@ def test_the_spacing_limit_lies_beyond_the_largest_slope():
 
 def in_pieces(monkeypatch, tmp_path):
     """From here on a layer of cells and an input at a time, from files."""
-    monkeypatch.setattr("simgap.gap.lipschitz.slabs.PIECE", 1)
+    monkeypatch.setattr("simgap.gap.lipschitz.stencils.PIECE", 1)
     return room_in(tmp_path, held=0)
 
 
@@ -239,7 +237,8 @@ def test_local_paddings_in_pieces_are_the_same_bits(monkeypatch, tmp_path, jump)
     t = np.sin(3.0 * x[:, [0]]) * rng.uniform(0.5, 1.5, 5) + jump * (x[:, [0]] > 0.3) * np.arange(5)
     slope = [Held(np.broadcast_to(s, t.shape)) for s in (3.0 * np.cos(3.0 * x[:, [0]]), np.full((1, 5), 0.2))]
     fit = Fit(Held(np.sin(3.0 * x[:, [0]]) * np.ones(5)), slope.__getitem__, np.eye(2))
-    beside = Beside(np.array([3, 40, 100]), np.array([[True, False], [False, True], [False, False]]))
+    at = Borders(x[[3, 40, 100]], np.array([[True, False], [False, True], [False, False]]), np.arange(3))
+    beside = Beside(np.array([3, 40, 100]), at, t[[3, 40, 100]])
 
     def results(room):
         own = LocalPadding(Held(t), grid, (), 0.0, room)

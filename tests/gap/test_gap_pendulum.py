@@ -2,9 +2,9 @@
 
 import pytest
 
+from simgap.gap.bases import Expressions
+from simgap.gap.fitting.acceptance import check_fresh
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.fitting.fresh_check import check_fresh
-from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.settings import GapSettings
 from tests.gap.gap_examples import PAPER, off_grid, on_grid, pendulum_gap
 

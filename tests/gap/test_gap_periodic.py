@@ -8,14 +8,12 @@ from math import floor
 import numpy as np
 import pytest
 
-from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bases import Blocks, Expressions
+from simgap.gap.bounds.body_frame import BodyFrameGap
+from simgap.gap.bounds.function import GapDomain, parts
 from simgap.gap.bounds.load import from_json
-from simgap.gap.bounds.periodic import parts
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.gap.bounds.tiers import Tier
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.kinds.blocks import Blocks
-from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box
 from tests.gap.gap_examples import on_grid, smooth

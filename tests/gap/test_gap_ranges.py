@@ -5,9 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
+from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.kinds.blocks import Blocks
-from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid

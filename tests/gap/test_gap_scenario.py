@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import linprog
 
 from simgap.errors import UserError
-from simgap.gap.bounds.bases import Basis
+from simgap.gap.bounds.basis import Basis
 from simgap.gap.fitting.design import Design
 from simgap.gap.fitting.scenario import solve_scenario
 from tests.gap.gap_examples import PAPER, U, coulomb, on_grid, smooth

@@ -4,8 +4,7 @@ from pydantic import ValidationError
 from simgap.config.gap import GapSection
 from simgap.config.load import load_case
 from simgap.errors import UserError
-from simgap.gap.kinds.blocks import Blocks
-from simgap.gap.kinds.expressions import Expressions
+from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.settings import GapSettings
 
 

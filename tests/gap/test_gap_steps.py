@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.gap.fitting.assemble import assemble
+from simgap.gap.bases import Blocks, Expressions
+from simgap.gap.fitting.bound_fit import assemble, fit_dimension, fit_from_json
 from simgap.gap.fitting.conformal import Calibration
-from simgap.gap.fitting.dimension_fit import fit_dimension, fit_from_json
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.kinds.blocks import Blocks
-from simgap.gap.kinds.expressions import Expressions
-from simgap.gap.lipschitz.compare import dimension_lipschitz
+from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.sampling.gap_samples import check_rows
 from simgap.gap.sampling.points import Points, covering_point, cut, product, radius

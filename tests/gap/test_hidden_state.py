@@ -10,8 +10,7 @@ from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.load import from_json
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.bounds.tiers import Tier, deterministic_tier
-from simgap.gap.fitting.acceptance import confirmed
-from simgap.gap.fitting.fresh_check import FreshCheck, check_sequences
+from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed
 from simgap.gap.memory.bound import Robot, assemble_hulls
 from simgap.gap.memory.fit import HistoryInfluence, HullFit, fit_hull
 from simgap.gap.memory.hidden_state import (

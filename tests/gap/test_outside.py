@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 
 from simgap.errors import BrokenPromise
-from simgap.gap.bounds.outside import Outside, worst_outside
-from simgap.gap.fitting.acceptance import confirmed, none_outside, tolerate
-from simgap.gap.fitting.fresh_check import BorderCheck, FreshCheck
+from simgap.gap.fitting.acceptance import (
+    BorderCheck,
+    FreshCheck,
+    Outside,
+    confirmed,
+    none_outside,
+    tolerate,
+    worst_outside,
+)
 
 NAMES = (("q", "v"), ("u",))
 PLACE = Outside("v", 0.002, 0.012, -0.01, 0.01, {"q": 0.1, "v": -0.5, "u": 1.0})

@@ -6,12 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simgap.errors import BrokenPromise, UserError
+from simgap.gap.bounds.body_frame import BodyFrameGap, nominal_motion, rotated_box, to_body
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.load import from_json
-from simgap.gap.bounds.rotation import rotated_box, to_body
-from simgap.gap.bounds.symmetry import BodyFrameGap, nominal_motion
 from simgap.gap.bounds.tiers import Tier
-from simgap.gap.memory.headings import check_symmetry, heading_deviation
+from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.geometry import Box
 from simgap.io.documents import read_json, write_json
 
@@ -156,8 +155,8 @@ def test_a_deviation_above_the_tolerance_breaks_the_promise_with_both_numbers():
     reference = np.zeros((4, 3))
     turned = np.zeros((2, 4, 3))
     turned[1, 2, 2] = -0.07
-    deviation = heading_deviation(reference, turned)
+    deviation = SymmetryDeviation.of_headings(reference, turned)
     assert deviation.largest == pytest.approx([0, 0, 0.07])
-    check_symmetry(deviation, NAMES, {"x": 0.01, "y": 0.01, "theta": 0.08})
+    deviation.check(NAMES, {"x": 0.01, "y": 0.01, "theta": 0.08})
     with pytest.raises(BrokenPromise, match=r"theta deviates by 0\.07.*allows 0\.05"):
-        check_symmetry(deviation, NAMES, {"x": 0.01, "y": 0.01, "theta": 0.05})
+        deviation.check(NAMES, {"x": 0.01, "y": 0.01, "theta": 0.05})

@@ -6,9 +6,9 @@ import yaml
 
 from simgap.config.load import load_case
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.fitting.borders import SHIFTED, border_gaps, border_states, parts_of, roll_out_borders
+from simgap.gap.sampling.border_samples import SHIFTED, border_gaps, border_states, parts_of, roll_out_borders
 from simgap.gap.sampling.points import covering_grid, own_point
-from simgap.gap.sampling.translation import ShiftDeviation
+from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.whole_bound import reached_stops
 from simgap.plants.context import Context
 from simgap.provenance import sections_digest, sections_of
@@ -48,7 +48,7 @@ def deviation(path):
     states = {part: border_states(context, name, part).x for part in parts_of(context)}
     rolled, _ = roll_out_borders(context.case, context.folder, states, context.input_set)
     _, _, lower, upper = border_gaps(context, rolled, SHIFTED, border_states(context, name, SHIFTED))
-    return context, ShiftDeviation.of(context, lower, upper)
+    return context, SymmetryDeviation.of_translation(context, lower, upper)
 
 
 def test_cells_are_those_of_the_half_widths_and_one_along_the_translation(tmp_path):
@@ -145,7 +145,7 @@ def test_stops_that_a_step_reaches_are_named_where_the_symmetry_fails(tmp_path, 
         symmetry={"group": "translation", "along": ["x"], "tolerance": {"x": 1e-9, "v": 1e-9}},
     )  # fmt: skip
     stops = reached_stops(Context.load(path), ["x"])
-    found = ShiftDeviation(np.array([0.2, 0.0]), 10, ("x",))
+    found = SymmetryDeviation(np.array([0.2, 0.0]), 10, ("x",))
     with pytest.raises(BrokenPromise) as refused:
         found.check(["x", "v"], {"x": 1e-9, "v": 1e-9}, stops)
     assert ("joint 'slide' (x in [-1, 2], stops at -1.1 and 9)" in str(refused.value)) == stopped

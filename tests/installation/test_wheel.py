@@ -2,14 +2,17 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import venv
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from tests.stages import diagnosis_example as example
 
@@ -52,10 +55,17 @@ def bench(tmp_path):
     return tmp_path
 
 
-def test_the_version(installed, tmp_path):
+def test_the_version_is_the_same_everywhere(installed, tmp_path):
     status, text, _ = call(str(installed / "simgap"), "--version", cwd=tmp_path)
-    assert (status, text.split()[0]) == (0, "simgap")
-    assert text.split()[1][0].isdigit()
+    assert status == 0
+    name, version = text.split()[:2]
+    assert (name, version) == ("simgap", tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"])
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert str(cited["version"]) == version
+    newest = re.search(r"^## (\S+) \((\S+)\)$", (ROOT / "CHANGELOG.md").read_text(), flags=re.M)
+    assert newest.groups() == (version, str(cited["date-released"]))
+    status, text, _ = call(str(installed / "python"), "-c", "import simgap; print(simgap.__version__)", cwd=tmp_path)
+    assert (status, text.strip()) == (0, version)
 
 
 def test_a_diagnosis_in_an_empty_folder(installed, bench):

@@ -15,8 +15,8 @@ from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import save_controller
 from simgap.specifications.solution import Solution
-from simgap.synthesis.bits import packed_width
 from simgap.synthesis.controller import Controller
+from simgap.synthesis.input_sets import packed_width
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 MAIN = """\

@@ -30,8 +30,8 @@ from simgap.cli import main
 from simgap.io.atomic import atomic
 from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
-from simgap.io.rerun.log import recording_file, send
-from simgap.cli.options import app
+from simgap.io.rerun.recording import recording_file, send
+from simgap.cli.commands import app
 path = Path(sys.argv[1])
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
@@ -62,7 +62,8 @@ LOGGED = """
 import errno, logging, os, sys
 from pathlib import Path
 from simgap.cli import main
-from simgap.cli.options import app, start_log
+from simgap.cli.commands import app
+from simgap.cli.options import start_log
 
 @app.command()
 def fill():

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.gap.bounds.bases import Basis
+from simgap.gap.bounds.basis import Basis, make_form
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.bounds.forms import make_form
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.linear import LinearGap
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box
 from simgap.io.documents import write_json

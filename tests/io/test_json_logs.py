@@ -136,7 +136,7 @@ def test_what_is_not_needed_may_be_anything(tmp_path):
 @pytest.mark.parametrize("name", ["run.json", "run.jsonl"])
 def test_what_would_not_fit_into_memory_is_refused(tmp_path, monkeypatch, name):
     path = written(tmp_path, SHAPES["list.json" if name == "run.json" else "lines.jsonl"], name)
-    monkeypatch.setattr("simgap.io.unpacked.MOST", 100_000)
+    monkeypatch.setattr("simgap.reading.MOST", 100_000)
     if name == "run.json":
         with pytest.raises(UserError, match=r"run\.json: holds .* GB unpacked.*lines of JSON"):
             read(path, "q")

@@ -7,8 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from simgap.errors import BrokenPromise, UserError
-from simgap.io.rerun import check as recording_check
-from simgap.io.rerun.content import share_of_bound
+from simgap.io.rerun import closed_loop as recording_check
+from simgap.io.rerun.recording import share_of_bound
 from simgap.io.traces import NOMINAL, ROBUST, shown, split, twin
 from simgap.stages import trace as stage
 from tests.stages import loop_example as example

@@ -9,12 +9,12 @@ import tempfile
 import pytest
 
 from simgap.io.atomic import host
-from simgap.io.runs_here import join
+from simgap.io.runs import join
 
 HOLD = """
 import sys
 from pathlib import Path
-from simgap.io.runs_here import join
+from simgap.io.runs import join
 print(join(Path(sys.argv[1])), flush=True)
 sys.stdin.read()
 """
@@ -78,7 +78,7 @@ def test_a_folder_that_takes_no_lock_is_left_to_snakemake(tmp_path):
 
 STAGE = """
 import sys, time
-from simgap.io.follow import follow_the_run
+from simgap.io.runs import follow_the_run
 follow_the_run()
 print("begun", flush=True)
 time.sleep(300)

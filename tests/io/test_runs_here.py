@@ -8,15 +8,15 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from simgap.cli import workflow
+from simgap.cli import app, workflow
 from simgap.errors import UserError
 from simgap.io.atomic import host
-from simgap.io.runs_here import RUNS, announce, runs_in
+from simgap.io.runs import RUNS, announce, runs_in
 
 HOLD = """
 import sys
 from pathlib import Path
-from simgap.io.runs_here import announce
+from simgap.io.runs import announce
 announce(Path(sys.argv[1]), ["rod"], "simgap run")
 print("at work", flush=True)
 sys.stdin.read()
@@ -87,10 +87,10 @@ def test_looking_on_is_allowed_beside_a_run(tmp_path, other, monkeypatch):
     monkeypatch.setattr(workflow, "snakemake", lambda *arguments: asked.append(arguments))
     (tmp_path / "rod.yaml").write_text("name: rod\nplant: {equations: {}}\n")
     monkeypatch.setattr("simgap.config.load.load_case", lambda path: type("Case", (), {"name": path.stem}))
-    refused = CliRunner().invoke(workflow.app, ["run", "rod.yaml"])
+    refused = CliRunner().invoke(app, ["run", "rod.yaml"])
     assert isinstance(refused.exception, UserError)
     assert asked == []
-    assert CliRunner().invoke(workflow.app, ["run", "rod.yaml", "--dry-run"]).exit_code == 0
+    assert CliRunner().invoke(app, ["run", "rod.yaml", "--dry-run"]).exit_code == 0
     assert len(asked) == 1
 
 

@@ -8,8 +8,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from simgap import reading as unpacked
 from simgap.errors import UserError
-from simgap.io import unpacked
 from simgap.io.controller_file import load_controller
 from simgap.io.parquet import read_parquet, table, write_parquet
 from simgap.io.recordings.tables import read_recording

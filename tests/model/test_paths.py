@@ -3,7 +3,7 @@
 import numpy as np
 import sympy as sp
 
-from simgap.model.paths import nominal_paths
+from simgap.model.integrators import nominal_paths
 from simgap.model.symbolic import PlanarWheels, SymbolicModel, Variable, symbol
 
 v, w, th = symbol("v"), symbol("w"), symbol("theta")

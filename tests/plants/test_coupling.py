@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from simgap.config.plant import PlantSection
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.effects import EFFECTS
 from simgap.errors import UserError

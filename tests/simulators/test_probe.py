@@ -8,7 +8,7 @@ import pytest
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.simulators.base import Simulator
-from simgap.simulators.probe import BLOCK, probed
+from simgap.simulators.supervision import BLOCK, probed
 from tests.little_cart import write_cart
 
 

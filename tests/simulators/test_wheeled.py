@@ -11,8 +11,8 @@ from simgap.errors import UserError
 from simgap.lint.wheels import wheel_sizes
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
-from simgap.simulators.wheeled import PyBulletWheeled
-from simgap.simulators.wheeled_plant import wheeled_plant
+from simgap.simulators.pybullet_wheeled import PyBulletWheeled
+from simgap.simulators.wheeled import wheeled_plant
 
 CASE = Path(__file__).parents[2] / "configs/cases/turtlebot.yaml"
 

@@ -17,7 +17,7 @@ from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.tables import table_meta, table_post
+from simgap.synthesis.abstraction.post import table_meta, table_post
 from simgap.synthesis.games.game import MeasuredGame
 
 INPUTS = 4

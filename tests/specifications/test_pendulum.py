@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from simgap.gap.bases import Expressions
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.sampling.points import product
 from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings

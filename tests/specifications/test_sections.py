@@ -13,7 +13,7 @@ from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.regions import cells_meeting, cells_within
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.specifications.surroundings import first_touch
+from simgap.specifications.toward import first_touch
 
 FLOOR = Space(("x", "y", "t"), Box([0, 0, -np.pi], [4, 3, np.pi]), (2,), {"x": "m", "y": "m", "t": "rad"}, (0, 1, 2))
 ANGLE = Space(("q", "v"), Box([-np.pi, -2.0], [np.pi, 2.0]), (0,), {"q": "rad", "v": "rad/s"})

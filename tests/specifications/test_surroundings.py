@@ -11,8 +11,7 @@ from simgap.specifications.reach_avoid import REACHED, ReachAvoid
 from simgap.specifications.regions import cells_meeting, partial_box
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.specifications.surroundings import Surroundings
-from simgap.specifications.toward import LATE
+from simgap.specifications.toward import LATE, Surroundings
 
 SPACE = Space(("x", "y", "t"), Box([0, 0, -np.pi], [10, 10, np.pi]), (2,), pose=(0, 1, 2))
 WALL = {"x": (4.0, 5.0), "y": (0.0, 6.0)}

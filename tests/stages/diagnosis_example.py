@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.traces import FileNotes, Reading
+from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.record.traces import FileNotes, Reading
 from simgap.diagnosis.result import (
     Alternative,
     CandidateScore,

@@ -9,9 +9,9 @@ import pyarrow as pa
 import yaml
 
 from simgap.config.load import load_case
+from simgap.gap.bases import Expressions
+from simgap.gap.fitting.acceptance import check_fresh
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.fitting.fresh_check import check_fresh
-from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
@@ -82,12 +82,13 @@ def robot(folder):
 
 def arguments(folder):
     """What the report stage reads of a folder of results."""
-    kinds = ("nominal", "gap")
     return {
         "gaps": [folder / "gap.json"],
         "samples": folder / "samples.parquet",
-        "controllers": {kind: folder / kind / "controller.npz" for kind in kinds},
-        "syntheses": {kind: folder / kind / "synthesis.json" for kind in kinds},
+        "nominal": folder / "nominal/controller.npz",
+        "nominal_summary": folder / "nominal/synthesis.json",
+        "robust": folder / "gap/controller.npz",
+        "robust_summary": folder / "gap/synthesis.json",
         "validation": folder / "validation/validation.json",
         "traces": folder / "validation/traces.parquet",
     }

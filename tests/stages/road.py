@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from simgap.gap.fitting.borders import CHECK, FIT, border_columns, border_states
-from simgap.gap.sampling.points import own_point, product, remembers, shard_count
-from simgap.gap.sampling.tables import successor_columns, units
+from simgap.gap.sampling.border_samples import CHECK, FIT, border_columns, border_states
+from simgap.gap.sampling.points import own_point, product, remembers, shard_count, successor_columns, units
 from simgap.io.samples import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
@@ -19,7 +18,7 @@ def roll_out(case: Path, folder: Path, point: str | None = None) -> list[Path]:
     count = shard_count(Context.load(case).case)
     shards = [folder / f"shard-{k}.parquet" for k in range(count)]
     for k, shard in enumerate(shards):
-        rollouts.run(case, folder / "grid", k, shard)
+        rollouts.run(case, shard, folder / "grid", k)
     return shards
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
-from simgap.diagnosis.reading.survey import survey
+from simgap.diagnosis.record.survey import survey
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.followed import followed, stray
 from simgap.effects import AppliedEffect

@@ -18,11 +18,11 @@ import yaml
 from simgap.cli import main
 from simgap.config.load import case_content
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.sampling.tables import successor_columns, units
+from simgap.gap.sampling.points import successor_columns, units
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet, write_parquet
-from simgap.io.rerun.check import read_curves
+from simgap.io.rerun.closed_loop import read_curves
 from simgap.io.samples import write_columns
 from simgap.io.shared_solution import SharedSolution
 from simgap.plants.context import Context

@@ -14,9 +14,8 @@ from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.io.parquet import read_parquet
 from simgap.lint import costs, engine, equations
-from simgap.lint.gap import refuse_basis
-from simgap.lint.specification import refuse_specification
-from simgap.lint.switching import sudden
+from simgap.lint.controller import refuse_specification
+from simgap.lint.gap import refuse_basis, sudden
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes

@@ -9,8 +9,7 @@ import sympy as sp
 import yaml
 
 from simgap.errors import UserError
-from simgap.lint.equations import mixed_units, refuse_prefixes, wrong_dimensions
-from simgap.lint.sampling_time import long_steps
+from simgap.lint.equations import long_steps, mixed_units, refuse_prefixes, wrong_dimensions
 from simgap.model.dimensions import rate_mismatch
 from simgap.plants.context import Context
 from simgap.units import dimension

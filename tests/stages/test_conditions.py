@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states

@@ -7,8 +7,8 @@ import pytest
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.load import from_json
-from simgap.gap.fitting.borders import directed_samples
-from simgap.gap.fitting.fresh_check import check_fresh
+from simgap.gap.fitting.acceptance import check_fresh
+from simgap.gap.sampling.border_samples import directed_samples
 from simgap.gap.sampling.gap_samples import check_drawn
 from simgap.gap.sampling.points import Points, draw, product
 from simgap.geometry import Grid

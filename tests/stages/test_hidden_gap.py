@@ -7,8 +7,7 @@ import pytest
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.load import from_json
-from simgap.gap.sampling.points import Points
-from simgap.gap.sampling.tables import step_columns
+from simgap.gap.sampling.points import Points, step_columns
 from simgap.io.documents import read_json
 from simgap.io.samples import write_columns, write_points
 from simgap.plants.context import Context

@@ -15,8 +15,8 @@ from mcap_ros2._dynamic import serialize_dynamic
 from mcap_ros2.writer import Writer
 
 from simgap.cli import main
-from simgap.diagnosis.reading.channels import Channel
-from simgap.diagnosis.reading.traces import ReadingOptions, read_traces
+from simgap.diagnosis.record.channels import Channel
+from simgap.diagnosis.record.traces import ReadingOptions, read_traces
 from simgap.errors import UserError
 from simgap.io.recordings.tables import read_header, read_recording
 from simgap.stages import check
@@ -218,7 +218,7 @@ def test_what_does_not_fit_is_refused_before_it_is_unpacked(tmp_path, monkeypatc
         if (lie == "chunk" and at == inside) or (lie != "none" and at > index.chunk_start_offset + index.chunk_length):
             content[at : at + 8] = struct.pack("<Q", 1000)
     path.write_bytes(content)
-    monkeypatch.setattr("simgap.io.unpacked.MOST", BOMB // 4)
+    monkeypatch.setattr("simgap.reading.MOST", BOMB // 4)
     read_header(bag_of_one(tmp_path), "small.mcap")  # the libraries are loaded
     tracemalloc.start()
     try:
@@ -238,7 +238,7 @@ def test_a_message_of_too_many_numbers_is_refused_before_it_is_decoded(tmp_path,
     messages = [("/joint_states", EPOCH, EPOCH, {"hinge": 0.0}), ("/commands", EPOCH, EPOCH, [0.0] * 20_000)]
     path = written(tmp_path / "wide.mcap", messages, use_chunking=chunked)
     assert len(read_header(path, path.name)[0]) == 20_001
-    monkeypatch.setattr("simgap.io.unpacked.MOST", 4_000_000)
+    monkeypatch.setattr("simgap.reading.MOST", 4_000_000)
     with pytest.raises(UserError, match=r"wide\.mcap.*GB unpacked"):
         read_header(path, path.name)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.plants.context import Context
 from simgap.stages.diagnosis import outside
 

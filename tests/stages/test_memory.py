@@ -11,7 +11,7 @@ from simgap.config.reads import READS
 from simgap.effects import AppliedEffect
 from simgap.plants.plant_model import PlantModel
 from simgap.provenance import sections_digest
-from simgap.simulators.behind_commands import acts_at_once
+from simgap.simulators.commands import acts_at_once
 from simgap.stages import fresh, synthesis, validation
 from simgap.stages.corrected_case import corrected_case
 from tests.stages import road

@@ -7,8 +7,8 @@ import matplotlib.pyplot as plt
 import pytest
 
 from simgap.config.load import load_case
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.survey import survey
+from simgap.diagnosis.record.record import Record
+from simgap.diagnosis.record.survey import survey
 from simgap.diagnosis.result import FoldStretches
 from simgap.io import figure_style as style
 from simgap.plants.context import Context

@@ -13,7 +13,7 @@ import yaml
 from simgap.errors import UserError
 from simgap.io.controller_file import load_controller
 from simgap.io.wheeled_urdf import wheels_of
-from simgap.lint.switching import stuck
+from simgap.lint.gap import stuck
 from simgap.plants.context import Context
 from simgap.plants.model_file import read_model_file
 from simgap.stages import check, fresh, new, synthesis

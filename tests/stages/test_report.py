@@ -152,12 +152,18 @@ def test_a_broken_promise_is_the_headline(pendulum, tmp_path):
     synthesis = example.read_json(folder / "gap/synthesis.json") | {"between_samples": {"x1": 0.0025, "x2": 0.0}}
     write_json(tmp_path / "synthesis.json", synthesis)
     given = example.arguments(folder) | {"validation": tmp_path / "validation.json"}
-    given["syntheses"] |= {"gap": tmp_path / "synthesis.json"}
+    given["robust_summary"] = tmp_path / "synthesis.json"
     report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
     text = page(tmp_path).text
     assert "promise broken" in text
     assert "3 of 80 steps outside gamma" in text
     assert "at most 0.0025 rad in x1, so it" in text
+
+
+def corrected(case, bound, summary, arguments):
+    """The files of a corrected case whose controllers are those of the first."""
+    controllers = {f"corrected_{kind}": arguments[kind] for kind in ("nominal", "robust")}
+    return {"corrected": case, "corrected_gap": bound, "corrected_summary": summary, **controllers}
 
 
 def test_the_corrected_case_stands_beside_the_first(pendulum, tmp_path):
@@ -166,8 +172,7 @@ def test_the_corrected_case_stands_beside_the_first(pendulum, tmp_path):
     after["winning_fraction"]["gap"] = 0.8125
     write_json(tmp_path / "summary.json", after)
     arguments = example.arguments(folder)
-    later = report.CorrectedFiles(case, folder / "gap.json", tmp_path / "summary.json", arguments["controllers"])
-    given = Inputs(**arguments, corrected=later)
+    given = Inputs(**arguments, **corrected(case, folder / "gap.json", tmp_path / "summary.json", arguments))
     report.run(case, given, tmp_path / "report.html", tmp_path / "after.json")
     shown = page(tmp_path)
     assert re.search(r"winning fraction, gap-aware\s*[\d.]+\s*0.8125", shown.text)
@@ -192,13 +197,9 @@ def test_measured_transitions_are_held_against_the_bound_that_was_given(pendulum
         (tmp_path / name).mkdir()
         write_json(tmp_path / name / "gap.json", content)
     for name in ("eps~0.0022", "eps~0.0056"):
-        later = report.CorrectedFiles(
-            case, tmp_path / name / "gap.json", folder / "summary.json", arguments["controllers"]
-        )
-        found = report.Measured(tmp_path / "diagnosis.json", tmp_path / "transitions.parquet")
-        shares[name] = report.read(case, Inputs(**arguments, diagnosis=found, corrected=later)).corrected.inside[
-            "after"
-        ]
+        later = corrected(case, tmp_path / name / "gap.json", folder / "summary.json", arguments)
+        found = {"diagnosis": tmp_path / "diagnosis.json", "transitions": tmp_path / "transitions.parquet"}
+        shares[name] = report.read(case, Inputs(**arguments, **found, **later)).corrected.inside["after"]
     assert shares["eps~0.0022"]["share"] == 1.0
     assert shares["eps~0.0056"]["share"] == 0.0
 

@@ -8,7 +8,7 @@ import pytest
 
 from simgap.cli import main
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.memory.checked_bound import robot_of
+from simgap.gap.memory.bound import robot_of
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet
 from simgap.plants.context import Context
@@ -103,8 +103,10 @@ def test_from_the_case_to_the_closed_loop(bound, tmp_path):
     given = report.Inputs(
         gaps=[folder / "gap.json"],
         samples=folder / "thinned.parquet",
-        controllers=controllers,
-        syntheses={kind: path.with_suffix(".json") for kind, path in controllers.items()},
+        nominal=controllers["nominal"],
+        nominal_summary=controllers["nominal"].with_suffix(".json"),
+        robust=controllers["gap"],
+        robust_summary=controllers["gap"].with_suffix(".json"),
         validation=tmp_path / "v.json",
         traces=tmp_path / "traces.parquet",
     )

@@ -10,10 +10,10 @@ import yaml
 from simgap.cli import main
 from simgap.closed_loop import Sensing, closed_loop
 from simgap.config.load import case_content
+from simgap.gap.bases import Expressions
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.gap.fitting.fit import fit_gap
-from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.sampling.points import product
 from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings

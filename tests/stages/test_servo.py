@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.conditions import Known, conditioned, under_conditions
+from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.result import DiagnosisSettings, WindowPrediction
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states

@@ -13,8 +13,7 @@ import yaml
 from simgap.config.load import load_case
 from simgap.config.sweep import points_of_sweep
 from simgap.errors import UserError
-from simgap.gap.bounds.bases import Basis
-from simgap.gap.bounds.forms import Form
+from simgap.gap.bounds.basis import Basis, Form
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.linear import LinearGap
 from simgap.gap.bounds.tiers import Tier

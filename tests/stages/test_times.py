@@ -6,8 +6,7 @@ import sys
 import pytest
 
 from simgap.errors import UserError
-from simgap.io.cost_line import spent_by
-from simgap.stages.times import job_times
+from simgap.io.job_times import job_times, spent_by
 
 HEAD = "s\th:m:s\tmax_rss\tmax_vms\tmax_uss\tmax_pss\tio_in\tio_out\tmean_load\tcpu_time\n"
 
@@ -49,7 +48,7 @@ def test_a_stage_counts_the_cpu_time_of_its_processes(tmp_path):
     burn = "import time\nwhile time.process_time() < 0.6: pass"
     stage = (
         "import subprocess, sys\n"
-        "from simgap.cli.options import app\n"
+        "from simgap.cli.commands import app\n"
         "from simgap.cli import options, main\n"
         "@app.command()\n"
         "def burn(log: options.Log = None) -> None:\n"

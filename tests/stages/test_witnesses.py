@@ -9,11 +9,11 @@ import yaml
 from simgap.attack.histories import HistorySearch
 from simgap.attack.witness import Witness
 from simgap.config.load import case_content
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.gap.bounds.tiers import Tier
 from simgap.io.documents import write_json
-from simgap.io.rerun.check import read_curves
+from simgap.io.rerun.closed_loop import read_curves
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.build import make_simulator

@@ -6,7 +6,7 @@ import numpy as np
 
 from simgap.geometry import Box, Grid
 from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.tables import table_meta, table_post
+from simgap.synthesis.abstraction.post import table_meta, table_post
 
 
 def random_abstraction(rng, cells, periodic=(), inputs=5, axes=None, spread=2, drift=3):

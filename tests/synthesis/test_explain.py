@@ -7,8 +7,7 @@ from simgap.geometry import Box
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.explain import explain
-from simgap.synthesis.refusals import EmptyDomain
-from simgap.synthesis.synthesise import Problem, synthesise
+from simgap.synthesis.synthesise import EmptyDomain, Problem, synthesise
 from tests.synthesis.synthesis_plants import constant_gap, pendulum
 
 SPACE = Space(("x1", "x2"), Box([0.0, -0.5], [0.2, 0.5]))

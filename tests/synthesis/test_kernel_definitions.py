@@ -8,11 +8,19 @@ import pytest
 
 from simgap.geometry import Box, Grid
 from simgap.specifications.regions import cells_meeting, cells_within
-from simgap.synthesis.abstraction.frame import OUTSIDE, Frame, cell_box, to_cells
-from simgap.synthesis.abstraction.holes import clip_boxes, count_holes, drop_boxes_with_holes, layout, table_size
-from simgap.synthesis.abstraction.product import gap_adder, group_box, image, whole_cells
+from simgap.synthesis.abstraction.cells import clip_boxes, count_holes, drop_boxes_with_holes, layout, table_size
+from simgap.synthesis.abstraction.post import (
+    OUTSIDE,
+    Frame,
+    cell_box,
+    gap_adder,
+    group_box,
+    image,
+    to_cells,
+    whole_cells,
+)
 from simgap.synthesis.abstraction.swept import planar_swept_cells
-from simgap.synthesis.games.windows import embed, every_input, margins, padded, window_and
+from simgap.synthesis.input_sets import embed, every_input, margins, padded, window_and
 
 GRIDS = [
     Grid(Box([0.1, -0.7], [0.4, 0.9]), [7, 11]),

@@ -15,9 +15,9 @@ from simgap.specifications.invariance import Invariance
 from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
-from simgap.synthesis.bits import unpack
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.layered import layered_invariance
+from simgap.synthesis.input_sets import unpack
 from simgap.synthesis.synthesise import Problem, synthesise
 from tests.synthesis import synthesis_oracle as oracle
 from tests.synthesis.synthesis_plants import constant_gap, sloped_gap

@@ -7,8 +7,8 @@ import pytest
 
 from simgap.geometry import Box, Grid
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
+from simgap.synthesis.games.game import reach_by_classes
 from simgap.synthesis.games.invariance import invariance
-from simgap.synthesis.games.previous import reach_by_classes
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.margins import LARGEST_FACTOR, Remembered, one_step_margins, shown_layers
 from tests.synthesis import synthesis_plants as plants

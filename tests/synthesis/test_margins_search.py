@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from simgap.geometry import Box, Grid
-from simgap.synthesis.abstraction.frame import Frame
-from simgap.synthesis.abstraction.holes import count_holes, layout, table_size
+from simgap.synthesis.abstraction.cells import count_holes, layout, table_size
+from simgap.synthesis.abstraction.post import Frame
 from simgap.synthesis.margins import RESOLUTION, _largest
 
 GRID = Grid(Box([0.0, -1.0], [3.0, 1.0]), (40, 30), (1,))

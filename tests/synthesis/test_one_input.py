@@ -16,8 +16,8 @@ from simgap.io.shared_solution import SharedSolution
 from simgap.specifications.reach_and_stay import ReachAndStay
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
-from simgap.synthesis.bits import unpack
 from simgap.synthesis.controller import Controller
+from simgap.synthesis.input_sets import unpack
 from simgap.synthesis.synthesise import Problem, synthesise
 from tests.synthesis.synthesis_plants import constant_gap, unicycle
 

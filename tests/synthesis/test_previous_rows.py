@@ -7,11 +7,11 @@ from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.specifications.solution import after_choice
 from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.post import table_meta, table_post
 from simgap.synthesis.abstraction.swept import SweptCells
-from simgap.synthesis.abstraction.tables import table_meta, table_post
-from simgap.synthesis.bits import unpack
-from simgap.synthesis.games.previous import reach_by_classes
+from simgap.synthesis.games.game import reach_by_classes
 from simgap.synthesis.games.reach import reach_avoid
+from simgap.synthesis.input_sets import unpack
 
 CELLS, INPUTS = (11, 5), 4  # the second axis is an angle: all offsets depend on it, and it wraps
 GRID = Grid(Box([0.0, 0.0], [11.0, 5.0]), CELLS, (1,))

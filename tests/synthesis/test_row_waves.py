@@ -7,11 +7,11 @@ import pytest
 
 from simgap.geometry import Box, Grid
 from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.post import reduced_cells, table_meta, table_post
 from simgap.synthesis.abstraction.swept import SweptCells
-from simgap.synthesis.abstraction.tables import reduced_cells, table_meta, table_post
-from simgap.synthesis.bits import unpack
 from simgap.synthesis.games.reach import reach_avoid
 from simgap.synthesis.games.reach_rows import Levels, RowSystem, reach_by_rows, smallest_boxes
+from simgap.synthesis.input_sets import unpack
 
 INPUTS = 11
 SHAPES = {  # cells, periodic axes, used axes

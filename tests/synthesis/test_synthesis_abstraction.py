@@ -15,10 +15,10 @@ from simgap.model.sampled import NominalModel
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
-from simgap.synthesis.bits import unpack
 from simgap.synthesis.games.game import MeasuredGame
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
+from simgap.synthesis.input_sets import unpack
 from tests.synthesis.synthesis_plants import constant_gap, pendulum, random_plant, sloped_gap, small_slope, unicycle
 
 RELAXED = settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

@@ -10,8 +10,8 @@ from pydantic import ValidationError
 from simgap.closed_loop import scalar_lookup
 from simgap.config.synthesis import SynthesisSection
 from simgap.errors import BrokenPromise, UserError
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.model.sampled import NominalModel

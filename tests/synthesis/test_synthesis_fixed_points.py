@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.synthesis.bits import unpack
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
+from simgap.synthesis.input_sets import unpack
 from tests.synthesis import synthesis_oracle as oracle
 
 SHAPES = [((13,), ()), ((9, 7), ()), ((9, 7), (1,)), ((5, 4, 6), ()), ((5, 4, 6), (0, 2)), ((3, 4, 3, 4), (1,))]

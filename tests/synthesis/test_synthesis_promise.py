@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from simgap.geometry import Box, Grid
 from simgap.model.sampled import NominalModel
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
-from simgap.synthesis.bits import unpack
 from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.reach import reach_avoid
+from simgap.synthesis.input_sets import unpack
 from tests.synthesis.synthesis_plants import constant_gap, sloped_gap
 
 RELAXED = settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

@@ -8,9 +8,9 @@ import pytest
 from simgap.geometry import Box
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
-from simgap.synthesis.bits import unpack
 from simgap.synthesis.controller import Controller
 from simgap.synthesis.games.sensing import sensed_invariance
+from simgap.synthesis.input_sets import unpack
 from simgap.synthesis.synthesise import Problem, synthesise
 from tests.synthesis import synthesis_oracle as oracle
 from tests.synthesis.synthesis_plants import constant_gap, pendulum

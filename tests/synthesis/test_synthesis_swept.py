@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box, Grid
 from simgap.io.documents import read_json, write_json
@@ -17,8 +17,8 @@ from simgap.provenance import provenance
 from simgap.stages.synthesis import pose
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
-from simgap.synthesis.bits import unpack
 from simgap.synthesis.games.reach import reach_avoid
+from simgap.synthesis.input_sets import unpack
 from tests.synthesis import synthesis_oracle as oracle
 from tests.synthesis.synthesis_plants import constant_gap, unicycle
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.model.symbolic import Coordinate, Parameter, SymbolicModel, Variable, symbol
 from tests.undeclared.rig import drives
 

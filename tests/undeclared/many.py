@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Any
 
 from simgap.config.plant import PlantSection
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.declared import declared_model
 from tests.undeclared.counted import Truth, counted_model

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simgap.config.plant import PlantSection
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.declared import declared_model
 from simgap.plants.urdf import JointState, load_urdf

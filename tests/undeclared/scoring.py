@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis
 from simgap.model.symbolic import SymbolicModel
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from tests.undeclared.nominals import nominal
 from tests.undeclared.rig.strange import strange_runs
 from tests.undeclared.rig.textbook import PLANTS

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from tests.undeclared.plant import pendulum
 from tests.undeclared.rig import mujoco_pendulum
 from tests.undeclared.rig import pendulum as rig

@@ -16,7 +16,7 @@ import pytest
 from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import diagnose
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.io.recordings.measured import load_reading
 from simgap.model.symbolic import SymbolicModel

@@ -13,8 +13,7 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.arms.thresholds import INDEPENDENT
-from simgap.model.inverse_dynamics import regressor
-from simgap.model.tree import UNITS, Tree
+from simgap.model.tree import UNITS, Tree, regressor
 
 _DRAWS = 200
 

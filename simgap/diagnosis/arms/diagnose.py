@@ -26,8 +26,8 @@ from simgap.diagnosis.arms.result import ArmDiagnosis
 from simgap.diagnosis.arms.select import admissible, choose
 from simgap.diagnosis.arms.terms import TERMS
 from simgap.diagnosis.arms.torque_columns import faulty_columns, without
-from simgap.diagnosis.reading.noise import noise_floor
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.noise import noise_floor
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.model.tree import Tree
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.arms.thresholds import BAND, ENERGY, MOST_OF_THE_RATE, REST_SHARE, STILL
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.errors import UserError
 
 

@@ -12,8 +12,7 @@ from simgap.diagnosis.arms.base import BaseParameters, independent
 from simgap.diagnosis.arms.motion import Motion
 from simgap.diagnosis.arms.terms import TERMS
 from simgap.diagnosis.thresholds import MATTERS
-from simgap.model.inverse_dynamics import regressor
-from simgap.model.tree import PARAMETERS, Tree
+from simgap.model.tree import PARAMETERS, Tree, regressor
 
 INERTIAL, PAYLOAD = "inertial_parameters", "payload"
 

@@ -14,9 +14,9 @@ from simgap.diagnosis.experiment.beside import Beside, beside
 from simgap.diagnosis.experiment.lengths import as_usable, halves, shortest, windows_to_come
 from simgap.diagnosis.experiment.propose import SURE, Proposal, propose
 from simgap.diagnosis.experiment.rivals import Explained, Known, known_rivals, library_names, translated
-from simgap.diagnosis.reading.conditions import conditioned
-from simgap.diagnosis.reading.encoder import worth
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.conditions import conditioned
+from simgap.diagnosis.record.noise import worth
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
 from simgap.effects import AppliedEffect

@@ -19,9 +19,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.reading.encoder import weights
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.record.folds import Windows
+from simgap.diagnosis.record.noise import weights
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel

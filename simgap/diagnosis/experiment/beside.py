@@ -19,7 +19,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.experiment.bench import Bench
 from simgap.diagnosis.experiment.rivals import Explained, Known, members, translated
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.scoring import column, list_starts, small_amplitude

@@ -9,9 +9,8 @@ from typing import TypeVar
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.reading.folds import cut_in_folds
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.record.folds import Windows, cut_in_folds, needed_ahead
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings
 from simgap.errors import UserError
 
@@ -57,7 +56,7 @@ def _to_come(record: Record, settings: DiagnosisSettings, t: Floats) -> tuple[Wi
     n = len(t)
     trace = Trace("next", t, np.zeros((n, len(record.measured))), np.zeros((n, len(record.inputs))))
     both = Record((trace, *record.traces), record.measured, record.inputs)
-    ahead = settings.horizon_s + 0.5 * settings.window_s
+    ahead = needed_ahead(both, settings.window_s, settings.horizon_s)
     windows, folds, _ = cut_in_folds(both, settings.window_s, settings.held_out_traces, settings.held_out_share, ahead)
     own = windows.trace == 0
     return windows.pick(own), np.stack([folds.fit, folds.choose, folds.confirm])[:, own]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from simgap.diagnosis.experiment.bench import Rival
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.coarse import coarse

@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from simgap.diagnosis.reading.record import Record
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.search.scoring import Key
 from simgap.effects import EFFECTS
 from simgap.effects.parameter_error import ParameterError

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.reading.exchanged import swap
-from simgap.diagnosis.reading.record import Record, Trace
+from simgap.diagnosis.record.faults.columns import SwappedColumns, WrongSign, WrongUnit
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.simulation.initial import initial_states
@@ -187,17 +187,17 @@ def _options(problem: Problem) -> Iterator[Columns]:
 
     places = [([j], of_input, n) for of_input, each in ((True, inputs), (False, names)) for j, n in enumerate(each)]
     for which, of_input, name in places:
-        yield scaled(which, of_input, -1.0, _sign(name))
+        yield scaled(which, of_input, -1.0, WrongSign().of(name))
     together = [*places, *_groups(names, units)]
     for larger in (False, True):
         for which, of_input, name in together:
             for words, factor in _mistaken(units[name.split(", ")[0]]):
                 if (factor > 1.0) is larger:
-                    yield scaled(which, of_input, factor, _unit(name, words, factor), f"{name} in {words}")
+                    yield scaled(which, of_input, factor, WrongUnit().of(name, words, factor), f"{name} in {words}")
     for i, j in itertools.combinations(range(k), 2):
-        yield Columns(swap(names[i], names[j]), *ones, _exchanged(same[0], i, j), same[1])
+        yield Columns(SwappedColumns().of(names[i], names[j]), *ones, _exchanged(same[0], i, j), same[1])
     for i, j in itertools.combinations(range(m), 2):
-        yield Columns(swap(inputs[i], inputs[j]), *ones, same[0], _exchanged(same[1], i, j))
+        yield Columns(SwappedColumns().of(inputs[i], inputs[j]), *ones, same[0], _exchanged(same[1], i, j))
 
 
 def _groups(names: Sequence[str], units: Mapping[str, str]) -> Iterator[tuple[list[int], bool, str]]:
@@ -222,17 +222,3 @@ def _exchanged(order: tuple[int, ...], i: int, j: int) -> tuple[int, ...]:
     out = list(order)
     out[i], out[j] = out[j], out[i]
     return tuple(out)
-
-
-def _sign(name: str) -> RecordingFault:
-    return RecordingFault(
-        "wrong_sign", name, -1.0, "1", f"The column of {name} has the other sign; it was turned.",
-        f"Give measured.columns.{name}.scale: -1, or turn its wire.",
-    )  # fmt: skip
-
-
-def _unit(name: str, words: str, factor: float) -> RecordingFault:
-    return RecordingFault(
-        "wrong_unit", name, factor, "1", f"The column of {name} is in {words}; it was converted by {factor:.4g}.",
-        f"Give the column's unit (or scale: {factor:.6g}) under measured.columns.{name.split(', ')[0]}.",
-    )  # fmt: skip

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.record.faults.measurement import ReadingFault
 from simgap.diagnosis.search.explanations import Explanation, Key, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
-from simgap.diagnosis.simulation.recording import ReadingFault
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, COLLINEAR, EQUIVALENT_CHI2, EXACTLY_COLLINEAR, MOST, WIDTH

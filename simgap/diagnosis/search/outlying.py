@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.diagnosis.reading.windows import Span, Windows, joined, left_out
+from simgap.diagnosis.record.folds import Span, Windows, joined, left_out
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import refit_from_all

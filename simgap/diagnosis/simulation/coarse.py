@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.reading.windows import Windows
+from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.simulation.problem import Memo, Problem, interval
 from simgap.diagnosis.simulation.step_length import settled
 from simgap.diagnosis.thresholds import MIN_SAMPLES

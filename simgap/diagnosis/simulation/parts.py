@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.reading.windows import Span, left_out
+from simgap.diagnosis.record.folds import Span, left_out
 from simgap.diagnosis.simulation.colour import Colour
 from simgap.diagnosis.simulation.problem import Problem
 

@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.reading.record import Record
-from simgap.diagnosis.reading.windows import Windows, left_out, past_the_unknown
+from simgap.diagnosis.record.folds import Windows, left_out, past_the_unknown
+from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.simulation.colour import Colour, whiten
 from simgap.diagnosis.simulation.past import measured_link, measured_speeds, memories
 from simgap.diagnosis.simulation.simulate import simulate

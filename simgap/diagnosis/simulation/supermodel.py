@@ -12,8 +12,8 @@ from numba import float64 as f64
 from numba import types, void
 
 from simgap.arrays import Floats, Ints
+from simgap.diagnosis.record.faults.measurement import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.handed_over import address_of
-from simgap.diagnosis.simulation.recording import ReadingFault, is_fault, possible
 from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
 from simgap.diagnosis.simulation.runge_kutta import GLIDE, RHS, SLOPE
 from simgap.diagnosis.simulation.trains import Train, beside_motors, trains_of

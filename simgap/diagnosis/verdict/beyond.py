@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.reading.record import Record, Trace
-from simgap.diagnosis.reading.windows import Span, Windows, joined
+from simgap.diagnosis.record.folds import Span, Windows, joined
+from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import state_steps

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from simgap.diagnosis.simulation.recording import effect_or_fault
+from simgap.diagnosis.record.faults.measurement import effect_or_fault
 from simgap.effects.quoted import Quoted
 from simgap.notation import joined, pretty_unit
 

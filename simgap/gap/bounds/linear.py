@@ -11,10 +11,8 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.gap.bounds.bases import Basis
-from simgap.gap.bounds.forms import Form, difference, make_form, negated
+from simgap.gap.bounds.basis import Basis, Form, difference, make_form, negated, supremum
 from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel
-from simgap.gap.bounds.supremum import supremum
 from simgap.gap.bounds.tiers import Tier
 from simgap.late import sympy as sp
 from simgap.model.compile import compile_kernel

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.bounds.linear import LinearGap
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Grid
 

@@ -1,17 +1,208 @@
-"""Whether a bound is taken: fresh samples that exceed it, and what measured data leave unexplained."""
+"""Acceptance of a gap bound: fresh samples against it, its worst violation, and the remedy where a grid is too coarse.
+
+Fresh samples are used in no fit; their violations give a Clopper-Pearson bound of the probability of one. Samples on
+borders of X and beside switching surfaces are directed: one violation there refuses the bound.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from simgap.arrays import Floats, Ints
 from simgap.config.gap import GapSection
 from simgap.errors import BrokenPromise, UserError
+from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.tiers import Tier
-from simgap.gap.fitting.fresh_check import BorderCheck, FreshCheck
+from simgap.gap.lipschitz.result import GridLipschitz
+from simgap.gap.sampling.samples import SampleGrid
+from simgap.gap.settings import GapSettings
+from simgap.gap.thresholds import GATE
+from simgap.late import scipy
+
+
+@dataclass(frozen=True)
+class Outside:
+    """One gap that its bound does not cover.
+
+    Attributes:
+        state: whose gap it is. excess: by how much it lies outside, in the unit of the state.
+        gap: simulator minus model there; lower, upper: the bound there.
+        at: value of each state and input there.
+    """
+
+    state: str
+    excess: float
+    gap: float
+    lower: float
+    upper: float
+    at: dict[str, float]
+
+    def __str__(self) -> str:
+        """In words for a message."""
+        place = ", ".join(f"{name} = {value:.4g}" for name, value in self.at.items())
+        return (
+            f"the worst in {self.state} at {place}, where the gap is {self.gap:.4g} and gamma "
+            f"[{self.lower:.4g}, {self.upper:.4g}], by {self.excess:.2g}"
+        )
+
+
+def worst_outside(
+    names: tuple[Sequence[str], Sequence[str]], x: Floats, u: Floats, d: tuple[Floats, Floats], lo: Floats, hi: Floats
+) -> Outside | None:
+    """The gap that lies outside by the largest share of its bound's width; None if all lie inside.
+
+    Args:
+        names: of states and inputs.
+        x, u: (n, nx), (n, nu) places. d: least and largest gap there, (n, nx) each. lo, hi: (n, nx) the bound there.
+    """
+    below, above = lo - d[0], d[1] - hi
+    excess = np.maximum(below, above)
+    if not (excess > 0.0).any():
+        return None
+    share = np.where(excess > 0.0, excess / np.maximum(hi - lo, np.finfo(float).tiny), -np.inf)
+    k, i = (int(index) for index in np.unravel_index(int(np.argmax(share)), share.shape))
+    gap = d[0][k, i] if below[k, i] >= above[k, i] else d[1][k, i]
+    at = dict(zip((*names[0], *names[1]), map(float, (*x[k], *u[k])), strict=True))
+    return Outside(names[0][i], float(excess[k, i]), float(gap), float(lo[k, i]), float(hi[k, i]), at)
+
+
+def clopper_pearson_upper(n: int, violations: int, confidence: float = 0.95) -> float:
+    """One-sided upper bound of a probability from `violations` among `n` iid trials (Clopper & Pearson 1934).
+
+    Raises:
+        UserError: for counts that cannot be.
+    """
+    if n < 1 or not 0 <= violations <= n:
+        raise UserError(f"{violations} violations among {n} samples cannot be")
+    return 1.0 if violations == n else float(scipy.special.betaincinv(violations + 1, n - violations, confidence))
+
+
+@dataclass(frozen=True)
+class FreshCheck:
+    """A gap bound held against samples that no fit has seen.
+
+    Attributes:
+        samples, violations: independent trials, and those that violate in at least one dimension: rows, or whole
+            sequences of steps where a simulator remembers; `steps` is then how many steps they have together.
+        by_state: violations for each state; worst: largest excess over the bound for each state, 0 if none.
+        upper, confidence: the violation probability is at most `upper` with this confidence.
+        first: up to ten violating rows (x, u, d) for the report; outside: the worst of all, None if there is none.
+    """
+
+    samples: int
+    violations: int
+    by_state: dict[str, int]
+    worst: dict[str, float]
+    upper: float
+    confidence: float
+    steps: int | None = None
+    first: tuple[tuple[list[float], list[float], list[float]], ...] = ()
+    outside: Outside | None = None
+
+    @property
+    def tier(self) -> Tier:
+        """The statistical statement."""
+        percent = f"{100 * self.confidence:g} %"
+        if self.steps is not None:
+            return Tier(
+                3,
+                f"Checked on {self.samples:,} fresh random sequences of {self.steps:,} steps together: "
+                f"{self.violations} of them with a step outside; the probability that a sequence has one is at most "
+                f"{self.upper:.2g} with {percent} confidence (Clopper-Pearson; sequences are independent, their steps "
+                "are not).",
+            )
+        return Tier(
+            3,
+            f"Checked on {self.samples:,} fresh random off-grid samples: {self.violations} violations; "
+            f"the probability of one is at most {self.upper:.2g} with {percent} confidence (Clopper-Pearson).",
+        )
+
+
+@dataclass(frozen=True)
+class BorderCheck:
+    """A bound held against samples on the border of X and on both sides of switching surfaces: directed, not random.
+
+    Attributes:
+        samples, violations: pairs of a state and an input, and those that violate in at least one dimension.
+        surfaces: switching surfaces of the case. worst: largest excess over the bound for each state, 0 if none.
+        outside: the worst of all, None if there is none.
+    """
+
+    samples: int
+    violations: int
+    surfaces: int
+    worst: dict[str, float]
+    outside: Outside | None = None
+
+    @property
+    def tier(self) -> Tier:
+        """The count; it is no part of the statistical statement."""
+        surfaces = f" and on both sides of {self.surfaces} declared switching surfaces" if self.surfaces else ""
+        return Tier(
+            3,
+            f"Checked besides on {self.samples:,} samples on faces, edges and corners of X{surfaces}: "
+            f"{self.violations} outside. They are directed, not random, and no part of that probability.",
+        )
+
+
+def check_fresh(
+    function: GapFunction, x: Floats, u: Floats, d: Floats, confidence: float = 0.95, d_upper: Floats | None = None
+) -> FreshCheck:
+    """Count violations of lo <= d <= hi: (n, nx), (n, nu), (n, nx); `d_upper` where hidden states spread the gap.
+
+    Raises:
+        UserError: samples outside of X x U, where there is no bound that they could confirm.
+    """
+    lo, hi = function.bounds(x, u)
+    unbounded = int((~np.isfinite(lo) | ~np.isfinite(hi)).any(axis=1).sum())
+    if unbounded:
+        raise UserError(
+            f"{unbounded} of {len(x)} samples lie outside the X or U of the bound: they say nothing of it",
+            remedy="Run `fresh` again.",
+        )
+    top = d if d_upper is None else d_upper
+    excess = np.maximum(lo - d, top - hi)
+    bad = ~(excess <= 0.0)
+    rows = bad.any(axis=1)
+    states = function.domain.states
+    count = int(rows.sum())
+    first = tuple((x[k].tolist(), u[k].tolist(), d[k].tolist()) for k in np.flatnonzero(rows)[:10])
+    return FreshCheck(
+        len(x),
+        count,
+        {s: int(bad[:, i].sum()) for i, s in enumerate(states)},
+        {s: float(max(excess[:, i].max(initial=0.0), 0.0)) for i, s in enumerate(states)},
+        clopper_pearson_upper(len(x), count, confidence),
+        confidence,
+        first=first,
+        outside=worst_outside((states, function.domain.inputs), x, u, (d, top), lo, hi),
+    )
+
+
+def check_sequences(
+    excess: Floats, path: Floats, begins: Ints, states: Sequence[str], confidence: float = 0.95
+) -> FreshCheck:
+    """Count sequences with any step outside.
+
+    Args:
+        excess: (n, nx) by how much each step's gap lies outside, negative inside; path: (n,) the same of its path.
+        begins: rows at which a sequence begins, the first of them 0.
+        states: names.
+        confidence: of the Clopper-Pearson bound.
+    """
+    bad = ~((excess <= 0.0).all(axis=1) & (path <= 0.0))
+    failed = int(np.logical_or.reduceat(bad, begins).sum())
+    worst = {s: float(max(excess[:, i].max(), 0.0)) for i, s in enumerate(states)}
+    return FreshCheck(
+        len(begins), failed, {s: int((excess[:, i] > 0).sum()) for i, s in enumerate(states)},
+        worst | ({"path": float(path.max())} if (path > 0).any() else {}),
+        clopper_pearson_upper(len(begins), failed, confidence), confidence, steps=len(excess),
+    )  # fmt: skip
 
 
 def tolerate(check: FreshCheck, probability: float, remedy: str) -> None:
@@ -109,3 +300,34 @@ def _named(section: GapSection) -> Iterator[tuple[str, Iterable[str]]]:
 
 def _sizes(by: Mapping[str, float]) -> str:
     return ", ".join(f"{value:.3g} for {name}" for name, value in by.items())
+
+
+def remedy(where: SampleGrid, settings: GapSettings, found: GridLipschitz, share: float, residual: bool = False) -> str:
+    """More samples; or, where something switches, a model that does the same, or a bound that takes the jump in.
+
+    Args:
+        where, settings: of the bound. found: what is known of the gap.
+        share: of the cells that are rough. residual: whether in what the basis leaves.
+    """
+    if not found.layers:
+        if residual:
+            return "Use a smaller eps, or a basis that follows the gap."
+        return f"Use {_finer(where, found)}, or padding: inflate with a larger rough_limit if a jump is known."
+    local = "" if settings.padding == "inflate" and settings.bound != "envelope" else "padding: inflate and "
+    limit = min(1.0, 0.05 * np.ceil(20.0 * share + 0.2))
+    table = "" if isinstance(settings.basis, Blocks) else " with gap.basis: {kind: blocks}, which is wide there alone,"
+    return (
+        "Declare what switches in plant.effects too, if the model lacks it; or take the jump into the bound:"
+        f"{table} {local}gap.lipschitz.rough_limit: {limit:.2g}; or use {_finer(where, found)}."
+    )
+
+
+def _finer(where: SampleGrid, found: GridLipschitz) -> str:
+    """Where samples are missing: along which states, and how many cells there are now."""
+    coarse = [(s, n) for s, n, r in zip(where.states, where.grid.cells, found.ratio, strict=True) if r > GATE]
+    along = ", ".join(f"{name} (now {count})" for name, count in coarse)
+    return (
+        f"more cells along {along}: a smaller grid.eps or half-width (`simgap refine` says where)"
+        if along
+        else "a smaller grid.eps"
+    )

@@ -9,10 +9,10 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
+from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.tiers import directed_words, guarantee
 from simgap.gap.json_record import JsonRecord
-from simgap.gap.kinds.blocks import Blocks
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.sampling.values import Combined, Joined, Values
@@ -71,7 +71,8 @@ def _beside(samples: DimensionSamples, directed: Directed, settings: GapSettings
 
     where, target, at = samples.where, samples.side(up), directed.side(up)
     cells = where.grid.index(directed.x)
-    along, across = LocalPadding(target, where.grid, where.free, samples.floor).along(Beside(cells, directed.fixed))
+    own = LocalPadding(target, where.grid, where.free, samples.floor)
+    along, across = own.along(Beside(cells, directed.at, at))
     factor = float(((at - target.take(cells)) / np.maximum(across, samples.floor)).max())
     return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.gap.bounds.bases import Basis
+from simgap.gap.bounds.basis import Basis
 from simgap.gap.bounds.linear import LinearGap
 from simgap.gap.bounds.tiers import Tier
 from simgap.gap.fitting.design import Design

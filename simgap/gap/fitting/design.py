@@ -15,7 +15,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.gap.bounds.bases import Basis
+from simgap.gap.bounds.basis import Basis
 from simgap.gap.sampling.values import Held, OfStates, Rows, Values
 from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol

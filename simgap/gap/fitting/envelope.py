@@ -14,6 +14,7 @@ from simgap.arrays import Floats, Ints
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.tiers import directed_words, guarantee
 from simgap.gap.json_record import JsonRecord
+from simgap.gap.lipschitz.local import Beside
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.settings import GapSettings
@@ -79,8 +80,11 @@ def _raised(
     place = [np.clip(np.searchsorted(e, own.x[:, j], side="right") - 1, 0, len(e) - 2) for j, e in enumerate(edges)]
     cell = np.ravel_multi_index(tuple(place), tuple(len(n) for n in nodes))
     far = np.abs(own.x - np.stack([n[k] for n, k in zip(nodes, place, strict=True)], axis=1)) @ slopes
-    short = target - top[cell] - far[:, None]
-    along = np.where(own.fixed, 0.0, where.moving_half_widths) @ slopes
+    beside, along = Beside(cell, own.at, target), np.where(own.at.fixed, 0.0, where.moving_half_widths) @ slopes
+    steeper = np.zeros(target.shape)  # than the envelope is, along the surface
+    for j, h in enumerate(where.moving_half_widths):
+        steeper += np.where(own.at.fixed[:, [j]], 0.0, np.maximum(beside.moved(j, float(h)) - slopes[j] * h, 0.0))
+    short = target + steeper - top[cell] - far[:, None]
     raised = top.copy()
     np.maximum.at(raised, cell, np.where(short > 0.0, top[cell] + short + along[:, None] + floor / 16.0, top[cell]))
     return raised, float(((short + far[:, None]) / np.maximum(far[:, None], floor)).max(initial=0.0))

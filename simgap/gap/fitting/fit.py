@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from simgap.gap.fitting.assemble import GapResult, assemble, check_resolved
+from simgap.gap.fitting.bound_fit import GapResult, assemble, check_resolved, fit_dimension
 from simgap.gap.fitting.conformal import Calibration
-from simgap.gap.fitting.dimension_fit import fit_dimension
-from simgap.gap.lipschitz.compare import dimension_lipschitz
+from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 

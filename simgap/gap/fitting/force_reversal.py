@@ -19,8 +19,8 @@ from simgap.arrays import Floats
 from simgap.config.plant import AddedEffect
 from simgap.effects import AppliedEffect, apply_effects, effect
 from simgap.gap.bounds.tiers import Tier
+from simgap.gap.sampling.border_samples import switching_surfaces
 from simgap.gap.sampling.borders import BESIDE
-from simgap.gap.sampling.switching import switching_surfaces
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 from simgap.plants.context import Context

@@ -7,17 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simgap.config.basis import BasisSection
+from simgap.config.gap import BasisSection
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bounds.bases import Basis
-from simgap.gap.bounds.forms import Form, make_form, negated
+from simgap.gap.bases import Expressions
+from simgap.gap.bounds.basis import Basis, Form, make_form, negated
 from simgap.gap.bounds.linear import LinearGap
 from simgap.gap.bounds.tiers import Tier, directed_words, guarantee
+from simgap.gap.fitting.acceptance import remedy
 from simgap.gap.fitting.design import Design
-from simgap.gap.fitting.roughness import remedy
-from simgap.gap.fitting.side import PaddedSide, SideFit, padded
+from simgap.gap.fitting.padding import PaddedSide, SideFit, padded
 from simgap.gap.json_record import JsonRecord
-from simgap.gap.kinds.expressions import Expressions
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.values import Centres

@@ -13,28 +13,120 @@ q.p must cover them with what e may move along the surface. Where the bound of t
 smooth gap does, it stays as it is; else the program is solved again with these samples in it.
 
 The first is why a scenario program is not done before its padding is known: the slopes that it takes are those of the
-residual, from the samples themselves. The other two never enter the program and are added after it (`side.padded`).
+residual, from the samples themselves. The other two never enter the program and are added after it (`padded`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.gap.bounds.forms import Form
+from simgap.gap.bounds.basis import Form
 from simgap.gap.fitting.design import Design
-from simgap.gap.fitting.scenario import solve_scenario
-from simgap.gap.fitting.side import SideFit, numerical, with_coefficients
-from simgap.gap.lipschitz.enclosed import EnclosedPadding
-from simgap.gap.lipschitz.local import Beside, Fit, LocalPadding
-from simgap.gap.sampling.samples import DimensionSamples, Directed
+from simgap.gap.fitting.scenario import ScenarioResult, solve_scenario
+from simgap.gap.lipschitz.local import Beside, EnclosedPadding, Fit, LocalPadding
+from simgap.gap.lipschitz.result import GridLipschitz
+from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
 from simgap.gap.sampling.values import Centres, Combined, Held, Joined, Room, Values, largest_of
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
+
+
+@dataclass(frozen=True, eq=False)
+class SideFit:
+    """What the scenario program of one side gave, before rounding and before a padding that is no part of it.
+
+    Attributes:
+        scenario: the last program.
+        padding, padding_mean: largest and mean local padding over the cells where they are inside the program, else 0.
+        missing: what q.p lacks to cover the (padded) targets at the samples.
+        passes: programs solved. rough_share: cells with a jump, as far as the program looked for them.
+        directed: samples on borders and beside switching surfaces that were covered, too. factor: by how many times
+            what the slopes allow the residual rises from the centre of a cell to such a sample; at most 1 if they hold.
+    """
+
+    scenario: ScenarioResult
+    padding: float
+    padding_mean: float
+    missing: float
+    passes: int
+    rough_share: float
+    directed: int = 0
+    factor: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        names = ("padding", "padding_mean", "missing", "passes", "rough_share", "directed", "factor")
+        own = {name: getattr(self, name) for name in names}
+        return {"coefficients": self.scenario.coefficients.tolist(), "program": self.scenario.to_json(), **own}
+
+    @staticmethod
+    def from_json(data: Mapping[str, Any]) -> SideFit:
+        """The inverse of `to_json`."""
+        scenario = ScenarioResult.from_json(data["program"], np.array(data["coefficients"], dtype=float))
+        padding, mean, missing, rough = (float(data[k]) for k in ("padding", "padding_mean", "missing", "rough_share"))
+        beside = int(data["directed"]), float(data["factor"])
+        return SideFit(scenario, padding, mean, missing, int(data["passes"]), rough, *beside)
+
+
+@dataclass(frozen=True, eq=False)
+class PaddedSide:
+    """One padded side: `form` covers its targets on all of X x U, given the Lipschitz constants.
+
+    Attributes:
+        fit: what it was made from. padding: largest local padding (inflate) or the constant (others); padding_mean: its
+            mean over the cells. raised: constant added after the program: padding that is not in its constraint, worst
+            violation and rounding. rough_share: cells with a jump.
+    """
+
+    form: Form
+    fit: SideFit
+    padding: float
+    padding_mean: float
+    raised: float
+    rough_share: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Numbers for gap.json and the report."""
+        return {
+            **self.fit.scenario.to_json(), "padding": self.padding, "padding_mean": self.padding_mean,
+            "raised": self.raised, "passes": self.fit.passes, "lipschitz_of_basis": self.form.gradient_bound.tolist(),
+            "rough_share": self.rough_share, "directed": self.fit.directed, "directed_factor": self.fit.factor,
+        }  # fmt: skip
+
+
+def with_coefficients(blank: Form, coefficients: Floats) -> Form:
+    """q.p, q (z,), with the ranges that `blank` has of the basis."""
+    return replace(blank, coefficients=coefficients)
+
+
+def numerical(form: Form, floor: float) -> float:
+    """Rounding of q.p at the samples and of the sampled gap itself."""
+    return form.rounding + floor / 16.0
+
+
+def padded(
+    fit: SideFit, blank: Form, where: SampleGrid, floor: float, lipschitz: GridLipschitz, padding: str
+) -> PaddedSide:
+    """A side that covers X x U: `inflate` has its padding inside the program, the others take it from `lipschitz`.
+
+    L1 is of the signed gap (L(|d|) <= L(d)) and an estimate; L2 of q.p is an analytic bound.
+    """
+    form, h = with_coefficients(blank, fit.scenario.coefficients), where.moving_half_widths
+    if padding == "inflate":
+        raised = fit.missing + numerical(form, floor)
+        return PaddedSide(form.with_offset(raised), fit, fit.padding, fit.padding_mean, raised, fit.rough_share)
+    if padding == "per_axis":
+        reach = float((lipschitz.constants + form.gradient_bound) @ h)
+    else:
+        reach = float((lipschitz.euclidean + np.linalg.norm(form.gradient_bound)) * np.linalg.norm(h))
+    raised = reach + fit.missing + numerical(form, floor)
+    return PaddedSide(form.with_offset(raised), fit, reach, reach, raised, lipschitz.rough_share)
+
 
 _PASSES = 5
 
@@ -62,9 +154,9 @@ class SideProblem:
         """Local paddings of the targets."""
         return [LocalPadding(t, self.grid, self.free, self.floor, self.room) for t in self.targets]
 
-    def beside(self, directed: Directed) -> Beside:
-        """Where the samples beside the grid lie."""
-        return Beside(self.grid.index(directed.x), directed.fixed)
+    def beside(self, directed: Directed, residual: Floats) -> Beside:
+        """The samples beside the grid, with the residual (E, M) there."""
+        return Beside(self.grid.index(directed.x), directed.at, residual)
 
     def joined(self) -> SideProblem:
         """The problem whose design has the samples beside the grid as further rows."""
@@ -147,11 +239,12 @@ def _shortfall(problem: SideProblem, directed: Directed, settings: GapSettings, 
     The second number: the largest rise of the residual from the centre of a cell to such a sample, over what the slopes
     allow across the surface (1 or less: they said the truth).
     """
-    q, beside = fit.scenario.coefficients, problem.beside(directed)
+    q = fit.scenario.coefficients
     form, known = with_coefficients(problem.blank, q), problem.fit(q)
     there = Design.of(problem.design.basis, directed.x, problem.design.u).product(q).whole()
     short, factor = -np.inf, 0.0
     for own, at, target in zip(problem.local(), problem.beside_targets, problem.targets, strict=True):
+        beside = problem.beside(directed, at - there)
         along, across = own.along(beside, known)
         needed = at + (along if settings.padding == "inflate" else 0.0)
         short = max(short, float((needed - there).max()) - fit.missing - numerical(form, problem.floor))
@@ -177,8 +270,11 @@ def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
         rough = max(share for _, share in pads)
         every = [pad for pad, _ in pads]
         if problem.directed is not None and problem.design.shape[0] > n:
-            beside = problem.beside(problem.directed)
-            moved = [own.along(beside, known)[0] for own in estimated]
+            there = values.rows(n, problem.design.shape[0])
+            moved = [
+                own.along(problem.beside(problem.directed, at - there), known)[0]
+                for own, at in zip(estimated, problem.beside_targets, strict=True)
+            ]
             every = [Joined(*pair) for pair in zip(every, moved, strict=True)]
         padded = largest_of(tuple(Combined(np.add, pair) for pair in zip(targets, every, strict=True)))
         missing = Combined(np.subtract, (padded, values)).ends()[1]

@@ -1,4 +1,4 @@
-"""How far the residual `e = t - q.p` of a fit may exceed its sample inside a cell.
+"""Local padding: how far the residual `e = t - q.p` of a fit may exceed its sample inside a cell.
 
 t, what a side of the bound has to cover, is known at the cell centres alone, so its slope is estimated there: the
 differences to both neighbours, and the change of slope. The slope and curvature of q.p are known, and never estimated:
@@ -8,6 +8,17 @@ differences to both neighbours, and the change of slope. The slope and curvature
 
 Where the grid does not resolve t or e (a jump), t is taken to stay within the values of the neighbouring samples,
 and the padding is at least that.
+
+Where the gap is known in closed form the padding is a bound and no estimate. With the slope of t over the cell in
+[a, b], and s that of q.p at the centre, the mean value theorem for t and Taylor's for q.p give
+
+    e(x) - e(centre) <= sum_j max(|a_j - s_j|, |b_j - s_j|) h_j + 1/2 sum_jk H_jk h_j h_k,
+
+and from the range of t itself, which is what is left across a jump,
+
+    e(x) - e(centre) <= sup t - t(centre) + sum_j |s_j| h_j + 1/2 sum_jk H_jk h_j h_k.
+
+The smaller one is taken (`EnclosedPadding`).
 """
 
 from __future__ import annotations
@@ -19,20 +30,38 @@ from functools import cached_property
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.gap.lipschitz.grid import moving_axes
-from simgap.gap.lipschitz.rough import REACH, Roughness, roughness
-from simgap.gap.lipschitz.slabs import Slab, slabs
-from simgap.gap.lipschitz.stencils import steps, to_cells, turns, widest
+from simgap.gap.bounds.closed_form import CellRanges
+from simgap.gap.lipschitz.grid import REACH, Roughness, moving_axes, roughness
+from simgap.gap.lipschitz.result import GridLipschitz
+from simgap.gap.lipschitz.stencils import Slab, slabs, steps, to_cells, turns, widest
+from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.values import Combined, Held, Kept, Room, Values
+from simgap.gap.thresholds import GATE
 from simgap.geometry import Grid
 
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """Where samples beside the grid lie: their cells (E,), and which coordinates a border or surface fixes, (E, nx)."""
+    """Samples beside the grid: their cells (E,), where they lie (E states), and the residual t - q.p there, (E, M)."""
 
     cells: Ints
-    fixed: Bools
+    at: Borders
+    residual: Floats
+
+    def moved(self, j: int, h: float) -> Floats:
+        """How far the residual may move along axis j within h on its own sheet, by its own neighbours there: (E, M).
+
+        A gap may be steep beside a surface (stick or slip) where it is flat in the middle of the cell.
+        """
+        behind, ahead = self.at.neighbours(j).T
+        back, on = (self._slope(a, b, j) for a, b in ((behind, np.arange(len(behind))), (np.arange(len(ahead)), ahead)))
+        lone = ((behind == np.arange(len(behind))) | (ahead == np.arange(len(ahead))))[:, None]
+        part = np.maximum(np.abs(back), np.abs(on)) + np.where(lone, 0.0, np.abs(on - back))
+        return h * np.maximum(np.maximum(part[behind], part), part[ahead])
+
+    def _slope(self, a: Ints, b: Ints, j: int) -> Floats:
+        away = (self.at.x[b, j] - self.at.x[a, j])[:, None]
+        return (self.residual[b] - self.residual[a]) / np.where(away > 0.0, away, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +109,9 @@ class LocalPadding:
     def along(self, beside: Beside, fit: Fit | None = None) -> tuple[Floats, Floats]:
         """How far t - q.p may move from samples beside the grid: -> along their surface, across it; (E, M) each.
 
-        Along the surface they stand for half a cell on either side. What the residual does across it, between the
-        centre of their cell and themselves, they show; the second number is what the slopes there allow.
+        Along the surface they stand for half a cell on either side, by the slopes of the grid and by their own. What
+        the residual does across it, between the centre of their cell and themselves, they show; the second number is
+        what the slopes there allow.
         """
         bend, count = self._bend(fit), (len(beside.cells), self.target.shape[1])
         rows = {j: np.empty(count) for j in self.axes}
@@ -94,8 +124,9 @@ class LocalPadding:
                     rows[j][here, some] = part.reshape(of_slab.size, -1)[beside.cells[here] - slab.first]
         moved, held = np.zeros(count), np.zeros((1, 1))
         for j, own in rows.items():
-            moved = moved + np.where(beside.fixed[:, [j]], 0.0, own)
-            held = held + np.where(beside.fixed[:, [j]], own, 0.0)
+            fixed = beside.at.fixed[:, [j]]
+            moved = moved + np.where(fixed, 0.0, np.maximum(own, beside.moved(j, float(self.grid.h[j]))))
+            held = held + np.where(fixed, own, 0.0)
         return moved + bend, held + bend
 
     def _bend(self, fit: Fit | None) -> float:
@@ -193,3 +224,54 @@ class _Read:
         for j, slope in self.slopes.items():
             own += self.slab.own(np.abs(slope[..., some]) * self.padding.grid.h[j])
         return left, field + own
+
+
+_OUTWARD = 1.0 + 2.0**-40  # the few operations of a padding
+
+
+@dataclass(frozen=True, eq=False)
+class EnclosedPadding:
+    """Paddings of one target t (N, M): the gap in `ranges` (`upper`), or its negative. They are held in memory."""
+
+    target: Values
+    ranges: CellRanges
+    upper: bool
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """All of them."""
+        return tuple(range(len(self.ranges.reach)))
+
+    def of_target(self) -> tuple[Values, float]:
+        """Padding of t itself (q = 0): (N, M), and 0, the share of cells whose padding is no bound."""
+        none = Held(np.zeros(self.target.shape))
+        return self.of_residual(Fit(none, lambda j: none, np.zeros((0, 0))))
+
+    def of_residual(self, fit: Fit) -> tuple[Values, float]:
+        """Padding of t - q.p: (N, M), and 0."""
+        known, r, curvature, target = self.ranges, self.ranges.reach, fit.curvature, self.target.whole()
+        sign, top, centre = (1.0, known.hi, known.centre_hi) if self.upper else (-1.0, -known.lo, -known.centre_lo)
+        bend = 0.5 * float(r @ curvature @ r) if curvature.size else 0.0
+        steep, flat = centre - target, top - target
+        for j in self.axes:
+            own = fit.slope(j).whole()
+            a, b = sign * known.slope_lo[..., j], sign * known.slope_hi[..., j]
+            steep = steep + np.maximum(np.abs(a - own), np.abs(b - own)) * r[j]
+            flat = flat + np.abs(own) * r[j]
+        pad = np.maximum(np.fmin(steep, flat) + bend, 0.0) * _OUTWARD
+        spread = 2.0**-50 * (np.abs(target) + np.abs(fit.values.whole()))
+        return Held(pad + 2.0 * known.rounding + spread), 0.0
+
+
+def enclosed_constants(known: CellRanges, h: Floats) -> GridLipschitz:
+    """Proven constants per axis from the slopes on all cells, half-widths h (nx,), which may be used with h.
+
+    A jump has none, and its axis counts as not resolved.
+    """
+    steepest = np.maximum(np.abs(known.slope_lo), np.abs(known.slope_hi))  # (N, M, nx)
+    jump = np.asarray(~np.isfinite(steepest).all(axis=2))
+    constants = np.where(jump[..., None], 0.0, steepest).max(axis=(0, 1)) * (known.reach / h) * _OUTWARD
+    bounded = np.isfinite(steepest).all(axis=(0, 1))
+    ratio = np.where(bounded, 1.0, 2.0 * GATE)
+    largest = float((known.hi - known.lo)[jump].max(initial=0.0))
+    return GridLipschitz(constants, constants, ratio, constants, float(jump.mean()), None, largest, proven=True)

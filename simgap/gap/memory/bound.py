@@ -1,21 +1,34 @@
-"""The gap seen from the robot, put together of all dimensions and widened by what was measured and searched."""
+"""The bound of a robot whose simulator has hidden state: hulls of all dimensions, widened, and checked."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.case import Case
+from simgap.config.gap import HiddenStateSection
+from simgap.errors import BrokenPromise, UserError
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
-from simgap.gap.bounds.symmetry import BodyFrameGap
 from simgap.gap.bounds.tiers import Tier
+from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed, tolerate
 from simgap.gap.memory.fit import HistoryInfluence, HullFit
-from simgap.gap.memory.headings import HeadingDeviation
-from simgap.gap.memory.hidden_state import TOP, check_fading
-from simgap.gap.memory.search import BoundTable, Searched
+from simgap.gap.memory.hidden_state import TOP, check_fading, tolerance_of
+from simgap.gap.memory.search import BoundTable, Searched, search
+from simgap.gap.sampling.gap_samples import previous_classes, read_back
+from simgap.gap.sampling.points import Columns, Points, body_samples
+from simgap.gap.sampling.symmetry import SymmetryDeviation
+from simgap.plants.context import Context, pose_axes
+from simgap.simulators.body_samples import REST
+from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import last_steps_of
 
 Attack = Callable[[BoundTable], Searched]
 
@@ -63,7 +76,7 @@ class HiddenStateFit:
     excess: Floats
     margin: Floats
     memory: Floats
-    deviation: HeadingDeviation
+    deviation: SymmetryDeviation
     searched: Searched | None = None
 
     def table(self, motion: Floats) -> BoundTable:
@@ -88,7 +101,7 @@ def assemble_hulls(
     pose, states = robot.pose, robot.domain.states
     lower, upper = (np.stack([getattr(h.gap, side) for h in hulls], axis=-1) for side in ("lower", "upper"))
     memory = np.stack([influence.memory for influence in influences], axis=1)
-    deviation = HeadingDeviation(np.array([own.deviation for own in influences]), influences[0].compared)
+    deviation = SymmetryDeviation(np.array([own.deviation for own in influences]), influences[0].compared)
     largest = np.maximum(np.abs(lower), np.abs(upper)).max(axis=(0, 1))
     check_fading(memory, largest, states, robot.growth, deviation.largest)
     swept = [own for k in pose[:2] if (own := hulls[k].swept) is not None]
@@ -123,4 +136,133 @@ def _widening_tier(
         f"input sequences{also} exceeded that hull by at most {named(excess)}, extrapolated from their {TOP} largest "
         f"excesses. Inputs more than one sample back move the pose by at most {named(memory[0])}, more than "
         f"{max(len(memory) - 1, 1)} back by {named(memory[max(len(memory) - 2, 0)])}. All of this is an estimate.",
+    )
+
+
+Saved = Mapping[str, Mapping[str, Any]]
+LONGER = "Raise hidden_state.chains, hidden_state.previous or hidden_state.search, or set \
+hidden_state.tolerated_probability."
+
+
+def hidden_bound(
+    context: Context, motion: Floats, points: Points, scp: Saved, lipschitz: Saved, fresh: Columns
+) -> tuple[dict[str, Any], FreshCheck]:
+    """The content of gap.json, swept boxes included, and how the bound fared on fresh sequences; `motion` is (M, 3).
+
+    Raises:
+        BrokenPromise: a symmetry that does not hold, a memory that does not fade, violations on fresh sequences, or a
+            directed search that breaks the bound.
+    """
+    hidden = context.need(context.case.hidden_state, "hidden_state")
+    symmetry = context.need(context.case.symmetry, "symmetry")
+    hulls = [read_back(HullFit.from_json, scp[n]) for n in context.states]
+    influences = [read_back(HistoryInfluence.from_json, lipschitz[n]) for n in context.states]
+    deviation = SymmetryDeviation(np.array([own.deviation for own in influences]), influences[0].compared)
+    deviation.check(context.states, tolerance_of(context.states, symmetry.tolerance))
+    attack = partial(_attack, context, hidden, hidden.search_seed) if hidden.search else None
+    fit = assemble_hulls(robot_of(context, hidden, motion), hulls, influences, attack)
+    check = _check(context, fit, motion, fresh)
+    tolerate(check, hidden.tolerated_probability, LONGER)
+    again = _attack(context, hidden, hidden.search_seed + 1, fit.table(motion)) if hidden.search else None
+    if again is not None and again.outside and hidden.tolerated_probability == 0.0:
+        raise BrokenPromise(
+            f"a directed search breaks the bound: {again.outside} of {again.evaluations} steps lie outside, the worst "
+            f"after {again.worst[0]['inputs']} at heading {again.worst[0]['heading']:.6g}, by up to "
+            f"{again.excess.tolist()}",
+            LONGER,
+        )
+    return _content(context, fit, check, again, len(points.states), hulls[0].grid), check
+
+
+def robot_of(context: Context, hidden: HiddenStateSection, motion: Floats) -> Robot:
+    """What the bound has to know of the robot of a case; gravity, which limits what tyres can give, is the case's."""
+    pose = pose_axes(context)
+    free = tuple(sorted(pose[:2]))
+    names = tuple(context.states), tuple(context.inputs)
+    domain = GapDomain(*names, context.box, context.input_set, free, context.periodic)
+    simulator = context.need(context.case.simulator, "simulator")
+    between = simulator.between_poses(context.domain.tau, context.case.plant.gravity)
+    return Robot(domain, motion, between, hidden.growth, previous_classes(context), pose)
+
+
+def _attack(context: Context, hidden: HiddenStateSection, seed: int, table: BoundTable) -> Searched:
+    job = context.case, context.folder, table, context.input_set, hidden.search_length, hidden.search, seed
+    (found,) = run_in_processes(search_in_engine, [job])
+    return found
+
+
+def search_in_engine(
+    case: Case, folder: Path, table: BoundTable, inputs: Floats, length: int, budget: int, seed: int
+) -> Searched:
+    """Run in the engine's process; see `hidden_search.search`."""
+    with last_steps_of(case, folder, inputs) as steps:
+        return search(table, steps, inputs, length, budget, np.random.default_rng(seed))
+
+
+def _check(context: Context, fit: HiddenStateFit, motion: Floats, fresh: Columns) -> FreshCheck:
+    """Fresh sequences against the bound after their previous inputs, in the robot's frame, and against swept boxes.
+
+    A sequence with any step outside counts as one failure: sequences are independent, their steps are not.
+
+    Raises:
+        UserError: a table that is not made of whole sequences.
+    """
+    samples = body_samples(context.case, fresh)
+    begins = np.flatnonzero(samples.previous == REST)
+    if len(begins) == 0 or begins[0] != 0:
+        raise UserError("the fresh samples are not made of whole sequences", remedy="Run the stage fresh again.")
+    excess = fit.table(motion).excess(samples)
+    return check_sequences(excess[:, :3], excess[:, 3:].max(axis=1), begins, context.states)
+
+
+def _content(
+    context: Context, fit: HiddenStateFit, check: FreshCheck, again: Searched | None, previous: int, rolled: int
+) -> dict[str, Any]:
+    hidden = context.need(context.case.hidden_state, "hidden_state")
+    tried = [] if again is None else [_attacked(again)]
+    function = fit.gap.with_tiers([*confirmed(fit.gap.tiers, check), *tried, check.tier])
+    lower, upper = fit.gap.class_lower, fit.gap.class_upper
+    size, width = np.maximum(np.abs(lower), np.abs(upper)), upper - lower
+    suprema = function.sup()
+    dimensions = [
+        {
+            "state": name,
+            "largest_sampled_gap": float(fit.largest[i]),
+            "sup_size": suprema[name].size,
+            "sup_width": suprema[name].width,
+            "mean_size": float(size[..., i].mean()),
+            "mean_width": float(width[..., i].mean()),
+            "beyond_previous_inputs": float(fit.excess[i]),
+            "margin": float(fit.margin[i]),
+        }
+        for i, name in enumerate(context.states)
+    ]
+    return {
+        **function.to_json(),
+        "swept_boxes": {"lower": fit.swept.lower.min(axis=0), "upper": fit.swept.upper.max(axis=0)},
+        "swept_boxes_by_class": {"lower": fit.swept.lower, "upper": fit.swept.upper},
+        "samples": rolled,
+        "dimensions": dimensions,
+        "memory": fit.memory,
+        "heading_deviation": fit.deviation.largest,
+        "budget": {
+            "previous_inputs": previous,
+            "random_sequences": hidden.chains,
+            "steps_of_each": hidden.chain_length,
+            "directed_steps": hidden.search,
+            "substeps": context.case.simulator.substeps if context.case.simulator else None,
+        },
+        "directed_search": {
+            "widened_by": fit.searched.to_json() if fit.searched else None,
+            "tried_to_break": again.to_json() if again else None,
+        },
+        "fresh": asdict(check),
+    }
+
+
+def _attacked(again: Searched) -> Tier:
+    return Tier(
+        3,
+        f"A directed search with a seed of its own tried to break the bound in {again.evaluations:,} steps over "
+        f"histories and headings: {again.outside} of them lie outside. What a larger search would find is not known.",
     )

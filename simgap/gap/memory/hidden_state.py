@@ -1,10 +1,9 @@
-"""Covering what earlier inputs leave behind in a simulator whose state is larger than x.
+"""Input histories that expose the hidden state of a simulator, and what the gap may exceed its samples by.
 
 A roll-out from rest is not the map that a controller meets: wheels and body still move as the previous input told
 them. The bound for an input is therefore the hull over previous inputs of a class (a grid of them, extremes
-included), widened by what random input sequences (`hidden_fit`) and a directed search (`hidden_search`) show beyond
-that hull, at any heading. That it is wide enough is an estimate; the influence of older inputs is measured and must
-fall with their age.
+included), widened by what random input sequences (`fit`) and a directed search (`search`) show beyond that hull, at any
+heading. That it is wide enough is an estimate; the influence of older inputs is measured and must fall with their age.
 """
 
 from __future__ import annotations

@@ -13,13 +13,12 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.config.case import Case
-from simgap.config.wheeled import HiddenStateSection
+from simgap.config.gap import HiddenStateSection
 from simgap.errors import UserError
 from simgap.gap.memory.hidden_state import random_sequences
-from simgap.gap.sampling.points import Columns, Points, cut
-from simgap.gap.sampling.tables import AFTER_PREVIOUS, HISTORY, SEQUENCE, step_columns
+from simgap.gap.sampling.points import AFTER_PREVIOUS, HISTORY, SEQUENCE, Columns, Points, cut, step_columns
 from simgap.simulators.body_samples import BodySamples
-from simgap.simulators.wheeled_rollouts import after_previous, along_sequences, repeated_histories
+from simgap.simulators.rollouts import after_previous, along_sequences, repeated_histories
 
 SEQUENCE_PARTS = 4  # each with random headings of its own, whatever the number of shards and workers
 

@@ -33,10 +33,30 @@ class Borders:
     Attributes:
         x: (n, nx), each state once, in order.
         fixed: (n, nx), which coordinates a border or a surface fixes; the gap may jump along these.
+        sheet: (n,), number of the side of a border or surface that a state lies on: along it the gap is one function.
     """
 
     x: Floats
     fixed: Bools
+    sheet: Ints
+
+    def neighbours(self, j: int) -> Ints:
+        """The states before and after each one along axis j on its sheet, (n, 2); its own number where there is none.
+
+        Only the coordinate j and those that a border or surface fixes differ between neighbours.
+        """
+        own = np.arange(len(self.x))
+        found = np.stack([own, own], axis=1)
+        level = np.where(self.fixed, 0.0, self.x)
+        level[:, j] = 0.0
+        line = np.column_stack([self.sheet, level])
+        order = np.lexsort((self.x[:, j], *line.T[::-1]))
+        order = order[~self.fixed[order, j]]
+        before, after = order[:-1], order[1:]
+        same = np.all(line[before] == line[after], axis=1)
+        found[after[same], 0] = before[same]
+        found[before[same], 1] = after[same]
+        return found
 
 
 def critical_points(
@@ -94,27 +114,39 @@ def _listed(domain: GapDomain, functions: Sequence[_Function], levels: Sequence[
     every = [np.union1d(own, ends) for own, ends in zip(levels, fixed, strict=True)]
     faces = [[fixed[k] if k == j else every[k] for k in range(nx)] for j in range(nx) if len(fixed[j])]
     mesh = np.concatenate([np.empty((0, nx)), *map(_product, faces)])  # what lies inside X is never listed
-    parts = [(mesh, np.stack([np.isin(mesh[:, j], fixed[j]) for j in range(nx)], axis=1))]
+    held = np.stack([np.isin(mesh[:, j], fixed[j]) for j in range(nx)], axis=1)
+    parts = [(mesh, held, _numbered(np.where(held, mesh, np.nan)))]
     for function in functions:
         if len(function.axes) > 1 or (function.axes and function.of_inputs):
             parts += [_along(domain, function, j, every, fixed) for j in function.axes]
     x, marks = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    firsts = np.cumsum([0, *(int(part[2].max(initial=-1)) + 1 for part in parts)])
+    sheet = np.concatenate([part[2] + before for part, before in zip(parts, firsts, strict=False)])
     x, first = np.unique(x, axis=0, return_index=True)
-    return Borders(x, marks[first])
+    return Borders(x, marks[first], sheet[first])
 
 
 def _along(
     domain: GapDomain, function: _Function, j: int, every: Sequence[Floats], fixed: Sequence[Floats]
-) -> tuple[Floats, Bools]:
-    """Where lines along axis j through the other axes' levels meet a surface: states (n, nx), what is fixed (n, nx)."""
+) -> tuple[Floats, Bools, Ints]:
+    """Where lines along axis j through the other axes' levels meet a surface: states, what is fixed, sheets.
+
+    Shapes (n, nx), (n, nx), (n,).
+    """
     lines = _product([every[k] if k != j else np.zeros(1) for k in range(domain.box.size)])
-    which, roots = function.roots(domain, lines, j)
+    which, roots, branch = function.roots(domain, lines, j)
     sides = [_side(domain, j, roots, side) for side in (-1.0, 0.0, 1.0)]
     x = np.repeat(lines[which], len(sides), axis=0)
     x[:, j] = np.stack(sides, axis=1).ravel()
     held = np.stack([np.isin(x[:, k], fixed[k]) for k in range(domain.box.size)], axis=1)
     held[:, j] = True
-    return x, held
+    side = np.tile(np.arange(len(sides)), len(which))
+    return x, held, _numbered(np.column_stack([np.repeat(branch, len(sides)), side, held]).astype(float))
+
+
+def _numbered(keys: Floats) -> Ints:
+    """The number of each row (n, k) among the different ones, (n,); what is no number is equal to itself."""
+    return np.unique(np.nan_to_num(keys, nan=np.inf), axis=0, return_inverse=True)[1].ravel()
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,12 +168,15 @@ class _Function:
         value = self.values(*x.T, *u.T)
         return np.broadcast_to(np.asarray(value, dtype=float), len(x))
 
-    def roots(self, domain: GapDomain, lines: Floats, j: int) -> tuple[Ints, Floats]:
-        """Where the surface is met along axis j: lines (L, nx) -> which line (k,), the coordinate (k,)."""
+    def roots(self, domain: GapDomain, lines: Floats, j: int) -> tuple[Ints, Floats, Ints]:
+        """Where the surface is met along axis j: lines (L, nx) -> which line, the coordinate, which branch; (k,) each.
+
+        Roots of neighbouring lines that come as the same one of the same input are of one branch.
+        """
         lo, hi = domain.box.lo[j], domain.box.hi[j]
         mesh = np.linspace(lo, hi, _MESH)
-        which, ends = [np.empty(0, np.int64)], [np.empty(0)]
-        for u in domain.input_set if self.of_inputs else domain.input_set[:1]:
+        which, ends, branches = [np.empty(0, np.int64)], [np.empty(0)], [np.empty(0, np.int64)]
+        for number, u in enumerate(domain.input_set if self.of_inputs else domain.input_set[:1]):
             x = np.repeat(lines, _MESH, axis=0)
             x[:, j] = np.tile(mesh, len(lines))
             sign = np.sign(self(x, np.tile(u, (len(x), 1)))).reshape(len(lines), _MESH)
@@ -154,9 +189,10 @@ class _Function:
                 same = np.sign(self(at, np.tile(u, (len(at), 1)))) == before
                 left, right = np.where(same, middle, left), np.where(same, right, middle)
             which.append(row)
+            branches.append(number * _MESH + np.arange(len(row)) - np.searchsorted(row, row))
             root = np.where(before == 0.0, left, right)
             ends.append(np.where((left <= 0.0) & (right >= 0.0), 0.0, root))  # rest is exactly rest
-        return np.concatenate(which), np.concatenate(ends)
+        return np.concatenate(which), np.concatenate(ends), np.concatenate(branches)
 
 
 def _beside(domain: GapDomain, j: int, roots: Floats) -> Floats:

@@ -9,12 +9,24 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.gap.bounds.body_frame import nominal_motion
 from simgap.gap.bounds.closed_form import ClosedFormGap
 from simgap.gap.bounds.previous import PreviousClasses
-from simgap.gap.bounds.symmetry import nominal_motion
-from simgap.gap.sampling.points import Columns, Points, covering_grid, draw, free_axes, product
+from simgap.gap.sampling.points import (
+    AFTER_PREVIOUS,
+    HISTORY,
+    SEQUENCE,
+    Columns,
+    Points,
+    body_samples,
+    covering_grid,
+    draw,
+    free_axes,
+    product,
+    stacked,
+    successors,
+)
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
-from simgap.gap.sampling.tables import AFTER_PREVIOUS, HISTORY, SEQUENCE, body_samples, stacked, successors
 from simgap.gap.sampling.values import Centres, Held, Room
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.body_samples import BodySamples, joined

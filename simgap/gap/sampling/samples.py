@@ -7,10 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from simgap.arrays import Bools, Floats
+from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.gap.bounds.closed_form import CellRanges, ClosedFormGap
 from simgap.gap.bounds.function import GapDomain
+from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.values import Combined, Held, Room, Values, values
 from simgap.geometry import Grid
 
@@ -68,17 +69,21 @@ class Directed:
     """The gap of one dimension on borders of X and beside switching surfaces, where cell centres never lie.
 
     Attributes:
-        x: (E, nx). fixed: (E, nx), which coordinates a border or a surface fixes.
+        at: where they lie, E states.
         lower, upper: (E, M), ends of the gap; equal where nothing spreads it.
 
     Raises:
         UserError: for shapes that do not fit or values that are not finite.
     """
 
-    x: Floats
-    fixed: Bools
+    at: Borders
     lower: Floats
     upper: Floats
+
+    @property
+    def x(self) -> Floats:
+        """(E, nx) states."""
+        return self.at.x
 
     def __post_init__(self) -> None:
         _check((len(self.x), self.lower.shape[-1]), {"on borders": self.lower, "on borders, upper": self.upper})

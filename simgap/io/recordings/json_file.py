@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.reading.table import RawTable, no_time_column
+from simgap.diagnosis.record.channels import RawTable, no_time_column
 from simgap.errors import UserError, excerpt
 from simgap.io.recordings.json_samples import Samples, read_samples, require_json_room
 

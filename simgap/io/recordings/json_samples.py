@@ -16,7 +16,7 @@ from typing import Any, Never
 from simgap import reading
 from simgap.errors import UserError, excerpt
 from simgap.io.recordings.csv_file import not_text
-from simgap.io.unpacked import JSON_HELD, require_room
+from simgap.reading import JSON_HELD, require_room
 
 _MOST_PARTS = 64
 """Entries of a list within a sample that become columns; longer ones (pictures, scans) are none. Judgement."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.reading.table import RawTable
+from simgap.diagnosis.record.channels import RawTable
 from simgap.errors import UserError, excerpt
 from simgap.io.recordings.mcap_messages import COLUMN_BYTES, JOINTS, Bag, opened_bag
 

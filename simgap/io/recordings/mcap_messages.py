@@ -12,7 +12,7 @@ from zlib import crc32
 
 from simgap import reading
 from simgap.errors import UserError, excerpt
-from simgap.io.unpacked import require_room
+from simgap.reading import require_room
 
 MAGIC = b"\x89MCAP0\r\n"
 JOINTS = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")

@@ -9,11 +9,10 @@ from pathlib import Path
 
 from simgap import reading
 from simgap.config.measured import ColumnMap, MeasuredSection
-from simgap.diagnosis.reading.channels import Channel, measured_columns
-from simgap.diagnosis.reading.column_words import column_words
-from simgap.diagnosis.reading.conditions import told_by_columns
-from simgap.diagnosis.reading.stamps import TimeRange
-from simgap.diagnosis.reading.traces import Reading, ReadingOptions, read_traces
+from simgap.diagnosis.record.channels import Channel, column_words, measured_columns
+from simgap.diagnosis.record.clock import TimeRange
+from simgap.diagnosis.record.conditions import told_by_columns
+from simgap.diagnosis.record.traces import Reading, ReadingOptions, read_traces
 from simgap.errors import UserError
 from simgap.io.recordings.tables import read_recording
 from simgap.model.symbolic import SymbolicModel

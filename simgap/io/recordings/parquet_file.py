@@ -7,11 +7,10 @@ from typing import Any
 
 from simgap import reading
 from simgap.errors import UserError, excerpt
-from simgap.io import checksum
-from simgap.io.parquet import record_of
-from simgap.io.unpacked import require_room, table_size
+from simgap.io.parquet import checksum_holds, record_of
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_parquet as pq
+from simgap.reading import require_room, table_size
 
 _MAGIC = b"PAR1"
 
@@ -39,7 +38,7 @@ def parquet_header(path: Path, file: str) -> tuple[str, ...]:
     Raises:
         UserError: a file that is damaged or was changed, or two columns of one name.
     """
-    if checksum.holds(reading.read_bytes(path)) is False:  # one that simgap wrote; those of others carry none
+    if checksum_holds(reading.read_bytes(path)) is False:  # one that simgap wrote; those of others carry none
         raise UserError(
             "was changed after it was written: its checksum does not fit", file=file, remedy="Make it again."
         )

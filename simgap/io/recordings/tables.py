@@ -10,7 +10,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
-from simgap.diagnosis.reading.table import RawTable, no_time_column
+from simgap.diagnosis.record.channels import RawTable, no_time_column
 from simgap.errors import UserError, excerpt
 from simgap.io.recordings.csv_file import CsvLayout, csv_layout, read_csv_columns
 from simgap.io.recordings.json_file import json_header, read_json_table

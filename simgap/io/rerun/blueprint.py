@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from simgap.geometry import Box
-from simgap.io.rerun.content import Content, JointScene, PlanarScene, root
-from simgap.io.rerun.log import TIMELINE
+from simgap.io.rerun.recording import TIMELINE, Content, JointScene, PlanarScene, root
 from simgap.io.rerun.scene import robot_name, stance
 from simgap.io.traces import ROBUST, TITLES, twin
 from simgap.notation import axis_label

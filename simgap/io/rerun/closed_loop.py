@@ -11,20 +11,35 @@ Entities, over the timeline `sim_time`:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from simgap import reading
 from simgap.arrays import Floats
+from simgap.errors import BrokenPromise, UserError
+from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
 from simgap.io.rerun.blueprint import blueprint
-from simgap.io.rerun.content import SERIES, Content, curves, finite, share_of_bound
-from simgap.io.rerun.log import TIMELINE, line, recording_file, send
-from simgap.io.rerun.phase import log_phase
+from simgap.io.rerun.recording import (
+    SERIES,
+    TIMELINE,
+    Content,
+    curves,
+    finite,
+    line,
+    recording_file,
+    rgb,
+    root,
+    send,
+    share_of_bound,
+)
 from simgap.io.rerun.scene import log_scene
-from simgap.io.traces import SIMULATOR, TITLES, Trace, twin
+from simgap.io.traces import NOMINAL, ROBUST, SIMULATOR, TITLES, Trace, twin
 from simgap.synthesis.controller import Controller
 
 
@@ -119,3 +134,149 @@ def _log_limits(recording: Any, content: Content) -> None:
     for side, value in (("lower", -1.0), ("upper", 1.0)):
         line(recording, f"bound/{side}", style.ORANGE, 1.5, f"{side} bound")
         send(recording, f"bound/{side}", ends, np.full(2, value))
+
+
+PIXELS = 800  # along the longer side, at least
+NEITHER, BOTH = "#FFFFFF", "#C9D3DC"
+
+
+def on_plane(controller: Controller) -> Floats:
+    """Share of the cells above each point of the plane of the first two states that win: (c0, c1)."""
+    winning = controller.solution.winning.reshape(controller.grid.cells)
+    return winning.reshape(*winning.shape[:2], -1).mean(axis=2)
+
+
+def domains_image(robust: Controller, nominal: Controller) -> NDArray[np.uint8]:
+    """Where each controller wins, as colours: (c1, c0, 3), second state upward.
+
+    More than two states: where it wins for every value of the others.
+    """
+    a, b = on_plane(robust) >= 1.0, on_plane(nominal) >= 1.0
+    image = np.empty((*a.shape, 3), np.uint8)
+    for chosen, colour in ((~a & ~b, NEITHER), (a & b, BOTH), (a & ~b, COLOURS[ROBUST]), (~a & b, COLOURS[NOMINAL])):
+        image[chosen] = rgb(colour)[:3]
+    return np.ascontiguousarray(image.transpose(1, 0, 2)[::-1])
+
+
+def to_pixels(x: Floats, box: Box, shape: tuple[int, int]) -> Floats:
+    """States (n, >= 2) in the coordinates of an image of (height, width) that shows `box`: (n, 2)."""
+    height, width = shape
+    scaled = (x[:, :2] - box.lo[:2]) / (box.hi[:2] - box.lo[:2])
+    return np.stack([scaled[:, 0] * width, (1.0 - scaled[:, 1]) * height], axis=1)
+
+
+def log_phase(recording: Any, content: Content) -> None:
+    """Log the image and the runs; nothing for plants with one state, or grids that differ."""
+    import rerun as rr
+
+    robust, nominal = content.controllers[ROBUST], content.controllers[NOMINAL]
+    if len(content.states) < 2 or robust.grid.cells != nominal.grid.cells:
+        return
+    image = domains_image(robust, nominal)
+    repeat = max(1, PIXELS // max(image.shape[:2]))
+    image = image.repeat(repeat, axis=0).repeat(repeat, axis=1)
+    recording.log("phase/winning_domains", rr.Image(image), static=True)
+    size = 0.004 * max(image.shape[:2])
+    for controller, trace in content.shown.items():
+        points = to_pixels(trace.x, robust.grid.box, image.shape[:2])
+        name, colour = f"phase/{controller}", rgb(COLOURS[controller])
+        if controller == ROBUST:
+            colour = rgb("#00436B")
+        recording.log(f"{name}/path", rr.LineStrips2D([points], colors=colour, radii=0.35 * size), static=True)
+        look = rr.Points2D.from_fields(colors=rgb(style.BLACK), radii=1.6 * size, labels=TITLES[controller])
+        recording.log(f"{name}/state", look, static=True)
+        recording.send_columns(
+            f"{name}/state", [rr.TimeColumn(TIMELINE, duration=trace.t)], rr.Points2D.columns(positions=points)
+        )
+
+
+_SCALARS = "Scalars:scalars"
+
+
+def read_curves(path: Path) -> dict[str, tuple[Floats, Floats]]:
+    """All scalar curves of a recording: entity -> (times in seconds, values), in order of time.
+
+    Raises:
+        UserError: a file that is missing or not a recording.
+    """
+    import warnings
+
+    from rerun.chunk import RrdReader
+
+    if not reading.is_file(path):
+        raise UserError("the file does not exist", file=path, remedy="Run the trace stage.")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # the reader only warns of a file that was cut off
+            chunks = RrdReader(path).store().stream().to_chunks()
+    except (RuntimeError, ValueError, OSError, Warning) as error:
+        reason = str(error).splitlines()[0]
+        raise UserError(f"not a whole recording ({reason})", file=path, remedy="Run the trace stage again.") from None
+    parts: dict[str, list[tuple[Floats, Floats]]] = {}
+    for chunk in chunks:
+        batch = chunk.to_record_batch()
+        if _SCALARS in batch.schema.names and TIMELINE in batch.schema.names:
+            t = batch.column(TIMELINE).cast("int64").to_numpy() * 1e-9
+            values = batch.column(_SCALARS).flatten().to_numpy()
+            parts.setdefault(str(chunk.entity_path).strip("/"), []).append((t, values))
+    return {entity: _joined(pieces) for entity, pieces in parts.items()}
+
+
+def _joined(pieces: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
+    t, values = (np.concatenate(part) for part in zip(*pieces, strict=True))
+    order = np.argsort(t, kind="stable")
+    return t[order], values[order]
+
+
+def verify(path: Path, traces: Sequence[Trace], states: Sequence[str], inputs: Sequence[str]) -> int:
+    """Hold every curve of every run against the table: equal values, bit for bit, times to the nanosecond.
+
+    Returns:
+        The number of values that were compared.
+
+    Raises:
+        BrokenPromise: a curve that is missing, or differs.
+        UserError: see `read_curves`.
+    """
+    recorded = read_curves(path)
+    compared = 0
+    for trace in traces:
+        for entity, t, values in curves(trace, states, inputs):
+            if not len(t):
+                continue
+            if entity not in recorded:
+                raise BrokenPromise(f"{path}: the recording lacks /{entity}", "Run the trace stage again.")
+            own_t, own = recorded[entity]
+            if len(own) != len(values) or not np.array_equal(own, values) or np.abs(own_t - t).max() > 1e-9:
+                raise BrokenPromise(
+                    f"{path}: /{entity} is not what the table of traces holds", "Run the trace stage again."
+                )
+            compared += len(values)
+    return compared
+
+
+_LOOK = {"lower": (style.ORANGE, 1.5), "upper": (style.ORANGE, 1.5), "actual": (style.BLUE, 3.0)}
+
+
+def write_witness(
+    path: Path,
+    case: str,
+    what: str,
+    trace: Trace,
+    states: Sequence[str],
+    inputs: Sequence[str],
+    measured: Floats | None = None,
+) -> None:
+    """Write the recording atomically; `rerun PATH` opens it. `measured` (n, nx) is what the controller saw."""
+    import rerun as rr
+
+    with recording_file(path, "simgap", f"simgap-witness-{case}") as recording:
+        recording.log("about", rr.TextDocument(f"# {case}\n\n{what}", media_type="text/markdown"), static=True)
+        every = [*curves(trace, states, inputs)]
+        if measured is not None:
+            every += [finite(f"{root(trace)}/measured/{n}", trace.t, measured[:, j]) for j, n in enumerate(states)]
+        for entity, t, values in every:
+            name = entity.rsplit("/", 1)[-1]
+            colour, width = _LOOK.get(name, (style.BLACK, 2.0))
+            line(recording, entity, colour, width, name)
+            send(recording, entity, t, values)

@@ -11,7 +11,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
-from simgap.io.rerun.log import line, recording_file, send
+from simgap.io.rerun.recording import line, recording_file, send
 from simgap.notation import axis_label, printable
 
 _LINES = (("measured", style.MEASURED_IN_A_VIEWER, 1.5), ("before", style.BEFORE, 3.0), ("after", style.AFTER, 3.0))

@@ -12,8 +12,7 @@ from simgap.arrays import Floats
 from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
-from simgap.io.rerun.content import Content, JointScene, PlanarScene
-from simgap.io.rerun.log import TIMELINE, rgb
+from simgap.io.rerun.recording import TIMELINE, Content, JointScene, PlanarScene, rgb
 from simgap.io.traces import MODEL, TITLES, Trace, twin
 
 WORLD = "tf#/scene"  # the frame of the entity /scene

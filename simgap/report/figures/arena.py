@@ -10,7 +10,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
-from simgap.io.rerun.content import PlanarScene
+from simgap.io.rerun.recording import PlanarScene
 from simgap.io.traces import CAREFUL, EVERY_TITLE, NOMINAL, ROBUST, SIMULATOR, TITLES, Trace
 from simgap.notation import axis_label
 

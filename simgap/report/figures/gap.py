@@ -184,7 +184,7 @@ def over_inputs(gap: GapFunction) -> tuple[Floats, Floats] | None:
     A gap given in the robot's own frame is returned in that frame; else the bound must vary over X by less than a
     hundredth of its size.
     """
-    from simgap.gap.bounds.symmetry import BodyFrameGap
+    from simgap.gap.bounds.body_frame import BodyFrameGap
 
     if isinstance(gap, BodyFrameGap):
         return gap.lower, gap.upper

@@ -11,7 +11,7 @@ from simgap.arrays import Floats
 from simgap.geometry import Box
 from simgap.io import figure_style as style
 from simgap.io.figure_style import COLOURS
-from simgap.io.rerun.content import share_of_bound
+from simgap.io.rerun.recording import share_of_bound
 from simgap.io.traces import NOMINAL, ROBUST, TITLES, Trace, twin
 from simgap.notation import axis_label
 from simgap.report.figures.gap import scaled

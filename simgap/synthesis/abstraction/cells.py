@@ -1,4 +1,9 @@
-"""The finite abstraction of a plant: cells, inputs, and for each pair a box of cells that holds every successor."""
+"""The finite abstraction of a plant: cells, inputs, and for each pair a box of cells that holds every successor.
+
+Whether a box of cells lies wholly inside a set is one look-up in a summed-area table of the *holes*, the cells outside
+it: the box lies inside exactly when its count is zero. A periodic axis is stored twice in a row, so that a box across
+the seam is one contiguous range.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +17,130 @@ from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.late import njit
-from simgap.synthesis.abstraction.holes import layout
 from simgap.synthesis.abstraction.swept import SweptCells
+
+Counts = NDArray[np.int32]
+
+
+def layout(cells: tuple[int, ...], periodic: tuple[int, ...]) -> Ints:
+    """Describe an n-dimensional set of cells to the kernels of this module, n <= 4.
+
+    Returns:
+        (4, 4) int64: rows `cells`, `periodic` (0/1), `padded` table lengths, table `strides`; axis 0 first.
+    """
+    n = len(cells)
+    out = np.zeros((4, 4), dtype=np.int64)
+    out[0, :n] = cells
+    out[1, list(periodic)] = 1
+    out[2, :n] = [c * (2 if j in periodic else 1) + 1 for j, c in enumerate(cells)]
+    out[3, n - 1] = 1
+    for j in range(n - 2, -1, -1):
+        out[3, j] = out[3, j + 1] * out[2, j + 1]
+    return out
+
+
+def table_size(shape: Ints, n: int) -> int:
+    """Numbers in the table of `layout(...)`, (4, 4), on n axes."""
+    return int(np.prod(shape[2, :n]))
+
+
+@njit(cache=True, nogil=True)
+def count_holes(inside, shape, n, table):  # type: ignore[no-untyped-def]
+    """Fill `table` with the summed-area counts of the cells where `inside` (flat, row-major, uint8) is 0."""
+    table[:] = 0
+    start = 4 - n
+    c = np.ones(4, np.int64)
+    p = np.ones(4, np.int64)
+    s = np.zeros(4, np.int64)
+    for j in range(n):
+        c[start + j] = shape[0, j]
+        p[start + j] = shape[2, j] - 1
+        s[start + j] = shape[3, j]
+    shift = s[0] + s[1] + s[2] + s[3]
+    for i0 in range(p[0]):
+        for i1 in range(p[1]):
+            for i2 in range(p[2]):
+                source = (((i0 % c[0]) * c[1] + i1 % c[1]) * c[2] + i2 % c[2]) * c[3]
+                target = shift + i0 * s[0] + i1 * s[1] + i2 * s[2]
+                total = np.int32(0)
+                for i3 in range(p[3]):
+                    total += np.int32(1) - inside[source + (i3 if i3 < c[3] else i3 - c[3])]
+                    table[target + i3] = total
+    for j in range(n - 1):
+        stride, length = shape[3, j], shape[2, j]
+        for outer in range(table.size // (stride * length)):
+            first = outer * stride * length
+            for i in range(first + stride, first + stride * length):
+                table[i] += table[i - stride]
+
+
+@njit(cache=True, nogil=True)
+def clip_boxes(shape, n, boxes, first, count, ok):  # type: ignore[no-untyped-def]
+    """Bring boxes into the table's range, in place; `ok[i]` = 0 where box `first + i` leaves the grid.
+
+    `boxes` is flat int32, 2n numbers a box (lower n, upper n cell indices). A periodic axis is shifted so that its
+    lower index lies in [0, cells); a box at least a full turn wide becomes the whole axis.
+    """
+    ok[:count] = 1
+    for j in range(n):
+        cells = np.int32(shape[0, j])
+        periodic = shape[1, j] == 1
+        for i in range(count):
+            at = 2 * n * (first + i) + j
+            lo, hi = boxes[at], boxes[at + n]
+            if not periodic:
+                if lo < 0 or hi >= cells:
+                    ok[i] = 0
+            elif hi - lo >= cells:
+                boxes[at], boxes[at + n] = 0, cells - 1
+            elif lo < 0 or lo >= cells:
+                turns = cells * (lo // cells)
+                boxes[at], boxes[at + n] = lo - turns, hi - turns
+
+
+@njit(cache=True, nogil=True)
+def drop_boxes_with_holes(table, shape, n, boxes, first, count, ok):  # type: ignore[no-untyped-def]
+    """Set `ok[i]` = 0 for every clipped box that holds a hole: 2, 4, 8 or 16 loads a box. Others stay as they are.
+
+    One call handles a batch: a call per box would cost more in argument passing than the look-up itself.
+    """
+    if n == 2:
+        s0 = np.uint64(shape[3, 0])
+        for i in range(count):
+            at = 4 * (first + i)
+            if ok[i]:
+                a, b = np.uint64(boxes[at]) * s0, np.uint64(boxes[at + 2] + 1) * s0
+                c, d = np.uint64(boxes[at + 1]), np.uint64(boxes[at + 3] + 1)
+                if table[b + d] - table[a + d] != table[b + c] - table[a + c]:
+                    ok[i] = 0
+    elif n == 3:
+        s0, s1 = np.uint64(shape[3, 0]), np.uint64(shape[3, 1])
+        for i in range(count):
+            at = 6 * (first + i)
+            if ok[i]:
+                a, b = np.uint64(boxes[at]) * s0, np.uint64(boxes[at + 3] + 1) * s0
+                c, d = np.uint64(boxes[at + 1]) * s1, np.uint64(boxes[at + 4] + 1) * s1
+                e, f = np.uint64(boxes[at + 2]), np.uint64(boxes[at + 5] + 1)
+                upper = table[b + d + f] - table[a + d + f] - table[b + c + f] + table[a + c + f]
+                lower = table[b + d + e] - table[a + d + e] - table[b + c + e] + table[a + c + e]
+                if upper != lower:
+                    ok[i] = 0
+    else:
+        for i in range(count):
+            at = 2 * n * (first + i)
+            if ok[i]:
+                total = np.int64(0)
+                for corner in range(1 << n):
+                    sign = 1
+                    index = np.int64(0)
+                    for j in range(n):
+                        lower_side = corner >> j & 1
+                        index += (boxes[at + j] if lower_side else boxes[at + n + j] + 1) * shape[3, j]
+                        sign = -sign if lower_side else sign
+                    total += sign * table[index]
+                if total != 0:
+                    ok[i] = 0
+
 
 MAX_AXES = 4
 

@@ -12,18 +12,22 @@ from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.frame import Frame, cell_boxes
-from simgap.synthesis.abstraction.product import (
+from simgap.synthesis.abstraction.post import (
+    Frame,
     Kernel,
+    cell_boxes,
     direct_post,
     fill_affine,
     gap_adder,
     no_gap,
+    reduced_cells,
+    reduced_size,
     table_filler,
+    table_meta,
+    table_post,
     tabulated_post,
     whole_cells,
 )
-from simgap.synthesis.abstraction.tables import reduced_cells, reduced_size, table_meta, table_post
 
 Axes = tuple[tuple[int, ...], ...]
 PAIRS = 1 << 18

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Floats, Ints
-from simgap.gap.bounds.rotation import rotated_box
+from simgap.gap.bounds.body_frame import rotated_box
 from simgap.geometry import Grid
 from simgap.late import njit
 

@@ -15,8 +15,14 @@ from numpy.typing import NDArray
 
 from simgap.arrays import Bools
 from simgap.late import njit
-from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.holes import clip_boxes, count_holes, drop_boxes_with_holes, layout, table_size
+from simgap.synthesis.abstraction.cells import (
+    Abstraction,
+    clip_boxes,
+    count_holes,
+    drop_boxes_with_holes,
+    layout,
+    table_size,
+)
 from simgap.synthesis.games.threads import over_rows
 
 Bytes = NDArray[np.uint8]

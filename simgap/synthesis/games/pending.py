@@ -26,8 +26,7 @@ from simgap.arrays import Bools, Ints
 from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.late import njit
-from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.holes import clip_boxes, count_holes, drop_boxes_with_holes, table_size
+from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes, count_holes, drop_boxes_with_holes, table_size
 from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.games.invariance import row_index
 from simgap.synthesis.games.threads import over_rows

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from simgap.arrays import Bools, Ints
 from simgap.errors import UserError
 from simgap.late import njit
-from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.holes import clip_boxes, count_holes, drop_boxes_with_holes, table_size
-from simgap.synthesis.bits import packed_width, preferred
+from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes, count_holes, drop_boxes_with_holes, table_size
 from simgap.synthesis.games.invariance import row_index
+from simgap.synthesis.games.reach_rows import RowSystem, reach_by_rows
 from simgap.synthesis.games.threads import over_rows
+from simgap.synthesis.input_sets import packed_width, preferred
 
 Backend = Literal["auto", "bit_rows", "table"]
 
@@ -75,9 +75,6 @@ def reach_avoid(
     Raises:
         UserError: `bit_rows` asked for where every axis matters.
     """
-    from simgap.synthesis.games.reach import reach_by_table
-    from simgap.synthesis.games.reach_rows import RowSystem, reach_by_rows
-
     rows = None if backend == "table" else RowSystem.of(abstraction)
     if rows is None and backend == "bit_rows":
         raise UserError(

@@ -18,13 +18,13 @@ from simgap.arrays import Bools, Ints
 from simgap.geometry import Grid
 from simgap.late import njit
 from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.post import reduced_cells, reduced_size
 from simgap.synthesis.abstraction.swept import SweptCells
-from simgap.synthesis.abstraction.tables import reduced_cells, reduced_size
-from simgap.synthesis.bits import packed_width
 from simgap.synthesis.games.erosion import BoxErosion
 from simgap.synthesis.games.row_moves import Moves, moves_of, words_of_a_row
 from simgap.synthesis.games.row_waves import place, settle, spread, stage_size
 from simgap.synthesis.games.threads import over_items, over_rows
+from simgap.synthesis.input_sets import packed_width
 
 COMPARED = 256
 

@@ -25,17 +25,16 @@ from simgap.errors import UserError
 from simgap.geometry import Grid
 from simgap.late import njit
 from simgap.specifications.solution import Solution
-from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.holes import clip_boxes
-from simgap.synthesis.bits import packed_width
+from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes
 from simgap.synthesis.games.invariance import invariance, row_index
 from simgap.synthesis.games.threads import over_rows
-from simgap.synthesis.games.windows import (
+from simgap.synthesis.input_sets import (
     Words,
     crop,
     embed,
     every_input,
     margins,
+    packed_width,
     padded,
     to_bytes,
     to_words,

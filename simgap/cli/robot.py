@@ -1,0 +1,189 @@
+"""Commands about a robot and its case: from a model file to a checked case, what may be exported of its results."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from simgap import reading
+from simgap.cli.options import AsJson, CasePath, Log, new_file, new_folder, start_log, values_of
+from simgap.cli.terminal import console, progress, say, say_json
+from simgap.cli.workflow import PACKAGE, workflow_file
+from simgap.errors import UserError, excerpt
+
+if TYPE_CHECKING:
+    from simgap.stages.check import Checked
+
+
+def tutorial(
+    out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path(),
+) -> None:
+    """Copy the files of the tutorial here: the URDF of a rod, and a recording."""
+    from simgap.io.atomic import atomic
+
+    source = workflow_file("tutorial") if (PACKAGE / "workflow").is_dir() else PACKAGE.parent / "docs/tutorial"
+    for name in ("rod.urdf", "swings.csv"):
+        if (out / name).exists():
+            raise UserError("is there already, and stays as it is", file=out / name, remedy="Take an empty folder.")
+    for name in ("rod.urdf", "swings.csv"):
+        with atomic(out / name) as temporary:
+            temporary.write_bytes(reading.read_bytes(source / name))
+    say("Wrote rod.urdf and swings.csv. Next: simgap new rod --urdf rod.urdf")
+
+
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the case: lower-case letters, digits, - and _.")],
+    urdf: Annotated[Path | None, typer.Option(help="Model file of the robot.")] = None,
+    mjcf: Annotated[Path | None, typer.Option(help="Model file of MuJoCo's own format.")] = None,
+    equations: Annotated[bool, typer.Option("--equations", help="Equations, to be replaced by your own.")] = False,
+    inputs: Annotated[str, typer.Option(help="Joints that have a drive, such as arm or shoulder,elbow.")] = "",
+    joints: Annotated[str, typer.Option(help="Joints of the case, such as elbow; the others are locked.")] = "",
+    base: Annotated[str, typer.Option(help="What its base is: fixed (bolted to the world) or wheels.")] = "",
+    at: Annotated[
+        str, typer.Option(help="Posture around which to work, such as pole=3.1416; 0 for other joints.")
+    ] = "",
+    out: Annotated[Path, typer.Option(help="Folder for the case.", callback=new_folder)] = Path(),
+    seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for finding tau, X, U and cells.")] = 120.0,
+) -> None:
+    """Write a commented case for your robot, NAME.yaml, which runs as it stands."""
+    from simgap.stages import new as stage
+    from simgap.stages.new_model import BASES
+
+    if [urdf is not None, mjcf is not None, equations].count(True) != 1:
+        raise UserError(
+            "either a URDF, or MJCF, or equations", key="--urdf",
+            remedy="Give --urdf FILE, --mjcf FILE, or --equations.",
+        )  # fmt: skip
+    of_files = {"--inputs": inputs, "--at": at, "--joints": joints, "--base": base}
+    if equations and any(of_files.values()):
+        key = next(key for key, given in of_files.items() if given)
+        raise UserError("belongs to a model file", key=key, remedy="Write it into the equations.")
+    if base not in ("", *BASES):
+        raise UserError(f"'{excerpt(base, 40)}' is no base", key="--base", remedy=f"Known: {', '.join(BASES)}.")
+    named, kept = ([n.strip() for n in said.split(",") if n.strip()] or None for said in (inputs, joints))
+    notes, posture = list[str](), values_of(at, "--at")
+    with progress("reading the model") as tell:
+        path = stage.run(name, urdf, out, named, posture, tell, notes.append, seconds, mjcf, kept, base or None)
+    for line in [*notes, f"Wrote {path}. Next: simgap check {path}, then simgap run {path}"]:
+        say(line)
+
+
+def check(
+    case: CasePath,
+    out: Annotated[Path | None, typer.Option(help="File for what was found (JSON).", callback=new_file)] = None,
+    as_json: AsJson = False,
+    log: Log = None,
+) -> None:
+    """Check a case before anything runs: model file, engine, cells, and what every stage will cost."""
+    from simgap.stages import check as stage
+
+    start_log(log)
+    if log is None:  # the findings are shown below
+        logging.getLogger("simgap").setLevel(logging.ERROR)
+    with progress("reading the case") as tell:
+        checked = stage.run(case, out, log, tell)
+    if as_json:
+        say_json(asdict(checked))
+    else:
+        _show_checked(checked, case)
+
+
+def _show_checked(checked: Checked, case: Path) -> None:
+    """A table of what the stages cost, the cells an axis, what the engine makes of the model file, and what follows."""
+    from rich.table import Table
+
+    from simgap.lint.costs import duration, size
+    from simgap.stages.check import conclusion
+
+    out = console()
+    if checked.costs:
+        table = Table("stage", "what", "CPU time, about", "memory, about", box=None)
+        for cost in checked.costs:
+            table.add_row(cost.stage, f"{cost.count:,} {cost.of}", duration(cost.seconds), size(cost.bytes))
+        out.print(table)
+    for what, cells in checked.cells.items():
+        out.print(f"cells of the {what}: {', '.join(f'{name} {count}' for name, count in cells.items())}")
+    for finding in checked.findings:
+        out.print(f"{finding.key}: {finding.problem}. {finding.remedy}", soft_wrap=True, highlight=False)
+    if checked.compared and not checked.findings:
+        out.print("Nothing in the model file that the engine drops or changes.")
+    if not checked.costs:
+        out.print(
+            "Nothing here is to be computed but a diagnosis: there is no `domain:` with a simulator or a controller.",
+            soft_wrap=True, highlight=False,
+        )  # fmt: skip
+    out.print(conclusion(checked, case), soft_wrap=True, highlight=False)
+
+
+def propose(
+    case: CasePath,
+    at: Annotated[str, typer.Option(help="Posture around which to work, such as q2=3.1416; 0 for other states.")] = "",
+    seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for the search.")] = 120.0,
+) -> None:
+    """Find tau, X, U and cells for which a controller exists, by the nominal model, and print them as sections."""
+    from simgap.stages import propose as stage
+
+    with progress("building the nominal model") as tell:
+        found = stage.run(case, values_of(at, "--at"), tell, seconds)
+    say(found.block())
+    for doubt in filter(None, (found.small, found.doubtful)):
+        say(doubt, err=True)
+
+
+def refine(
+    case: CasePath,
+    samples: Annotated[
+        int | None, typer.Option(min=1, help="At most so many, all inputs counted; by default as many as now.")
+    ] = None,
+) -> None:
+    """Find along which states the grid of samples has to be fine, from lines through X, and print its section."""
+    from simgap.stages import refine as stage
+
+    with progress("building the nominal model") as tell:
+        found = stage.run(case, samples, tell)
+    say(found.block())
+    for name, then in found.then.items():
+        say(f"# {name}: within a cell the bound loses {then:.2g} on average, now {found.now[name]:.2g}")
+
+
+def certify(
+    what: Annotated[Path, typer.Argument(help="Case file, or its folder in results/.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder for the certificate.", show_default=False, callback=new_folder)],
+    bound: Annotated[Path | None, typer.Option("--gap", help="gap.json, if it is not at its place.")] = None,
+    controller: Annotated[Path | None, typer.Option(help="controller.npz, if it is not at its place.")] = None,
+    log: Log = None,
+) -> None:
+    """Export a controller as a certificate that checker/check.py verifies without simgap."""
+    from simgap.stages import certify as stage
+
+    start_log(log)
+    if bound is not None and controller is not None:
+        stage.run(what, bound, controller, out)
+        return
+    case, own_bound, own_controller = stage.results_of(what) if what.is_dir() else stage.of_case(what)
+    stage.run(case, bound or own_bound, controller or own_controller, out)
+
+
+def export(
+    what: Annotated[Path, typer.Argument(help="controller.npz, or a case file with effects.", show_default=False)],
+    out: Annotated[
+        Path, typer.Option(help="law.h, law.py, model.urdf or model.xml (MJCF).", show_default=False, callback=new_file)
+    ],
+) -> None:
+    """Write a controller as a C header or a Python file, or the model of a case with its effects as a URDF or MJCF."""
+    from simgap.io.controller_export import export_controller
+    from simgap.io.controller_file import load_controller
+    from simgap.io.model_export import export_model
+
+    if what.suffix in (".yaml", ".yml"):
+        export_model(what, out)
+    else:
+        controller = load_controller(what)
+        export_controller(controller, out)
+        cells, size = len(controller.choice), out.stat().st_size
+        held = f"; compiled, its table takes {2 * cells:,}, 2 for each of {cells:,} cells" if out.suffix == ".h" else ""
+        say(f"Wrote {out}, {size:,} bytes{held}.")

@@ -1,0 +1,212 @@
+"""Columns that are not what the case says: two that were swapped, a wrong sign or unit, one that says nothing.
+
+Which of two columns is the derivative of the other is kinematics, so that no missing effect, however large, hides a
+position and a velocity that stand in each other's place. Other columns, signs and units are tried with the model as
+declared (`search.columns`), or show as a gain that no motor has.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simgap.arrays import Floats
+from simgap.diagnosis.record.faults.base import Fault, Mended, SeenFault
+from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.result import FoundEffect, RecordingFault
+from simgap.diagnosis.thresholds import DERIVATIVE_SCALE, EXCHANGED_MISMATCH, MOST
+from simgap.model.symbolic import SymbolicModel
+
+UNIT_WITHIN = 0.02
+"""A gain is a ratio of units if its interval comes so near to it."""
+
+
+@dataclass(frozen=True)
+class VelocityLag:
+    """A velocity channel against the derivative of its position.
+
+    Attributes:
+        position, velocity: the two states.
+        lag_s: by how much the velocity trails (s); negative: it leads.
+        scale: velocity channel over derivative of the position; 1 when their units agree.
+        mismatch: RMS of what lag and scale leave, over the RMS of the velocity.
+    """
+
+    position: str
+    velocity: str
+    lag_s: float
+    scale: float
+    mismatch: float
+
+
+def velocity_lag(record: Record, position: str, velocity: str, reach_s: float = 0.1) -> VelocityLag | None:
+    """Lag and scale between two channels, by least squares over shifts up to `reach_s`; None where nothing moves.
+
+    Both sides are averaged over the same +-m samples, so that noise is tamed and no phase is added: the mean of v over
+    [t - m dt, t + m dt] is compared with (q(t + m dt) - q(t - m dt)) / (2 m dt). Source: difference quotient and
+    cross-correlation, as in Ljung (1999), System Identification, sec. 6.1; the optimum is refined by a parabola.
+    """
+    j, k = record.measured.index(position), record.measured.index(velocity)
+    dt = float(np.median(np.concatenate([np.diff(trace.t) for trace in record.traces])))
+    m, reach = max(1, round(0.01 / dt)), max(2, round(reach_s / dt))
+    sums = np.zeros((2 * reach + 1, 3))  # for each shift: v.d, d.d, v.v
+    for trace in record.traces:
+        sums += _shifted_products(trace, j, k, dt, m, reach)
+    cross, power, own = sums.T
+    if np.min(power) <= 0.0 or np.min(own) <= 0.0:
+        return None
+    loss = 1.0 - cross**2 / (power * own)
+    best = int(np.argmin(loss))
+    shift = float(best - reach)
+    if 0 < best < 2 * reach:
+        left, mid, right = loss[best - 1 : best + 2]
+        bend = left - 2 * mid + right
+        shift += 0.5 * float((left - right) / bend) if bend > 0 else 0.0
+    scale = float(cross[best] / power[best])
+    return VelocityLag(position, velocity, shift * dt, scale, float(np.sqrt(max(loss[best], 0.0))))
+
+
+def _shifted_products(trace: Trace, j: int, k: int, dt: float, m: int, reach: int) -> Floats:
+    """Inner products of the averaged velocity with the derivative of the position at every shift, (2 reach + 1, 3)."""
+    even = np.arange(trace.t[0], trace.t[-1], dt)
+    if even.size < 4 * (reach + m):
+        return np.zeros((2 * reach + 1, 3))
+    q, v = (np.interp(even, trace.t, trace.y[:, c]) for c in (j, k))
+    slope = (q[2 * m :] - q[: -2 * m]) / (2 * m * dt)
+    running = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))])
+    mean = (running[2 * m :] - running[: -2 * m]) / (2 * m)
+    inner = slope[reach:-reach]
+    out = np.empty((2 * reach + 1, 3))
+    for s in range(2 * reach + 1):
+        moved = mean[s : s + inner.size]
+        out[s] = moved @ inner, inner @ inner, moved @ moved
+    return out
+
+
+class SwappedColumns(SeenFault):
+    """Two columns in each other's place."""
+
+    name = "swapped_columns"
+    meaning = "two columns stand in each other's place"
+    detected = (
+        "a position and its velocity: the one is the derivative of the other, the wrong way round (kinematics alone: "
+        "no missing effect masks it); other columns as `wrong_unit`; exchanged"
+    )
+    unit = ""
+
+    def mend(self, record: Record, model: SymbolicModel) -> Mended:
+        """The record with positions and velocities in their places.
+
+        Columns are exchanged where the one called position is the derivative of the one called velocity, in size and
+        with little left, and the other way round is not so.
+        """
+        faults = []
+        for c in model.coordinates:
+            if c.position not in record.measured or c.velocity not in record.measured:
+                continue
+            as_called, other_way = (
+                velocity_lag(record, *names) for names in ((c.position, c.velocity), (c.velocity, c.position))
+            )
+            if _derivative(other_way, EXCHANGED_MISMATCH) and not _derivative(as_called, MOST):
+                record = _exchanged(record, record.measured.index(c.position), record.measured.index(c.velocity))
+                faults.append(self.of(c.position, c.velocity))
+        return record, tuple(faults)
+
+    def of(self, first: str, second: str, sentence: str = "") -> RecordingFault:
+        """The finding of two channels."""
+        sentence = sentence or f"The columns of {first} and {second} stand in each other's place; they were exchanged."
+        remedy = f"Map them with measured.columns.{first}.column and measured.columns.{second}.column."
+        return self.told(f"{first}, {second}", None, sentence, remedy)
+
+
+class WrongSign(Fault):
+    """A column, a wire or a motor with the other sign."""
+
+    name = "wrong_sign"
+    meaning = "a column has the other sign"
+    detected = (
+        "as `wrong_unit`, of a reading; of an input its gain is negative, and stays named: a reversed wire and a "
+        "reversed column look alike"
+    )
+    remedy = "Give measured.columns.{}.scale: -1, or turn its wire."
+
+    def of(self, name: str) -> RecordingFault:
+        """The finding of a column that was turned."""
+        return self.told(name, -1.0, f"The column of {name} has the other sign; it was turned.")
+
+    def in_gain(self, found: FoundEffect) -> list[RecordingFault]:
+        """The finding behind an input's gain."""
+        if found.name != "input_gain" or found.parameters["ratio"].ci95[1] >= 0.0:
+            return []
+        sentence = f"{found.on} is reversed: its column, its wire or its motor has the other sign."
+        remedy = "If the column is wrong, give measured.columns.{}.scale: -1; else turn the wire or the case."
+        return [self.told(found.on, -1.0, sentence, remedy)]
+
+
+class WrongUnit(Fault):
+    """A column in another unit than the case says."""
+
+    name = "wrong_unit"
+    meaning = "a column is in another unit than the case says"
+    detected = (
+        "the declared model misses by a chi^2/dof of 100 or more: each unit is tried on a few windows, alone and with "
+        "friction, biases and gains near 1, and taken if the error falls below a hundredth; or an input's gain equals "
+        "a ratio of units that are commonly confused, and stays named"
+    )
+    ratios: Mapping[str, float] = {
+        "logged in units a thousand times too large": 1000.0,
+        "logged in thousandths": 1e-3,
+        "degrees for radians": math.pi / 180,
+        "radians for degrees": 180 / math.pi,
+        "turns a minute for radians a second": math.pi / 30,
+        "radians a second for turns a minute": 30 / math.pi,
+    }
+    """True over logged, of units that are often mistaken for each other."""
+
+    def of(self, name: str, words: str, factor: float) -> RecordingFault:
+        """The finding of a column that was converted, or of several together."""
+        sentence = f"The column of {name} is in {words}; it was converted by {factor:.4g}."
+        first = name.split(", ")[0]
+        remedy = f"Give the column's unit (or scale: {factor:.6g}) under measured.columns.{first}."
+        return self.told(name, factor, sentence, remedy)
+
+    def in_gain(self, found: FoundEffect) -> list[RecordingFault]:
+        """The findings behind an input's gain."""
+        out = []
+        for words, factor in self.ratios.items() if found.name == "input_gain" else ():
+            ratio = found.parameters["ratio"]
+            lo, hi = sorted((abs(ratio.ci95[0]), abs(ratio.ci95[1])))
+            if lo <= factor * (1 + UNIT_WITHIN) and hi >= factor * (1 - UNIT_WITHIN) and hi < 1.2 * lo:
+                sentence = f"{found.on} acts {ratio.value:.4g} times as strongly as its column says: {words}?"
+                remedy = "If so, give its column's unit under measured.columns.{}."
+                out.append(self.told(found.on, ratio.value, sentence, remedy))
+        return out
+
+
+class ConstantColumn(Fault):
+    """A column that says nothing."""
+
+    name = "constant"
+    meaning = "the torque of an arm's joint never changes while the arm moves"
+    detected = "its spread is nothing beside that of the declared arm's torque; nothing is fitted to it"
+    unit = ""
+    remedy = "Log the torque of {0}, or map its column with measured.columns.{0}.column."
+
+
+def _derivative(lag: VelocityLag | None, mismatch: float) -> bool:
+    lo, hi = DERIVATIVE_SCALE
+    return lag is not None and lo <= lag.scale <= hi and lag.mismatch <= mismatch
+
+
+def _exchanged(record: Record, i: int, j: int) -> Record:
+    order = np.arange(len(record.measured))
+    order[[i, j]] = j, i
+
+    def turned(trace: Trace) -> Trace:
+        used = None if trace.used is None else trace.used[:, order]
+        return replace(trace, y=np.ascontiguousarray(trace.y[:, order]), used=used)
+
+    return replace(record, traces=tuple(turned(trace) for trace in record.traces))

@@ -1,0 +1,146 @@
+"""A line in a channel's spectrum that no force could make: hum of the mains or of a converter, found and taken away.
+
+A sine of amplitude A at omega that were a motion would need an acceleration of omega^2 A. Where that exceeds what the
+motion itself shows, and no input has such a line, it is in the reading alone - unless something turns steadily: a force
+that depends on the position (cogging, an eccentric wheel) then has lines of its own, at multiples of the speed, and
+records that do so are left as they are. A hum stands at the same frequency in every trace.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from simgap.arrays import Floats
+from simgap.diagnosis.record.faults.base import Mended, SeenFault
+from simgap.diagnosis.record.record import Record, Trace
+from simgap.diagnosis.result import RecordingFault
+from simgap.diagnosis.thresholds import HUM_ACCELERATION, HUM_LINE
+from simgap.late import scipy
+from simgap.model.symbolic import SymbolicModel
+
+_MOST_LINES = 3
+_TURNS, _EVEN = 4.0 * math.pi, 4.0  # of steady turning: least travel, and times the scatter around it
+_AROUND = 40  # frequencies on either side that are the background of a line
+
+
+class Hum(SeenFault):
+    """A steady sine in a reading."""
+
+    name = "hum"
+    meaning = "a steady sine, as of the mains, stands in a reading"
+    detected = (
+        "a spectral line that would need twice the acceleration of the motion, and that no input contains; removed"
+    )
+    unit = "Hz"
+    remedy = "Shield or filter the sensor of {}, or set its rate apart from the mains."
+
+    def mend(self, record: Record, model: SymbolicModel) -> Mended:
+        """The record without such lines."""
+        faults: list[RecordingFault] = []
+        for k, name in enumerate(record.measured):
+            for _ in range(_MOST_LINES):
+                hertz = _line(record, k)
+                if hertz is None:
+                    break
+                sines = [_sine(trace, trace.y[:, k], hertz) for trace in record.traces]
+                size = max(float(np.hypot(*c)) for c in sines)
+                what = f"a hum of {hertz:.4g} Hz, {size:.2g} in amplitude, which no force makes; it was taken away."
+                faults.append(self.told(name, hertz, f"{name} has {what}"))
+                traces = tuple(_less(trace, k, hertz, c) for trace, c in zip(record.traces, sines, strict=True))
+                record = replace(record, traces=traces)
+        return record, tuple(faults)
+
+
+def _line(record: Record, k: int) -> float | None:
+    """Frequency (Hz) of the strongest line of channel k that is hum, if there is one."""
+    if any(_steady(trace, y) for trace in record.traces for y in trace.y.T):
+        return None
+    trace = max(record.traces, key=lambda tr: len(tr.t))
+    power, hertz = _power(trace, trace.y[:, k])
+    if len(power) < 4 * _AROUND:
+        return None
+    peak = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
+    peak = peak[(peak > _AROUND) & (peak < len(power) - 3)]
+    for at in peak[np.argsort(-power[peak] * hertz[peak] ** 4)][:5]:
+        near = np.concatenate([power[max(at - _AROUND, 0) : at - 3], power[at + 4 : at + _AROUND]])
+        if power[at] < HUM_LINE * np.median(near) or _driven(trace, int(at)):
+            continue
+        f = _refined(trace, trace.y[:, k], float(hertz[at]), float(hertz[1] - hertz[0]))
+        size = float(np.hypot(*_sine(trace, trace.y[:, k], f)))
+        slow = hertz < 0.5 * f
+        moved = math.sqrt(float(np.sum(power[slow] * (2 * np.pi * hertz[slow]) ** 4)))
+        if size * (2 * np.pi * f) ** 2 > HUM_ACCELERATION * moved and all(_stands(tr, k, f) for tr in record.traces):
+            return f
+    return None
+
+
+def _steady(trace: Trace, y: Floats) -> bool:
+    """Whether a channel (n,) shows steady turning: a position that travels on evenly, or a speed that stays.
+
+    Two turns of travel at least, with a scatter that is small against it.
+    """
+    slope, level = np.polyfit(trace.t - trace.t[0], y, 1)
+    travels = abs(slope) * trace.duration > max(
+        _TURNS, _EVEN * float(np.std(y - slope * (trace.t - trace.t[0]) - level))
+    )
+    stays = abs(float(np.mean(y))) * trace.duration > _TURNS and abs(float(np.mean(y))) > 0.5 * _EVEN * float(np.std(y))
+    return bool(travels or stays)
+
+
+def _stands(trace: Trace, k: int, hertz: float) -> bool:
+    """Whether channel k of a trace has a line there; too short a trace says nothing against it."""
+    power, at = _power(trace, trace.y[:, k])
+    here = int(np.argmin(np.abs(at - hertz)))
+    if len(power) < 4 * _AROUND or not _AROUND < here < len(power) - 3:
+        return True
+    near = np.concatenate([power[max(here - _AROUND, 0) : here - 3], power[here + 4 : here + _AROUND]])
+    return bool(power[here - 1 : here + 2].max() > 0.1 * HUM_LINE * np.median(near))
+
+
+def _power(trace: Trace, values: Floats) -> tuple[Floats, Floats]:
+    """Power (n,) that adds up to the mean square, and frequency (n,) Hz, of values (n,) under a Hann window."""
+    dt = float(np.median(np.diff(trace.t)))
+    even = np.arange(trace.t[0], trace.t[-1], dt)
+    y = np.interp(even, trace.t, values)
+    taper = np.hanning(len(y) + 2)[1:-1]
+    taper /= math.sqrt(float(np.mean(taper**2)))
+    spectrum = np.fft.rfft((y - y.mean()) * taper)
+    return 2.0 * np.abs(spectrum) ** 2 / len(y) ** 2, np.asarray(np.fft.rfftfreq(len(y), dt), dtype=np.float64)
+
+
+def _driven(trace: Trace, at: int) -> bool:
+    """Whether an input has a line there too."""
+    for u in trace.u.T:
+        if float(np.ptp(u)) > 0.0:
+            power, _ = _power(trace, u)
+            near = np.concatenate([power[at - _AROUND : at - 3], power[at + 4 : at + _AROUND]])
+            if power[at - 2 : at + 3].max() > HUM_LINE * max(float(np.median(near)), 1e-300):
+                return True
+    return False
+
+
+def _sine(trace: Trace, values: Floats, hertz: float) -> Floats:
+    """Weights of cosine and sine at a frequency, (2,), by least squares under a Hann window (the motion stays out)."""
+    taper = 0.5 - 0.5 * np.cos(2 * np.pi * (trace.t - trace.t[0]) / max(trace.duration, 1e-300))
+    turn = 2 * np.pi * hertz * trace.t
+    basis = np.stack([np.cos(turn), np.sin(turn), np.ones_like(turn)], axis=1) * taper[:, None]
+    return np.asarray(np.linalg.lstsq(basis, values * taper, rcond=None)[0][:2])
+
+
+def _refined(trace: Trace, values: Floats, hertz: float, width: float) -> float:
+    """The frequency near `hertz` with the largest amplitude."""
+    found = scipy.optimize.minimize_scalar(
+        lambda f: -float(np.hypot(*_sine(trace, values, f))), bounds=(hertz - width, hertz + width), method="bounded",
+        options={"xatol": 1e-4 * width},
+    )  # fmt: skip
+    return float(found.x)
+
+
+def _less(trace: Trace, k: int, hertz: float, weights: Floats) -> Trace:
+    turn = 2 * np.pi * hertz * trace.t
+    y = trace.y.copy()
+    y[:, k] -= weights[0] * np.cos(turn) + weights[1] * np.sin(turn)
+    return replace(trace, y=y)

@@ -1,0 +1,330 @@
+"""Faults of the measurement equation, which compete with physical effects in one search: late, filtered, drifting.
+
+They are fitted like effects, but they are none: they change nothing in the plant, and no corrected case holds them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from abc import abstractmethod
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from simgap.arrays import Floats, Ints
+from simgap.diagnosis.record.faults.base import Fault
+from simgap.diagnosis.result import FoundEffect, RecordingFault
+from simgap.effects import EFFECTS, Effect, EffectParameter, MemoryInputEffect, effect
+from simgap.effects.base import COMMAND, SENSOR, Kind, Values
+from simgap.effects.quoted import Quoted
+from simgap.effects.sensor_gain import is_linear
+from simgap.effects.start import Scales, Start, multiple
+from simgap.late import njit
+from simgap.late import sympy as sp
+from simgap.model.symbolic import SymbolicModel
+
+
+class FittedFault(Fault, Effect):
+    """A fault with one number that is 0 where there is none."""
+
+    told_as: ClassVar[str] = ""
+    """Under which name a person reads it, if not its own."""
+
+    def fitted(self, found: FoundEffect) -> RecordingFault:
+        """The finding, with its number."""
+        (size,) = found.parameters.values()
+        quoted = {s: {"value": p.value, "ci95": list(p.ci95), "unit": p.unit} for s, p in found.parameters.items()}
+        sentence = f"The recording has {self.describe(found.on, Quoted(quoted))}."
+        told = self.told(found.on, size.value, sentence, unit=size.unit)
+        return replace(told, fault=self.told_as or self.name)
+
+
+class LateLog(FittedFault, MemoryInputEffect):
+    """An input that is logged after it has acted: the plant felt it earlier than the record says."""
+
+    name = "late_log"
+    meaning = "an input, or a reading beside the others, has late time stamps"
+    detected = "fitted with the effects, one number"
+    unit = "s"
+    remedy = "Log {} with the stamp of the instant at which it acts, or shift its column by that much."
+    formula = "u'(t) = u(t + late)"
+    source = "Ljung (1999), System Identification, sec. 14.1"
+    rank = COMMAND + 60
+    parameters = (EffectParameter("late", "s", "time from action to log", null=0.0, lower=0.0, upper=1.0),)
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """A few multiples of the sampling interval."""
+        return tuple(multiple("late", k * scales.interval) for k in (0.5, 2.0, 6.0))
+
+    def delay(self, values: Values) -> sp.Expr:
+        """A delay below zero."""
+        return -values["late"]
+
+    def phrase(self, on: str) -> str:
+        """Named by its channel."""
+        return f"a late log of {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In milliseconds."""
+        return f"{on} that is logged {quoted.number('late', 1e3, 'ms')} late"
+
+
+class ReadingFault(FittedFault):
+    """A fault of one measured channel."""
+
+    kind: ClassVar[Kind] = "state"
+    rank: ClassVar[int] = SENSOR + 1
+    stands_for: ClassVar[tuple[str, ...]] = ()
+    """Names of effects and faults that it looks as: it is tried in their place alone, and from their number."""
+
+    def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
+        """Nothing changes in the plant."""
+        return model
+
+    @abstractmethod
+    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+        """What the channel shows of a true reading (n,), in place.
+
+        Args:
+            reading: predicted, window after window; measured: (n,) recorded.
+            value: the number of the fault.
+            t: (n,) s; since: (n,) s from the start of the trace.
+            rows: (w + 1,) first row of each window.
+        """
+
+
+class Drift(ReadingFault):
+    """A sensor whose zero runs away steadily."""
+
+    name = "drift"
+    meaning = "a sensor's zero moves"
+    detected = "a steady ramp is fitted with the effects; a wandering zero competes as coloured noise"
+    remedy = "Zero the sensor of {} before each run, or subtract the ramp."
+    formula = "y(t) = x(t) + rate t"
+    source = "Ljung (1999), System Identification, sec. 14.1"
+    parameters = (EffectParameter("rate", "{state}/s", "change of the sensor's zero", null=0.0),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Every state."""
+        return model.state_names
+
+    def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
+        """The unit of the state a second."""
+        return {"rate": f"{next(v.unit for v in model.states if v.name == on)}/s"}
+
+    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+        """A ramp from the start of each trace."""
+        reading += value * since
+
+    def phrase(self, on: str) -> str:
+        """Named by its sensor."""
+        return f"a drift of the sensor of {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """By how much a second."""
+        return f"a sensor of {on} that drifts by {quoted.number('rate')}"
+
+
+class FilteredVelocity(ReadingFault):
+    """A velocity that went through a first-order low-pass filter before it was logged."""
+
+    name = "filtered_velocity"
+    meaning = "a velocity column was low-pass filtered"
+    detected = (
+        "fitted with the effects. Where the position is measured too, the column is left out of the fit, because the "
+        "filter is unknown; its error is still reported"
+    )
+    unit = "s"
+    remedy = "Log {} before its filter, or leave its column out."
+    formula = "lag y' = v - y"
+    source = "Oppenheim, Schafer (2010), Discrete-Time Signal Processing, sec. 7.2"
+    parameters = (EffectParameter("lag", "s", "time constant of the filter", null=0.0, lower=0.0, upper=1.0),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """The velocity of every coordinate."""
+        return tuple(c.velocity for c in model.coordinates)
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """A few multiples of the sampling interval."""
+        return tuple(multiple("lag", k * scales.interval) for k in (1.0, 4.0))
+
+    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+        """The filter is exact between samples for a steady change; it begins at what was measured."""
+        if value > 0.0:
+            _filter(reading, value, t, np.ascontiguousarray(measured[rows[:-1]]), rows)
+
+    def left_out(self, on: str, lag: float) -> RecordingFault:
+        """The finding of a column that is left out from here on: its lag is told, and the motion is in the position."""
+        sentence = f"{on} went through a filter that delays it by about {1e3 * lag:.3g} ms; it was left out."
+        return self.told(on, lag, sentence)
+
+    def phrase(self, on: str) -> str:
+        """Named by its channel."""
+        return f"a filter on {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In milliseconds."""
+        return f"{on} that was filtered over {quoted.number('lag', 1e3, 'ms')}"
+
+
+class FilteredReading(ReadingFault):
+    """A position that went through a first-order low-pass filter before it was logged, or a sensor that is as slow.
+
+    The motion reacts as it would to a slow actuator, which a linear plant that one sensor reads cannot tell at all.
+    """
+
+    name = "filtered_reading"
+    meaning = "a position sensor is slow or filtered"
+    detected = "tried in place of an input lag or a late reading, and named if it fits better"
+    unit = "s"
+    remedy = "Log {} before its filter; of a slow sensor allow for the lag wherever it is fed back."
+    formula = "lag y' = x - y"
+    source = "Oppenheim, Schafer (2010), Discrete-Time Signal Processing, sec. 7.2"
+    stands_for = ("input_lag", "late_reading")
+    parameters = (EffectParameter("lag", "s", "time constant of the filter", null=0.0, lower=0.0, upper=1.0),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """The position of every coordinate."""
+        return tuple(c.position for c in model.coordinates)
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """None of its own."""
+        return ()
+
+    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+        """Exact between samples for a steady change; it begins as it would trail the parabola of the first samples."""
+        if value > 0.0:
+            begin = reading[rows[:-1]].copy()
+            for w, (a, b) in enumerate(itertools.pairwise(rows)):
+                if b - a > 2:
+                    begin[w] = _trailing(reading[a : a + 3], t[a : a + 3] - t[a], value)
+            _filter(reading, value, t, begin, rows)
+
+    def phrase(self, on: str) -> str:
+        """Named by its channel."""
+        return f"a slow sensor or a filter of {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In milliseconds."""
+        return f"{on} that was filtered over {quoted.number('lag', 1e3, 'ms')}"
+
+
+def _trailing(first: Floats, t: Floats, lag: float) -> float:
+    """What a lag (s) makes of a parabola through three samples at the first of them: x - lag x' + lag^2 x''."""
+    one, two = ((float(first[k]) - float(first[0])) / float(t[k]) for k in (1, 2))
+    bend = (two - one) / float(t[2] - t[1])
+    return float(first[0]) - lag * (one - bend * float(t[1])) + 2.0 * lag**2 * bend
+
+
+class LateReading(ReadingFault):
+    """A reading that is logged after the others, with the stamp of these: what it shows was some time ago."""
+
+    name = "late_reading"
+    meaning = "a reading is logged after the others with their stamp"
+    detected = "fitted with the effects; reported as `late_log` of the reading"
+    told_as = "late_log"
+    unit = "s"
+    remedy = "Log {} with the stamp of the instant at which it was read, or shift its column by that much."
+    formula = "y(t) = x(t - late)"
+    source = "Ljung (1999), System Identification, sec. 14.1"
+    parameters = (EffectParameter("late", "s", "time from reading to log", null=0.0, lower=0.0, upper=1.0),)
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """Every state."""
+        return model.state_names
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """A few multiples of the sampling interval."""
+        return tuple(multiple("late", k * scales.interval) for k in (0.5, 2.0))
+
+    def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
+        """Each window as it was a moment before; before its start by the parabola through its beginning."""
+        if value > 0.0:
+            _shift(reading, value, t, rows)
+
+    def phrase(self, on: str) -> str:
+        """Named by its channel."""
+        return f"a late log of {on}"
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """In milliseconds."""
+        return f"{on} that is logged {quoted.number('late', 1e3, 'ms')} later than the other channels"
+
+
+@njit("float64(float64[::1], float64[::1], int64, int64, int64, float64)", cache=True)
+def _parabola(reading: Floats, t: Floats, i: int, j: int, k: int, at: float) -> float:
+    """Through three samples."""
+    a, b, c = t[i], t[j], t[k]
+    first = reading[i] * (at - b) * (at - c) / ((a - b) * (a - c))
+    second = reading[j] * (at - a) * (at - c) / ((b - a) * (b - c))
+    return first + second + reading[k] * (at - a) * (at - b) / ((c - a) * (c - b))
+
+
+@njit("void(float64[::1], float64, float64[::1], int64[::1])", cache=True)
+def _shift(reading: Floats, late: float, t: Floats, rows: Ints) -> None:
+    for w in range(rows.size - 1):
+        a, b = rows[w], rows[w + 1]
+        if b - a < 3:
+            continue
+        apart = 1
+        while a + 2 * (apart + 1) < b and t[a + apart] - t[a] < late:
+            apart += 1
+        before = np.empty(b - a)
+        j = b - 1
+        for i in range(b - 1, a - 1, -1):
+            at = t[i] - late
+            while j > a and t[j] > at:
+                j -= 1
+            if t[j] > at:
+                before[i - a] = _parabola(reading, t, a, a + apart, a + 2 * apart, at)
+            else:
+                m = min(max(j, a + 1), b - 2)
+                before[i - a] = _parabola(reading, t, m - 1, m, m + 1, at)
+        reading[a:b] = before
+
+
+@njit("void(float64[::1], float64, float64[::1], float64[::1], int64[::1])", cache=True)
+def _filter(reading: Floats, lag: float, t: Floats, begin: Floats, rows: Ints) -> None:
+    for w in range(rows.size - 1):
+        a, b = rows[w], rows[w + 1]
+        out, last = begin[w], reading[a]
+        reading[a] = out
+        for i in range(a + 1, b):
+            dt, now = t[i] - t[i - 1], reading[i]
+            ramp = lag * (now - last) / dt
+            out = now - ramp + (out - last + ramp) * np.exp(-dt / lag)
+            last = now
+            reading[i] = out
+
+
+FITTED: dict[str, FittedFault] = {
+    e.name: e for e in (LateLog(), Drift(), FilteredVelocity(), LateReading(), FilteredReading())
+}
+"""By name; no name is that of an effect."""
+_RELATIVE = ("filtered_velocity", "late_reading")
+
+
+def possible(model: SymbolicModel, measured: tuple[str, ...]) -> list[tuple[Effect, str]]:
+    """Faults that a record of these channels may have, and of which channel.
+
+    A filter on a velocity alone is what a slow actuator would do, a late reading alone what a late one would: it takes
+    another channel to tell. So does a slow sensor of a linear plant.
+    """
+    found = [(e, on) for e in FITTED.values() for on in e.targets(model) if e.kind == "input" or on in measured]
+    alone = set() if len(measured) > 1 else {*_RELATIVE, *(("filtered_reading",) if is_linear(model) else ())}
+    return [(e, on) for e, on in found if e.name not in alone]
+
+
+def is_fault(name: str) -> bool:
+    """Whether a name is that of a fitted fault of the recording."""
+    return name in FITTED
+
+
+def effect_or_fault(name: str) -> Effect:
+    """The effect or the fault of that name.
+
+    Raises:
+        UserError: for a name that is neither's.
+    """
+    return FITTED[name] if name in FITTED and name not in EFFECTS else effect(name)

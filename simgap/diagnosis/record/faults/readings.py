@@ -1,0 +1,370 @@
+"""Readings that are no measurement: lost rows, a sensor at its limit, one that overflows, spikes, stale ones.
+
+What is lost is bridged by straight lines and marked, and nothing is held against it; what a counter lost of its range
+is given back.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from simgap.arrays import Bools, Floats, Ints
+from simgap.diagnosis.record.faults.base import Mended, SeenFault
+from simgap.diagnosis.record.noise import ORDER, difference_weights, noise_floor, resolution, white_noise
+from simgap.diagnosis.record.record import Record, Trace, runs
+from simgap.diagnosis.thresholds import (
+    A_FEW,
+    BY_CHANCE,
+    FAR,
+    LEAST_STALE,
+    MATTERS,
+    MOST,
+    SPIKE,
+    STALE_MISS,
+    STALE_STEPS,
+)
+from simgap.model.symbolic import SymbolicModel
+
+_ENOUGH = 50_000  # readings for a median
+_HELD = 3  # readings in a row at an extreme may be at a limit
+_EDGE, _ABRUPT = 2, 2.0  # samples within which an end of a range stops a motion that turns within so many half as far
+_LONGEST = 4  # samples from one fresh count to the next across stale ones
+_AROUND = 7  # changes whose median is the motion's own
+_ALIKE = 0.25  # a jump away and the one back differ by less than this share
+
+
+class MissingRows(SeenFault):
+    """Evenly spaced stamps that lack some."""
+
+    name = "missing_rows"
+    meaning = "evenly spaced stamps lack rows"
+    detected = (
+        "intervals that are whole multiples of the usual one; bridged, with inputs from the rows around them. Windows "
+        "end at gaps across which the inputs cannot be told so"
+    )
+    remedy = "Log every row: what was commanded there is taken from the rows around them."
+
+    def mend(self, record: Record, model: SymbolicModel) -> Mended:
+        """The record with the rows that lack, unused."""
+        filled = replace(record, traces=tuple(_filled(trace) for trace in record.traces))
+        if filled.rows == record.rows:
+            return record, ()
+        share = 1.0 - record.rows / filled.rows
+        return filled, (self.told("", share, f"{100 * share:.2g} % of the rows are missing; they are not compared."),)
+
+
+class _LostReadings(SeenFault):
+    """Readings of a channel that are no measurement."""
+
+    what: ClassVar[str]
+    """What they do, after 'of the readings of q'."""
+    fewest: ClassVar[float] = 0.0
+    most: ClassVar[float] = 1.0
+    """Shares of the readings between which they are taken for that."""
+
+    def mend(self, record: Record, model: SymbolicModel) -> Mended:
+        """The record with such readings bridged."""
+        quantum, faults = resolution(record), []
+        lost = [~trace.compared.astype(bool) for trace in record.traces]
+        for k, name in enumerate(record.measured):
+            found = [m & ~own[:, k] for m, own in zip(self.lost(record, k, float(quantum[k])), lost, strict=True)]
+            share = sum(int(m.sum()) for m in found) / record.rows
+            if self.fewest < share <= self.most:
+                sentence = f"{100 * share:.2g} % of the readings of {name} {self.what}; they are not compared."
+                faults.append(self.told(name, share, sentence))
+                for own, m in zip(lost, found, strict=True):
+                    own[:, k] |= m
+        if not faults:
+            return record, ()
+        traces = tuple(bridged(trace, mask) for trace, mask in zip(record.traces, lost, strict=True))
+        return replace(record, traces=traces), tuple(faults)
+
+    @abstractmethod
+    def lost(self, record: Record, k: int, quantum: float) -> list[Bools]:
+        """Which readings of channel k, (n,) for each trace; quantum: its count, 0 where it looks continuous."""
+
+
+class SaturatedReading(_LostReadings):
+    """A sensor at the end of its range."""
+
+    name = "saturated_reading"
+    meaning = "a reading stands at its largest or smallest value, the limit of its sensor"
+    detected = (
+        "three readings in a row equal an extreme of the channel, of an encoder more than its noise would leave there "
+        "or where the motion stops and starts too abruptly to turn round; excluded from the error"
+    )
+    remedy = "Choose a wider range for the sensor of {}, or a smaller motion."
+    what = "are at the limit of the sensor"
+
+    def lost(self, record: Record, k: int, quantum: float) -> list[Bools]:
+        """Readings at an extreme over all traces, where so many in a row are as noise would not leave there."""
+        columns = [trace.y[:, k] for trace in record.traces]
+        low, high = min(float(y.min()) for y in columns), max(float(y.max()) for y in columns)
+        usual, repeats, rest = _turning(columns), 0.0, 0
+        if quantum > 0.0:
+            flicker = min(
+                white_noise(record, k, quantum), *(_scatter(trace.t, trace.y[:, k]) for trace in record.traces)
+            )
+            repeats = math.erf(0.5 * quantum / max(math.sqrt(2.0) * flicker, 1e-300))
+            rest = max(b - a for y in columns for a, b in runs(_repeated(y) & (y > low) & (y < high)) or [(0, 0)])
+        out = [np.zeros(len(y), dtype=bool) for y in columns]
+        for end in (low, high) if low < high else ():
+            held = [(y, a, b) for y in columns for a, b in runs(y == end) if b - a >= _HELD]
+            # where it also rests elsewhere for so long, it rests
+            if any((b - a > rest and repeats ** (b - a) < BY_CHANCE) or _cut_off(y, a, b, usual) for y, a, b in held):
+                out = [mask | (y == end) for mask, y in zip(out, columns, strict=True)]
+        return out
+
+
+def _cut_off(y: Floats, a: int, b: int, usual: float) -> bool:
+    """Whether a motion comes to its extreme over [a, b) and leaves it faster than a turn or a start from rest does.
+
+    usual: by how much the motion turns within as many samples elsewhere.
+    """
+    if a < _EDGE or b + _EDGE > len(y):
+        return False
+    return bool(min(abs(y[a] - y[a - _EDGE]), abs(y[b - 1] - y[b - 1 + _EDGE])) > _ABRUPT * usual)
+
+
+def _turning(columns: Sequence[Floats]) -> float:
+    """By how much a channel turns within `_EDGE` samples, at most times."""
+    turns = [np.abs(y[2 * _EDGE :] - 2.0 * y[_EDGE:-_EDGE] + y[: -2 * _EDGE]) for y in columns]
+    return float(np.quantile(np.concatenate(turns), 1.0 - A_FEW))
+
+
+class Overflow(SeenFault):
+    """A counter that begins again at the other end of its range."""
+
+    name = "overflow"
+    meaning = "a reading beyond one end of its range goes on at the other end"
+    detected = "jumps of one size between the ends of what the channel shows; given back"
+    unit = ""
+    remedy = "Choose a wider range for the sensor of {}, or map an angle with wrapped: true."
+
+    def mend(self, record: Record, model: SymbolicModel) -> Mended:
+        """The record with whole ranges given back."""
+        quantum, faults = resolution(record), []
+        units = {v.name: v.unit for v in model.states}
+        for k, name in enumerate(record.measured):
+            size = _range(record, k, float(quantum[k]))
+            if size > 0.0:
+                traces = tuple(_unwrapped(trace, k, size) for trace in record.traces)
+                record = replace(record, traces=traces)
+                sentence = f"{name} jumps by {size:.4g} from one end of its range to the other; that was given back."
+                faults.append(self.told(name, size, sentence, unit=units[name]))
+        return record, tuple(faults)
+
+
+def _range(record: Record, k: int, quantum: float) -> float:
+    """By how much channel k overflows; 0 if it does not."""
+    scale = _usual(record.traces, k, quantum)
+    jumps = [_jumps(trace.y[:, k], scale) for trace in record.traces]
+    sizes = np.concatenate([np.abs(size) for _, size in jumps])
+    low, high = min(float(t.y[:, k].min()) for t in record.traces), max(float(t.y[:, k].max()) for t in record.traces)
+    near = 0.1 * (high - low)  # what moves between two readings is seen at neither end
+    if sizes.size < 2 or np.ptp(sizes) > near or float(np.median(sizes)) < high - low - near:
+        return 0.0
+    for trace, (at, _) in zip(record.traces, jumps, strict=True):
+        y = trace.y[:, k]
+        if any(min(y[i - 1], y[i]) > low + near or max(y[i - 1], y[i]) < high - near for i in at):
+            return 0.0
+    straight = [np.unwrap(trace.y[:, k], period=float(np.median(sizes))) for trace in record.traces]
+    if any(len(_jumps(y, scale)[0]) for y in straight):  # what reads a number of its own out there is no counter
+        return 0.0
+    return float(np.median(sizes))
+
+
+def _unwrapped(trace: Trace, k: int, size: float) -> Trace:
+    y = trace.y.copy()
+    y[:, k] = np.unwrap(y[:, k], period=size)
+    return replace(trace, y=y)
+
+
+class Spikes(_LostReadings):
+    """Readings that jump away and come back."""
+
+    name = "spikes"
+    meaning = "readings jump away and return, one or a few in a row"
+    detected = (
+        "a change that stands out of those around it, and one back; bridged, and excluded from the error, if they are "
+        "a twentieth of the readings at most"
+    )
+    remedy = "Look at the wiring and the bus of {}; drop such rows."
+    what = "jump away and come back"
+    most = A_FEW
+
+    def lost(self, record: Record, k: int, quantum: float) -> list[Bools]:
+        """Readings between a jump away and the one back."""
+        scale = _usual(record.traces, k, quantum)
+        return [_away(trace.y[:, k], scale) for trace in record.traces]
+
+
+def _changes(y: Floats) -> tuple[Floats, Floats]:
+    """Change up to each reading but the first, and what of it is not the motion around: (n - 1,) each."""
+    change = np.diff(y)
+    if len(change) < _AROUND:
+        return change, np.zeros_like(change)
+    padded = np.pad(change, _AROUND // 2, mode="reflect")
+    return change, change - np.median(np.lib.stride_tricks.sliding_window_view(padded, _AROUND), axis=1)
+
+
+def _usual(traces: Sequence[Trace], k: int, quantum: float) -> float:
+    """Robust standard deviation of what changes of a channel beside the motion around."""
+    beside = np.concatenate([np.abs(_changes(trace.y[:, k])[1]) for trace in traces])
+    return max(1.4826 * float(np.median(beside)) if beside.size else 0.0, quantum)
+
+
+def _jumps(y: Floats, scale: float) -> tuple[Ints, Floats]:
+    """Readings (j,) up to which a channel jumps, and by how much."""
+    _, beside = _changes(y)
+    at = np.flatnonzero(np.abs(beside) > SPIKE * scale) if scale > 0.0 else np.zeros(0, dtype=np.int64)
+    return at + 1, beside[at]
+
+
+def _away(y: Floats, scale: float) -> Bools:
+    """Readings (n,) between a jump away and the jumps that add up to its way back, if that is soon."""
+    out, (at, size) = np.zeros(len(y), dtype=bool), _jumps(y, scale)
+    k = 0
+    while k < len(at):
+        total, last = float(size[k]), k + 1
+        while last < len(at) and at[last] - at[k] <= A_FEW * len(y):
+            total += float(size[last])
+            if abs(total) <= _ALIKE * abs(float(size[k])):
+                out[at[k] : at[last]] = True
+                break
+            last += 1
+        k = last + 1 if out[at[k]] else k + 1
+    return out
+
+
+class Stale(_LostReadings):
+    """Readings that repeat the one before them."""
+
+    name = "stale"
+    meaning = "a reading repeats its predecessor although its neighbours show motion"
+    detected = "it misses the line between the readings around it; bridged, and excluded from the error"
+    remedy = "Log {} when it is fresh, or with the stamp at which it was read."
+    what = "repeat the one before while it moves"
+    fewest, most = LEAST_STALE, MOST
+
+    def lost(self, record: Record, k: int, quantum: float) -> list[Bools]:
+        """Stale readings; few of them are chance."""
+        sigma = float(noise_floor(record)[k])
+        return [_stale(trace, k, sigma, quantum) for trace in record.traces]
+
+
+def _stale(trace: Trace, k: int, sigma: float, quantum: float) -> Bools:
+    """Readings (n,) that repeat the one before although what lies around them says that it moved.
+
+    Continuous readings with noise never repeat: there all that do are stale, if some of them visibly are. Counts repeat
+    where a motion is slow or rests: there only those of short runs are stale that miss the line between their
+    neighbours by more than steps, and whose end catches up. What turns round or breaks away has runs that miss too.
+    """
+    y, t = trace.y[:, k], trace.t
+    repeats = _repeated(y)
+    if not repeats.any() or repeats.all():
+        return np.zeros(len(y), dtype=bool)
+    fresh = np.flatnonzero(~repeats)
+    begins = np.concatenate([[0], fresh])
+    place = np.searchsorted(begins, np.arange(len(y)), side="right") - 1
+    before = begins[place]
+    after = np.append(begins, len(y) - 1)[np.minimum(place + 1, len(begins))]
+    span = np.maximum(t[after] - t[before], 1e-300)
+    miss = np.abs(y[before] + (y[after] - y[before]) * (t - t[before]) / span - y)
+    if quantum > 0.0:
+        short = after - before <= _LONGEST  # a longer run is a rest, and the line across it begins where the rest did
+        least = max(STALE_STEPS * quantum, FAR * min(sigma, _scatter(t, y)))
+        return np.asarray(repeats & short & (miss > least) & (_catching_up(t, y, begins)[place] > least))
+    visible = np.mean(miss[repeats] > STALE_MISS * sigma)
+    return repeats if visible > 0.2 else np.zeros(len(y), dtype=bool)
+
+
+def _repeated(y: Floats) -> Bools:
+    """Readings (n,) that equal the one before."""
+    return np.concatenate([[False], np.diff(y) == 0.0])
+
+
+def _scatter(t: Floats, y: Floats) -> float:
+    """Noise of a channel from the median of its differences, which a few stale readings do not raise."""
+    if len(t) <= ORDER:
+        return np.inf
+    t, y = t[:_ENOUGH], y[:_ENOUGH]
+    differences = np.einsum("rj,rj->r", np.lib.stride_tricks.sliding_window_view(y, ORDER + 1), difference_weights(t))
+    return 1.4826 * float(np.median(np.abs(differences)))
+
+
+def _catching_up(t: Floats, y: Floats, begins: Ints) -> Floats:
+    """By how much the change that ends each run of equal readings is larger than the steps before and after it, (r,).
+
+    Behind stale readings it makes up for the time that they hid, while a motion that begins goes on faster.
+    """
+    ends = np.append(begins[1:], len(y) - 1)
+    beyond = np.append(ends[1:], len(y) - 1)
+    step = np.maximum(t[ends] - t[np.maximum(ends - 1, 0)], 1e-300)
+    earlier = np.maximum(begins - 1, 0)
+    change = y[ends] - y[begins]
+    rates = [(y[b] - y[a]) / np.maximum(t[b] - t[a], 1e-300) for a, b in ((earlier, begins), (ends, beyond))]
+    usual = np.maximum(*(np.sign(change) * rate for rate in rates)) * step
+    return np.asarray(np.abs(change) - np.maximum(usual, 0.0))
+
+
+def _filled(trace: Trace) -> Trace:
+    """The trace with the rows that are missing from evenly spaced stamps, between those around them and unused.
+
+    What is commanded is held from row to row; across one that is missing it would be held for too long.
+    """
+    steps = np.diff(trace.t)
+    each = steps / np.median(steps)
+    count = np.round(each).astype(np.int64)
+    uneven = float(np.sqrt(np.mean((each - count) ** 2)))
+    if not np.any(count > 1) or np.any(count < 1) or uneven > 2.0 * MATTERS:
+        return trace
+    place = np.concatenate([[0], np.cumsum(count)])
+    every = np.arange(int(place[-1]) + 1)
+
+    def between(column: Floats) -> Floats:
+        return np.interp(every, place, column)
+
+    y, u = (np.stack([between(c) for c in block.T], axis=1) if block.size else np.zeros((len(every), 0))
+            for block in (trace.y, trace.u))  # fmt: skip
+    used, told = np.zeros(y.shape, dtype=bool), np.ones(len(every), dtype=bool)
+    used[place] = trace.compared > 0.0
+    for missing in np.unique(count[count > 1]):
+        if _guessed(trace.u, int(missing)) > MATTERS:
+            for begin in place[:-1][count == missing]:
+                told[begin : begin + missing] = False
+    return Trace(trace.name, between(trace.t), y, u, used, None if told.all() else told)
+
+
+def _guessed(u: Floats, apart: int) -> float:
+    """How far a straight line across so many intervals misses what was commanded there, over its spread; the worst."""
+    worst = 0.0
+    for k in range(u.shape[1]):
+        spread = float(np.std(u[:, k]))
+        if spread > 0.0 and len(u) > apart:
+            ends = u[:-apart, k], u[apart:, k]
+            misses = [
+                ends[0] + (ends[1] - ends[0]) * (i / apart) - u[i : len(u) - apart + i, k] for i in range(1, apart)
+            ]
+            worst = max(worst, float(np.sqrt(np.mean(np.square(misses)))) / spread)
+    return worst
+
+
+def bridged(trace: Trace, lost: Bools | None = None) -> Trace:
+    """The trace with lines across what is lost, (n, k), or across what it does not use."""
+    if lost is None:
+        lost = np.zeros(trace.y.shape, dtype=bool) if trace.used is None else ~trace.used
+    if not lost.any():
+        return trace
+    y = trace.y.copy()
+    for k in range(y.shape[1]):
+        bad = lost[:, k]
+        if bad.any() and not bad.all():
+            y[bad, k] = np.interp(trace.t[bad], trace.t[~bad], y[~bad, k])
+    return replace(trace, y=y, used=~lost)

@@ -1,0 +1,259 @@
+"""Three folds of a record: what effects are fitted to, what chooses among sets of them, and what confirms the answer.
+
+Data that choose among sets flatter the one that they choose: its error there is no longer an error on data that nobody
+looked at. So *choose* and *confirm* are apart, and *confirm* is looked at once, at the end. Source: Hastie, Tibshirani,
+Friedman (2009), The Elements of Statistical Learning, sec. 7.2.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from simgap.arrays import Bools, Floats, Ints
+from simgap.diagnosis.record.record import Record, runs
+from simgap.diagnosis.thresholds import LOOK_BACK_SAMPLES, MIN_SAMPLES, SEVERAL_TRACES
+from simgap.errors import UserError
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Windows over the samples of all traces laid one after another.
+
+    Attributes:
+        start, stop: (w,) samples [start, stop) of each window.
+        first: (w,) first sample of the window's trace.
+        trace: (w,) index of the trace.
+    """
+
+    start: Ints
+    stop: Ints
+    first: Ints
+    trace: Ints
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def pick(self, which: Bools | Ints) -> Windows:
+        """Some of the windows: by a mask (w,) or by their numbers."""
+        return Windows(self.start[which], self.stop[which], self.first[which], self.trace[which])
+
+    @property
+    def samples(self) -> int:
+        """Samples of all windows together."""
+        return int(np.sum(self.stop - self.start))
+
+
+def past_the_unknown(windows: Windows, t: Floats, reach_s: float) -> Windows:
+    """The windows begun no earlier than `reach_s` after the first sample of their trace; t: (n,) s.
+
+    What was commanded before a trace begins is not in the record; where it still acts, nothing can be compared. Windows
+    that become too short are dropped, all are kept as they are if none would be left.
+    """
+    if reach_s <= 0.0:
+        return windows
+    start = windows.start.copy()
+    for f in np.unique(windows.first):
+        own = windows.first == f
+        known = f + np.searchsorted(t[f : windows.stop[own].max()], t[f] + reach_s * (1 - 1e-9))
+        start[own] = np.maximum(start[own], known)
+    kept = windows.stop - start >= MIN_SAMPLES
+    return Windows(start, windows.stop, windows.first, windows.trace).pick(kept) if kept.any() else windows
+
+
+def split_windows(record: Record, seconds: float) -> Windows:
+    """Cut every trace into windows of equal length near `seconds`; they hold every sample once whose inputs are known.
+
+    Raises:
+        UserError: if no trace is as long as a window.
+    """
+    rows: list[tuple[int, int, int, int]] = []
+    base = 0
+    for index, trace in enumerate(record.traces):
+        n, duration = len(trace.t), trace.duration
+        count = max(1, round(duration / seconds))
+        if n >= MIN_SAMPLES and duration >= 0.5 * seconds:
+            edges = np.searchsorted(trace.t, trace.t[0] + duration * np.arange(1, count) / count)
+            bounds = [0, *edges.tolist(), n]
+            for a, b in itertools.pairwise(bounds):
+                known = [(0, b - a)] if trace.told is None else runs(trace.told[a:b])
+                rows += [(base + a + i, base + a + j, base, index) for i, j in known if j - i >= MIN_SAMPLES]
+        base += n
+    if not rows:
+        longest = max((trace.duration for trace in record.traces), default=0.0)
+        raise UserError(
+            f"no trace is as long as a window of {seconds:g} s (the longest lasts {longest:.3g} s)",
+            remedy="Give longer traces or set measured.window_s to less.",
+        )
+    table = np.array(rows, dtype=np.int64)
+    return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
+
+
+Span = tuple[int, float, float]
+"""(trace, from, to) s: a time that is left out; the sample at `to` is kept."""
+
+
+def left_out(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
+    """The windows without those times, cut in two where one lies inside; parts that are too short are dropped.
+
+    All are kept as they are if none would be left. t: (n,) s.
+    """
+    rows = []
+    for a, b, first, trace in zip(windows.start, windows.stop, windows.first, windows.trace, strict=True):
+        own = np.ones(b - a, dtype=bool)
+        for which, begin, end in spans:
+            if which == trace:
+                own &= (t[a:b] < begin) | (t[a:b] >= end)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], own.astype(np.int8), [0]])))
+        parts = [(a + i, a + j, first, trace) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+        rows += [row for row in parts if row[1] - row[0] >= MIN_SAMPLES]
+    if not rows:
+        return windows
+    table = np.array(rows, dtype=np.int64)
+    return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
+
+
+def joined(windows: Windows) -> Windows:
+    """Neighbouring windows of a trace as one."""
+    a, b = windows.start, windows.stop
+    begins = np.ones(len(a), dtype=bool)
+    begins[1:] = (a[1:] != b[:-1]) | (windows.trace[1:] != windows.trace[:-1])
+    last = np.append(np.flatnonzero(begins)[1:], len(a)) - 1
+    return Windows(a[begins], b[last], windows.first[begins], windows.trace[begins])
+
+
+def stretches(windows: Windows, t: Floats, names: list[str]) -> tuple[tuple[str, float, float], ...]:
+    """(trace, from, to) in s, neighbouring windows of a trace joined; t: (n,) s, names: of the traces."""
+    whole = joined(windows)
+    rows = zip(whole.start.tolist(), whole.stop.tolist(), whole.trace.tolist(), strict=True)
+    return tuple((names[k], float(t[a]), float(t[b - 1])) for a, b, k in rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """Which windows are of which fold, (w,) each; every window is of one."""
+
+    fit: Bools
+    choose: Bools
+    confirm: Bools
+
+    @property
+    def complete(self) -> bool:
+        """Whether each fold has a window."""
+        return all(bool(getattr(self, f.name).any()) for f in fields(self))
+
+
+def needed_ahead(record: Record, window_s: float, horizon_s: float) -> float:
+    """What a prediction needs in one piece, s: the horizon, and half a window or as many samples as begin it."""
+    interval = float(np.median(np.concatenate([np.diff(trace.t) for trace in record.traces])))
+    return horizon_s + max(0.5 * window_s, (LOOK_BACK_SAMPLES + 1) * interval)
+
+
+def cut_in_folds(
+    record: Record, seconds: float, traces: tuple[str, ...], share: float, ahead_s: float
+) -> tuple[Windows, Folds, float]:
+    """Windows of a record, the folds that they are of, and how long they are (s).
+
+    A record that has too few windows of that length for three folds is cut into windows of half the length, and so on.
+
+    Args:
+        record: the traces.
+        seconds: length of a window.
+        traces: names of traces that confirm; if empty, `share` of the record does.
+        share: of traces or windows that confirm.
+        ahead_s: what a prediction needs in one piece, s: neighbouring windows of a fold are as long together.
+
+    Raises:
+        UserError: if windows as short as `MIN_SAMPLES` samples are too few, or for what `split_windows` and
+            `confirm_mask` refuse.
+    """
+    length = seconds
+    while True:
+        windows = split_windows(record, length)
+        folds = split_folds(record, windows, traces, share, max(1, int(np.ceil(ahead_s / length - 1e-9))))
+        if folds.complete:
+            return windows, folds, length
+        if windows.samples < 2 * MIN_SAMPLES * len(windows):
+            raise UserError(
+                f"{record.rows} samples are too few for the three folds fit, choose and confirm",
+                key="measured.held_out",
+                remedy="Record for longer, or hold out less.",
+            )
+        length /= 2
+
+
+def split_folds(record: Record, windows: Windows, traces: tuple[str, ...], share: float, block: int = 1) -> Folds:
+    """Which windows fit, choose and confirm.
+
+    Traces stay whole where there are several: among what does not confirm, the last ones choose. Else blocks of `block`
+    neighbouring windows choose, midway between those that confirm. A fold may be empty where there is too little.
+    """
+    confirm = confirm_mask(record, windows, traces, share, block)
+    rest = np.unique(windows.trace[~confirm])
+    whole = not np.isin(windows.trace[confirm], rest).any()
+    if whole and len(rest) > 1:
+        choose = np.isin(windows.trace, rest[-min(_part(share, len(rest)), len(rest) - 1) :])
+    else:
+        choose = _between(windows, confirm, min(share, 0.5 * float(np.mean(~confirm))), block)
+    return Folds(~confirm & ~choose, choose, confirm)
+
+
+def _part(share: float, count: int) -> int:
+    return max(1, round(share * count))
+
+
+def confirm_mask(record: Record, windows: Windows, traces: tuple[str, ...], share: float, block: int = 1) -> Bools:
+    """Which windows nothing sees before the end: (w,).
+
+    Whole traces where they are named; else whole traces at the end of the record if there are `SEVERAL_TRACES`; else
+    blocks of `block` neighbouring windows spread evenly over the record, so that both sides see every kind of motion.
+
+    Raises:
+        UserError: if nothing would be left to fit, or nothing is held out by that name.
+    """
+    present = np.unique(windows.trace)
+    held = np.zeros(len(windows), dtype=bool)
+    if traces:
+        names = [trace.name for trace in record.traces]
+        held = np.array([names[k] in traces for k in windows.trace], dtype=bool)
+        if held.all() or not held.any():
+            word = "leaves nothing to fit" if held.all() else "names no trace that is as long as a window"
+            raise UserError(f"held_out {word}", remedy=f"Traces: {', '.join(names)}.")
+    elif len(present) >= SEVERAL_TRACES:
+        held = np.isin(windows.trace, present[-min(_part(share, len(present)), len(present) - 2) :])
+    elif len(windows) > 1:
+        block = max(1, min(block, round(share * len(windows))))
+        blocks = max(1, round(share * len(windows) / block))
+        for centre in (np.arange(blocks) + 0.5) * len(windows) / blocks:
+            begin = int(min(max(round(centre - 0.5 * block), 0), len(windows) - block))
+            held[begin : begin + block] = True
+    return held
+
+
+def _between(windows: Windows, taken: Bools, share: float, block: int) -> Bools:
+    """Blocks of neighbouring windows of a trace among those not taken, spread evenly: (w,)."""
+    count, chosen = len(windows), np.zeros(len(windows), dtype=bool)
+    block = max(1, min(block, round(share * count)))
+    blocks, open_ = max(1, round(share * count / block)), np.flatnonzero(~taken)
+    for centre in open_[((np.arange(blocks) + 0.5) * len(open_) / blocks).astype(np.int64)]:
+        free = ~taken & ~chosen
+        starts = _runs(windows, free, block)
+        if not starts.size or np.count_nonzero(free) <= block:  # something is left to fit
+            break
+        begin = int(starts[np.argmin(np.abs(starts + 0.5 * (block - 1) - centre))])
+        chosen[begin : begin + block] = True
+    return chosen if chosen.any() or block == 1 else _between(windows, taken, share, block - 1)
+
+
+def _runs(windows: Windows, free: Bools, block: int) -> Ints:
+    """Where `block` free neighbours of one trace begin."""
+    if len(free) < block:
+        return np.zeros(0, dtype=np.int64)
+    good = sliding_window_view(free, block).all(axis=1)
+    if block > 1:
+        joined = (windows.start[1:] == windows.stop[:-1]) & (windows.trace[1:] == windows.trace[:-1])
+        good &= sliding_window_view(joined, block - 1).all(axis=1)
+    return np.flatnonzero(good)

@@ -1,0 +1,82 @@
+"""Measured data as the numerical core of diagnosis sees them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simgap.arrays import Bools, Floats
+from simgap.errors import UserError
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One uninterrupted stretch of samples.
+
+    Attributes:
+        name: what messages call it.
+        t: (n,) true time stamps in s, strictly increasing; they may jitter and start anywhere.
+        y: (n, k) measured states, columns as in `Record.measured`.
+        u: (n, m) recorded inputs, columns as in `Record.inputs`; each row holds from its stamp until the next.
+        used: (n, k) which readings are measurements; None: all. Others were bridged, and nothing is held against them.
+        told: (n,) whether what was commanded from the row on is known; None: always. No window holds others.
+    """
+
+    name: str
+    t: Floats
+    y: Floats
+    u: Floats
+    used: Bools | None = None
+    told: Bools | None = None
+
+    @property
+    def compared(self) -> Floats:
+        """(n, k) 1 for readings that are measurements, 0 for others."""
+        return np.ones_like(self.y) if self.used is None else self.used.astype(np.float64)
+
+    def __post_init__(self) -> None:
+        if (self.t.ndim, self.y.ndim, self.u.ndim) != (1, 2, 2) or not len(self.t) == len(self.y) == len(self.u):
+            raise UserError(f"trace '{self.name}' has times, states and inputs of different lengths")
+        if not (np.all(np.isfinite(self.t)) and np.all(np.isfinite(self.y)) and np.all(np.isfinite(self.u))):
+            raise UserError(f"trace '{self.name}' holds a number that is not finite", remedy="Drop or fill such rows.")
+        if np.any(np.diff(self.t) <= 0):
+            raise UserError(f"time stands still or runs backwards in trace '{self.name}'", remedy="Sort or split it.")
+
+    def part(self, which: Bools) -> Trace:
+        """Some of its rows, (n,)."""
+        used, told = (None if mask is None else mask[which] for mask in (self.used, self.told))
+        return Trace(self.name, self.t[which], self.y[which], self.u[which], used, told)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first stamp to the last."""
+        return float(self.t[-1] - self.t[0]) if len(self.t) else 0.0
+
+
+@dataclass(frozen=True)
+class Record:
+    """Traces of one plant, all in the units of the case.
+
+    Attributes:
+        traces: the stretches of data.
+        measured: state names of the columns of `Trace.y`.
+        inputs: input names of the columns of `Trace.u`, in the order of the model.
+        left_out: (trace, from, to) s: times in which nothing is fitted, as somebody may have pushed.
+    """
+
+    traces: tuple[Trace, ...]
+    measured: tuple[str, ...]
+    inputs: tuple[str, ...]
+    left_out: tuple[tuple[int, float, float], ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Samples of all traces together."""
+        return sum(len(trace.t) for trace in self.traces)
+
+
+def runs(flags: Bools) -> list[tuple[int, int]]:
+    """Runs of True as half-open index ranges."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,0 +1,295 @@
+"""A look at the data before any fit: rates, noise, lag, limits, stillness, excitation, with advice in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from simgap.arrays import Bools, Floats
+from simgap.diagnosis.record.faults.columns import VelocityLag, velocity_lag
+from simgap.diagnosis.record.faults.registry import READINGS, mended
+from simgap.diagnosis.record.noise import resolution, worth
+from simgap.diagnosis.record.record import Record, Trace, runs
+from simgap.diagnosis.thresholds import (
+    A_FEW,
+    DERIVATIVE_SCALE,
+    LAG_WORTH_SAYING_S,
+    MOST,
+    REST_SHARE,
+    SMALL_SWING_RAD,
+    STILL_NOISE,
+    STILL_STEPS,
+)
+from simgap.late import sympy as sp
+from simgap.model.symbolic import Coordinate, SymbolicModel, symbol
+from simgap.units import full_turn
+
+BLOCK_S, STILL_S = 0.25, 0.75
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of a trace: from, to (s, the trace's own stamps) and the channel it is about (None: all)."""
+
+    trace: str
+    start: float
+    stop: float
+    channel: str | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Its length, s."""
+        return self.stop - self.start
+
+
+def still_stretches(record: Record, sigma: Floats, quantum: Floats) -> tuple[Stretch, ...]:
+    """Stretches of at least 0.75 s with every channel within its noise (k,) or two steps of its resolution (k,)."""
+    limit = np.maximum(STILL_NOISE * sigma, STILL_STEPS * quantum)
+    found: list[Stretch] = []
+    for trace in record.traces:
+        edges = _block_edges(trace)
+        still = np.array([bool(np.all(np.ptp(trace.y[a:b], axis=0) <= limit)) for a, b in pairwise(edges)])
+        for a, b in runs(still):
+            together = np.ptp(trace.y[edges[a] : edges[b]], axis=0) <= 2 * limit
+            stretch = Stretch(trace.name, float(trace.t[edges[a]]), float(trace.t[edges[b] - 1]))
+            if together.all() and stretch.seconds >= STILL_S - BLOCK_S:
+                found.append(stretch)
+    return tuple(found)
+
+
+def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> tuple[Stretch, ...]:
+    """Stretches of at least 0.25 s in which one channel repeats the very same number while the trace moves."""
+    found: list[Stretch] = []
+    for trace in record.traces:
+        span = np.ptp(trace.y, axis=0)
+        rests = [s for s in still if s.trace == trace.name]
+        for k, name in enumerate(record.measured):
+            for a, b in runs(np.diff(trace.y[:, k]) == 0.0):
+                s = Stretch(trace.name, float(trace.t[a]), float(trace.t[b]), name)
+                if s.seconds < BLOCK_S or any(o.start <= s.stop and s.start <= o.stop for o in rests):
+                    continue
+                moved = np.delete(np.ptp(trace.y[a : b + 1], axis=0) > MOST * span, k)
+                if moved.any():
+                    found.append(s)
+    return tuple(found)
+
+
+def at_limit(u: Floats) -> tuple[float, float, float]:
+    """Share of samples held at the lowest and highest value, and the larger magnitude of the two: (n,) -> floats.
+
+    A sample counts when a neighbour is at the same extreme; inputs of few levels (bang-bang, steps) have no limit.
+    """
+    lo, hi = float(u.min()), float(u.max())
+    levels = np.unique(u[:: max(1, u.size // 20000)])
+    if hi == lo or levels.size <= 8:
+        return 0.0, 0.0, max(abs(lo), abs(hi))
+    slack = 1e-6 * (hi - lo)
+    low, high = (_in_runs(side) for side in (u <= lo + slack, u >= hi - slack))
+    return low, high, max(abs(lo), abs(hi))
+
+
+def _in_runs(flags: Bools) -> float:
+    return sum(b - a for a, b in runs(flags) if b - a >= 3) / flags.size
+
+
+def _block_edges(trace: Trace) -> list[int]:
+    edges = np.searchsorted(trace.t, np.arange(trace.t[0], trace.t[-1], BLOCK_S))
+    return np.unique(np.append(edges, len(trace.t))).tolist()
+
+
+@dataclass(frozen=True)
+class TraceLook:
+    """Timing of one trace: samples, seconds, median rate (Hz), spread of the interval (s), longest interval (s)."""
+
+    name: str
+    samples: int
+    duration_s: float
+    rate_hz: float
+    jitter_s: float
+    longest_interval_s: float
+
+
+@dataclass(frozen=True)
+class ChannelLook:
+    """One channel: its unit, its range, RMS, noise floor (None for an input) and resolution (0: continuous)."""
+
+    name: str
+    unit: str
+    lowest: float
+    highest: float
+    rms: float
+    noise: float | None
+    resolution: float
+    at_limit: float = 0.0
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What the data look like, and what a person should do about it."""
+
+    traces: tuple[TraceLook, ...]
+    channels: tuple[ChannelLook, ...]
+    lags: tuple[VelocityLag, ...]
+    still: tuple[Stretch, ...]
+    frozen: tuple[Stretch, ...]
+    warnings: tuple[str, ...]
+
+
+def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | None = None) -> Survey:
+    """Look at a record.
+
+    Args:
+        record: traces in the model's units.
+        model: gives units, coordinates and the shape of the dynamics.
+        noise: standard deviations that are known, by channel; the others are estimated.
+    """
+    clean, _ = mended(record, model, READINGS)  # spikes are no noise, within which all would be at rest
+    quantum, sigma = resolution(clean), worth(clean).sigma
+    for name, value in (noise or {}).items():
+        if name in record.measured:
+            sigma[record.measured.index(name)] = value
+    lags = tuple(
+        lag
+        for c in model.coordinates
+        if c.position in record.measured and c.velocity in record.measured
+        if (lag := velocity_lag(clean, c.position, c.velocity)) is not None
+    )
+    still = still_stretches(clean, sigma, quantum)
+    frozen = frozen_stretches(record, still)
+    channels = (*_state_looks(record, model, sigma, quantum), *_input_looks(record, model))
+    traces = tuple(_timing(record))
+    warnings = (
+        *_excitation(record, model),
+        *_limits(channels),
+        *_lag_words(lags, traces),
+        *_still_words(still, frozen, sum(t.duration_s for t in traces)),
+    )
+    return Survey(traces, channels, lags, still, frozen, warnings)
+
+
+def _timing(record: Record) -> Iterator[TraceLook]:
+    for trace in record.traces:
+        dt = np.diff(trace.t)
+        yield TraceLook(
+            trace.name, len(trace.t), trace.duration, float(1.0 / np.median(dt)), float(np.std(dt)), float(np.max(dt))
+        )
+
+
+def _state_looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats) -> Iterator[ChannelLook]:
+    units = {v.name: v.unit for v in model.states}
+    for k, name in enumerate(record.measured):
+        lo, hi, rms = _range(record, k)
+        yield ChannelLook(name, units[name], lo, hi, rms, float(sigma[k]), float(quantum[k]))
+
+
+def _input_looks(record: Record, model: SymbolicModel) -> Iterator[ChannelLook]:
+    units = {v.name: v.unit for v in model.inputs}
+    for k, name in enumerate(record.inputs):
+        u = np.concatenate([trace.u[:, k] for trace in record.traces])
+        low, high, _ = at_limit(u)
+        rms = float(np.sqrt(np.mean(u**2)))
+        yield ChannelLook(name, units[name], float(u.min()), float(u.max()), rms, None, 0.0, low + high)
+
+
+def _range(record: Record, k: int) -> tuple[float, float, float]:
+    lo = min(float(trace.y[:, k].min()) for trace in record.traces)
+    hi = max(float(trace.y[:, k].max()) for trace in record.traces)
+    square = sum(float(np.sum(trace.y[:, k] ** 2)) for trace in record.traces) / record.rows
+    return lo, hi, float(np.sqrt(square))
+
+
+def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:
+    for k, name in enumerate(record.inputs):
+        spread = max(float(np.ptp(trace.u[:, k])) for trace in record.traces)
+        if spread <= 1e-9:
+            yield (
+                f"input {name} is constant: its gain, bias, delay and dead zone cannot be told; "
+                f"drive it with a sum of sines over 0.1 to 8 Hz"
+            )
+    for c in model.coordinates:
+        if c.position in record.measured:
+            yield from _motion(record, model, c)
+
+
+def _motion(record: Record, model: SymbolicModel, c: Coordinate) -> Iterator[str]:
+    k = record.measured.index(c.position)
+    swing = max(float(np.ptp(trace.y[:, k])) for trace in record.traces) / 2
+    unit = next(v.unit for v in model.states if v.name == c.position)
+    turn = full_turn(unit)
+    if turn is not None and swing * 2 * np.pi / turn < SMALL_SWING_RAD and _has_sine(model, c.position):
+        yield (
+            f"{c.position} swings by no more than {swing:.2g} {unit} to a side: a spring, gravity and the mass look "
+            f"alike; swing beyond {SMALL_SWING_RAD:g} rad"
+        )
+    forward = np.concatenate([np.diff(_thinned(trace.y[:, k])) for trace in record.traces])
+    total = float(np.sum(np.abs(forward)))
+    if total > 0.0:
+        share = min(float(np.sum(forward[forward > 0])), -float(np.sum(forward[forward < 0]))) / total
+        if share < A_FEW:
+            yield (
+                f"{c.position} moves in one direction only: friction cannot be told from a bias; "
+                f"let it reverse several times"
+            )
+
+
+def _thinned(y: Floats) -> Floats:
+    """About 200 values a trace: slow motion without the noise's own reversals."""
+    return y[:: max(1, y.size // 200)]
+
+
+def _has_sine(model: SymbolicModel, name: str) -> bool:
+    return any(symbol(name) in f.free_symbols for e in model.xdot for f in sp.sympify(e).atoms(sp.sin, sp.cos))
+
+
+def _limits(channels: tuple[ChannelLook, ...]) -> Iterator[str]:
+    for c in channels:
+        if c.at_limit > A_FEW:
+            yield (
+                f"input {c.name} sits at its extreme {100 * c.at_limit:.0f} % of the time "
+                f"({c.lowest:.3g} to {c.highest:.3g} {c.unit}): if this is a command that a drive then limits, "
+                f"the plant felt less"
+            )
+
+
+def _lag_words(lags: tuple[VelocityLag, ...], traces: tuple[TraceLook, ...]) -> Iterator[str]:
+    dt = float(np.median([1.0 / t.rate_hz for t in traces]))
+    for lag in lags:
+        if lag.mismatch > MOST:
+            yield (
+                f"{lag.velocity} is not the derivative of {lag.position} ({100 * lag.mismatch:.0f} % of it differs): "
+                f"check the columns"
+            )
+        elif not DERIVATIVE_SCALE[0] < lag.scale < DERIVATIVE_SCALE[1]:
+            yield (
+                f"{lag.velocity} is {lag.scale:.4g} times the derivative of {lag.position}: "
+                f"check the units and scale of both columns"
+            )
+        elif abs(lag.lag_s) > max(LAG_WORTH_SAYING_S, 0.5 * dt):
+            side = "trails" if lag.lag_s > 0 else "leads"
+            yield (
+                f"{lag.velocity} {side} the derivative of {lag.position} by {1e3 * abs(lag.lag_s):.1f} ms: "
+                f"it was filtered; leave it out if the diagnosis blames a delay"
+            )
+
+
+def _still_words(still: tuple[Stretch, ...], frozen: tuple[Stretch, ...], total: float) -> Iterator[str]:
+    rest = sum(s.seconds for s in still)
+    if rest > REST_SHARE * total:
+        yield (
+            f"nothing moves for {rest:.3g} s of {total:.3g} s (longest: {_longest(still)}): "
+            f"that time says little; drop it with measured.masks"
+        )
+    if frozen:
+        names = ", ".join(sorted({s.channel or "" for s in frozen}))
+        yield (
+            f"{names} repeats one number while the rest moves (longest: {_longest(frozen)}): "
+            f"a sensor that hangs; drop such times with measured.masks"
+        )
+
+
+def _longest(stretches: tuple[Stretch, ...]) -> str:
+    s = max(stretches, key=lambda item: item.seconds)
+    return f"{s.start:.3g} to {s.stop:.3g} s of {s.trace}"

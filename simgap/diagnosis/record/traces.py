@@ -1,0 +1,253 @@
+"""From the columns of recordings to traces in the model's units: `(tables, channels, options) -> Reading`.
+
+Nothing is resampled: true intervals are kept. Repeated stamps are merged, gaps and masks split a trace, pieces shorter
+than a window are dropped, and every one of these is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from simgap.arrays import Ints
+from simgap.diagnosis.record.channels import Channel, RawTable, convert, measured_states
+from simgap.diagnosis.record.clock import Split, TimeRange, check_forward, check_interval, same_file, seconds, split
+from simgap.diagnosis.record.record import Record, Trace
+from simgap.errors import UserError
+
+
+@dataclass(frozen=True)
+class ReadingOptions:
+    """What the case says about its recordings.
+
+    Attributes:
+        window_s: length of a window (s); shorter pieces are dropped.
+        time_unit: unit of the stamps; None: what the file says, else s.
+        gap_s: an interval beyond which a trace is split (s); None: five times the one that 95 % of samples keep.
+        ranges: stretches to keep or to drop.
+        held_files, held_traces: what is never fitted to.
+        strict: whether these must be among the data; else those that are not are passed over with a warning.
+    """
+
+    window_s: float
+    time_unit: str | None = None
+    gap_s: float | None = None
+    ranges: tuple[TimeRange, ...] = ()
+    held_files: tuple[str, ...] = ()
+    held_traces: tuple[str, ...] = ()
+    strict: bool = True
+
+
+@dataclass(frozen=True)
+class FileNotes:
+    """What was found in one file and done about it; counts are rows unless said otherwise."""
+
+    file: str
+    sha256: str
+    rows: int
+    rows_used: int
+    epoch_s: float
+    repeated: int
+    masked: int
+    gaps: int
+    short_pieces: int
+    short_rows: int
+    unwrapped: tuple[str, ...]
+    traces: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Traces, where they came from, which are held out, and what a person should know.
+
+    Attributes:
+        origins: trace -> its file and the value of its trace column.
+        conditions: trace -> what columns tell of how it was recorded, parameter -> value.
+    """
+
+    record: Record
+    files: tuple[FileNotes, ...]
+    held_out: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+    origins: Mapping[str, tuple[str, str | None]] = field(default_factory=dict)
+    columns: tuple[str, ...] = ()
+    conditions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+def read_traces(tables: Sequence[RawTable], channels: Sequence[Channel], options: ReadingOptions) -> Reading:
+    """The record that the tables hold.
+
+    Args:
+        tables: one per file.
+        channels: the states, then the inputs, in the model's order.
+        options: masks, gaps, window, held-out data.
+
+    Raises:
+        UserError: for a file without a state, an input that is missing, time running backwards, stamps too far apart,
+            a single row, or no piece as long as a window; the message names file, row or key, and the remedy.
+    """
+    found = [measured_states(table, channels) for table in tables]
+    measured = tuple(c.name for c in channels if all(c.name in names for names in found))
+    if not measured:
+        raise UserError(
+            "the files have no measured state in common",
+            file=tables[0].file,
+            remedy="Give them one at a time, or map their columns under measured.columns.",
+        )
+    used = [c for c in channels if c.is_input or c.name in measured]
+    inputs = tuple(c.name for c in used if c.is_input)
+    names = _unique_names([table.file for table in tables])
+    traces: list[Trace] = []
+    notes: list[FileNotes] = []
+    origins: dict[str, tuple[str, str | None]] = {}
+    for table, name in zip(tables, names, strict=True):
+        own, note, labels = _file_traces(table, name, used, len(measured), options)
+        traces += own
+        notes.append(note)
+        origins |= {t.name: (table.file, label) for t, label in zip(own, labels, strict=True)}
+    if not traces:
+        raise _nothing_left(notes, options)
+    record = Record(tuple(traces), measured, inputs)
+    held = _held_out(origins, options)
+    warnings = [
+        *(f"{t.file}: {note}" for t in tables for note in t.notes),
+        *_warnings(notes),
+        *_uncommon(tables, found, measured),
+    ]
+    if not held and (options.held_files or options.held_traces):
+        warnings.append(
+            "what the case holds out is not among these data (or is all of them): a share of them is held out"
+        )
+    return Reading(record, tuple(notes), held, tuple(warnings), origins)
+
+
+def _file_traces(
+    table: RawTable, name: str, used: Sequence[Channel], k: int, options: ReadingOptions
+) -> tuple[list[Trace], FileNotes, list[str | None]]:
+    """Traces of one file; the first `k` of the used channels are states."""
+    if table.rows < 2:
+        raise UserError("has one row", file=table.file, remedy="Give a recording that lasts at least one window.")
+    converted = convert(table, used)
+    t, epoch = seconds(table, options.time_unit)
+    traces: list[Trace] = []
+    labels: list[str | None] = []
+    parts: list[Split] = []
+    for label, rows in by_label(table):
+        check_forward(t[rows], rows, table.file, label)
+        check_interval(t[rows], options.window_s, options.time_unit or table.time_unit, table.file)
+        block = np.stack([converted.values[c.name][rows] for c in used], axis=1)
+        turns = {j: converted.turns[c.name] for j, c in enumerate(used) if c.name in converted.turns}
+        ranges = [r for r in options.ranges if r.concerns(table.file, label)]
+        part = split(t[rows], block, turns, ranges, options.gap_s, options.window_s)
+        base = name if label is None else f"{name}:{label}"
+        for i, (stamps, values) in enumerate(part.pieces):
+            piece = base if i == 0 else f"{base}#{i + 1}"
+            traces.append(Trace(piece, stamps, values[:, :k], values[:, k:]))
+        labels += [label] * len(part.pieces)
+        parts.append(part)
+    if all(part.samples < 2 for part in parts):
+        raise UserError(
+            "all rows have one time stamp", file=table.file, remedy="Check measured.time.column and its unit."
+        )
+    note = FileNotes(
+        file=table.file,
+        sha256=table.sha256,
+        rows=table.rows,
+        rows_used=sum(len(trace.t) for trace in traces),
+        epoch_s=epoch,
+        repeated=sum(part.repeated for part in parts),
+        masked=sum(part.masked for part in parts),
+        gaps=sum(part.gaps for part in parts),
+        short_pieces=sum(part.short_pieces for part in parts),
+        short_rows=sum(part.short_rows for part in parts),
+        unwrapped=tuple(c.name for j, c in enumerate(used) if any(j in part.unwrapped for part in parts)),
+        traces=tuple(trace.name for trace in traces),
+    )
+    return traces, note, labels
+
+
+def by_label(table: RawTable) -> Iterator[tuple[str | None, Ints]]:
+    """Rows of each trace of a file, traces in the order in which they first appear."""
+    if table.labels is None:
+        yield None, np.arange(table.rows, dtype=np.int64)
+        return
+    values, first, inverse = np.unique(table.labels, return_index=True, return_inverse=True)
+    order = np.argsort(inverse, kind="stable")
+    groups = np.split(order, np.cumsum(np.bincount(inverse))[:-1])
+    for g in np.argsort(first):
+        yield str(values[g]), groups[g]
+
+
+def _unique_names(files: Sequence[str]) -> list[str]:
+    """Short names of files: the stem, or as much of the path as tells them apart."""
+    parts = [f.replace("\\", "/").rsplit(".", 1)[0].split("/") for f in files]
+    for depth in range(1, max(len(p) for p in parts) + 1):
+        names = ["/".join(p[-depth:]) for p in parts]
+        if len(set(names)) == len(names):
+            return names
+    twice = next(f for f in files if files.count(f) > 1)
+    raise UserError("is given twice", file=twice, remedy="Give each recording once.")
+
+
+def _nothing_left(notes: Sequence[FileNotes], options: ReadingOptions) -> UserError:
+    masked = sum(n.masked for n in notes)
+    cut = f", after {masked} rows were masked" if masked else ""
+    return UserError(
+        f"no trace is as long as a window of {options.window_s:g} s"
+        f" ({sum(n.short_pieces for n in notes)} shorter pieces dropped{cut})",
+        file=notes[0].file,
+        key="measured.window_s",
+        remedy="Record for longer, shorten measured.window_s, or correct measured.time.unit, gap_s or the masks.",
+    )
+
+
+def _held_out(origins: Mapping[str, tuple[str, str | None]], options: ReadingOptions) -> tuple[str, ...]:
+    """Names of the traces that the case holds out.
+
+    Raises:
+        UserError: if it names a file or trace that is not among the data, or if nothing is left to fit.
+    """
+    chosen: set[str] = set()
+    for key, wanted in (("files", options.held_files), ("traces", options.held_traces)):
+        for w in wanted:
+            hits = {n for n, (f, label) in origins.items() if (same_file(w, f) if key == "files" else w in (label, n))}
+            if not hits and not options.strict:
+                continue
+            if not hits:
+                raise UserError(
+                    f"'{w}' is not among the data",
+                    key=f"measured.held_out.{key}",
+                    remedy="Name one of " + ", ".join(sorted({f for f, _ in origins.values()} | set(origins))) + ".",
+                )
+            chosen |= hits
+    if chosen and chosen == set(origins):
+        if not options.strict:
+            return ()
+        raise UserError("holds out every trace", key="measured.held_out", remedy="Leave at least one trace to fit to.")
+    return tuple(n for n in origins if n in chosen)
+
+
+def _warnings(notes: Sequence[FileNotes]) -> Iterator[str]:
+    for n in notes:
+        if n.repeated:
+            yield f"{n.file}: {_count(n.repeated, 'row')} repeated a time stamp: the mean stands for each"
+        if n.gaps:
+            yield f"{n.file}: traces are split at {_count(n.gaps, 'gap')} in time"
+        if n.short_pieces:
+            pieces = _count(n.short_pieces, "piece")
+            yield f"{n.file}: {pieces} shorter than a window dropped ({_count(n.short_rows, 'row')})"
+        if n.unwrapped:
+            yield f"{n.file}: {', '.join(n.unwrapped)} jumped by full turns and was unwrapped"
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def _uncommon(tables: Sequence[RawTable], found: Sequence[tuple[str, ...]], measured: tuple[str, ...]) -> Iterator[str]:
+    for table, names in zip(tables, found, strict=True):
+        extra = [n for n in names if n not in measured]
+        if extra:
+            yield f"{table.file}: {', '.join(extra)} is not used, because other files do not have it"

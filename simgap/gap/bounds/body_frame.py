@@ -1,0 +1,270 @@
+"""Gap bound of a plant with the symmetry of the plane: one table over the inputs, seen from the robot's own frame.
+
+A plant on flat ground behaves the same at every place and heading (SE(2)). The body-frame gap
+`R(-theta) (f_hat(x, u) - f(x, u))` is then a function of the input (and of the hidden state), and one table over U
+bounds it on all of X x U. Engines keep the symmetry only nearly: the deviation between headings is measured and added.
+
+A box of the body frame is turned into the world by the range of `R(theta) b` over box and interval of theta. Each
+coordinate is linear in b, so its extremes are at corners; for a corner at distance r and bearing phi it is
+r cos(theta + phi) or r sin(theta + phi), with extremes at the ends of the interval and where the angle is a multiple of
+pi or an odd multiple of pi/2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from simgap.arrays import Floats, Ints
+from simgap.errors import UserError
+from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel, input_index
+from simgap.gap.bounds.previous import PreviousClasses
+from simgap.gap.bounds.tiers import Tier
+from simgap.gap.thresholds import NOMINAL_TOLERANCE
+from simgap.late import njit
+from simgap.model.kept import kept
+
+_ROTATION_SLACK = 1e-13  # relative: arctan2, cos and hypot are each off by some 1e-16, angles are below 100 rad
+
+
+@njit(cache=True, error_model="numpy")
+def cosine_range(lo, hi):  # type: ignore[no-untyped-def]
+    """Smallest and largest cosine on [lo, hi]; exact up to rounding, which the caller covers."""
+    a, b = np.cos(lo), np.cos(hi)
+    low, high = min(a, b), max(a, b)
+    if np.floor(hi / (2.0 * np.pi) + 1e-12) >= np.ceil(lo / (2.0 * np.pi) - 1e-12):
+        high = 1.0
+    if np.floor((hi - np.pi) / (2.0 * np.pi) + 1e-12) >= np.ceil((lo - np.pi) / (2.0 * np.pi) - 1e-12):
+        low = -1.0
+    return low, high
+
+
+@njit(cache=True, error_model="numpy")
+def rotated_box(t0, t1, a0, a1, b0, b1):  # type: ignore[no-untyped-def]
+    """Hull of R(theta) [a0, a1] x [b0, b1] over theta in [t0, t1]: -> x0, x1, y0, y1, rounded outward."""
+    x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
+    for corner in range(4):
+        a = a1 if corner & 1 else a0
+        b = b1 if corner & 2 else b0
+        r, phi = np.hypot(a, b), np.arctan2(b, a)
+        low, high = cosine_range(t0 + phi, t1 + phi)
+        x0, x1 = min(x0, r * low), max(x1, r * high)
+        low, high = cosine_range(t0 + phi - 0.5 * np.pi, t1 + phi - 0.5 * np.pi)
+        y0, y1 = min(y0, r * low), max(y1, r * high)
+    slack = _ROTATION_SLACK * (max(abs(a0), abs(a1)) + max(abs(b0), abs(b1))) * (1.0 + abs(t0) + abs(t1)) + 1e-300
+    return x0 - slack, x1 + slack, y0 - slack, y1 + slack
+
+
+def to_body(d: Floats, heading: Floats, pose: tuple[int, int, int] = (0, 1, 2)) -> Floats:
+    """Differences (n, 3) of the world turned into the frames of the given headings (n,): R(-heading) d."""
+    i, j, _ = pose
+    cos, sin = np.cos(heading), np.sin(heading)
+    out = d.copy()
+    out[..., i] = cos * d[..., i] + sin * d[..., j]
+    out[..., j] = -sin * d[..., i] + cos * d[..., j]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class BodyFrameGap(GapFunction):
+    """`lower[m] <= R(-theta) d <= upper[m]` for input m, at every position and heading.
+
+    Attributes:
+        lower, upper: (M, 3) body-frame bounds after any previous input, in the order of the states.
+        pose: which states are x, y and heading.
+        previous: classes of the previous input, and `by_class`, (C, M, 3) twice, the bounds after one of each class;
+            None where only the bounds after any are known.
+    """
+
+    lower: Floats
+    upper: Floats
+    pose: tuple[int, int, int] = (0, 1, 2)
+    previous: PreviousClasses | None = None
+    by_class: tuple[Floats, Floats] | None = None
+
+    @staticmethod
+    def of_classes(
+        domain: GapDomain, tiers: tuple[Tier, ...], lower: Floats, upper: Floats, classes: PreviousClasses,
+        pose: tuple[int, int, int] = (0, 1, 2),
+    ) -> BodyFrameGap:  # fmt: skip
+        """From bounds (C, M, 3) after a previous input of each class."""
+        own = (None, None) if classes.count == 1 else (classes, (lower, upper))
+        return BodyFrameGap(domain, tiers, lower.min(axis=0), upper.max(axis=0), pose, *own)
+
+    @property
+    def classes(self) -> PreviousClasses:
+        """Classes of the previous input, one if there is no other."""
+        return self.previous or PreviousClasses.single(len(self.lower))
+
+    @property
+    def class_lower(self) -> Floats:
+        """(C, M, 3)."""
+        return self.lower[None] if self.by_class is None else self.by_class[0]
+
+    @property
+    def class_upper(self) -> Floats:
+        """(C, M, 3)."""
+        return self.upper[None] if self.by_class is None else self.by_class[1]
+
+    def after(self, number: int) -> BodyFrameGap:
+        """The bound after a previous input of one class."""
+        return replace(
+            self, lower=self.class_lower[number], upper=self.class_upper[number], previous=None, by_class=None
+        )
+
+    def bounds_after(self, x: Floats, u: Floats, previous: Ints) -> tuple[Floats, Floats]:
+        """See `GapFunction.bounds_after`."""
+        if self.previous is None:
+            return self.bounds(x, u)
+        lo, hi, number = np.empty(x.shape), np.empty(x.shape), self.previous.after(previous)
+        for c in np.unique(number).tolist():
+            rows = number == c
+            lo[rows], hi[rows] = self._each[c].bounds(x[rows], u[rows])
+        return lo, hi
+
+    @cached_property
+    def _each(self) -> list[BodyFrameGap]:
+        """The bound after each class."""
+        return [self.after(c) for c in range(self.classes.count)]
+
+    def _rotated(self, m: int, t0: float, t1: float) -> tuple[Floats, Floats]:
+        i, j, k = self.pose
+        lo, hi = self.lower[m].copy(), self.upper[m].copy()
+        lo[i], hi[i], lo[j], hi[j] = rotated_box(t0, t1, self.lower[m, i], hi[i], self.lower[m, j], hi[j])
+        lo[k], hi[k] = np.nextafter(lo[k], -np.inf), np.nextafter(hi[k], np.inf)
+        return lo, hi
+
+    def _box_bounds(self, xlo: Floats, xhi: Floats, u: Floats) -> tuple[Floats, Floats]:
+        lo, hi = np.empty(xlo.shape), np.empty(xhi.shape)
+        rows = tuple(np.ascontiguousarray(a, dtype=np.float64) for a in (xlo, xhi, u))
+        _over_rows(*rows, lo, hi, *self._tables())
+        return lo, hi
+
+    def sup(self) -> dict[str, GapSuprema]:
+        """Suprema over all headings and inputs: in the plane the farthest corner, and the widest view of the box."""
+        i, j, _ = self.pose
+        corner = np.maximum(np.abs(self.lower), np.abs(self.upper))
+        wide = self.upper - self.lower
+        size, width = corner.max(axis=0), wide.max(axis=0)
+        size[i] = size[j] = np.hypot(corner[:, i], corner[:, j]).max()
+        width[i] = width[j] = np.hypot(wide[:, i], wide[:, j]).max()
+        grown = 1.0 + 2.0**-40
+        return {
+            s: GapSuprema(float(size[n] * grown), float(width[n] * grown)) for n, s in enumerate(self.domain.states)
+        }
+
+    def raised(self, below: Floats, above: Floats) -> BodyFrameGap:
+        """lower - below, upper + above, in the body frame; both (nx,)."""
+        own = None if self.by_class is None else (self.by_class[0] - below, self.by_class[1] + above)
+        return replace(self, lower=self.lower - below, upper=self.upper + above, by_class=own)
+
+    def with_tiers(self, tiers: Sequence[Tier]) -> BodyFrameGap:
+        """The same bound with other guarantee tiers."""
+        return replace(self, tiers=tuple(tiers))
+
+    def _kernel(self) -> Kernel:
+        """See `GapFunction._kernel`."""
+        inputs, limit_lo, limit_hi, lower, upper, i, j, k = self._tables()
+
+        @kept
+        def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
+            _over_box(xlo, xhi, u, lo, hi, inputs, limit_lo, limit_hi, lower, upper, i, j, k)
+
+        result: Kernel = bounds_over_box
+        return result
+
+    def _tables(self) -> tuple[Any, ...]:
+        return self.domain.input_set, *self.domain.limits(), self.lower, self.upper, *self.pose
+
+    def _content(self) -> dict[str, Any]:
+        states = self.domain.states
+        return {
+            "kind": "body_frame",
+            "meaning": "lower <= simulator - nominal <= upper in the frame of the robot, one row per input",
+            "pose": [states[n] for n in self.pose],
+            "gap": {
+                s: {"lower": self.lower[:, n].tolist(), "upper": self.upper[:, n].tolist()}
+                for n, s in enumerate(states)
+            },
+        } | self._content_of_classes()
+
+    def _content_of_classes(self) -> dict[str, Any]:
+        if self.previous is None or self.by_class is None:
+            return {}
+        lower, upper = (own.tolist() for own in self.by_class)
+        return {"previous_input": self.previous.to_json() | {"lower": lower, "upper": upper}}
+
+    @staticmethod
+    def from_content(data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> BodyFrameGap:
+        """The inverse of `_content`."""
+        names = domain.states
+        lower, upper = (
+            np.stack([np.array(data["gap"][s][side]) for s in names], axis=-1) for side in ("lower", "upper")
+        )
+        x, y, heading = (names.index(s) for s in data["pose"])
+        if "previous_input" not in data:
+            return BodyFrameGap(domain, tiers, lower, upper, (x, y, heading))
+        own = data["previous_input"]
+        sides = np.array(own["lower"], dtype=np.float64), np.array(own["upper"], dtype=np.float64)
+        return BodyFrameGap(domain, tiers, lower, upper, (x, y, heading), PreviousClasses.from_json(own), sides)
+
+
+@njit(cache=True, error_model="numpy")
+def _over_rows(xlo, xhi, u, lo, hi, inputs, llo, lhi, lower, upper, i, j, k):  # type: ignore[no-untyped-def]
+    for n in range(len(xlo)):
+        _over_box(xlo[n], xhi[n], u[n], lo[n], hi[n], inputs, llo, lhi, lower, upper, i, j, k)
+
+
+@njit(cache=True, error_model="numpy")
+def _over_box(xlo, xhi, u, lo, hi, inputs, llo, lhi, lower, upper, i, j, k):  # type: ignore[no-untyped-def]
+    m = input_index(inputs, u)
+    inside = m >= 0
+    for n in range(3):
+        inside = inside and xlo[n] >= llo[n] and xhi[n] <= lhi[n]
+    if not inside:
+        for n in range(3):
+            lo[n], hi[n] = -np.inf, np.inf
+        return
+    lo[i], hi[i], lo[j], hi[j] = rotated_box(xlo[k], xhi[k], lower[m, i], upper[m, i], lower[m, j], upper[m, j])
+    slack = 2.0**-48 * (abs(lower[m, k]) + abs(upper[m, k])) + 1e-300
+    lo[k], hi[k] = lower[m, k] - slack, upper[m, k] + slack
+
+
+def nominal_motion(
+    step: Callable[[Floats, Floats], Floats],
+    centre: Floats,
+    inputs: Floats,
+    pose: tuple[int, int, int],
+    rng: np.random.Generator,
+) -> Floats:
+    """The nominal step seen from the robot, (M, 3); refused when it depends on where the robot stands.
+
+    Args:
+        step: nominal map x (n, 3), u (n, nu) -> (n, 3).
+        centre: any pose in X, about which others are drawn.
+        inputs: U, (M, nu).
+
+    Raises:
+        UserError: a nominal model without the declared symmetry.
+    """
+    k = pose[2]
+    at_zero = centre.copy()
+    at_zero[k] = 0.0
+    start = np.tile(at_zero, (len(inputs), 1))
+    motion = step(start, inputs) - start
+    for _ in range(4):
+        other = start + rng.uniform(-1.0, 1.0, (len(inputs), 3)) * [3.0 if n == k else 1.0 for n in range(3)]
+        seen = to_body(step(other, inputs) - other, other[:, k], pose)
+        off = float(np.abs(seen - motion).max())
+        if off > NOMINAL_TOLERANCE:
+            raise UserError(
+                f"the symmetry is declared but false for the nominal model: its step differs by {off:.3g} between "
+                "poses when seen from the robot",
+                key="symmetry.group",
+                remedy="Remove `symmetry`, or correct plant.symbolic.dynamics",
+            )
+    return motion

@@ -1,0 +1,192 @@
+"""The bound of all dimensions from the fits of each: padded, put together and reported, for every kind of bound."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from simgap.arrays import Floats
+from simgap.errors import BrokenPromise, UserError
+from simgap.gap.bases import Blocks
+from simgap.gap.bounds.function import GapFunction, GapSuprema
+from simgap.gap.fitting.acceptance import remedy
+from simgap.gap.fitting.cell_fit import BlockFit, blocks_gap, fit_blocks
+from simgap.gap.fitting.conformal import Calibration, CentreFit, conformal_gap, fit_centre
+from simgap.gap.fitting.envelope import NodeFit, envelope_gap, fit_envelope
+from simgap.gap.fitting.linear_fit import LinearFit, fit_linear, linear_gap
+from simgap.gap.fitting.padding import PaddedSide
+from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
+from simgap.gap.settings import GapSettings
+from simgap.gap.thresholds import GATE
+
+DimensionFit = LinearFit | BlockFit | NodeFit | CentreFit
+
+
+class Kind(Protocol):
+    """What a kind of fit offers to be read back."""
+
+    def from_json(self, data: Mapping[str, Any]) -> DimensionFit:
+        """The inverse of its `to_json`."""
+
+
+FITS: Mapping[str, Kind] = {"linear": LinearFit, "blocks": BlockFit, "envelope": NodeFit, "centre": CentreFit}
+
+
+def fit_dimension(samples: DimensionSamples, settings: GapSettings) -> DimensionFit:
+    """Fit one dimension; local slopes of the samples enter where they pad inside the program, no Lipschitz constant.
+
+    Raises:
+        UserError: for settings that do not fit the samples.
+    """
+    if settings.bound == "conformal":
+        return fit_centre(samples, settings)
+    if settings.bound == "envelope":
+        return fit_envelope(samples, settings)
+    if settings.bound == "scenario" and isinstance(settings.basis, Blocks):
+        return fit_blocks(samples, settings)
+    return fit_linear(samples, settings)
+
+
+def fit_from_json(data: Mapping[str, Any]) -> DimensionFit:
+    """A fit from what its `to_json` gave; KeyError, TypeError or ValueError for anything else."""
+    return FITS[data["kind"]].from_json(data)
+
+
+@dataclass(frozen=True, eq=False)
+class DimensionReport:
+    """What is known about one dimension.
+
+    Attributes:
+        sup: suprema over X x U. ratio: sup.size / largest sampled |d|.
+        mean_size, mean_width: means of max(|lo|, |hi|) and of hi - lo over X x U, see `_means`.
+        lipschitz: estimates of its Lipschitz constant.
+        sides: fitted sides by name (`upper` and `lower`, or `both`), empty for bounds without a program.
+    """
+
+    state: str
+    sup: GapSuprema
+    ratio: float
+    mean_size: float
+    mean_width: float
+    lipschitz: DimensionLipschitz
+    sides: dict[str, PaddedSide] = field(default_factory=dict)
+
+    @property
+    def largest_gap(self) -> float:
+        """Largest sampled |d|."""
+        return self.lipschitz.largest
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data for gap.json and the report."""
+        return {
+            "state": self.state, "largest_sampled_gap": self.largest_gap, "sup_size": self.sup.size,
+            "sup_width": self.sup.width, "sup_over_largest_sample": self.ratio, "mean_size": self.mean_size,
+            "mean_width": self.mean_width, "lipschitz": self.lipschitz.grid.to_json(),
+            "lipschitz_estimates": [row.to_json() for row in self.lipschitz.estimates],
+            "scenario": {name: side.to_json() for name, side in self.sides.items()},
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class GapResult:
+    """A fitted gap function with its reports, one for each dimension."""
+
+    function: GapFunction
+    dimensions: tuple[DimensionReport, ...]
+    samples: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of gap.json."""
+        return {
+            **self.function.to_json(),
+            "samples": self.samples,
+            "dimensions": [d.to_json() for d in self.dimensions],
+        }
+
+
+def assemble(
+    where: SampleGrid, settings: GapSettings, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
+    calibration: Calibration | None = None, directed: Sequence[Directed] = (), deviation: Floats | None = None,
+) -> GapResult:  # fmt: skip
+    """The gap function of all dimensions, padded; `directed` are those samples of each dimension, for an envelope.
+
+    `deviation`, (nx,), is added on both sides: by how much a declared symmetry does not hold, and the engine's grain.
+
+    Raises:
+        UserError: fits of different kinds, or a conformal bound without calibration samples.
+        BrokenPromise: when the grid does not resolve the gap or a residual.
+    """
+    if len({type(fit) for fit in fits}) != 1:
+        raise UserError("the fits of the dimensions are of different kinds", remedy="Run the scp stage again.")
+    check_resolved(where, settings, lipschitz)
+    sides: list[dict[str, PaddedSide]] = [{} for _ in fits]
+    function: GapFunction
+    if centres := [fit for fit in fits if isinstance(fit, CentreFit)]:
+        function = conformal_gap(where, settings, centres, calibration)
+    elif nodes := [fit for fit in fits if isinstance(fit, NodeFit)]:
+        function = envelope_gap(where, settings, nodes, lipschitz, directed if where.known is None else ())
+    elif blocks := [fit for fit in fits if isinstance(fit, BlockFit)]:
+        function = blocks_gap(where, settings, blocks, lipschitz)
+    else:
+        linear = [fit for fit in fits if isinstance(fit, LinearFit)]
+        function, sides = linear_gap(where, settings, linear, lipschitz)
+    if deviation is not None:
+        function = function.raised(deviation, deviation)
+    return GapResult(function, _reports(where, settings, function, lipschitz, sides), where.size)
+
+
+def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence[DimensionLipschitz]) -> None:
+    """Refuse where the grid does not resolve the gap and the padding has no local jump bound for it.
+
+    Raises:
+        BrokenPromise: naming the state. A conformal bound rests on no Lipschitz constant and is never refused.
+    """
+    if settings.bound == "conformal":
+        return
+    local = settings.padding == "inflate" and settings.bound != "envelope"
+    for name, known in zip(where.states, lipschitz, strict=True):
+        found = known.grid
+        if local and found.rough_share <= settings.rough_limit:
+            continue
+        if local or not found.resolved:
+            raise BrokenPromise(
+                f"the gap of {name} is not Lipschitz at this grid: L(h/2)/L(h) = {found.ratio.max():.2f} > {GATE}, "
+                f"{100 * found.rough_share:.2g} % of the cells are rough; "
+                f"{found.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
+                remedy(where, settings, found, found.rough_share),
+            )
+
+
+def _reports(
+    where: SampleGrid, settings: GapSettings, function: GapFunction, lipschitz: Sequence[DimensionLipschitz],
+    sides: Sequence[dict[str, PaddedSide]],
+) -> tuple[DimensionReport, ...]:  # fmt: skip
+    suprema = function.sup()
+    size, width = _means(where, function, settings.seed)
+    reports = []
+    for i, (state, known) in enumerate(zip(where.states, lipschitz, strict=True)):
+        sup = suprema[state]
+        ratio = sup.size / known.largest if known.largest > 0.0 else float("inf")
+        reports.append(DimensionReport(state, sup, ratio, float(size[i]), float(width[i]), known, sides[i]))
+    return tuple(reports)
+
+
+def _means(where: SampleGrid, function: GapFunction, seed: int, chunk: int = 200_000) -> tuple[Floats, Floats]:
+    """(nx,), (nx,) means of max(|lo|, |hi|) and hi - lo over X x U: one random point of each cell for each input.
+
+    Not at the samples: there an envelope has no width.
+    """
+    x, m, rng = where.grid.centres(), len(where.inputs), np.random.default_rng([seed, 1])
+    size, width = np.zeros(len(where.states)), np.zeros(len(where.states))
+    step = max(1, chunk // m)
+    for a in range(0, len(x), step):
+        part = np.repeat(x[a : a + step], m, axis=0)
+        part += where.grid.h * rng.uniform(-1.0, 1.0, part.shape)
+        lo, hi = function.bounds(part, np.tile(where.inputs, (len(part) // m, 1)))
+        size += np.maximum(np.abs(lo), np.abs(hi)).sum(axis=0)
+        width += (hi - lo).sum(axis=0)
+    return size / (len(x) * m), width / (len(x) * m)

@@ -1,1 +1,0 @@
-"""The kinds of bases: each a frozen section of a case that lists its terms [plug-ins]."""

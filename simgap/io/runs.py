@@ -1,0 +1,172 @@
+"""Which runs of the workflow are at work in a folder: their cases, process, machine and beginning.
+
+Each run keeps a file `.snakemake/simgap/runs/<machine>-<process>.json` under a lock of the operating system for as long
+as its process lives. Who finds the lock free on the same machine knows that the run is gone, and removes the file.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import platform
+import re
+import select
+import shutil
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import gettempdir
+
+from simgap import reading
+from simgap.io.atomic import host
+
+LINKED = ("conda", "conda-archive", "shadow", "singularity")
+"""Folders of `.snakemake` in which Snakemake itself makes links."""
+_HELD: list[int] = []
+"""Open descriptors: they carry the locks until this process ends."""
+
+
+def join(folder: Path, temporary: Path | None = None) -> bool:
+    """Count this process among the runs in `folder`; whether Snakemake's locks of a run that is gone were removed.
+
+    They stay where another machine may have set them: its processes do not show here. `temporary` is the folder that
+    Snakemake removes when it ends well; those of runs that are gone go too.
+    """
+    kept = folder / ".snakemake"
+    try:
+        kept.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(kept / "simgap.lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+    except OSError:
+        return False  # Snakemake says what is wrong with the folder
+    _HELD.append(descriptor)
+    removed = False
+    try:
+        with suppress(BlockingIOError):  # others are alive here
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            removed = _tidy(kept / "locks", descriptor)
+        fcntl.flock(descriptor, fcntl.LOCK_SH)
+        if temporary is not None:
+            os.lseek(descriptor, 0, os.SEEK_END)
+            os.write(descriptor, f"\n{temporary}".encode())
+    except OSError:
+        return removed  # a file system without locks: Snakemake's own are all there is
+    return removed
+
+
+def _tidy(locks: Path, descriptor: int) -> bool:
+    """Remove what is left if the last run here was of this machine; then name this machine as that of the last run."""
+    left = locks.is_dir() and any(locks.iterdir())
+    last, *folders = os.pread(descriptor, 1 << 20, 0).decode(errors="replace").split("\n")
+    if last != host():
+        if left:
+            return False
+        folders = []
+    for folder in folders:
+        _remove_temporary(Path(folder))
+    if left:
+        shutil.rmtree(locks)
+    os.ftruncate(descriptor, 0)
+    os.pwrite(descriptor, host().encode(), 0)
+    return left
+
+
+def _remove_temporary(folder: Path) -> None:
+    """Remove a folder that Snakemake made, and no other: the file that names it may come from a stranger."""
+    own = folder.parent == Path(gettempdir()) and re.fullmatch(r"snakemake[a-z0-9_]{8}", folder.name)
+    with suppress(OSError):
+        if own and not folder.is_symlink() and folder.stat().st_uid == os.getuid():
+            shutil.rmtree(folder)
+
+
+RUNS = Path(".snakemake/simgap/runs")
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run: its cases, process, machine, beginning (local time) and command.
+
+    `alive` is None where a machine that is not this one may have it: its processes do not show here.
+    """
+
+    cases: list[str]
+    process: int
+    machine: str
+    since: str
+    command: str
+    alive: bool | None = True
+
+    def __str__(self) -> str:
+        """What a person needs to find it."""
+        lives = {True: "alive", False: "gone", None: "of another machine: look there whether it lives"}[self.alive]
+        return (
+            f"`{self.command}` of {', '.join(self.cases) or 'no case'}, process {self.process} on {self.machine}, "
+            f"since {self.since} ({lives})"
+        )
+
+
+def announce(folder: Path, cases: Sequence[str], command: str) -> list[Run]:
+    """Say that this process is a run of these cases in `folder`; the other runs there that are alive."""
+    own = Run(list(cases), os.getpid(), platform.node(), time.strftime("%Y-%m-%d %H:%M:%S"), command)
+    with suppress(OSError):  # a folder that takes no file or no lock: Snakemake says what is wrong with it
+        (folder / RUNS).mkdir(parents=True, exist_ok=True)
+        path = folder / RUNS / f"{host()}-{own.process}.json"
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o666)
+        _HELD.append(descriptor)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.write(descriptor, json.dumps(asdict(own)).encode())
+    return [run for run in runs_in(folder) if run.alive]
+
+
+def runs_in(folder: Path) -> list[Run]:
+    """Runs of other processes that are alive in `folder`, or may be: those of other machines; in order of beginning."""
+    files = sorted((folder / RUNS).glob("*.json")) if (folder / RUNS).is_dir() else []
+    own = f"{host()}-{os.getpid()}.json"
+    found = [_read(path) for path in files if path.name != own]
+    return sorted((run for run in found if run is not None), key=lambda run: run.since)
+
+
+def _read(path: Path) -> Run | None:
+    """The run of a file; None where it is gone, or the file no such file (a stranger may have written it)."""
+    try:
+        with reading.opened_text(path) as stream:
+            alive: bool | None = True
+            try:
+                fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                alive = None
+            except BlockingIOError:
+                pass
+            if alive is None and path.name.startswith(f"{host()}-"):
+                path.unlink(missing_ok=True)
+                return None
+            read = json.loads(stream.read(1 << 16))
+        cases, process = [str(name) for name in read["cases"]], int(read["process"])
+        return Run(cases, process, str(read["machine"]), str(read["since"]), str(read["command"]), alive)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+RUN = "SIMGAP_RUN"
+"""Environment variable by which a run tells its stages who it is: this machine's digits, a colon, the process."""
+
+
+def follow_the_run() -> None:
+    """End this process when the run that it is part of has ended; does nothing without one."""
+    machine, _, process = os.environ.get(RUN, "").partition(":")
+    if machine != host() or not process.isdecimal() or not hasattr(os, "pidfd_open"):
+        return  # started by a person, or on another machine by a batch system
+    try:
+        run = os.pidfd_open(int(process))
+    except ProcessLookupError:
+        os._exit(1)
+    except OSError:
+        return
+    threading.Thread(target=_end_with, args=(run,), name="follow the run", daemon=True).start()
+
+
+def _end_with(run: int) -> None:
+    select.select([run], [], [])
+    os._exit(1)

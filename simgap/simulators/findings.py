@@ -1,0 +1,220 @@
+"""What an engine makes of a model file in silence: what it drops, replaces, completes or enforces.
+
+Two engines read one URDF as two robots. Some of it can be asked of the loaded engine (masses, centres of mass,
+moments of inertia); the rest, what it does with friction, limits and gears, is a trait of the engine that a test shows.
+Nothing here is refused: gamma covers what the simulator does. It is said, so that nobody takes it for the robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+
+import numpy as np
+
+from simgap.arrays import Floats
+from simgap.config.case import Case
+from simgap.errors import Finding
+from simgap.plants.model_file import FileJoint, Link, ModelFile
+from simgap.plants.urdf_checks import slack
+from simgap.simulators.base import FileTraits
+
+SAME = 1e-3
+"""Relative difference up to which two numbers are the same: files round to that."""
+
+
+def surprises(case: Case, traits: FileTraits, file: ModelFile, loaded: Mapping[str, Link]) -> list[Finding]:
+    """All findings for the model file that the engine loads.
+
+    Args:
+        case: with a simulator and a domain.
+        traits: of its engine; file: the model file that it loads; loaded: links as the engine computes with them.
+    """
+    found = [*_links(case, file, loaded), *_damping(case, traits, file)]
+    for name, joint in file.joints.items():
+        found += _joint(case, traits, name, joint)
+    return found
+
+
+def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[Finding]:
+    for name, own in loaded.items():
+        if name in file.bare and own.mass > 0:
+            yield Finding(
+                f"link '{name}'",
+                f"the file gives it no mass, the engine gives it {own.mass:g} kg",
+                "Add <inertial> to it.",
+            )
+        said = file.links.get(name)
+        if said is None:
+            continue
+        if said.moments[:2].sum() < said.moments[2] - slack(said.moments):
+            yield Finding(
+                f"link '{name}'", f"no body has its principal moments {_list(said.moments)} kg m^2: the largest is "
+                "more than the two others together; engines that take the file compute with them",
+                "Correct <inertia>, if you know better.",
+            )  # fmt: skip
+        if differ(own.mass, said.mass):
+            yield Finding(
+                f"link '{name}'", f"the engine computes with {own.mass:g} kg, the file says {said.mass:g} kg",
+                "Give simulator.urdf the mass that is meant.",
+            )  # fmt: skip
+        if differ(own.com, said.com):
+            yield Finding(
+                f"link '{name}'",
+                f"the engine has its centre of mass at {_list(own.com)} m, the file at {_list(said.com)} m",
+                "Look at <inertial><origin>.",
+            )
+        if differ(own.moments, said.moments):
+            by_key = getattr(case.simulator, "inertia", None) == "engine"
+            yield Finding(
+                "simulator.inertia" if by_key else f"link '{name}'",
+                f"the engine computes link '{name}' with the principal moments {_list(own.moments)} kg m^2, the file "
+                f"says {_list(said.moments)}",
+                "With `inertia: file` it takes the file's." if by_key else "Look at <inertia>.",
+            )
+
+
+def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Finding]:
+    own = getattr(case.simulator, "damping", None)
+    if own is None:
+        return
+    for name, joint in file.joints.items():
+        engine = own.joint + _viscous(case, name)
+        if differ(joint.damping, engine):
+            yield Finding(
+                "simulator.damping.joint",
+                f"replaces the damping {joint.damping:g} that the file states for joint '{name}' by {engine:g}; the "
+                "nominal model keeps the file's",
+                _agreeing(name, joint.damping, {own.damping for own in file.joints.values()}),
+            )
+    if traits.damps_links and (own.linear or own.angular):
+        yield Finding(
+            "simulator.damping",
+            f"the engine damps every link by {own.linear:g} (linear) and {own.angular:g} (angular) 1/s, which no model "
+            "file says",
+            "Set both to 0, unless the engine as it comes is what you want to measure.",
+        )
+
+
+def _viscous(case: Case, joint: str) -> float:
+    """What declared effects damp a joint by, beside the one number of the engine."""
+    effects = case.simulator.effects if case.simulator is not None else ()
+    return sum(e.parameters.get("b", 0.0) for e in effects if e.on == joint and e.name == "viscous_friction")
+
+
+def _agreeing(name: str, own: float, stated: Collection[float]) -> str:
+    """What makes engine and model agree on the damping of a joint, where one key is that of all joints."""
+    least = min(stated)
+    if len(stated) == 1:
+        return f"Set it to {own:g} if the two should agree."
+    if own == least:
+        return f"Set it to {own:g}, the least of the joints, if the two should agree."
+    return (
+        f"It is one number for joints that differ: set it to {least:g}, the least, and give '{name}' viscous_friction "
+        f"of {own - least:g} in simulator.effects, if the two should agree."
+    )
+
+
+def _joint(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
+    place = f"joint '{name}'"
+    if joint.friction > 0 and not _declared(case, name):
+        yield Finding(
+            place, f"neither Drake nor the engine acts out its friction {joint.friction:g}",
+            "Declare coulomb_friction in simulator.effects, and in plant.effects if the model should know it.",
+        )  # fmt: skip
+    if joint.mimics is not None:
+        yield Finding(
+            place, f"the file lets it follow joint '{joint.mimics}', the engine lets it move on its own",
+            "Weld or remove it, or give it states.",
+        )  # fmt: skip
+    if joint.reflected:
+        yield Finding(
+            place, "the file states a gear or a rotor's inertia, which the engine drops",
+            "Add the reflected inertia to the link, or let gamma cover it.",
+        )  # fmt: skip
+    yield from ranges(case, traits, name, joint)
+    yield from efforts(case, name, joint)
+
+
+def _declared(case: Case, joint: str) -> bool:
+    """Whether an effect of the simulator is some dry friction of a joint."""
+    effects = case.simulator.effects if case.simulator is not None else ()
+    return any(e.on == joint and "friction" in e.name and e.name != "viscous_friction" for e in effects)
+
+
+def ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
+    """What X asks of a joint beyond what the file lets it do."""
+    assert case.domain is not None
+    for state, section in case.plant.states.items():
+        if section.joint != name:
+            continue
+        lo, hi = case.domain.X[state]
+        key, fastest = f"domain.X.{state}", max(abs(lo), abs(hi))
+        if section.quantity == "position" and joint.range is not None and traits.stops:
+            least, most = joint.range
+            if least <= most and (lo < least or hi > most):
+                yield Finding(
+                    key, f"reaches beyond the range [{least:g}, {most:g}] of joint '{name}', where the engine stops it "
+                    "and the nominal model does not",
+                    "Keep X inside the range, with room for one step.",
+                )  # fmt: skip
+            elif least < most and any(to_stop(case, state, end) for end in joint.range):
+                yield Finding(
+                    key, f"comes within {_travel(case, state):.3g} of the stops at {least:g} and {most:g} of joint "
+                    f"'{name}', which is what it travels in one step at its fastest: the engine stops it there and the "
+                    "nominal model does not",
+                    "Keep X farther inside, or fewer speeds in X.",
+                )  # fmt: skip
+        if section.quantity != "velocity":
+            continue
+        if joint.velocity is not None and fastest > joint.velocity:
+            yield Finding(
+                key, f"reaches {fastest:g}, joint '{name}' is said to be no faster than {joint.velocity:g}; neither "
+                "Drake nor the engine holds it there",
+                "Keep X within it, or correct the file.",
+            )  # fmt: skip
+        if traits.fastest is not None and fastest >= traits.fastest:
+            yield Finding(
+                key, f"reaches {fastest:g}, the engine cuts every joint's speed at {traits.fastest:g}",
+                "Keep X below it.",
+            )  # fmt: skip
+
+
+def to_stop(case: Case, state: str, end: float) -> bool:
+    """Whether one step at the largest speed of X leads from X to a stop of the joint whose position `state` is."""
+    assert case.domain is not None
+    lo, hi = case.domain.X[state]
+    travel = _travel(case, state)
+    return lo - travel < end < hi + travel
+
+
+def _travel(case: Case, state: str) -> float:
+    """What the joint of a position travels in one step at the largest speed of X."""
+    assert case.domain is not None
+    joint = case.plant.states[state].joint
+    speeds = [n for n, s in case.plant.states.items() if s.joint == joint and s.quantity == "velocity"]
+    return case.domain.tau * max((abs(v) for n in speeds for v in case.domain.X[n]), default=0.0)
+
+
+def efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
+    """What U asks of a joint beyond what the file says that it takes."""
+    assert case.domain is not None
+    for drive, section in case.plant.inputs.items():
+        if section.joint == name and joint.effort is not None:
+            most = float(np.abs(case.domain.U[drive].list()).max())
+            if most > joint.effort:
+                yield Finding(
+                    f"domain.U.{drive}",
+                    f"reaches {most:g}, joint '{name}' is said to take no more than {joint.effort:g}; neither Drake "
+                    "nor the engine cuts it there",
+                    "Keep U within it, or declare saturation in simulator.effects.",
+                )
+
+
+def differ(a: Floats | float, b: Floats | float) -> bool:
+    """Whether two numbers, or two lists of them, are not the same up to `SAME`."""
+    size = max(float(np.abs(a).max()), float(np.abs(b).max()))
+    return bool(np.abs(np.asarray(a) - b).max() > SAME * size)
+
+
+def _list(values: Floats) -> str:
+    return "(" + ", ".join(f"{v:.4g}" for v in values) + ")"

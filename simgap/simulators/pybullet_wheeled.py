@@ -1,0 +1,197 @@
+"""A differential-drive robot in PyBullet: wheels in frictional contact with a floor, torque-limited velocity motors.
+
+Contacts and motors are solved directly (Dantzig's pivoting): sequential impulses, PyBullet's default, need some 200
+iterations a step to forget in which order and along which axes of the world they work. Where the direct solver finds no
+solution Bullet takes them instead.
+
+The engine's state is larger than the pose: wheel and body velocities, contact caches. `reset` restores a saved state of
+the robot at rest before it moves the robot, so that nothing of an earlier roll-out is left; `responses` restores the
+saved state that a history of inputs leaves behind. The same arguments give the same bits in any order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from simgap.arrays import Floats
+from simgap.errors import UserError
+from simgap.plants.model_file import Link
+from simgap.plants.urdf_checks import loading
+from simgap.simulators.commands import CommandPath
+from simgap.simulators.pybullet_joints import links_of, without_mass
+from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettings
+
+CONTACT_BREAKING = 0.2
+"""Distance at which a contact point is dropped, as a share of a shape's radius (so Bullet reads it): 7.6 mm for a wheel
+of 38 mm. Below a few mm a wheel that hops by a fraction of a millimetre loses its contact, falls freely for an engine
+step and turns the robot by up to some hundredths of a radian, at some headings and not at others."""
+SOFTNESS = 1e-8
+"""Constraint force mixing: the velocity, m/s, by which a contact gives way to an impulse of 1 N s, times the time of an
+engine step. Two wheels on an axle both hold the robot against sliding along it, so that without it the direct solver
+meets a singular matrix seven times in ten; with it the impulse that carries the robot moves a contact by 1e-6 m/s."""
+SETTLED = 1e-8
+"""Sum of squares of the velocity changes, (m/s)^2, at which an iteration of the contact solver is the last."""
+
+
+class PyBulletWheeled(WheeledEngine):
+    """`f_hat` of the robot: states x, y, heading (not wrapped); inputs linear and angular velocity."""
+
+    Settings = WheeledSettings
+    distributions = ("pybullet",)
+
+    def __init__(self, plant: WheeledPlant, section: WheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
+        import pybullet as p
+        from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
+
+        super().__init__(plant, section, paths)
+        self._section = section
+        self.engine = f"pybullet {p.getAPIVersion()}"
+        self._p: Any = BulletClient(p.DIRECT)
+        self._native: Any = p  # the client looks every function up anew, which costs more than a pose does
+        self._body, self._wheels = self._load()
+        # Bullet's body frame is at the centre of mass, along the principal axes of inertia: seen from the root
+        place, self._axes = self._p.getDynamicsInfo(self._body, -1)[3:5]
+        self._offset = np.array(place)
+        self._from_axes = np.array(self._native.getMatrixFromQuaternion(self._axes)).reshape(3, 3).T
+        self._aligned = bool(np.array_equal(self._from_axes, np.eye(3)))
+        self._height = self._settled_height()
+        self._rest = self._kept()
+
+    def _load(self) -> tuple[int, tuple[int, int]]:
+        p, s = self._p, self._section
+        p.setGravity(0, 0, -self._plant.gravity)
+        p.setPhysicsEngineParameter(
+            fixedTimeStep=self._plant.tau / s.poses,
+            numSubSteps=s.substeps // s.poses,
+            deterministicOverlappingPairs=1,
+            enableConeFriction=1,
+            contactBreakingThreshold=CONTACT_BREAKING,
+            constraintSolverType=p.CONSTRAINT_SOLVER_LCP_DANTZIG,
+            globalCFM=SOFTNESS,
+            numSolverIterations=s.solver_iterations,
+            solverResidualThreshold=SETTLED,
+        )
+        floor = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
+        p.changeDynamics(floor, -1, lateralFriction=s.floor_friction, restitution=0)
+        urdf, place = self._plant.urdf, [0, 0, s.wheel_radius]
+        with loading("PyBullet", urdf):
+            body = p.loadURDF(str(urdf), place, flags=p.URDF_USE_INERTIA_FROM_FILE)
+        index = {p.getJointInfo(body, j)[1].decode(): j for j in range(p.getNumJoints(body))}
+        for link in range(-1, p.getNumJoints(body)):
+            p.changeDynamics(
+                body, link, linearDamping=0, angularDamping=0, jointDamping=0, rollingFriction=0, spinningFriction=0,
+                restitution=0, activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING,
+            )  # fmt: skip
+        without_mass(p, p._client, body, self._plant.urdf)
+        grip = max(p.getDynamicsInfo(body, link)[1] for link in range(-1, p.getNumJoints(body)))
+        if grip > 1.0:  # how far a path may stray between poses counts on the floor's friction alone
+            raise UserError(
+                f"a link has the lateral friction {grip:g}; what the floor gives is multiplied by it",
+                file=self._plant.urdf, key="<lateral_friction>",
+                remedy="State at most 1 there and the rest in simulator.floor_friction.",
+            )  # fmt: skip
+        p.setCollisionFilterPair(body, floor, -1, -1, 0)  # the body hangs clear of the floor; asking costs a third
+        if s.payload:
+            mass, _, inertia = p.getDynamicsInfo(body, -1)[:3]
+            scale = 1.0 + s.payload / mass
+            p.changeDynamics(body, -1, mass=mass * scale, localInertiaDiagonal=[scale * i for i in inertia])
+        return body, (index[s.left], index[s.right])
+
+    def loaded(self) -> Mapping[str, Link]:
+        """See `Simulator.loaded`."""
+        return links_of(self._p, self._p._client, self._body)
+
+    def _settled_height(self) -> float:
+        """Let the robot stand until its contacts carry it: height of its centre of mass, m."""
+        self._command(0.0, 0.0)
+        for _ in range(int(np.ceil(self._section.settle * self._section.poses / self._plant.tau))):
+            self._p.stepSimulation()
+        return float(self._p.getBasePositionAndOrientation(self._body)[0][2])
+
+    def _command(self, linear: float, angular: float) -> None:
+        s = self._section
+        # PyBullet limits a motor's impulse by force times the outer time step whatever the number of sub-steps
+        force = s.torque / (s.substeps // s.poses)
+        self._p.setJointMotorControlArray(
+            self._body, self._wheels, self._p.VELOCITY_CONTROL,
+            targetVelocities=self.wheel_rates(linear, angular),
+            forces=[force, force],
+        )  # fmt: skip
+
+    def reset(self, x: Floats) -> None:
+        """Put the robot at rest at a pose: x (nx,), m and rad."""
+        i, j, k = self._plant.pose
+        heading = float(x[k])
+        p = self._p
+        self._return_to(self._rest)
+        quaternion = p.getQuaternionFromEuler([0, 0, heading])
+        if not self._aligned:
+            quaternion = p.multiplyTransforms([0, 0, 0], quaternion, [0, 0, 0], self._axes)[1]
+        cos, sin = np.cos(heading), np.sin(heading)
+        a, b, _ = self._offset
+        place = [float(x[i]) + cos * a - sin * b, float(x[j]) + sin * a + cos * b, self._height]
+        p.resetBasePositionAndOrientation(self._body, place, quaternion)
+        p.resetBaseVelocity(self._body, [0, 0, 0], [0, 0, 0])
+        for wheel in self._wheels:
+            p.resetJointState(self._body, wheel, 0.0, 0.0)
+        self._turned = heading
+        for memory in self._memory:
+            memory.rest(0.0)
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold (linear, angular) for tau: -> pose, the heading continued not wrapped; `path` holds the poses on it."""
+        a, b = self._plant.commands
+        self._command(float(u[a]), float(u[b]))
+        felt = [m.step(float(c), self._section.poses) for m, c in zip(self._memory, u, strict=False)]
+        step, where, client = self._native.stepSimulation, self._native.getBasePositionAndOrientation, self._p._client
+        seen: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
+        for n in range(self._section.poses):
+            if felt:
+                self._command(float(felt[a][n]), float(felt[b][n]))
+            step(physicsClientId=client)
+            seen.append(where(self._body, physicsClientId=client))
+        self._watch(seen)
+        return self.path[-1].copy()
+
+    def _watch(self, seen: Sequence[tuple[tuple[float, ...], tuple[float, ...]]]) -> None:
+        """`path` from positions and quaternions of the centre of mass: poses of the root frame, headings continued."""
+        turn = self._native.getMatrixFromQuaternion
+        place = np.array([position for position, _ in seen])
+        m = np.array([turn(quaternion) for _, quaternion in seen])
+        if not self._aligned:
+            m = (m.reshape(-1, 3, 3) @ self._from_axes).reshape(-1, 9)
+        a, b, c = self._offset
+        i, j, k = self._plant.pose
+        self.path[:, i] = place[:, 0] - (m[:, 0] * a + m[:, 1] * b + m[:, 2] * c)
+        self.path[:, j] = place[:, 1] - (m[:, 3] * a + m[:, 4] * b + m[:, 5] * c)
+        for n, heading in enumerate(np.arctan2(m[:, 3], m[:, 0]).tolist()):
+            self._turned += (heading - self._turned + np.pi) % (2.0 * np.pi) - np.pi
+            self.path[n, k] = self._turned
+
+    def turning(self) -> tuple[float, float]:
+        """See `WheeledEngine.turning`."""
+        left, right = (float(self._p.getJointState(self._body, wheel)[1]) for wheel in self._wheels)
+        return left, right
+
+    def standing(self) -> tuple[float, float]:
+        """See `WheeledEngine.standing`."""
+        place, quaternion = self._p.getBasePositionAndOrientation(self._body)
+        turned = np.array(self._native.getMatrixFromQuaternion(quaternion)).reshape(3, 3) @ self._from_axes
+        return float(place[2] - turned[2] @ self._offset), float(np.arccos(np.clip(turned[2, 2], -1.0, 1.0)))
+
+    def _kept(self) -> int:
+        """The number of a saved state, contacts included."""
+        return int(self._p.saveState())
+
+    def _return_to(self, kept: int) -> None:
+        self._p.restoreState(kept)
+
+    def _forget(self, kept: int) -> None:
+        self._p.removeState(kept)
+
+    def close(self) -> None:
+        """Disconnect from the engine."""
+        self._p.disconnect()

@@ -1,0 +1,294 @@
+"""Simulators that are a person's code (a function, an FMU, a plug-in engine): bounded in time, checked, and tried.
+
+An engine's process notes which call it is in, where the process that waits for it can see it. A call that takes too
+long ends the process by an alarm of the system, which C code cannot hold up; a process that grows too large ends
+itself. Either way, and after a crash, the run is told what was being computed.
+
+Whether the simulator is a map of x and u is tried: the same calls, spread over X and U, are made twice, in another
+order and after a pause, and again after every larger block of roll-outs: what differs then depends on what ran before,
+on chance or on a clock. A second step must be the step that begins where the first ended: what differs there is state
+that x does not have. A trial is no proof.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import struct
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from simgap.arrays import Floats
+from simgap.errors import UserError
+from simgap.simulators.base import PathSimulator, Simulator
+
+if TYPE_CHECKING:
+    from simgap.config.case import Case
+
+
+T = TypeVar("T")
+CALLS, PAUSE, BLOCK = 16, 0.05, 64
+"""How many calls, the pause before they are made again, s, and rows of a block after which they are. A block is
+four times as many as the calls; all judgement."""
+REMEMBERS = 1e-6
+"""Largest relative deviation of a second step from one that begins where the first ended: room for a solver of
+variable step. Judgement."""
+DECLARE = (
+    "Declare what it remembers: as states of the plant (plant.states), or by hidden_state for a robot in the plane. "
+    "Fix its seeds."
+)
+
+
+def at_call(names: tuple[Sequence[str], Sequence[str]], x: Any, u: Any) -> str:
+    """A call in words: the names of states and inputs with their values, none of x if it is None."""
+    pairs = [] if x is None else list(zip(names[0], x, strict=False))
+    pairs += list(zip(names[1], u, strict=False))
+    return "at " + ", ".join(f"{name} = {float(value):.9g}" for name, value in pairs)
+
+
+def probed(simulator: Simulator, case: Case) -> Simulator:
+    """The same simulator, tried at its first roll-outs, after them.
+
+    Its `rollouts` raise UserError where it answers the same call in two ways, or has more state than the case.
+    """
+    if case.domain is None:
+        return simulator
+    own: Any = simulator
+    probe, rollouts, tried = _Probe(simulator, case), own.rollouts, [False]
+
+    def rollouts_tried(x: Floats, u: Floats) -> Floats:
+        following: Floats = rollouts(x, u)
+        if not tried[0]:
+            tried[0] = True
+            probe.begin(rollouts)
+        elif len(x) >= BLOCK:
+            probe.repeat(rollouts)
+        return following
+
+    own.rollouts = rollouts_tried
+    return simulator
+
+
+class _Probe:
+    """Calls spread over X and U, and what was answered first."""
+
+    def __init__(self, simulator: Simulator, case: Case) -> None:
+        self._simulator, self._rng = simulator, np.random.default_rng(0)
+        self._names = list(case.plant.states), list(case.plant.inputs)
+        self._whole = case.hidden_state is None and not simulator.remembers
+        domain: Any = case.domain
+        lo, hi = np.array([domain.X[name] for name in self._names[0]]).T
+        share = np.stack([self._rng.permutation(CALLS) for _ in self._names[0]], axis=1)
+        self._x = lo + (hi - lo) * (share + self._rng.random(share.shape)) / CALLS
+        values = [self._rng.choice(domain.U[name].list(), CALLS) for name in self._names[1]]
+        self._u = np.stack(values, axis=1) if values else np.zeros((CALLS, 0))
+
+    def begin(self, rollouts: Any) -> None:
+        self._first = np.array(rollouts(self._x.copy(), self._u.copy()))
+        time.sleep(PAUSE)
+        self.repeat(rollouts)
+        if self._whole:
+            self._second_steps()
+
+    def repeat(self, rollouts: Any) -> None:
+        order = self._rng.permutation(CALLS)
+        again = rollouts(self._x[order], self._u[order])
+        for k in np.flatnonzero((again != self._first[order]).any(axis=1))[:1]:
+            where = at_call(self._names, self._x[order[k]], self._u[order[k]])
+            raise UserError(
+                f"the simulator answers the same call in two ways, {where}: it keeps a state, draws random numbers or "
+                "reads a clock", key="simulator", remedy=DECLARE,
+            )  # fmt: skip
+
+    def _second_steps(self) -> None:
+        simulator = self._simulator
+        for x, u, other in zip(self._x, self._u, np.roll(self._u, CALLS // 2, axis=0), strict=True):
+            simulator.reset(x.copy())
+            middle = simulator.advance(u).copy()
+            onward = simulator.advance(other).copy()
+            simulator.reset(middle.copy())
+            off = np.abs(onward - simulator.advance(other)) > REMEMBERS * np.maximum(1.0, np.abs(onward))
+            if off.any():
+                name = self._names[0][int(np.argmax(off))]
+                raise UserError(
+                    f"the simulator has more state than the case: a second step moves {name} otherwise than a step "
+                    f"that begins where the first ended, {at_call(self._names, x, u)}", key="simulator", remedy=DECLARE,
+                )  # fmt: skip
+
+
+KEY = "simulator"
+REMEDY = "Correct the engine, or leave what it cannot do out of domain.X and domain.U."
+NOTE = 4096
+"""Bytes in which a process notes the call that it is in."""
+LOOK = 1.0
+"""Seconds between two looks at the memory of an engine's process."""
+LARGEST = 0.5 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+"""Bytes that it may hold: half of the machine's memory, as `budget.memory` where it is not given."""
+_HEAD = struct.Struct("=iidd")  # 1 in a call, 2 too large; bytes of text; when it began; how long it may take
+
+
+class Note:
+    """What a process is doing, in memory that it shares with the one that waits for it."""
+
+    def __init__(self, place: Any) -> None:
+        """`place` are NOTE bytes of shared memory."""
+        self._view = memoryview(place).cast("B")
+
+    def begin(self, what: str, longest: float) -> None:
+        """A call begins; the process ends if it takes longer (s)."""
+        text = what.encode(errors="replace")[: NOTE - _HEAD.size]
+        self._view[_HEAD.size : _HEAD.size + len(text)] = text
+        _HEAD.pack_into(self._view, 0, 1, len(text), time.monotonic(), longest)
+        signal.setitimer(signal.ITIMER_REAL, longest)
+
+    def end(self) -> None:
+        """It has ended."""
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        _HEAD.pack_into(self._view, 0, 0, 0, 0.0, 0.0)
+
+    def too_large(self) -> None:
+        """The process ends because it has grown too large."""
+        _, length, began, longest = _HEAD.unpack_from(self._view)
+        _HEAD.pack_into(self._view, 0, 2, length, began, longest)
+
+    def said(self) -> str | None:
+        """The call that a process was in when it ended, and how; None if it was in none."""
+        state, length, began, longest = _HEAD.unpack_from(self._view)
+        if state == 0:
+            return None
+        text = bytes(self._view[_HEAD.size : _HEAD.size + length]).decode(errors="replace")
+        if state == 2:
+            return f"its memory grew beyond what a stage may take, {text}"
+        late = time.monotonic() - began >= longest
+        return f"it takes longer than {longest:g} s, {text}" if late else f"it died {text}"
+
+
+_note: Note | None = None
+
+
+def note_in(place: Any) -> Note:
+    """Let this process, an engine's, note its calls there."""
+    global _note
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # ends the process, whatever holds the interpreter
+    _note = Note(place)
+    return _note
+
+
+def grown_too_large() -> bool:
+    """Whether this process holds more memory than an engine may; not where the system does not say."""
+    try:
+        with open("/proc/self/statm") as stream:
+            return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") > LARGEST
+    except OSError:
+        return False
+
+
+def bounded(what: str, longest: float, run: Callable[[], T]) -> T:
+    """The result of `run`; where this is an engine's process, it ends if that takes longer (s), and `what` is told."""
+    if _note is None:
+        return run()
+    _note.begin(what, longest)
+    try:
+        return run()
+    finally:
+        _note.end()
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Whose calls are watched.
+
+    Attributes:
+        name: of the engine, as in the case. states, inputs: names. longest: time of one call, s.
+    """
+
+    name: str
+    states: Sequence[str]
+    inputs: Sequence[str]
+    longest: float
+
+    def call(self, what: str, run: Callable[[], Any], calls: int = 1) -> Any:
+        """Run one call of the engine, or a block of `calls`."""
+        return bounded(what, self.longest * max(1, calls), run)
+
+    def at(self, x: Floats | None, u: Floats) -> str:
+        """A call in words."""
+        return at_call((self.states, self.inputs), x, u)
+
+    def state(self, result: Any, x: Floats | None, u: Floats) -> Floats:
+        """The result of a step as (nx,), refused if it is none."""
+        found = np.asarray(result, dtype=np.float64)
+        if found.shape != (len(self.states),):
+            raise self.fault(f"gives an array {found.shape} instead of ({len(self.states)},)", x, u)
+        if not math.isfinite(float(found @ found)) and not np.isfinite(found).all():
+            bad = [f"{n} = {v:g}" for n, v in zip(self.states, found, strict=True) if not math.isfinite(v)]
+            raise self.fault(f"gives {', '.join(bad)}", x, u)
+        return found
+
+    def fault(self, problem: str, x: Floats | None, u: Floats) -> UserError:
+        """What is wrong with a call."""
+        return UserError(f"the engine '{self.name}' {problem}, {self.at(x, u)}", key=KEY, remedy=REMEDY)
+
+
+def watched(engine: Simulator, watch: Watch) -> Simulator:
+    """The same engine, every call of it watched."""
+    own: Any = engine
+    reset, advance, rollouts = own.reset, own.advance, own.rollouts
+    begun: list[Floats | None] = [None]
+
+    def reset_watched(x: Floats) -> None:
+        begun[0] = np.array(x)
+        watch.call(f"while it is reset {watch.at(x, np.empty(0))}", lambda: reset(x))
+
+    named = ", ".join(f"{name.replace('%', '%%')} = %.9g" for name in (*watch.states, *watch.inputs))
+
+    def advance_watched(u: Floats) -> Floats:
+        before = begun[0]
+        what = watch.at(None, u) if before is None else "at " + named % (*before.tolist(), *u.tolist())
+        found = watch.call(what, lambda: advance(u))
+        following = watch.state(found, before, u)
+        begun[0] = following.copy()
+        return following
+
+    def rollouts_watched(x: Floats, u: Floats) -> Floats:
+        if len(x) == 0 or type(engine).rollouts is Simulator.rollouts:  # a step at a time, each watched
+            return np.asarray(rollouts(x, u), dtype=np.float64)
+        what = f"in {len(x)} roll-outs from {watch.at(x[0], u[0])}"
+        rows = np.asarray(watch.call(what, lambda: rollouts(x, u), len(x)), dtype=np.float64)
+        if rows.shape != (len(x), len(watch.states)):
+            raise watch.fault(f"gives an array {rows.shape}", x[0], u[0])
+        for k in np.flatnonzero(~np.isfinite(rows).all(axis=1))[:1]:
+            watch.state(rows[k], x[k], u[k])
+        return rows
+
+    own.reset, own.advance, own.rollouts = reset_watched, advance_watched, rollouts_watched
+    if isinstance(engine, PathSimulator):
+        _watch_paths(own, watch)
+    return engine
+
+
+def _watch_paths(own: Any, watch: Watch) -> None:
+    """A robot's paths: each call may take as long as its steps."""
+    responses, chain = own.responses, own.chain
+
+    def responses_watched(history: Floats, inputs: Floats, heading: float = 0.0) -> Floats:
+        calls = len(inputs) * (len(history) + 1)
+        found = watch.call(f"after {len(history)} inputs", lambda: responses(history, inputs, heading), calls)
+        return _finite(found, watch, inputs)
+
+    def chain_watched(start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
+        poses, paths = watch.call(watch.at(start, inputs[0]), lambda: chain(start, inputs), len(inputs))
+        return _finite(poses, watch, inputs), _finite(paths, watch, inputs)
+
+    own.responses, own.chain = responses_watched, chain_watched
+
+
+def _finite(found: Floats, watch: Watch, inputs: Floats) -> Floats:
+    if not np.isfinite(found).all():
+        raise watch.fault("gives a path that is not finite", None, inputs[0])
+    return found

@@ -1,0 +1,129 @@
+"""Sets of inputs as packed bits: bit m % 8 of byte m // 8 is input m; words of 32 bits where sets are combined."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simgap.arrays import Bools, Floats, Ints
+from simgap.geometry import Box, Grid
+from simgap.late import njit
+
+Words = NDArray[np.uint32]
+
+
+def word_count(inputs: int) -> int:
+    """Words that hold one bit per input."""
+    return (inputs + 31) // 32
+
+
+def every_input(inputs: int) -> Words:
+    """The set of all inputs, (words,)."""
+    bits = np.zeros(32 * word_count(inputs), np.uint8)
+    bits[:inputs] = 1
+    return np.packbits(bits, bitorder="little").view("<u4").astype(np.uint32)
+
+
+def to_words(mask: NDArray[np.uint8], inputs: int) -> Words:
+    """Packed bytes as words: (n, ceil(M / 8)) -> (n, words)."""
+    wide = np.zeros((len(mask), 4 * word_count(inputs)), np.uint8)
+    wide[:, : mask.shape[1]] = mask
+    return wide.view("<u4").astype(np.uint32)
+
+
+def to_bytes(words: Words, inputs: int) -> NDArray[np.uint8]:
+    """Words as packed bytes: (n, words) -> (n, ceil(M / 8))."""
+    flat = np.ascontiguousarray(words.astype("<u4", copy=False)).view(np.uint8)
+    return np.ascontiguousarray(flat.reshape(len(words), -1)[:, : (inputs + 7) // 8])
+
+
+def margins(grid: Grid, error: Floats) -> tuple[int, ...]:
+    """Cells to either side of the measured one in which the true state may be, per axis; error (nx,)."""
+    return tuple(int(np.ceil(e / (2.0 * h) + 1e-9)) if e > 0 else 0 for e, h in zip(error, grid.h, strict=True))
+
+
+def padded(grid: Grid, margin: tuple[int, ...]) -> Grid:
+    """The grid with `margin` more cells at both ends of each axis that ends: where its states are measured."""
+    width = 2.0 * grid.h
+    pad = np.array([0 if j in grid.periodic else m for j, m in enumerate(margin)])
+    if not pad.any():
+        return grid
+    box = Box(grid.box.lo - pad * width, grid.box.hi + pad * width)
+    return Grid(box, [c + 2 * int(p) for c, p in zip(grid.cells, pad, strict=True)], grid.periodic)
+
+
+def embed(values: NDArray[np.uint32], grid: Grid, larger: Grid, outside: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Rows of the grid's cells (cells, k) in the larger grid's, `outside` (k,) elsewhere."""
+    out = np.empty((*larger.cells, values.shape[1]), np.uint32)
+    out[...] = outside
+    out[inner(grid, larger)] = values.reshape(*grid.cells, -1)
+    return out.reshape(larger.size, -1)
+
+
+def crop(values: NDArray[np.uint32], grid: Grid, larger: Grid) -> NDArray[np.uint32]:
+    """The inverse of `embed`: (larger cells, k) -> (cells, k)."""
+    return np.ascontiguousarray(values.reshape(*larger.cells, -1)[inner(grid, larger)]).reshape(grid.size, -1)
+
+
+def inner(grid: Grid, larger: Grid) -> tuple[slice, ...]:
+    """Where the cells of a grid lie among those of the larger one."""
+    return tuple(slice((b - a) // 2, (b - a) // 2 + a) for a, b in zip(grid.cells, larger.cells, strict=True))
+
+
+def window_and(values: NDArray[np.uint32], grid: Grid, margin: tuple[int, ...]) -> NDArray[np.uint32]:
+    """Bitwise AND over the cells within `margin` of each cell: (cells, k) -> (cells, k). Periodic axes wrap."""
+    for j, m in enumerate(margin):
+        if m > 0:
+            inner = int(np.prod(grid.cells[j + 1 :])) * values.shape[1]
+            shaped = values.reshape(-1, grid.cells[j], inner)
+            out = np.empty_like(shaped)
+            _along(shaped, m, j in grid.periodic, out)
+            values = out.reshape(values.shape)
+    return values
+
+
+@njit(cache=True, nogil=True)
+def _along(values, margin, periodic, out):  # type: ignore[no-untyped-def]
+    cells = values.shape[1]
+    for o in range(values.shape[0]):
+        for i in range(cells):
+            for k in range(values.shape[2]):
+                out[o, i, k] = values[o, i, k]
+            for d in range(-margin, margin + 1):
+                other = i + d
+                if periodic:
+                    other %= cells
+                elif other < 0 or other >= cells:
+                    continue
+                for k in range(values.shape[2]):
+                    out[o, i, k] &= values[o, other, k]
+
+
+Bytes = NDArray[np.uint8]
+
+
+def packed_width(inputs: int) -> int:
+    """Bytes that hold one bit per input."""
+    return (inputs + 7) // 8
+
+
+def unpack(mask: Bytes, inputs: int) -> Bools:
+    """(..., ceil(M / 8)) -> (..., M)."""
+    return np.unpackbits(mask, axis=-1, count=inputs, bitorder="little").view(np.bool_)
+
+
+def preferred(mask: Bytes, order: Ints) -> NDArray[np.int16]:
+    """The first input of `order` that each set holds, -1 for the empty set: (n, bytes), (M,) -> (n,)."""
+    out = np.empty(len(mask), np.int16)
+    _preferred(mask, order, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _preferred(mask, order, out):  # type: ignore[no-untyped-def]
+    for i in range(mask.shape[0]):
+        out[i] = -1
+        for m in order:
+            if mask[i, m >> 3] >> (m & 7) & 1:
+                out[i] = m
+                break
