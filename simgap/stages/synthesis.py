@@ -12,12 +12,13 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.reads import CONTROLLED
+from simgap.effects import effect
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.geometry import Box
 from simgap.io.atomic import write_text
 from simgap.io.controller_file import save_controller
-from simgap.io.documents import write_json
+from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import render
 from simgap.lint.costs import affordable, costs
@@ -35,7 +36,7 @@ from simgap.stages.arguments import CasePath, Option, Out
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
 from simgap.synthesis.controller import Controller
-from simgap.synthesis.explain import explain
+from simgap.synthesis.explain import GammaParts, explain
 from simgap.synthesis.games.game import PreviousBounds
 from simgap.synthesis.synthesise import EmptyDomain, Problem, synthesise
 
@@ -72,7 +73,7 @@ def run(
         affordable(context, [cost for cost in costs(context) if cost.stage == "synthesis"])
         problem, between = pose(context, gap_path)
         began = time.perf_counter()
-        solution = _solved(context, problem, record, summary, threads)
+        solution = _solved(context, problem, gap_path, record, summary, threads)
     for name in (EMPTY_FIGURES, "empty.html"):  # of an earlier run that won nothing
         summary.with_name(name).unlink(missing_ok=True)
     log.info("%d of %d cells win (%.4f)", solution.winning.sum(), solution.free.sum(), solution.fraction)
@@ -98,7 +99,9 @@ def run(
     write_json(summary, figures)
 
 
-def _solved(context: Context, problem: Problem, record: dict[str, Any], summary: Path, threads: int) -> Solution:
+def _solved(
+    context: Context, problem: Problem, gap_path: Path | None, record: dict[str, Any], summary: Path, threads: int
+) -> Solution:
     """The solution; where there is none, why: as a block of the log, in the summary and on a page beside it.
 
     Raises:
@@ -107,7 +110,7 @@ def _solved(context: Context, problem: Problem, record: dict[str, Any], summary:
     try:
         return synthesise(problem, threads)
     except EmptyDomain as error:
-        found = explain(problem, _retimed(context), threads, error.alone)
+        found = explain(problem, _retimed(context), threads, error.alone, _parts(context, gap_path))
         for line in found.block():
             log.warning("%s", line)
         model = "with gap" if problem.gap is not None else "nominal"
@@ -119,6 +122,21 @@ def _solved(context: Context, problem: Problem, record: dict[str, Any], summary:
         raise EmptyDomain(
             error.problem, file=error.file, key=error.key, remedy=f"{error.remedy}. {found.sentence} See {page}"
         ) from None
+
+
+def _parts(context: Context, gap_path: Path | None) -> dict[str, GammaParts]:
+    """Of each state, what its gamma is made of; nothing for a bound over hidden state or for the model alone."""
+    section = context.case.gap
+    dimensions = read_json(gap_path).get("dimensions") or [] if gap_path is not None and section is not None else []
+    late = [e for e in context.plant.effects if effect(e.name).remembers]
+    left = tuple(f"{e.name} of {e.on}" for e in late if effect(e.name).memory_state(e.on) not in context.states)
+    found = {}
+    for d in dimensions:
+        if "largest_sampled_gap" in d and section is not None:
+            boxes = [b.by.get(d["state"], 0.0) for b in section.remainder_within]
+            remainder = max(section.remainder.get(d["state"], 0.0), *boxes, 0.0)
+            found[d["state"]] = GammaParts(d["largest_sampled_gap"], d["sup_size"], remainder, left)
+    return found
 
 
 def _retimed(context: Context) -> Callable[[float], NominalModel] | None:

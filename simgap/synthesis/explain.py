@@ -9,7 +9,7 @@ budget allows. These are searches, not proofs: what they do not find may exist o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -34,6 +34,7 @@ NARROWER = (0.5, 0.0)
 OTHER_TAU = (2.0, 0.5)
 """Times the sampling time."""
 NOMINAL = "the nominal model"
+_NARROWER = "Smaller cells of the grid, a basis that follows the gap or gap.sides: signed make gamma narrower."
 
 
 @dataclass(frozen=True)
@@ -104,9 +105,43 @@ class Explanation:
         ]
 
 
+@dataclass(frozen=True)
+class GammaParts:
+    """What the largest gamma of a state is made of, in its unit.
+
+    Attributes:
+        sampled: largest gap at a sample; whole: largest bound over all states; remainder: what measured data leave.
+        remembered: effects with a memory that the nominal model does not carry.
+    """
+
+    sampled: float
+    whole: float
+    remainder: float
+    remembered: tuple[str, ...] = ()
+
+    def words(self, state: str) -> str:
+        """The parts with their sizes, and what makes the largest smaller."""
+        late = " and ".join(self.remembered)
+        at_samples = f"{late}, which the model does not carry" if late else "the gap to the simulator at the samples"
+        carry = (
+            f"carry {late} as states (fewer cells, inputs or samples make room) or take a larger tau" if late else
+            "correct the model (simgap diagnose, plant.effects) or its integrator"
+        )  # fmt: skip
+        between = "a smaller half-width of the grid, a basis that follows the gap or gap.sides: signed"
+        longer = "longer or less noisy recordings, or an effect that explains it (simgap next)"
+        parts = (
+            (self.sampled, at_samples, carry),
+            (max(self.whole - self.sampled, 0.0), "what may lie between samples (Lipschitz constants, jumps)", between),
+            (self.remainder, "what the recordings leave unexplained (gap.remainder)", longer),
+        )
+        each = ", ".join(f"{size:.2g} is {what}" for size, what, _ in sorted(parts, reverse=True) if size > 0.0)
+        return f"Of the largest gamma of {state}, {each}. The first shrinks with: {max(parts)[2]}."
+
+
 def explain(
-    problem: Problem, retimed: Callable[[float], Model] | None = None, threads: int = 1, alone: float | None = None
-) -> Explanation:
+    problem: Problem, retimed: Callable[[float], Model] | None = None, threads: int = 1, alone: float | None = None,
+    parts: Mapping[str, GammaParts] | None = None,
+) -> Explanation:  # fmt: skip
     """The reasons of a problem whose winning domain is empty.
 
     Args:
@@ -114,11 +149,16 @@ def explain(
         retimed: the nominal model at so many times the sampling time; None where it has no other.
         threads: for the kernels.
         alone: share that the nominal model alone wins on the cells of the problem, None where nobody knows.
+        parts: state -> what its gamma is made of, where that is known.
     """
     axes = axis_numbers(problem)
     tries = tuple(_tries(problem, retimed, threads, alone))
     first = max(axes, key=lambda a: (a.leaves, a.spans / max(a.moves / a.cell, 1e-9))).state
     cause, sentence = _verdict(problem, first, tries)
+    if cause == "gap":
+        widest = max(axes, key=lambda a: a.gamma_width / max(a.moves, 1e-300)).state
+        known = (parts or {}).get(widest)
+        sentence += f" {known.words(widest) if known is not None else _NARROWER}"
     return Explanation(cause, sentence, first, axes, tries)
 
 
@@ -218,10 +258,7 @@ def _verdict(problem: Problem, first: str, tries: Sequence[Try]) -> tuple[str, s
             f"{run_out}. At sampling instants and with a perfect measurement {better.wins:.3g} wins: {what} is.",
         )
     helps = f"; with {narrow[0].what.removeprefix('with ')} it wins {narrow[0].wins:.3g}" if narrow else ""
-    return "gap", (
-        f"{run_out}. The gap is the reason: the nominal model alone wins {won.wins:.3g}{helps}. "
-        "Smaller cells of the grid, a basis that follows the gap or gap.sides: signed make gamma narrower."
-    )
+    return "gap", f"{run_out}. The gap is the reason: the nominal model alone wins {won.wins:.3g}{helps}."
 
 
 def _narrowed(gap: Kernel, share: float) -> Kernel:

@@ -100,10 +100,23 @@ def test_the_plants_own_equations_are_taken_where_none_are_given(vary):
     np.testing.assert_allclose(found, np.stack([x[:, 0] + TAU * v, v], axis=1), atol=1e-12)
 
 
+def test_a_delay_spreads_the_successors_over_what_earlier_commands_leave(vary):
+    """Half a step of the least or of the largest command, then that of the step: by hand, without gravity."""
+    late = {"name": "input_delay", "on": "u", "parameters": {"delay": TAU / 2}}
+    path = equations(vary, effects=[late], substeps=2)
+    case = load_case(path)
+    engine, ends = make_simulator(case, path.parent), case.domain.U["u"].list()
+    lo, hi = engine.spread(np.zeros((1, 2)), np.zeros((1, 1)))
+    bare = make_simulator(load_case(path := equations(vary, substeps=2)), path.parent)
+    pushed = bare.rollouts(np.zeros((2, 2)), np.array([[ends.min()], [ends.max()]])) / 2.0
+    np.testing.assert_allclose([lo[0, 1], hi[0, 1]], pushed[:, 1], rtol=1e-2)
+    assert engine.remembers
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"effects": [{"name": "input_delay", "on": "u", "parameters": {"delay": 0.005}}]}, "cannot act out"),
+        ({"effects": [{"name": "sensor_offset", "on": "x1", "parameters": {"offset": 0.1}}]}, "cannot act out"),
         ({"equations": EQUATIONS | {"dynamics": {"x1": "x2"}}}, "dynamics are given for"),
         ({"integrator": "exact_arc"}, "wheeled"),
     ],

@@ -88,7 +88,9 @@ def bound(fitted: Sizes, fresh: Sizes, level: float) -> Floats:
 
 
 def slow_and_fast(fitted: Sizes, fresh: Sizes, level: float, widest: Mapping[str, float]) -> Split | None:
-    """The split that narrows the mean bound over X most; None if none does by a tenth or is wider near rest.
+    """The split that narrows the mean bound over X; None if none does by a tenth or is wider near rest.
+
+    Of those within a tenth of the one that narrows it most, the most cautious is taken: the widest near rest.
 
     Slow transitions of which too few were held out take the bound of all, widened to that of the fitted slow ones.
 
@@ -111,7 +113,9 @@ def slow_and_fast(fitted: Sizes, fresh: Sizes, level: float, widest: Mapping[str
                 options.append((float(np.mean(mean / everywhere)), velocity, below))
     if not options or min(options)[0] > _WORTH:
         return None
-    _, velocity, below = min(options)
+    best = min(options)
+    below = max(b for worth, v, b in options if v == best[1] and worth <= min(best[0] / _WORTH, _WORTH))
+    velocity = best[1]
     return _split(fitted, fresh, level, velocity, below)
 
 
