@@ -25,11 +25,11 @@ SMALL = (8, 8, 8, 8)  # compiles
 
 def _one(cells: list[int], gap: str | None, way: str) -> dict[str, object]:
     from simgap.plants.context import Context
-    from simgap.stages.synthesis import pose
+    from simgap.stages.synthesis import pose_problem
     from simgap.synthesis.games.invariance import invariance
     from simgap.synthesis.games.layered import layered_invariance
 
-    problem = pose(Context.load(CASE), None if gap is None else Path(gap))[0]
+    problem = pose_problem(Context.load(CASE), None if gap is None else Path(gap))[0]
 
     def run(abstraction):
         if way == "engine":

@@ -17,8 +17,8 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT)]
 
+from simgap.extras import next as stage  # noqa: E402
 from simgap.stages import diagnosis  # noqa: E402
-from simgap.stages import next as stage  # noqa: E402
 from tests.stages.test_next import CASE, RATE, play  # noqa: E402
 
 

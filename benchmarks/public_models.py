@@ -94,7 +94,8 @@ FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
 def tried(path: Path, options: dict[str, Any]) -> dict[str, Any]:
     """What became of a file: `became` (case, refused, traceback), `why`."""
     from simgap.errors import SimgapError
-    from simgap.stages import check, new
+    from simgap.extras.wizard import new_case as new
+    from simgap.stages import check
 
     given, notes = dict(options), list[str]()
     files = {"urdf": None, "mjcf": path} if given.pop("mjcf", False) else {"urdf": path}
@@ -206,8 +207,6 @@ def main() -> None:
     parser.add_argument("--packages", type=Path, action="append", default=[])
     parser.add_argument("--only", default="")
     asked = parser.parse_args()
-    import simgap.stages.check
-    import simgap.stages.new  # noqa: F401  # once for all processes
 
     rows: list[dict[str, Any]] = json.loads(OUT.read_text())["rows"] if asked.only and OUT.is_file() else []
     for package, name, options, right in sorted(FILES, key=lambda file: file[3] == CASE):  # refusals take no time

@@ -1,95 +1,114 @@
-"""README's picture: a model that drifts from a recording, and its correction; a controller that fails, one that holds.
+"""README's picture: the tutorial's rod before and after, from a finished run of the tutorial.
 
-    python benchmarks/readme_picture.py results/pendulum
+    simgap tutorial && simgap run rod.yaml && python benchmarks/readme_picture.py rod.yaml
 
-Left: the recording of the tutorial, diagnosed here, and what both models predict from its first sample on by the torque
-alone. Right: runs of both controllers of the pendulum in PyBullet from the same starts, those of the run's traces in
-which the nominal-only one fails. Writes docs/pictures/diagnosis.png.
+Left: the recording, and what the model of the URDF and the corrected model predict over half a second, restarted from
+the recording. Middle and right: one start in PyBullet, with controllers made for the one and for the other model. Where
+a controller has no admissible input left, the full torque towards upright is applied. Writes
+docs/pictures/diagnosis.png and benchmarks/results/tutorial.json.
 """
 
 from __future__ import annotations
 
-import shutil
+import json
 import sys
-import tempfile
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 import pyarrow.parquet as pq
-from pydrake.systems.analysis import Simulator
 
 import simgap
-from simgap.io.figure_style import AFTER, BEFORE, COLOURS, GREY
-from simgap.io.traces import split
+from simgap.io.figure_style import COLOURS
+from simgap.io.traces import Trace, split
+from simgap.savitzky_golay import savgol_filter
+from simgap.simulators.build import make_simulator
 
 ROOT = Path(__file__).parents[1]
-SECONDS, LIMIT = 8.0, -0.5  # of the rate, rad/s: configs/cases/pendulum.yaml
+GREY, BEFORE, AFTER = "#3A3F47", "#D55E00", "#0072B2"
+NAMES = {"nominal": "controller that trusts the model", "gap": "controller that knows the gap"}
+LIMIT, TORQUE, SECONDS = 0.25, 1.5, 4.99  # rad, N m, s of a run that lasts: docs/tutorial/rod.yaml
 
 
-def predicted(case: Path, t: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Angles at the samples, from rest at 0, by the torque that was recorded."""
-    system = simgap.load_plant(case).drake_system()
-    simulator = Simulator(system)
-    context = simulator.get_mutable_context()
-    context.SetContinuousState([0.0, 0.0])
-    angles = []
-    for now, torque in zip(t, u, strict=True):
-        if now > 0.0:
-            simulator.AdvanceTo(now)
-        angles.append(context.get_continuous_state_vector()[0])
-        system.get_input_port().FixValue(context, [torque])
-    return np.array(angles)
+def recording(axes: plt.Axes, cases: tuple[Path, Path], data: Path) -> None:
+    """The measured angle and the predictions of both models."""
+    t, q, u = np.loadtxt(data, delimiter=",", skiprows=1).T
+    v = savgol_filter(q, 15, 3, 1, t[1] - t[0])
+    shown, half = slice(200, 601), 50
+    axes.plot(t[shown], q[shown], color=GREY, lw=5, alpha=0.4, label="measured")
+    looks = ((BEFORE, "--", "model of the URDF"), (AFTER, "-", "corrected model"))
+    for case, (colour, style, label) in zip(cases, looks, strict=True):
+        model = simgap.load_plant(case).sampled
+        for start in range(shown.start, shown.stop - half, half):
+            x = [np.array([q[start], v[start]])]
+            for torque in u[start : start + half]:
+                x.append(model.step(x[-1][None], np.array([[torque]]))[0])
+            own = label if start == shown.start else None
+            axes.plot(t[start : start + half + 1], np.array(x)[:, 0], color=colour, ls=style, lw=1.8, label=own)
+    axes.set(xlabel="time (s)", ylabel="angle (rad)", title="Recording: predicted half a second ahead")
+    axes.set_ylim(-0.45, 0.45)
 
 
-def recording(axes: plt.Axes) -> None:
-    """The measured angle and both predictions."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for file in ("rod.urdf", "swings.csv"):
-            shutil.copy(ROOT / "docs/tutorial" / file, folder)
-        case = simgap.new_case("rod", urdf=folder / "rod.urdf", folder=folder)
-        simgap.diagnose(case, [folder / "swings.csv"], out=folder / "found")
-        t, q, u = np.loadtxt(folder / "swings.csv", delimiter=",", skiprows=1).T
-        shown = t <= SECONDS
-        before, after = (predicted(c, t[shown], u[shown]) for c in (case, folder / "found/corrected_case.yaml"))
-    axes.plot(t[shown], q[shown], color=GREY, lw=5, alpha=0.5, label="measured")
-    axes.plot(t[shown], before, color=BEFORE, lw=1.8, ls="--", label="model as declared")
-    axes.plot(t[shown], after, color=AFTER, lw=1.5, label="with the friction that was found")
-    axes.set(xlabel="time (s)", ylabel="angle (rad)", title="Model: predicted from the first sample")
-    axes.legend(loc="upper right", fontsize=9, framealpha=0.9)
+def fall(case: Path, run: Trace) -> np.ndarray:
+    """What PyBullet does from the end of a run (nx,) under the full torque towards upright: (k, nx)."""
+    simulator = make_simulator(simgap.load_case(case), case.parent)
+    x = [run.x[-1]]
+    simulator.reset(x[0])
+    while abs(x[-1][0]) < 0.45 and len(x) < 200:
+        x.append(simulator.advance(np.array([-TORQUE * np.sign(x[-1][0])])))
+    simulator.close()
+    return np.array(x)
 
 
-def closed_loop(axes: plt.Axes, results: Path) -> None:
-    """Runs of both controllers near the limit of the rate, from a start where the nominal-only one fails."""
-    table = pq.read_table(results / "validation/traces.parquet")
-    runs = [run for run in split(table, ("x1", "x2"), ("u",)) if run.plant == "simulator"]
-    failed = max((run for run in runs if run.controller == "nominal" and run.violates), key=lambda run: run.duration)
-    names = {"gap": "controller that knows the gap", "nominal": "controller that trusts the model"}
-    for run in (run for run in runs if run.run == failed.run):
-        axes.plot(run.t, run.x[:, 1], ".-", color=COLOURS[run.controller], lw=1.5, label=names[run.controller])
-    axes.plot(failed.t[-1], failed.x[-1, 1], "X", color=COLOURS["nominal"], ms=11, label="outside the safe set")
-    axes.axhspan(LIMIT, 0.0, fc="#E8F3EC", zorder=0)
-    axes.axhline(LIMIT, color="#3A3F47", lw=1.2)
-    axes.text(0.198, LIMIT - 0.0035, "limit of the safe set", ha="right", fontsize=9, color="#3A3F47")
-    axes.set(xlabel="time (s)", ylabel="rate (rad/s)", title="Controller: a run in PyBullet, at the limit")
-    axes.set(xlim=(0.07, 0.2), ylim=(-0.51, -0.43))
-    axes.legend(loc="upper right", fontsize=9, framealpha=0.9)
+def closed_loop(axes: plt.Axes, case: Path, results: Path, number: int | None, title: str) -> int:
+    """Runs of both controllers from one start, the first that the nominal-only controller fails if none is given."""
+    runs = split(pq.read_table(results / "validation/traces.parquet"), ("q", "v"), ("u",))
+    runs = [run for run in runs if run.plant == "simulator"]
+    if number is None:
+        number = next(run.run for run in runs if run.controller == "nominal" and run.duration < SECONDS)
+    for kind in ("nominal", "gap"):
+        for run in (r for r in runs if r.controller == kind and r.run == number):
+            axes.plot(run.t, run.x[:, 0], color=COLOURS[kind], lw=2, label=NAMES[kind])
+            if run.duration < SECONDS:
+                after = fall(case, run)
+                axes.plot(run.t[-1], run.x[-1, 0], "X", color="black", ms=10, mec="white", zorder=5)
+                t = run.t[-1] + 0.01 * np.arange(len(after))
+                axes.plot(t, after[:, 0], ":", color=COLOURS[kind], lw=2)
+    axes.axhspan(-LIMIT, LIMIT, fc="#E8F3EC", zorder=0)
+    axes.set(xlabel="time (s)", title=title, xlim=(0, 2.5), ylim=(-0.45, 0.45))
+    return number
+
+
+def figures(results: Path) -> dict[str, object]:
+    """What the tutorial quotes of a summary."""
+    summary = simgap.load_summary(results)
+    loops = {kind: summary["closed_loop"][kind]["simulator"] for kind in ("nominal", "gap")}
+    return {
+        "largest_gap": summary["sup_gamma"][0]["states"]["v"]["sampled"],
+        "winning": summary["winning_fraction"],
+        "failed": {kind: [t["runs_that_violated_it"], t["runs"]] for kind, t in loops.items()},
+    }
 
 
 def main() -> None:
-    """Both panels, side by side."""
+    """Three panels, side by side."""
     if len(sys.argv) != 2:
         raise SystemExit(__doc__)
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained", width_ratios=(1.35, 1))
-    recording(left)
-    closed_loop(right, Path(sys.argv[1]))
-    for axes in (left, right):
+    case = Path(sys.argv[1]).resolve()
+    results = case.parent / "results/rod"
+    corrected = results / "diagnosis/corrected_case.yaml"
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(13, 4.4), layout="constrained", sharey=True)
+    recording(left, (case, corrected), case.parent / "swings.csv")
+    number = closed_loop(middle, case, results, None, "PyBullet, controllers from the URDF's model")
+    closed_loop(right, case, results / "corrected", number, "PyBullet, controllers from the corrected model")
+    middle.text(1.55, 0.21, "limit of the safe set", fontsize=9, color=GREY)
+    left.legend(loc="lower right", fontsize=9, framealpha=0.9)
+    middle.legend(loc="upper right", fontsize=9, framealpha=0.9)
+    for axes in (left, middle, right):
         axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(ROOT / "docs/pictures/diagnosis.png", dpi=120, metadata={"Software": None})
+    figure.savefig(ROOT / "docs/pictures/diagnosis.png", dpi=110, metadata={"Software": None})
+    found = {"before": figures(results), "after": figures(results / "corrected")}
+    (ROOT / "benchmarks/results/tutorial.json").write_text(json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -224,10 +224,10 @@ def _robot(gap: bool) -> dict[str, object]:
     import numpy as np
 
     from simgap.plants.context import Context
-    from simgap.stages.synthesis import pose
+    from simgap.stages.synthesis import pose_problem
     from simgap.synthesis.synthesise import synthesise
 
-    problem, _ = pose(Context.load(ROOT / "configs" / "cases" / "turtlebot.yaml"), GAP if gap else None)
+    problem, _ = pose_problem(Context.load(ROOT / "configs" / "cases" / "turtlebot.yaml"), GAP if gap else None)
 
     def run() -> dict[str, object]:
         found = synthesise(problem)

@@ -228,13 +228,13 @@ CHANGES: tuple[Change, ...] = (
 
 def cart() -> Any:
     """A cart with drag on a rail with a post at its left, that is to come to rest at its right; its bound is proven."""
+    from simgap.extras.certify import Certified, Reached
     from simgap.gap.bases import Expressions
     from simgap.gap.bounds.closed_form import ClosedFormGap
     from simgap.gap.fitting.fit import fit_gap
     from simgap.gap.sampling.samples import GapSamples
     from simgap.gap.settings import GapSettings
     from simgap.geometry import Box, Grid
-    from simgap.io.certificate import Certified, Reached
     from simgap.model.expressions import parse
     from simgap.model.sampled import NominalModel
     from simgap.model.symbolic import symbol
@@ -268,7 +268,7 @@ def originals(folder: Path, kinds: tuple[str, ...] = ("invariance", "cart", "rob
     from test_checker import pendulum
     from test_reach import ARENA, made_of
 
-    from simgap.io.certificate import write_certificate
+    from simgap.extras.certify import write_certificate
 
     make = {
         "invariance": lambda: pendulum(safe={"x1": (-0.1, 0.2)}), "cart": cart,

@@ -33,7 +33,7 @@ from simgap.geometry import Grid
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
-from simgap.stages.synthesis import pose
+from simgap.stages.synthesis import pose_problem
 from simgap.synthesis.synthesise import synthesise
 
 CASE = Path(__file__).parents[1] / "configs" / "cases" / "pendulum.yaml"
@@ -71,7 +71,7 @@ def gap_of(context: Context, case: Case, x: Floats, u: Floats, workers: int) -> 
 
 def winning(context: Context, result: GapResult | None, workers: int) -> float:
     """Winning fraction of the safe set under f with the bound, or under f alone."""
-    problem, _ = pose(context, None)
+    problem, _ = pose_problem(context, None)
     if result is not None:
         problem = replace(problem, gap=result.function.kernel(), gap_axes=None)
     try:

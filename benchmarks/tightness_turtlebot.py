@@ -33,8 +33,8 @@ from simgap.gap.sampling.gap_samples import steps_of
 from simgap.gap.sampling.points import AFTER_PREVIOUS, body_samples
 from simgap.io.documents import read_json
 from simgap.plants.context import Context, pose_axes
-from simgap.stages.gap_inputs import samples_of
-from simgap.stages.synthesis import pose
+from simgap.stages.gap_inputs import read_samples
+from simgap.stages.synthesis import pose_problem
 from simgap.synthesis.synthesise import Problem, synthesise
 
 ROOT = Path(__file__).parents[1]
@@ -128,17 +128,17 @@ def main() -> None:
     path = results()
     content = read_json(path["gap"])
     default = from_json(content)
-    with_classes, _ = pose(context, path["gap"])
+    with_classes, _ = pose_problem(context, path["gap"])
     problem = replace(with_classes, previous=None)  # one bound after any previous input; the classes have a line below
     model, axes, inputs = context.plant.sampled, pose_axes(context), context.input_set
     centre = 0.5 * (context.box.lo + context.box.hi)
     motion = nominal_motion(model.step, centre, inputs, axes, np.random.default_rng(0))
-    shards = [samples_of(context, path[f"shard {k}"], "rollouts") for k in range(SHARDS)]
+    shards = [read_samples(context, path[f"shard {k}"], "rollouts") for k in range(SHARDS)]
     grid = steps_of(context, shards, AFTER_PREVIOUS)
     d = grid.final - motion[grid.m]
     bare = hull(grid.m, d, len(inputs))
     still = d[grid.previous == np.abs(inputs).sum(axis=1).argmin()]
-    fresh_steps = body_samples(context.case, samples_of(context, path["fresh"], "fresh"))
+    fresh_steps = body_samples(context.case, read_samples(context, path["fresh"], "fresh"))
     drawn = inputs[fresh_steps.m], fresh_steps.final - motion[fresh_steps.m]
     largest = np.abs(d).max(axis=0)
     rows: dict[str, Any] = {}

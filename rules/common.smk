@@ -8,7 +8,7 @@ from pathlib import Path
 from simgap.io.runs import RUN, follow_the_run
 from simgap.config.load import load_case
 from simgap.config.reads import READS
-from simgap.config.measured import matching
+from simgap.config.measured import matching_files
 from simgap.config.rig import case_of_rig
 from simgap.config.sweep import MARK, base_of, points_of_sweep
 from simgap.config.workflow import workflow_config

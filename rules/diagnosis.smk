@@ -38,7 +38,7 @@ def own_recordings(case):
     try:
         return {
             str(path): file_digest(path) if is_file(path) else None
-            for _, path in matching(CASE_FOLDER, names)
+            for _, path in matching_files(CASE_FOLDER, names)
         }
     except SimgapError as error:
         told(error)

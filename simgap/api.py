@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from simgap.extras.wizard import new_case as _new
 from simgap.gap.bounds.function import GapFunction
 from simgap.io.documents import read_json
 from simgap.io.gap_file import load_gap as _load_gap
 from simgap.plants.context import Context
 from simgap.stages import check as _check
-from simgap.stages import new as _new
 from simgap.stages.check import Checked
 
 

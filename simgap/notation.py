@@ -67,10 +67,13 @@ def number(value: Any, digits: int = 4) -> str:
     if not math.isfinite(x):
         return "unbounded"
     text = f"{x:.{digits}g}"
-    if "e" in text:
-        mantissa, exponent = text.split("e")
-        return f"{mantissa}·10{superscript(str(int(exponent)))}"
-    return text
+    if "e" not in text:
+        return text
+    if 1.0 <= abs(float(text)) < 1e6:
+        return f"{float(text):,.0f}"
+    mantissa, exponent = text.split("e")
+    factor = "" if mantissa == "1" else f"{mantissa}·"
+    return f"{factor}10{superscript(str(int(exponent)))}"
 
 
 def with_error(value: float, half: float, unit: str = "") -> str:

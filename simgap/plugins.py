@@ -30,8 +30,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
                 "mujoco": "simgap.simulators.mujoco_joints:MuJoCoJoints",
                 "equations": "simgap.simulators.equations:EquationsEngine",
                 "python": "simgap.simulators.python_function:PythonEngine",
-                "drake": "simgap.simulators.drake_joints:DrakeJoints",
-                "fmu": "simgap.simulators.fmu:FmuEngine",
+                "drake": "simgap.extras.engines.drake_joints:DrakeJoints",
+                "fmu": "simgap.extras.engines.fmu:FmuEngine",
                 "mujoco_wheeled": "simgap.simulators.mujoco_wheeled:MuJoCoWheeled",
             }
         ),

@@ -20,7 +20,7 @@ from simgap import plugins, reading
 from simgap.config.case import Case
 from simgap.config.function_file import FunctionFile
 from simgap.config.model_files import KEYS, named_by
-from simgap.config.plugged import used
+from simgap.config.plugged import used_plugins
 from simgap.config.reads import CLOSED_FORM, COPIED, EVERY_EFFECT, OWN_FORMAT, READS, SIMULATED, TRANSLATED
 from simgap.errors import UserError, excerpt
 
@@ -119,9 +119,15 @@ def file_digest(path: Path) -> str:
     return reading.sha256(path)[:16]
 
 
+def module_of(stage: str) -> str:
+    """The module of a stage, among the optional ones if not among those of a run."""
+    own = f"simgap.stages.{stage}"
+    return own if own in import_graph().modules else f"simgap.extras.{stage}"
+
+
 def code_digest(stage: str, case: Case | None = None, folder: Path = Path()) -> str:
     """A hash of the code that a stage runs for a case: its import closure and the plug-ins that the case uses."""
-    content: dict[str, Any] = module_digests(closure(f"simgap.stages.{stage}"))
+    content: dict[str, Any] = module_digests(closure(module_of(stage)))
     for group, name in plugins_of(stage, case):
         content[f"{group}: {name}"] = digest(_sources(group, name, folder))
     return digest(content)
@@ -129,8 +135,8 @@ def code_digest(stage: str, case: Case | None = None, folder: Path = Path()) -> 
 
 def plugins_of(stage: str, case: Case | None) -> list[tuple[str, str]]:
     """Group and name of the plug-ins that a stage runs for a case: those of the groups whose door it imports."""
-    reached = closure(f"simgap.stages.{stage}")
-    asked = [(u.group, u.name) for u in (used(case) if case is not None else ())]
+    reached = closure(module_of(stage))
+    asked = [(u.group, u.name) for u in (used_plugins(case) if case is not None else ())]
     asked += [("effects", name) for name in _effects(stage, case)]
     copied = stage == "diagnosis"  # the corrected case takes copies of the files along
     # over hidden states an engine's settings are asked how far its paths stray, and their methods stand in its file

@@ -40,7 +40,7 @@ class NotXml(UserError):
 
 
 def is_file(path: Path) -> bool:
-    """Whether a regular file is there, or a link that leads to one.
+    """True if a regular file is there, or a link that leads to one.
 
     Raises:
         UserError: what is neither a file nor a folder, or links in a circle.

@@ -60,11 +60,6 @@ class Tried:
 
 def warm() -> None:
     """Import what commands import, once, before processes are forked off."""
-    import simgap.cli
-    import simgap.stages.certify
-    import simgap.stages.check
-    import simgap.stages.diagnosis
-    import simgap.stages.new  # noqa: F401
 
 
 def one(

@@ -19,7 +19,7 @@ from simgap.cli.lean import without_pandas, without_searching
 from simgap.cli.terminal import announce_code, say
 from simgap.errors import SimgapError, UserError, excerpt
 from simgap.io.atomic import not_linked
-from simgap.io.job_times import LINE, spent
+from simgap.io.job_times import COST_LINE, cpu_seconds
 from simgap.io.runs import follow_the_run
 from simgap.notation import one_line
 
@@ -68,7 +68,7 @@ def main(arguments: list[str] | None = None) -> None:
     finally:
         logger = logging.getLogger("simgap")
         if _logs_to_a_file():
-            logger.info(LINE, spent())
+            logger.info(COST_LINE, cpu_seconds())
         for handler in logger.handlers[:]:
             logger.removeHandler(handler)
             handler.close()
@@ -96,7 +96,7 @@ def _logs_to_a_file() -> bool:
 
 
 def _of_the_system(error: OSError) -> str:
-    """What the operating system refused, as one line: which file, why, what to do."""
+    """One line about what the operating system refused: which file, why, what to do."""
     remedies = {
         errno.ENOSPC: "Free some space and run again: nothing is left half-written.",
         errno.EDQUOT: "Free some space and run again: nothing is left half-written.",

@@ -34,7 +34,7 @@ class Command:
 
     @property
     def of_a_stage(self) -> bool:
-        """Whether its options are those of a stage's function, with a log beside."""
+        """True if its options are those of a stage's function, with a log beside."""
         return self.place.startswith(_STAGES)
 
     def load(self, name: str) -> Any:

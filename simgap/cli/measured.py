@@ -55,7 +55,7 @@ def next_experiment(
     log: Log = None,
 ) -> None:
     """Propose the recording that separates explanations that a diagnosis left open."""
-    from simgap.stages import next as stage
+    from simgap.extras import next as stage
 
     start_log(log or out / "next.log")
     with progress("starting") as tell:

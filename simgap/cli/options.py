@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from simgap.cli.terminal import Lines, console
+from simgap.cli.terminal import LogLines, console
 from simgap.errors import UserError
 from simgap.io.atomic import new_log, not_linked
 
@@ -76,11 +76,11 @@ def start_log(path: Path | None) -> None:
         from rich.logging import RichHandler
 
         handler: logging.Handler = RichHandler(console=console(stderr=True), show_path=False)
-        handler.setFormatter(Lines("%(message)s"))
+        handler.setFormatter(LogLines("%(message)s"))
     else:
         new_log(path)
         handler = _LogFile(path, mode="a")  # engines append to the same file
-        handler.setFormatter(Lines("%(asctime)s %(levelname)s %(message)s"))
+        handler.setFormatter(LogLines("%(asctime)s %(levelname)s %(message)s"))
     logger = logging.getLogger("simgap")
     logger.handlers, logger.propagate = [handler], False
     logger.setLevel(logging.INFO)

@@ -35,7 +35,7 @@ def _of_check(block: str) -> bool:
 
 
 def _reason(block: str, folder: Path) -> str:
-    """Of one job, from where Snakemake speaks of its end."""
+    """Reason of one job, from where Snakemake speaks of its end."""
     failed, log = _FAILED.search(block), _LOG.search(block)
     rule = failed.group(1) if failed is not None else ""
     if log is None:

@@ -18,21 +18,23 @@ from simgap.errors import UserError, excerpt
 if TYPE_CHECKING:
     from simgap.stages.check import Checked
 
+TUTORIAL = ("rod.yaml", "rod.urdf", "machine.urdf", "swings.csv")
+
 
 def tutorial(
     out: Annotated[Path, typer.Option(help="Folder for the files.", callback=new_folder)] = Path(),
 ) -> None:
-    """Copy the files of the tutorial here: the URDF of a rod, and a recording."""
+    """Copy the files of the tutorial here: a case, two URDFs of a rod, and a recording."""
     from simgap.io.atomic import atomic
 
     source = workflow_file("tutorial") if (PACKAGE / "workflow").is_dir() else PACKAGE.parent / "docs/tutorial"
-    for name in ("rod.urdf", "swings.csv"):
+    for name in TUTORIAL:
         if (out / name).exists():
             raise UserError("is there already, and stays as it is", file=out / name, remedy="Take an empty folder.")
-    for name in ("rod.urdf", "swings.csv"):
+    for name in TUTORIAL:
         with atomic(out / name) as temporary:
             temporary.write_bytes(reading.read_bytes(source / name))
-    say("Wrote rod.urdf and swings.csv. Next: simgap new rod --urdf rod.urdf")
+    say(f"Wrote {', '.join(TUTORIAL)}. Next: simgap check rod.yaml, then simgap run rod.yaml")
 
 
 def new(
@@ -50,8 +52,8 @@ def new(
     seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for finding tau, X, U and cells.")] = 120.0,
 ) -> None:
     """Write a commented case for your robot, NAME.yaml, which runs as it stands."""
-    from simgap.stages import new as stage
-    from simgap.stages.new_model import BASES
+    from simgap.extras.wizard import new_case as stage
+    from simgap.extras.wizard.model_file import BASES
 
     if [urdf is not None, mjcf is not None, equations].count(True) != 1:
         raise UserError(
@@ -125,7 +127,7 @@ def propose(
     seconds: Annotated[float, typer.Option(min=1.0, help="CPU time for the search.")] = 120.0,
 ) -> None:
     """Find tau, X, U and cells for which a controller exists, by the nominal model, and print them as sections."""
-    from simgap.stages import propose as stage
+    from simgap.extras.wizard import propose as stage
 
     with progress("building the nominal model") as tell:
         found = stage.run(case, values_of(at, "--at"), tell, seconds)
@@ -158,7 +160,7 @@ def certify(
     log: Log = None,
 ) -> None:
     """Export a controller as a certificate that checker/check.py verifies without simgap."""
-    from simgap.stages import certify as stage
+    from simgap.extras import certify as stage
 
     start_log(log)
     if bound is not None and controller is not None:

@@ -30,7 +30,7 @@ def say_json(content: Any) -> None:
 
 
 def console(stderr: bool = False) -> Console:
-    """What tables and changing lines are shown with."""
+    """Console of Rich for tables and changing lines, without markup."""
     import rich.console
 
     class Plain(rich.console.Console):
@@ -40,8 +40,8 @@ def console(stderr: bool = False) -> Console:
     return Plain(stderr=stderr, markup=False, emoji=False)
 
 
-class Lines(logging.Formatter):
-    """Of a log."""
+class LogLines(logging.Formatter):
+    """Formatter of a log whose lines are printable."""
 
     def format(self, record: logging.LogRecord) -> str:
         """The record, printable."""

@@ -68,8 +68,8 @@ def paper(
     log: Log = None,
 ) -> None:
     """Show what the paper's printed gap functions allow, and printed numbers beside reproduced ones."""
-    from simgap.paper import table
-    from simgap.stages import paper as stage
+    from simgap.extras import paper as stage
+    from simgap.extras.paper import table
 
     start_log(log)
     say(table(stage.run(folder, pendulum, out, workers, log)))

@@ -69,19 +69,19 @@ def recording_of(what: Path) -> Path:
 
 
 def displayed() -> bool:
-    """Whether a window can be opened here."""
+    """True if a window can be opened here."""
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def command(file: Path, web: bool) -> Sequence[str]:
-    """What opens a recording, in a window or in the browser."""
+    """Words of a command that opens a recording, in a window or in the browser."""
     viewer = Path(sys.executable).with_name("rerun")
     shown = [str(viewer) if reading.is_file(viewer) else "rerun", str(file), "--bind", LOOPBACK, "--port", "auto"]
     return [*shown, "--web-viewer"] if web else shown
 
 
 def pictured(file: Path, picture: Path) -> Sequence[str]:
-    """What writes a picture of a recording, on a display in memory where there is no other.
+    """Words of a command that writes a picture of a recording, on a display in memory where there is no other.
 
     Raises:
         UserError: there is no display and nothing to make one with.

@@ -25,7 +25,6 @@ from simgap.io.runs import LINKED, RUN, runs_in
 
 PACKAGE = reading.real(Path(__file__)).parents[1]
 
-
 PARTLY = (
     "--dry-run",
     "-n",
@@ -94,7 +93,7 @@ def split(words: Sequence[str]) -> tuple[list[Path], list[str]]:
 
 
 def looks_on(options: Sequence[str]) -> bool:
-    """Whether a run with these options of Snakemake does not end with what it is asked for."""
+    """True if a run with these options of Snakemake does not end with what it is asked for."""
     return any(word.startswith(PARTLY) for word in options)
 
 
@@ -111,7 +110,7 @@ def _refuse_beside(names: set[str]) -> None:
 
 
 def _tell_verdict(case: Case, trials: str) -> None:
-    """What the page of a case says first, and where it is.
+    """Print what the page of a case says first, and where it is.
 
     Raises:
         WorkflowFailed: a run that has ended well without it.

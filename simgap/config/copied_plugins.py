@@ -11,7 +11,7 @@ from typing import Any
 from simgap import reading
 from simgap.config.case import Case
 from simgap.config.function_file import KEY, FunctionFile
-from simgap.config.plugged import used
+from simgap.config.plugged import used_plugins
 from simgap.errors import UserError
 
 
@@ -26,8 +26,8 @@ class CopiedPlugin:
     content: bytes
 
 
-def copied_plugins(case: Case, source: Path, folder: Path) -> tuple[CopiedPlugin, ...]:
-    """What has to stand in `folder` so that a copy of the case in `source` finds its plug-ins there.
+def plugin_copies(case: Case, source: Path, folder: Path) -> tuple[CopiedPlugin, ...]:
+    """Files that have to stand in `folder` so that a copy of the case in `source` finds its plug-ins there.
 
     A plug-in file may only stand beside the case that names it, so its path cannot be rewritten. The new name holds a
     hash of the content: it overwrites no other file, and an edited plug-in gets another name.
@@ -35,7 +35,7 @@ def copied_plugins(case: Case, source: Path, folder: Path) -> tuple[CopiedPlugin
     if reading.real(source) == reading.real(folder):
         return ()
     copies = []
-    for plugin in used(case):
+    for plugin in used_plugins(case):
         file, _, attribute = plugin.name.rpartition(":")
         if file.endswith(".py"):
             content = reading.read_bytes(source / file)
@@ -63,7 +63,7 @@ def _function(case: Case, source: Path) -> tuple[CopiedPlugin, ...]:
     return (CopiedPlugin(("simulator",), "function", f"{new}:{found.name}", new, content),)
 
 
-def renamed(content: Mapping[str, Any], copies: tuple[CopiedPlugin, ...]) -> dict[str, Any]:
+def with_plugin_copies(content: Mapping[str, Any], copies: tuple[CopiedPlugin, ...]) -> dict[str, Any]:
     """The plain content of a case with the new names."""
     new: dict[str, Any] = dict(content)
     for copy in copies:

@@ -29,7 +29,7 @@ def load_case(path: Path | str) -> Case:
 def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
     """The plain content of a case file; with `extends`, on top of the case that it names.
 
-    Keys that are given are laid over those of the other case (`overlaid`). The other case stands in the same folder, so
+    Keys that are given are laid over those of the other case (`overlay`). The other case stands in the same folder, so
     that its relative paths hold.
 
     Raises:
@@ -51,7 +51,7 @@ def case_content(path: Path, above: tuple[Path, ...] = ()) -> Any:
         raise UserError("a case cannot extend itself", file=path, key="extends")
     inherited = case_content(base, above)
     parse_case(inherited, base)  # a mistake in it is told with its own file
-    return overlaid(inherited, content)
+    return overlay(inherited, content)
 
 
 TAGS = ("engine", "kind")
@@ -60,7 +60,7 @@ INSTEAD = ({"values"}, {"min", "max", "step"})
 """Keys of which one group stands instead of the other."""
 
 
-def overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+def overlay(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     """Keys of `above` on those of `below`: sections are merged key by key, a list or a number is replaced, `null`
     leaves a key out. A section of another engine or kind, an empty one, and a range instead of values (or the other way
     round) replace the whole section."""
@@ -68,7 +68,7 @@ def overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     for key, value in above.items():
         under = below.get(key)
         if isinstance(value, dict) and isinstance(under, dict) and not _of_another_kind(under, value):
-            merged[key] = overlaid(under, value)
+            merged[key] = overlay(under, value)
         else:
             merged[key] = value
     return {key: value for key, value in merged.items() if value is not None}
@@ -124,7 +124,7 @@ def _user_error(mistake: _Mistake, count: int, path: Path) -> UserError:
         problem = f"{excerpt(repr(first['input']))} is no name of a case: results are kept in a folder of that name"
         remedy = "Use lower-case letters a to z, digits, - and _, beginning with a letter; `title` may hold anything."
     else:
-        problem, remedy = told(first)
+        problem, remedy = problem_and_remedy(first)
     if count > 1:
         remedy = f"{remedy or ''} ({count - 1} more after this one)".strip()
     return UserError(problem, file=path, key=key, remedy=remedy)
@@ -178,7 +178,7 @@ _LIMITS = {
 }
 
 
-def told(error: Mapping[str, Any]) -> tuple[str, str | None]:
+def problem_and_remedy(error: Mapping[str, Any]) -> tuple[str, str | None]:
     """Problem and remedy of an error of pydantic; its own words only for what no case file of today can ask."""
     kind, context, got = str(error["type"]), error.get("ctx") or {}, excerpt(repr(error["input"]))
     if kind in _LIMITS:

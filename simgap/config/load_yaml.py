@@ -89,7 +89,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def plain_content(text: str) -> Any:
-    """What a YAML text says, by the rules above.
+    """Plain content of a YAML text, by the rules above.
 
     Raises:
         yaml.YAMLError: a text that is none, or has a key twice.

@@ -62,7 +62,7 @@ MOST_FILES = 10_000
 """Files that a pattern may stand for."""
 
 
-def matching(folder: Path, names: Sequence[str], typed: bool = False) -> list[tuple[int, Path]]:
+def matching_files(folder: Path, names: Sequence[str], typed: bool = False) -> list[tuple[int, Path]]:
     """The files behind names, each with the place of the name that brought it.
 
     A name with `*`, `?` or `[` that is no file itself stands for the files of the folder that match it, sorted; `**`

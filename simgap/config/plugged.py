@@ -107,7 +107,7 @@ class Used:
     name: str
 
 
-def used(section: BaseModel, place: str = "") -> tuple[Used, ...]:
+def used_plugins(section: BaseModel, place: str = "") -> tuple[Used, ...]:
     """The plug-ins that a section and the sections inside it name."""
     found: list[Used] = []
     for key, field in type(section).model_fields.items():
@@ -115,11 +115,11 @@ def used(section: BaseModel, place: str = "") -> tuple[Used, ...]:
         if isinstance(value, BaseModel):
             marks = [m for m in (*field.metadata, *_marks(field.annotation)) if isinstance(m, Plugged)]
             found += [Used(here, m.group, m.tag, getattr(value, m.tag)) for m in marks[:1]]
-            found += used(value, here)
+            found += used_plugins(value, here)
     return tuple(found)
 
 
 def _marks(annotation: Any) -> list[Any]:
-    """What `Annotated` adds anywhere in an annotation, such as one side of a union."""
+    """Marks that `Annotated` adds anywhere in an annotation, such as one side of a union."""
     inner = [mark for part in get_args(annotation) for mark in _marks(part)]
     return [*getattr(annotation, "__metadata__", ()), *inner]

@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError
 
 from simgap.config.base import Section
 from simgap.config.case import Case
-from simgap.config.load import case_content, parse_case, told
+from simgap.config.load import case_content, parse_case, problem_and_remedy
 from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
 
@@ -71,7 +71,7 @@ def load_sweep(path: Path) -> Sweep:
             known = ", ".join(Sweep.model_fields)
             problem = "unknown key" if first["type"] == "extra_forbidden" else "this key is missing"
             raise UserError(problem, file=path, key=key, remedy=f"A sweep has: {known}.") from None
-        problem, remedy = told(first)
+        problem, remedy = problem_and_remedy(first)
         raise UserError(problem, file=path, key=key, remedy=remedy) from None
 
 

@@ -24,7 +24,7 @@ BUDGET_OF_HISTORIES = {Trials.PLAIN: (6_000, 2_000), Trials.FULL: (30_000, 10_00
 
 
 def _unless_given(index: int) -> str:
-    """What stands in for a number that a case does not give."""
+    """Words about the number that stands in for one that a case does not give."""
     plain, full = ((BUDGET[t][index], BUDGET_OF_HISTORIES[t][index]) for t in (Trials.PLAIN, Trials.FULL))
     return f"if not given {plain[0]:,}, {full[0]:,} in a full run; {plain[1]:,} and {full[1]:,} with a hidden_state."
 
@@ -86,5 +86,5 @@ class ValidationSection(Section):
         return self.starts or (STARTS if trials == Trials.PLAIN else FULL_STARTS)
 
     def baseline_count(self, trials: Trials = Trials.PLAIN) -> int:
-        """Of these, as many as the controllers that it is compared with take."""
+        """Starts, of these, of each controller that it is compared with."""
         return min(self.count(trials), BASELINE_STARTS) if trials == Trials.PLAIN else self.count(trials)

@@ -8,11 +8,11 @@ from typing import Any
 from pydantic import Field, ValidationError
 
 from simgap.config.base import Section
-from simgap.config.load import told
+from simgap.config.load import problem_and_remedy
 from simgap.errors import UserError
 
 
-class Sweep(Section):
+class EpsSweep(Section):
     """More points of one case."""
 
     eps: tuple[float, ...] = Field((), description="Radii of the balls that cover X, beside the case's own.")
@@ -25,7 +25,7 @@ class WorkflowConfig(Section):
     rig_folder: str = Field("configs/rigs", description="Folder of the rigs that stand in for hardware.")
     sweep_folder: str = Field("configs/sweeps", description="Folder of sweep files.")
     cases: list[str] = Field(min_length=1, description="Cases of the run, by the names of their files.")
-    sweeps: dict[str, Sweep] = Field(
+    sweeps: dict[str, EpsSweep] = Field(
         default_factory=dict, description="More points, by case, for the table of eps of a full run."
     )
 
@@ -49,6 +49,6 @@ def workflow_config(content: Mapping[str, Any]) -> WorkflowConfig:
         elif first["type"] == "missing":
             problem, remedy = "this key is missing", "Add it."
         else:
-            problem, said = told(first)
+            problem, said = problem_and_remedy(first)
             remedy = said or "Correct it."
         raise UserError(problem, file="the run's config", key=key, remedy=remedy) from None

@@ -65,7 +65,8 @@ of the samples at an extreme. The largest 5 % of a Gaussian's draws carry 28 % o
 OUT_OF_SIGHT = 100.0
 """A hundredfold: columns under which the declared model misses by so much more are not tried further, and those with
 which it misses by so much less are what the columns are; an effect that is worth so many times `BIC_GAIN` is not left
-out for a trial; what the linear problem promises is believed to within so much."""
+out for a trial; what the linear problem promises is believed to within so much: a fit that promises so much more than
+the noise, once a set has reached it, is given up."""
 
 # How widely the search looks: a larger number costs refits and may find more.
 

@@ -128,7 +128,7 @@ def _flags(arrays: Arrays, name: str, size: int) -> Bools:
 
 
 def _check_sets(s: Solution) -> None:
-    """What every solution keeps: winning cells are allowed, have an input or are the end, and count down to it."""
+    """Require of a solution: winning cells are allowed, have an input or are the end, and count down to it."""
     require(not (s.winning & ~s.free).any(), "it wins cells that the specification forbids")
     require((s.value is None) == (s.target is None), "it has a value function or a target, but not both")
     done = np.zeros(len(s.mask), np.bool_) if s.target is None else s.target
@@ -243,7 +243,7 @@ def _load(path: Path | str, whole: bool) -> Controller:
 
 
 class CaseNames(Protocol):
-    """What a controller must be made for: a stage's context has it."""
+    """Case that a controller must be made for: a stage's context has it."""
 
     @property
     def case(self) -> Case: ...  # noqa: D102
@@ -348,7 +348,7 @@ def checksum(arrays: Arrays) -> NDArray[np.uint8]:
 
 
 def fits(stated: NDArray[np.uint8], arrays: Arrays, names: Sequence[str]) -> bool:
-    """Whether the checksum is that of the arrays that were read, of those `names` that the file has."""
+    """True if the checksum is that of the arrays that were read, of those `names` that the file has."""
     if stated.ndim == 1:
         return np.array_equal(stated, np.frombuffer(_hashed(arrays, sorted(arrays)), np.uint8))
     rows = [names.index(name) for name in sorted(arrays)]

@@ -52,7 +52,7 @@ def _one(results: Path, path: Path) -> JobTime:
         raise UserError(
             f"not a benchmark file of Snakemake ({excerpt(error)})", file=path, remedy="Delete it and run again."
         ) from None
-    told = spent_by(path.parents[1] / "logs" / f"{path.stem}.log")
+    told = cpu_seconds_in_log(path.parents[1] / "logs" / f"{path.stem}.log")
     cpu = cpu if told is None else told
     case = path.parents[1].relative_to(results)
     return JobTime(str(case) if case.parts else reading.real(results).name, path.stem, wall, cpu, memory * 2**20, ended)
@@ -62,17 +62,17 @@ def _number(text: str) -> float:
     return 0.0 if text in ("-", "NA") else float(text)  # a job that ended before Snakemake looked
 
 
-LINE = "spent %.2f s of CPU time, with its processes"
+COST_LINE = "spent %.2f s of CPU time, with its processes"
 _SPENT = re.compile(r"INFO spent (\d+\.\d+) s of CPU time, with its processes$", re.MULTILINE)
 
 
-def spent() -> float:
+def cpu_seconds() -> float:
     """CPU seconds of this process since it began, and of those that it began and waited for."""
     used = os.times()
     return used.user + used.system + used.children_user + used.children_system
 
 
-def spent_by(log: Path) -> float | None:
+def cpu_seconds_in_log(log: Path) -> float | None:
     """CPU seconds that the last line of a log of a stage tells of; None where there is no such log, or no such line."""
     try:
         found = _SPENT.findall(reading.read_text(log, errors="replace"))

@@ -86,7 +86,7 @@ RUNS = Path(".snakemake/simgap/runs")
 
 
 @dataclass(frozen=True)
-class Run:
+class WorkflowRun:
     """A run: its cases, process, machine, beginning (local time) and command.
 
     `alive` is None where a machine that is not this one may have it: its processes do not show here.
@@ -108,9 +108,9 @@ class Run:
         )
 
 
-def announce(folder: Path, cases: Sequence[str], command: str) -> list[Run]:
+def announce(folder: Path, cases: Sequence[str], command: str) -> list[WorkflowRun]:
     """Say that this process is a run of these cases in `folder`; the other runs there that are alive."""
-    own = Run(list(cases), os.getpid(), platform.node(), time.strftime("%Y-%m-%d %H:%M:%S"), command)
+    own = WorkflowRun(list(cases), os.getpid(), platform.node(), time.strftime("%Y-%m-%d %H:%M:%S"), command)
     with suppress(OSError):  # a folder that takes no file or no lock: Snakemake says what is wrong with it
         (folder / RUNS).mkdir(parents=True, exist_ok=True)
         path = folder / RUNS / f"{host()}-{own.process}.json"
@@ -121,7 +121,7 @@ def announce(folder: Path, cases: Sequence[str], command: str) -> list[Run]:
     return [run for run in runs_in(folder) if run.alive]
 
 
-def runs_in(folder: Path) -> list[Run]:
+def runs_in(folder: Path) -> list[WorkflowRun]:
     """Runs of other processes that are alive in `folder`, or may be: those of other machines; in order of beginning."""
     files = sorted((folder / RUNS).glob("*.json")) if (folder / RUNS).is_dir() else []
     own = f"{host()}-{os.getpid()}.json"
@@ -129,7 +129,7 @@ def runs_in(folder: Path) -> list[Run]:
     return sorted((run for run in found if run is not None), key=lambda run: run.since)
 
 
-def _read(path: Path) -> Run | None:
+def _read(path: Path) -> WorkflowRun | None:
     """The run of a file; None where it is gone, or the file no such file (a stranger may have written it)."""
     try:
         with reading.opened_text(path) as stream:
@@ -144,7 +144,7 @@ def _read(path: Path) -> Run | None:
                 return None
             read = json.loads(stream.read(1 << 16))
         cases, process = [str(name) for name in read["cases"]], int(read["process"])
-        return Run(cases, process, str(read["machine"]), str(read["since"]), str(read["command"]), alive)
+        return WorkflowRun(cases, process, str(read["machine"]), str(read["since"]), str(read["command"]), alive)
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -28,7 +28,7 @@ def write_points(
 
 
 def read_points(folder: Path, names: tuple[Sequence[str], Sequence[str]], own: Own) -> Points:
-    """What `write_points` wrote; `own` refuses a record of another case.
+    """Points that `write_points` wrote; `own` refuses a record of another case.
 
     Raises:
         UserError: a missing or damaged file, or one of another case.

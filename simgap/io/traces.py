@@ -44,7 +44,7 @@ class Trace:
 
     @property
     def violates(self) -> bool:
-        """Whether some sample is unsafe."""
+        """True if some sample is unsafe."""
         return not bool(self.safe.all())
 
     @property

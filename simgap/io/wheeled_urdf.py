@@ -23,7 +23,7 @@ states none, kg, and what is beyond its wheels, m. Judgement."""
 
 
 @dataclass(frozen=True)
-class Wheels:
+class WheelPair:
     """A left and a right wheel (joints), by the convention that a robot looks along x; radius and track, m."""
 
     left: str
@@ -32,7 +32,7 @@ class Wheels:
     track: float
 
 
-def wheels_of(urdf: Path) -> Wheels | None:
+def wheels_of(urdf: Path) -> WheelPair | None:
     """The two wheels of a robot that stands on them: None for any other.
 
     They are `continuous` joints of one link that turn about one horizontal axis, at mirrored places along it, each with
@@ -47,7 +47,7 @@ def wheels_of(urdf: Path) -> Wheels | None:
     return pairs[0] if len(pairs) == 1 else None
 
 
-def case_of_wheels(name: str, urdf: Path, written: str, wheels: Wheels) -> str:
+def case_of_wheels(name: str, urdf: Path, written: str, wheels: WheelPair) -> str:
     """A case for that robot: its wheels as the file says, a floor with one obstacle, commands of a slow robot.
 
     Args:
@@ -66,7 +66,7 @@ def case_of_wheels(name: str, urdf: Path, written: str, wheels: Wheels) -> str:
     )  # fmt: skip
 
 
-def _pair(a: ElementTree.Element, b: ElementTree.Element, radii: dict[str, float | None]) -> Wheels | None:
+def _pair(a: ElementTree.Element, b: ElementTree.Element, radii: dict[str, float | None]) -> WheelPair | None:
     if _link(a, "parent") != _link(b, "parent"):
         return None
     own, other = radii.get(_link(a, "child")), radii.get(_link(b, "child"))
@@ -79,7 +79,7 @@ def _pair(a: ElementTree.Element, b: ElementTree.Element, radii: dict[str, float
     if not mirrored or track <= SAME or abs(axis[2]) > SAME or abs(abs(float(axis @ along)) - 1.0) > SAME:
         return None
     left, right = (a, b) if place[1] > there[1] else (b, a)
-    return Wheels(str(left.get("name")), str(right.get("name")), own, track)
+    return WheelPair(str(left.get("name")), str(right.get("name")), own, track)
 
 
 def axle(joint: ElementTree.Element) -> tuple[Floats, Floats]:

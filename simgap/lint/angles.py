@@ -27,7 +27,7 @@ DRAWN, SAME = 50, 1e-9
 a double leaves 1e-16 of it, four decimals of pi leave 1e-5, and what is proven on X would not hold a turn away."""
 
 
-def in_degrees(context: Context, joints: Mapping[str, FileJoint]) -> list[Finding]:
+def find_degrees(context: Context, joints: Mapping[str, FileJoint]) -> list[Finding]:
     """A finding for each angle of X in rad whose ends look like degrees.
 
     Args:
@@ -51,7 +51,7 @@ def affordable_or_degrees(context: Context, found: list[StageCost]) -> None:
     try:
         affordable(context, found)
     except UserError as error:
-        for first in in_degrees(context, {}):
+        for first in find_degrees(context, {}):
             problem = f"{first.problem}; as it stands, {error.problem}"
             raise UserError(problem, key=first.key, remedy=f"{first.remedy}, and then {error.key}.") from None
         raise

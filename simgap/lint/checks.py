@@ -7,10 +7,16 @@ from collections.abc import Callable
 from simgap.errors import Finding
 from simgap.lint.angles import refuse_seams
 from simgap.lint.controller import refuse_free_path, refuse_specification
-from simgap.lint.equations import heavy_steps, long_steps, mixed_units, refuse_prefixes, wrong_dimensions
-from simgap.lint.gap import refuse_basis, refuse_few_cells, stuck, sudden
-from simgap.lint.measured import no_coordinates
-from simgap.lint.wheels import bolted, wheel_sizes
+from simgap.lint.equations import (
+    find_heavy_steps,
+    find_long_steps,
+    find_mixed_units,
+    find_wrong_dimensions,
+    refuse_prefixes,
+)
+from simgap.lint.gap import find_jumps_at_rest, find_stuck_joints, refuse_basis, refuse_few_cells
+from simgap.lint.measured import find_missing_coordinates
+from simgap.lint.wheels import find_bolted_base, find_other_wheel_sizes
 from simgap.plants.context import Context
 
 Check = Callable[[Context], list[Finding] | None]
@@ -22,12 +28,13 @@ OF_CASE: tuple[Check, ...] = (
 """What takes no engine; asked first, since starting one takes seconds."""
 
 OF_NUMBERS: tuple[Check, ...] = (
-    mixed_units, wrong_dimensions, heavy_steps, long_steps, bolted, wheel_sizes, sudden, stuck, no_coordinates,
+    find_mixed_units, find_wrong_dimensions, find_heavy_steps, find_long_steps, find_bolted_base,
+    find_other_wheel_sizes, find_jumps_at_rest, find_stuck_joints, find_missing_coordinates,
 )  # fmt: skip
 """What is asked once the engine has loaded its model file: its reasons come before those that follow from them."""
 
 
-def found_by(checks: tuple[Check, ...], context: Context) -> list[Finding]:
+def run_checks(checks: tuple[Check, ...], context: Context) -> list[Finding]:
     """All that these checks find.
 
     Raises:

@@ -81,7 +81,7 @@ def costs(
 
 
 def _beside(context: Context, stages: int) -> StageCost:
-    """What no stage of the computation is."""
+    """Cost of what no stage computes."""
     shards = context.case.grid.shards if context.case.grid is not None else 2
     jobs = stages + 2 * (len(context.states) - 1) + shards + 4  # a state each in `scp`, `lipschitz`; two controllers
     of = "jobs to be begun, check, page and recording"
@@ -202,7 +202,7 @@ def _control(context: Context, rollout: float, begun: float) -> Iterator[StageCo
 
 
 def _terms(context: Context) -> int:
-    """Of a basis that is one; `check` tells of others."""
+    """Number of terms of a basis that is one; `check` tells of others."""
     section = context.case.gap
     if section is None or section.bound not in ("scenario", "conformal"):
         return 0
@@ -215,7 +215,7 @@ def _terms(context: Context) -> int:
 
 
 def _holds(case: Case) -> bool:
-    """Whether runs go on for ever; asked of the section, so that what reads costs does not depend on its plug-in."""
+    """True if runs go on for ever; asked of the section, so that what reads costs does not depend on its plug-in."""
     return bool(getattr(case.synthesis.specification, "holds", True)) if case.synthesis is not None else True
 
 

@@ -18,7 +18,7 @@ from simgap.lint.wheels import Drive, driven_as_told, drives
 from simgap.plants.context import Context
 from simgap.plants.model_file import Link, ModelFile, read_model_file
 from simgap.simulators.base import Engine
-from simgap.simulators.findings import surprises
+from simgap.simulators.findings import model_file_findings
 from simgap.simulators.process import run_in_processes
 
 TRIED, FEWEST, TOGETHER = 0.2, 15, 10_000
@@ -44,7 +44,7 @@ def of_engine(
     traits = kind.file_traits if issubclass(kind, Engine) else None
     if file is None or traits is None:
         return None, seconds
-    return [*surprises(case, traits, file, loaded), *driven_as_told(context, driven)], seconds
+    return [*model_file_findings(case, traits, file, loaded), *driven_as_told(context, driven)], seconds
 
 
 def _asked(

@@ -60,7 +60,7 @@ def _prefixed(factor: float) -> bool:
 
 
 def _one_system(rates: Sequence[sp.Expr], states: Sequence[str], factors: Mapping[str, float]) -> bool:
-    """Whether f_x g(X / f) = g(X): the rates g of numbers in their own units, f of them in SI, and of numbers in SI."""
+    """True if f_x g(X / f) = g(X): the rates g of numbers in their own units, f of them in SI, and of numbers in SI."""
     rng = np.random.default_rng(0)
     for _ in range(_DRAWN):
         here = {name: float(rng.uniform(0.5, 2.0)) for name in factors}
@@ -73,7 +73,7 @@ def _one_system(rates: Sequence[sp.Expr], states: Sequence[str], factors: Mappin
     return True
 
 
-def mixed_units(context: Context) -> list[Finding]:
+def find_mixed_units(context: Context) -> list[Finding]:
     """Parameters that are not in SI units while every state and input is: their values are not converted."""
     section = context.case.plant.symbolic
     if section is None or any(abs(of_base(u) - 1.0) > 1e-9 for u in context.units.values()):
@@ -89,7 +89,7 @@ def mixed_units(context: Context) -> list[Finding]:
     ]
 
 
-def wrong_dimensions(context: Context) -> list[Finding]:
+def find_wrong_dimensions(context: Context) -> list[Finding]:
     """Equations whose terms are of different dimensions, or that do not give what their state has a second."""
     if context.case.plant.symbolic is None:
         return []
@@ -106,7 +106,7 @@ def wrong_dimensions(context: Context) -> list[Finding]:
     ]
 
 
-def heavy_steps(context: Context) -> list[Finding]:
+def find_heavy_steps(context: Context) -> list[Finding]:
     """A nominal step of so many operations that synthesis will take far longer than is estimated."""
     if context.case.synthesis is None:
         return []
@@ -133,7 +133,7 @@ LEADS = 0.5
 DRAWN, MOST_INPUTS, LONGEST_RULE = 200, 16, 20_000
 
 
-def long_steps(context: Context) -> list[Finding]:
+def find_long_steps(context: Context) -> list[Finding]:
     """A finding for each state that crosses all of X within one sampling time from most of X x U, or hardly moves.
 
     By the nominal model.

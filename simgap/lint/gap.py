@@ -63,7 +63,7 @@ _BESIDE, _SAME = 1e-9, 1e-3
 """Share of X's speeds that is close to rest, and of the largest force by which a smooth one may differ across it."""
 
 
-def sudden(context: Context) -> list[Finding]:
+def find_jumps_at_rest(context: Context) -> list[Finding]:
     """A finding for each effect of the simulator that switches at rest within X and is none of the nominal model."""
     case = context.case
     if case.simulator is None or case.gap is None or case.domain is None or case.hidden_state is not None:
@@ -85,7 +85,7 @@ def sudden(context: Context) -> list[Finding]:
     ]
 
 
-def stuck(context: Context) -> list[Finding]:
+def find_stuck_joints(context: Context) -> list[Finding]:
     """A finding for each joint whose dry friction in the simulator is more than its input can overcome."""
     case = context.case
     if case.simulator is None or case.domain is None:

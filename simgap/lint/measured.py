@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from simgap import reading
-from simgap.config.measured import MeasuredSection, matching
+from simgap.config.measured import MeasuredSection, matching_files
 from simgap.diagnosis.record.channels import Channel, measured_columns
 from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.conditions import conditioned
@@ -45,7 +45,7 @@ def check_measured(context: Context) -> None:
             _refuse_other_files(section, [display_name(path, context.folder) for path in paths])
 
 
-def no_coordinates(context: Context) -> list[Finding]:
+def find_missing_coordinates(context: Context) -> list[Finding]:
     """Equations of which a diagnosis seeks no force: it would blame what is left on inputs and sensors."""
     model = context.plant.declared
     if context.case.measured is None or model.wheels is not None or model.coordinates:
@@ -65,7 +65,7 @@ def named_files(context: Context, section: MeasuredSection) -> list[Path]:
     Raises:
         UserError: one that is not there, or a pattern that no file matches.
     """
-    found = matching(context.folder, section.files)
+    found = matching_files(context.folder, section.files)
     for k, path in found:
         if not reading.is_file(path):
             raise UserError(
@@ -154,7 +154,7 @@ def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequen
 
 
 def _refuse_other_files(section: MeasuredSection, files: Sequence[str]) -> None:
-    """What the case says of a file that is none of its recordings would be passed over in silence."""
+    """Refuse what the case says of a file that is none of its recordings: it would be passed over in silence."""
     for key, name in _files_spoken_of(section):
         if not any(same_file(name, file) for file in files):
             raise UserError(f"'{name}' is not among the data", key=key, remedy=f"Name one of {', '.join(files)}.")

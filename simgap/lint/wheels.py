@@ -24,7 +24,7 @@ SAID, REFUSED = 0.02, 1.5
 a slip of the pen. Judgement."""
 
 
-def bolted(context: Context) -> list[Finding]:
+def find_bolted_base(context: Context) -> list[Finding]:
     """A robot on legs or wheels, or with a free base, whose plant holds its base still."""
     urdf = context.case.plant.urdf
     if urdf is None or (base := base_of(reading.read_xml(context.folder / urdf))).kind == "fixed":
@@ -37,7 +37,7 @@ def bolted(context: Context) -> list[Finding]:
     ]  # fmt: skip
 
 
-def wheel_sizes(context: Context) -> list[Finding]:
+def find_other_wheel_sizes(context: Context) -> list[Finding]:
     """Sizes that differ from the file's, where it has two wheels that are the case's.
 
     Raises:
@@ -169,7 +169,7 @@ def _off(drive: Drive, section: Any) -> list[Finding]:
 
 
 def wheel_fault(urdf: Path, joint: str) -> tuple[str, str] | None:
-    """What of a wheel's file keeps it from rolling along x: the key and the remedy; None if nothing is seen."""
+    """Key and remedy of what keeps a wheel from rolling along x, by its file; None if nothing is seen."""
     robot = reading.read_xml(urdf)
     own = next(part for part in robot.findall("joint") if part.get("name") == joint)
     _, axis = axle(own)
@@ -203,7 +203,7 @@ torque they come to a third of their speed in this time."""
 
 @dataclass(frozen=True)
 class Drive:
-    """What a command, held from rest, came to in the last sampling time of it.
+    """Motion that a command, held from rest, came to in its last sampling time.
 
     Attributes:
         straight: whether to go straight on was the aim, or to turn.

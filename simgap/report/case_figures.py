@@ -112,8 +112,7 @@ def _bound(m: Material) -> dict[str, Any]:
     states, inputs = m.context.states, m.context.inputs
     x, u = stack(m.samples, states), stack(m.samples, inputs)
     d = stack(m.samples, [f"gap_{n}" for n in states])
-    draw_it = figures_gap.surface_figure if len(states) == 2 else figures_gap.slices_figure
-    return {"bound": draw_it(m.bound, x, u, d, m.context.units)}
+    return {"bound": figures_gap.bound_figure(m.bound, x, u, d, m.context.units)}
 
 
 def _sweep(m: Material) -> Any:
@@ -126,6 +125,7 @@ def _loop(m: Material) -> dict[str, Any]:
     context, where = m.context, scene(m.context)
     chosen = {kind: shown(m.traces, kind) for kind in (NOMINAL, ROBUST)}
     until = figures_traces.first_seconds(chosen)
+    steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
     out = {"gap": figures_traces.gap_figure(chosen[ROBUST], context.states, context.units, until)}
     if len(context.states) == 2:
         out["domains"] = figures_domains.domains_figure(
@@ -137,10 +137,11 @@ def _loop(m: Material) -> dict[str, Any]:
         draw_floor = surroundings(context, where.axes[:2])
         out["trajectories"] = figures_arena.arena_figure(where, m.traces, context.units, context.states, draw_floor)
     else:
+        section, towards = context.case.validation, any(len(s) for s in steps.values())
+        stuck = 0.0 if section is None or towards else section.steps * (1.0 - 1e-9) * context.domain.tau
         out["trajectories"] = figures_traces.trajectories_figure(
-            chosen, m.traces, limits(context), context.states, context.units
+            chosen, m.traces, limits(context), context.states, context.units, stuck
         )
-    steps = {k: t[SIMULATOR].get("steps_to_target", ()) for k, t in m.validation["controllers"].items()}
     if any(len(s) for s in steps.values()):
         out["times"] = figures_arena.times_figure(steps, context.domain.tau, promised_steps(m))
     return out

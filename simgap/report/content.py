@@ -14,6 +14,15 @@ from simgap.report.material import Material
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 
+INTEGRATORS = {
+    "explicit_euler": "explicit Euler step",
+    "semi_implicit_euler": "semi-implicit Euler step",
+    "rk4": "Runge-Kutta step of order 4",
+    "exact_arc": "exact arc of a unicycle",
+}
+ENGINES = {"pybullet": "PyBullet", "mujoco": "MuJoCo", "drake": "Drake", "fmu": "FMU", "equations": "equations"}
+INERTIAS = {"engine": "inertia computed by the engine, not the file's", "file": "inertia of the file"}
+
 SAID = ("plain", "little", "robust", "nominal", "careful", "arrival", "winning")
 """Sentences of the headline, in order."""
 
@@ -80,7 +89,7 @@ def settings(m: Material) -> list[tuple[str, str]]:
         for j, n in enumerate(m.context.inputs)
     ]
     rows = [
-        ("nominal model", f"{source}, {plant.integrator.replace('_', ' ')}, sampling time {domain.tau:g} s"),
+        ("nominal model", f"{source}, {INTEGRATORS[plant.integrator]}, sampling time {domain.tau:g} s"),
         ("states X", "; ".join(boxes)),
         ("inputs U", f"{'; '.join(inputs)} ({len(grid)} values)"),
     ]
@@ -88,7 +97,11 @@ def settings(m: Material) -> list[tuple[str, str]]:
     if case.simulator is not None:
         given = case.simulator.model_dump(mode="json")
         given.pop("effects", None)
-        rows.append(("simulator", "; ".join(_plain(given))))
+        engine, urdf = str(given.pop("engine")), given.pop("urdf", None)
+        inertia = INERTIAS.get(str(given.pop("inertia", "")), "")
+        rows.append(
+            ("simulator", "; ".join(filter(None, [ENGINES.get(engine, engine), urdf, inertia, *_plain(given)])))
+        )
         rows += [("effect in the simulator", _effect(e)) for e in getattr(case.simulator, "effects", ())]
     if m.twin is not None:
         rows.append(("twin of", twin_sentence(m.twin)))
@@ -109,10 +122,11 @@ def twin_sentence(twin: Mapping[str, Any]) -> str:
 def _plain(given: Mapping[str, Any], prefix: str = "") -> list[str]:
     out = []
     for key, value in given.items():
+        name = f"{prefix}{key.replace('_', ' ')}"
         if isinstance(value, Mapping):
-            out += _plain(value, f"{prefix}{key} ")
+            out += _plain(value, f"{name} ")
         elif value is not None:
-            out.append(f"{prefix}{key} {value:g}" if isinstance(value, float) else f"{prefix}{key} {value}")
+            out.append(f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}")
     return out
 
 

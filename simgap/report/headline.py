@@ -73,8 +73,8 @@ def _trusting(tally: Mapping[str, Any], failed: str, tau: float) -> str:
     if not bad:
         return f"did not fail in {runs:,} runs either, but nothing guarantees that"
     what = "failed" if tally["ends"].get(STUCK) else failed
-    soon = f", half of these within {median * tau:.2g} s" if median and bad > 1 else ""
-    return f"{what} in {bad:,} of {runs:,}{soon}"
+    soon = f", half of the failures within {median * tau:.2g} s" if median and bad > 1 else ""
+    return f"{what} in {bad:,} of {runs:,} runs{soon}"
 
 
 def tiles(m: Material) -> list[tuple[str, str]]:
@@ -89,7 +89,7 @@ def tiles(m: Material) -> list[tuple[str, str]]:
             (f"{m.audit['violations']:,}", f"violations in {adversary.attempts(m.audit):,} attempts of an adversary")
         )
     share = m.syntheses[ROBUST]["winning_cells"] / max(1, common_free(m.syntheses))
-    return [*found, (f"{share:.1%}", f"of the {words.allowed}: states where the promise holds")]
+    return [*found, (f"{100.0 * share:.1f} %", f"of the {words.allowed}: states where the promise holds")]
 
 
 def little_won(promised: int | None) -> str:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FileTraits:
-    """Of an engine that loads a URDF; tests show each in the engine itself.
+    """Behaviour of an engine that loads a URDF; tests show each trait in the engine itself.
 
     Attributes:
         stops: whether a joint stops at the ends of its range.
@@ -114,7 +114,7 @@ class Engine(Simulator):
 
     @classmethod
     def findings(cls, case: Case, folder: Path) -> list[Finding] | None:
-        """What a person would not expect of a model file in the engine's own format; None for an engine without one.
+        """Findings about a model file in the engine's own format; None for an engine without one.
 
         Raises:
             UserError: a case that this engine cannot run.
@@ -132,12 +132,12 @@ class Engine(Simulator):
 
     @classmethod
     def acts_out(cls, effect: Effect) -> bool:
-        """Whether the engine can apply this effect; a case that declares another one is refused."""
+        """True if the engine can apply this effect; a case that declares another one is refused."""
         return False
 
     @classmethod
     def of_its_own(cls, case: Case) -> bool:
-        """Whether it computes a model of its own, which may have what the nominal model lacks.
+        """True if it computes a model of its own, which may have what the nominal model lacks.
 
         One that is made of the nominal model lacks the same, so that what is found on hardware is put on both.
         """
@@ -160,18 +160,3 @@ class PathSimulator(Simulator):
     @abstractmethod
     def chain(self, start: Floats, inputs: Floats) -> tuple[Floats, Floats]:
         """Run inputs (k, nu) one after the other from rest: -> poses (k + 1, 3), paths (k, poses, 3) in body frames."""
-
-
-class MapEngine(Engine):
-    """An engine that offers `rollouts`; a step is one of them."""
-
-    _x: Floats
-
-    def reset(self, x: Floats) -> None:
-        """Put the plant at x (nx,)."""
-        self._x = np.array(x, dtype=np.float64)
-
-    def advance(self, u: Floats) -> Floats:
-        """Hold u (nu,) for tau: -> (nx,)."""
-        self._x = self.rollouts(self._x[None], np.asarray(u, dtype=np.float64).reshape(1, self.nu))[0]
-        return self._x.copy()

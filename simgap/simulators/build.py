@@ -10,7 +10,7 @@ from simgap.config.case import Case
 from simgap.effects import EFFECTS, check_listed, effect
 from simgap.errors import UserError
 from simgap.simulators.base import Engine, Simulator
-from simgap.simulators.supervision import Watch, probed, watched
+from simgap.simulators.supervision import Supervised, supervise, try_as_map
 
 
 def make_simulator(case: Case, folder: Path) -> Simulator:
@@ -26,7 +26,7 @@ def make_simulator(case: Case, folder: Path) -> Simulator:
     if section.engine in plugins.BUILT_IN["engines"] and not kind.of_a_person:
         return simulator
     names, calls = (list(case.plant.states), list(case.plant.inputs)), section.substeps if kind.of_a_person else 1
-    return probed(watched(simulator, Watch(section.engine, *names, section.timeout * calls)), case)
+    return try_as_map(supervise(simulator, Supervised(section.engine, *names, section.timeout * calls)), case)
 
 
 def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:
@@ -39,7 +39,7 @@ def closed_form(case: Case, folder: Path) -> tuple[Any, ...] | None:
 
 
 def findings(case: Case, folder: Path) -> list[Any] | None:
-    """What a person would not expect of a model file in the engine's own format (`Engine.findings`).
+    """Findings about a model file in the engine's own format (`Engine.findings`).
 
     Raises:
         UserError: as `make_simulator`.

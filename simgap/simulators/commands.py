@@ -42,7 +42,7 @@ def command_paths(
 
 
 def static_path(effects: Sequence[AddedEffect], name: str, command: sp.Expr) -> sp.Expr:
-    """What static effects make of a command: in the order of their ranks, the last nearest the command."""
+    """Command after the static effects: in the order of their ranks, the last nearest the command."""
     own = [(effect(e.name), e) for e in sorted(effects, key=lambda e: effect(e.name).rank) if e.on == name]
     felt: sp.Expr = symbol("command")
     for kind, added in own:
@@ -90,7 +90,7 @@ class CommandPath:
 
 @dataclass
 class CommandMemory:
-    """What earlier commands left on one path: those still under way, and the output of the lag.
+    """Memory of one path: commands still under way, and the output of the lag.
 
     Attributes:
         past: earlier commands, the latest last; as many as can still matter.
@@ -147,7 +147,7 @@ class CommandMemory:
 
 
 def acts_at_once(case: Case) -> bool:
-    """Whether what acts on the plant is constant between samples: no hidden state, nothing that comes late."""
+    """True if what acts on the plant is constant between samples: no hidden state, nothing that comes late."""
     effects = case.simulator.effects if case.simulator is not None else ()
     return case.hidden_state is None and not any(effect(e.name).remembers for e in effects)
 
@@ -218,7 +218,7 @@ class RememberingInputs(Simulator):
         self._memory = [CommandMemory(path, tau) for path in paths]
 
     def loaded(self) -> Mapping[str, Link]:
-        """Those of the engine."""
+        """Links of the engine."""
         return self._engine.loaded()
 
     def reset(self, x: Floats) -> None:

@@ -14,7 +14,7 @@ from simgap.config.plant import AddedEffect, Integrator, SymbolicPlant
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError
 from simgap.late import sympy as sp
-from simgap.simulators.base import MapEngine
+from simgap.simulators.base import Engine
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
@@ -45,11 +45,12 @@ class EquationsSettings(EngineSection):
     OPTIONAL: ClassVar[tuple[str, ...]] = (*EngineSection.OPTIONAL, "parameters", "slopes")
 
 
-class EquationsEngine(MapEngine):
+class EquationsEngine(Engine):
     """`f_hat` as an expression; a state is all that it has, so a reset leaves nothing behind."""
 
     Settings = EquationsSettings
     engine = "equations"
+    _x: Floats
 
     def __init__(self, step: NominalModel, substeps: int) -> None:
         """The map over one substep, and how many make a sampling time."""
@@ -105,6 +106,15 @@ class EquationsEngine(MapEngine):
             if max(int(sp.count_ops(row)) for row in rows) > MOST_OPERATIONS:
                 raise _too_large("simulator.substeps")
         return rows
+
+    def reset(self, x: Floats) -> None:
+        """Put the plant at x (nx,)."""
+        self._x = np.array(x, dtype=np.float64)
+
+    def advance(self, u: Floats) -> Floats:
+        """Hold u (nu,) for tau: -> (nx,)."""
+        self._x = self.rollouts(self._x[None], np.asarray(u, dtype=np.float64).reshape(1, self.nu))[0]
+        return self._x.copy()
 
     def rollouts(self, x: Floats, u: Floats) -> Floats:
         """One step from each state: (n, nx), (n, nu) -> (n, nx)."""

@@ -22,7 +22,7 @@ SAME = 1e-3
 """Relative difference up to which two numbers are the same: files round to that."""
 
 
-def surprises(case: Case, traits: FileTraits, file: ModelFile, loaded: Mapping[str, Link]) -> list[Finding]:
+def model_file_findings(case: Case, traits: FileTraits, file: ModelFile, loaded: Mapping[str, Link]) -> list[Finding]:
     """All findings for the model file that the engine loads.
 
     Args:
@@ -52,18 +52,18 @@ def _links(case: Case, file: ModelFile, loaded: Mapping[str, Link]) -> Iterator[
                 "more than the two others together; engines that take the file compute with them",
                 "Correct <inertia>, if you know better.",
             )  # fmt: skip
-        if differ(own.mass, said.mass):
+        if differs(own.mass, said.mass):
             yield Finding(
                 f"link '{name}'", f"the engine computes with {own.mass:g} kg, the file says {said.mass:g} kg",
                 "Give simulator.urdf the mass that is meant.",
             )  # fmt: skip
-        if differ(own.com, said.com):
+        if differs(own.com, said.com):
             yield Finding(
                 f"link '{name}'",
                 f"the engine has its centre of mass at {_list(own.com)} m, the file at {_list(said.com)} m",
                 "Look at <inertial><origin>.",
             )
-        if differ(own.moments, said.moments):
+        if differs(own.moments, said.moments):
             by_key = getattr(case.simulator, "inertia", None) == "engine"
             yield Finding(
                 "simulator.inertia" if by_key else f"link '{name}'",
@@ -79,7 +79,7 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
         return
     for name, joint in file.joints.items():
         engine = own.joint + _viscous(case, name)
-        if differ(joint.damping, engine):
+        if differs(joint.damping, engine):
             yield Finding(
                 "simulator.damping.joint",
                 f"replaces the damping {joint.damping:g} that the file states for joint '{name}' by {engine:g}; the "
@@ -96,13 +96,13 @@ def _damping(case: Case, traits: FileTraits, file: ModelFile) -> Iterator[Findin
 
 
 def _viscous(case: Case, joint: str) -> float:
-    """What declared effects damp a joint by, beside the one number of the engine."""
+    """Damping of a joint by declared effects, beside the one number of the engine."""
     effects = case.simulator.effects if case.simulator is not None else ()
     return sum(e.parameters.get("b", 0.0) for e in effects if e.on == joint and e.name == "viscous_friction")
 
 
 def _agreeing(name: str, own: float, stated: Collection[float]) -> str:
-    """What makes engine and model agree on the damping of a joint, where one key is that of all joints."""
+    """Remedy that makes engine and model agree on the damping of a joint, where one key is that of all joints."""
     least = min(stated)
     if len(stated) == 1:
         return f"Set it to {own:g} if the two should agree."
@@ -136,13 +136,13 @@ def _joint(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Itera
 
 
 def _declared(case: Case, joint: str) -> bool:
-    """Whether an effect of the simulator is some dry friction of a joint."""
+    """True if an effect of the simulator is some dry friction of a joint."""
     effects = case.simulator.effects if case.simulator is not None else ()
     return any(e.on == joint and "friction" in e.name and e.name != "viscous_friction" for e in effects)
 
 
 def ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Iterator[Finding]:
-    """What X asks of a joint beyond what the file lets it do."""
+    """Findings where X asks of a joint more than the file lets it do."""
     assert case.domain is not None
     for state, section in case.plant.states.items():
         if section.joint != name:
@@ -180,7 +180,7 @@ def ranges(case: Case, traits: FileTraits, name: str, joint: FileJoint) -> Itera
 
 
 def to_stop(case: Case, state: str, end: float) -> bool:
-    """Whether one step at the largest speed of X leads from X to a stop of the joint whose position `state` is."""
+    """True if one step at the largest speed of X leads from X to a stop of the joint whose position `state` is."""
     assert case.domain is not None
     lo, hi = case.domain.X[state]
     travel = _travel(case, state)
@@ -188,7 +188,7 @@ def to_stop(case: Case, state: str, end: float) -> bool:
 
 
 def _travel(case: Case, state: str) -> float:
-    """What the joint of a position travels in one step at the largest speed of X."""
+    """Way of the joint of a position in one step at the largest speed of X."""
     assert case.domain is not None
     joint = case.plant.states[state].joint
     speeds = [n for n, s in case.plant.states.items() if s.joint == joint and s.quantity == "velocity"]
@@ -196,7 +196,7 @@ def _travel(case: Case, state: str) -> float:
 
 
 def efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
-    """What U asks of a joint beyond what the file says that it takes."""
+    """Findings where U asks of a joint more than the file says that it takes."""
     assert case.domain is not None
     for drive, section in case.plant.inputs.items():
         if section.joint == name and joint.effort is not None:
@@ -210,8 +210,8 @@ def efforts(case: Case, name: str, joint: FileJoint) -> Iterator[Finding]:
                 )
 
 
-def differ(a: Floats | float, b: Floats | float) -> bool:
-    """Whether two numbers, or two lists of them, are not the same up to `SAME`."""
+def differs(a: Floats | float, b: Floats | float) -> bool:
+    """True if two numbers, or two lists of them, are not the same up to `SAME`."""
     size = max(float(np.abs(a).max()), float(np.abs(b).max()))
     return bool(np.abs(np.asarray(a) - b).max() > SAME * size)
 

@@ -115,7 +115,7 @@ def joint_forces(plant: JointPlant, effects: Sequence[AddedEffect]) -> Forces | 
 
 
 def _delivered(effects: Sequence[AddedEffect], name: str, drive: sp.Expr, velocity: sp.Symbol) -> sp.Expr:
-    """What the joint feels of a drive at its speed: by the ranks of the effects, the last nearest the command."""
+    """Force that a joint feels of a drive at its speed: effects by their ranks, the last nearest the command."""
     own = [(effect(e.name), e) for e in sorted(effects, key=lambda e: effect(e.name).rank) if e.on == name]
     placeholder = sp.Symbol("drive", real=True)
     felt: sp.Expr = placeholder

@@ -21,7 +21,7 @@ TRIED = 50
 """States of X at which actuators are asked what they do without a command, and shapes whether they touch."""
 
 
-def installed() -> Any:
+def require_mujoco() -> Any:
     """The module `mujoco`.
 
     Raises:
@@ -43,7 +43,7 @@ def read_mjcf(path: Path) -> Any:
         UserError: a file that is not there or not MJCF, that names files outside its folders or some that no hash would
             see, or that MuJoCo does not take.
     """
-    mujoco = installed()
+    mujoco = require_mujoco()
     _check_root(path)
     named = dict(named_by(path))
     inside = Path(os.path.abspath(path)).parent.parent
@@ -86,7 +86,7 @@ def check_mjcf(case: Case, folder: Path) -> Any:
             its own.
     """
     path = folder / str(getattr(case.simulator, "mjcf", None))
-    model, mujoco = read_mjcf(path), installed()
+    model, mujoco = read_mjcf(path), require_mujoco()
     kinds = {mujoco.mjtJoint.mjJNT_SLIDE.value: "prismatic", mujoco.mjtJoint.mjJNT_HINGE.value: "revolute"}
     found = {model.joint(k).name: kinds.get(int(model.jnt_type[k])) for k in range(model.njnt)}
     for k in range(model.njnt):
@@ -107,7 +107,7 @@ def check_mjcf(case: Case, folder: Path) -> Any:
 
 
 def _check_unseen(path: Path, model: Any) -> None:
-    """What moves the joints and is neither compared with the plant nor known to the samples."""
+    """Refuse what moves the joints and is neither compared with the plant nor known to the samples."""
     motors = [getattr(model, name) for name in ("actuator_armature", "actuator_damping") if hasattr(model, name)]
     if model.ntendon or any(np.any(values) for values in motors):
         raise UserError(
@@ -138,7 +138,7 @@ def _check_states(case: Case, path: Path, joint: str) -> None:
 
 
 def _check_roles(case: Case) -> None:
-    """What equations leave open: which quantity of the file a state is, and which joint an input pushes."""
+    """Refuse what equations leave open: which quantity of the file a state is, which joint an input pushes."""
     own = {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.quantity is None}
     own |= {f"states.{name}": s for name, s in case.plant.states.items() if s.lag_of is None and s.joint is None}
     for key in (*own, *(f"inputs.{name}" for name, drive in case.plant.inputs.items() if drive.joint is None)):
@@ -157,9 +157,9 @@ def samples(case: Case) -> list[dict[str, float]]:
     return [middle, *({name: rng.uniform(lo, hi) for name, (lo, hi) in ends.items()} for _ in range(TRIED - 1))]
 
 
-def placed(case: Case, model: Any, x: dict[str, float]) -> Any:
+def data_at_state(case: Case, model: Any, x: dict[str, float]) -> Any:
     """MuJoCo's data at a state, everything computed that follows from it."""
-    mujoco = installed()
+    mujoco = require_mujoco()
     data = mujoco.MjData(model)
     for name, state in case.plant.states.items():
         if state.joint is not None:
@@ -175,7 +175,7 @@ def _check_actuators(case: Case, path: Path, model: Any) -> None:
     if case.domain is None:
         return
     for x in samples(case) if model.nu else ():
-        force = placed(case, model, x).actuator_force
+        force = data_at_state(case, model, x).actuator_force
         if force.any():
             name = model.actuator(int(np.flatnonzero(force)[0])).name
             raise UserError(

@@ -19,7 +19,7 @@ from simgap.late import sympy as sp
 from simgap.plants.model_file import FileJoint, read_model_file
 from simgap.simulators import mjcf
 from simgap.simulators.base import FileTraits
-from simgap.simulators.findings import differ, efforts, ranges
+from simgap.simulators.findings import differs, efforts, ranges
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Felt:
-    """What a joint feels: mass that it moves, kg; inertia at 0, kg m^2 or kg; gravity's pull at states, N m or N."""
+    """Load of a joint: mass that it moves, kg; inertia at 0, kg m^2 or kg; gravity's pull at states, N m or N."""
 
     mass: float
     inertia: float
@@ -35,11 +35,11 @@ class Felt:
 
 
 def of_file(case: Case, model: Any) -> Mapping[str, Felt]:
-    """What each joint of MuJoCo's model feels, by name; gravity at the states of `mjcf.samples`."""
-    mujoco = mjcf.installed()
+    """Load of each joint of MuJoCo's model, by name; gravity at the states of `mjcf.samples`."""
+    mujoco = mjcf.require_mujoco()
     nv, pulls = model.nv, []
     for x in mjcf.samples(case):
-        data = mjcf.placed(case, model, x)
+        data = mjcf.data_at_state(case, model, x)
         data.qvel[:] = 0.0
         mujoco.mj_forward(model, data)
         pulls.append(np.array(data.qfrc_gravcomp) - np.array(data.qfrc_bias))
@@ -146,7 +146,7 @@ def _as_stated(model: Any, name: str) -> FileJoint:
 
 def motors_of(model: Any, joint: int) -> Iterator[int]:
     """The actuators on a joint."""
-    kind = mjcf.installed().mjtTrn.mjTRN_JOINT
+    kind = mjcf.require_mujoco().mjtTrn.mjTRN_JOINT
     yield from (k for k in range(model.nu) if model.actuator_trntype[k] == kind and model.actuator_trnid[k, 0] == joint)
 
 
@@ -179,14 +179,14 @@ def _idle(model: Any) -> Iterator[Finding]:
 def _options(case: Case, model: Any) -> Iterator[Finding]:
     assert case.domain is not None
     assert case.simulator is not None
-    option, mujoco, step = model.opt, mjcf.installed(), case.domain.tau / case.simulator.substeps
-    if differ(option.timestep, step):
+    option, mujoco, step = model.opt, mjcf.require_mujoco(), case.domain.tau / case.simulator.substeps
+    if differs(option.timestep, step):
         yield Finding(
             "simulator.substeps", f"the file steps by {option.timestep:g} s, the engine by tau/substeps = {step:g} s",
             f"substeps: {max(1, round(case.domain.tau / option.timestep))} is nearest to the file.",
         )  # fmt: skip
     own, model_s = np.array(option.gravity), np.array([0.0, 0.0, -case.plant.gravity])
-    if case.plant.urdf is not None and differ(own, model_s):
+    if case.plant.urdf is not None and differs(own, model_s):
         yield Finding(
             "simulator.mjcf", f"its gravity is ({_list(own)}) m/s^2, the nominal model's ({_list(model_s)})",
             "Correct <option gravity>, or plant.gravity.",
@@ -207,7 +207,7 @@ def _options(case: Case, model: Any) -> Iterator[Finding]:
 def _touching(case: Case, model: Any) -> Iterator[Finding]:
     """Shapes that touch in X: a world's shape and the body that is hinged to it touch too, unlike two bodies."""
     for x in mjcf.samples(case):
-        data = mjcf.placed(case, model, x)
+        data = mjcf.data_at_state(case, model, x)
         if data.ncon:
             pair = [_shape(model, int(g[0])) for g in (data.contact.geom1, data.contact.geom2)]
             place = ", ".join(f"{name} = {value:.3g}" for name, value in x.items())
@@ -226,14 +226,14 @@ def _shape(model: Any, geom: int) -> str:
 
 def _body(name: str, own: Felt, nominal: Felt) -> Iterator[Finding]:
     place = f"joint '{name}'"
-    if differ(own.mass, nominal.mass):
+    if differs(own.mass, nominal.mass):
         yield Finding(place, f"it moves {own.mass:g} kg in the file, {nominal.mass:g} kg in the plant's URDF", COVERED)
-    if differ(own.inertia, nominal.inertia):
+    if differs(own.inertia, nominal.inertia):
         yield Finding(
             place, f"it moves an inertia of {own.inertia:.4g} in the file, {nominal.inertia:.4g} in the plant's URDF, "
             "both where all positions are 0, in SI units", COVERED,
         )  # fmt: skip
-    if differ(own.gravity, nominal.gravity):
+    if differs(own.gravity, nominal.gravity):
         k = int(np.argmax(np.abs(own.gravity - nominal.gravity)))
         yield Finding(
             place, f"gravity pulls it by {own.gravity[k]:.4g} in the file and by {nominal.gravity[k]:.4g} in the "
@@ -242,7 +242,7 @@ def _body(name: str, own: Felt, nominal: Felt) -> Iterator[Finding]:
 
 
 def _own_forces(case: Case, model: Any, name: str, damping: float) -> Iterator[Finding]:
-    """What acts in a joint itself, with what the case adds to either side."""
+    """Findings about what acts in a joint itself, with what the case adds to either side."""
     assert case.simulator is not None
     joint = model.joint(name)
     k = int(joint.dofadr[0])
@@ -257,10 +257,10 @@ def _own_forces(case: Case, model: Any, name: str, damping: float) -> Iterator[F
             value + sum(e.parameters.get(key, 0.0) for e in effects if e.name == effect and e.on == name)
             for value, effects in ((own, case.simulator.effects), (nominal, case.plant.effects))
         ]
-        if own and differ(*sides):
+        if own and differs(*sides):
             yield Finding(f"joint '{name}'", f"the file {words} {own:g}, the nominal model has {sides[1]:g}",
                           LEARN.format(effect))  # fmt: skip
-        elif nominal and differ(*sides):
+        elif nominal and differs(*sides):
             yield Finding(f"joint '{name}'", f"the plant's URDF {words} {nominal:g}, the simulator has {sides[0]:g}",
                           COVERED)  # fmt: skip
     if np.any(model.dof_dampingpoly[k]) or np.any(model.jnt_stiffnesspoly[joint.id]):

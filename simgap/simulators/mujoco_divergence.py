@@ -15,7 +15,7 @@ import numpy as np
 from simgap.errors import UserError
 
 
-def seen(mujoco: Any, model: Any) -> None:
+def keep_diverged_state(mujoco: Any, model: Any) -> None:
     """Let what diverges stay as it is, and MuJoCo write no file about it."""
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     mujoco.set_mju_user_warning(_silent)
@@ -28,7 +28,7 @@ def counters(mujoco: Any, data: Any) -> Any:
     return data.warning.number[first : last + 1]
 
 
-def refuse(counted: Any, engine: str, where: Sequence[tuple[str, float]]) -> None:
+def refuse_divergence(counted: Any, engine: str, where: Sequence[tuple[str, float]]) -> None:
     """Refuse a sampling time in which something was bad.
 
     Args:

@@ -56,14 +56,14 @@ class MuJoCoJoints(JointEngine):
 
     def __init__(self, plant: JointPlant, section: MuJoCoSettings) -> None:
 
-        mujoco = mjcf.installed()
+        mujoco = mjcf.require_mujoco()
         self.nx, self.nu, self.engine = plant.nx, plant.nu, f"mujoco {mujoco.__version__}"
         self._mujoco: Any = mujoco
         self._plant, self._substeps = plant, section.substeps
         self._forces = joint_forces(plant, section.effects)
         model = _of_urdf(plant, section) if section.mjcf is None else mjcf.read_mjcf(plant.file)
         model.opt.timestep = plant.tau / section.substeps
-        mujoco_divergence.seen(mujoco, model)
+        mujoco_divergence.keep_diverged_state(mujoco, model)
         self._model, self._data = model, mujoco.MjData(model)
         self._bad = mujoco_divergence.counters(mujoco, self._data)
         joints = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) for name in plant.joints]
@@ -132,7 +132,7 @@ class MuJoCoJoints(JointEngine):
         where = [(name, float(q[k])) for name, k in zip(joints, self._q, strict=True)]
         where += [(f"{name}'s velocity", float(v[k])) for name, k in zip(joints, self._v, strict=True)]
         where += list(zip(self._plant.input_names, map(float, u), strict=True))
-        mujoco_divergence.refuse(self._bad, "mujoco", where)
+        mujoco_divergence.refuse_divergence(self._bad, "mujoco", where)
 
 
 def _mjcf(case: Case) -> bool:
@@ -141,7 +141,7 @@ def _mjcf(case: Case) -> bool:
 
 def _of_urdf(plant: JointPlant, section: MuJoCoSettings) -> Any:
     """MuJoCo's model of a URDF, with the keys of the case in place of what the file says of damping and friction."""
-    mujoco = mjcf.installed()
+    mujoco = mjcf.require_mujoco()
     check_urdf(plant.file)
     with loading("MuJoCo", plant.file):
         model = mujoco.MjModel.from_xml_path(str(plant.file))

@@ -19,7 +19,7 @@ from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import loading, root_link
-from simgap.simulators import mujoco_divergence
+from simgap.simulators import mjcf, mujoco_divergence
 from simgap.simulators.commands import CommandPath
 from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettings
 
@@ -43,17 +43,12 @@ class MuJoCoWheeled(WheeledEngine):
     distributions = ("mujoco",)
 
     def __init__(self, plant: WheeledPlant, section: MuJoCoWheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
-        try:
-            import mujoco
-        except ImportError:
-            raise UserError(
-                "MuJoCo is not installed", key="simulator.engine", remedy="Install the extra: simgap[mujoco]."
-            ) from None
+        mujoco = mjcf.require_mujoco()
         super().__init__(plant, section, paths)
         self._section = section
         self.engine, self._mujoco = f"mujoco {mujoco.__version__}", mujoco
         self._model = model_of(plant, section)
-        mujoco_divergence.seen(mujoco, self._model)
+        mujoco_divergence.keep_diverged_state(mujoco, self._model)
         self._data = mujoco.MjData(self._model)
         self._bad = mujoco_divergence.counters(mujoco, self._data)
         joints = [self._model.joint(name) for name in (section.left, section.right)]
@@ -128,7 +123,9 @@ class MuJoCoWheeled(WheeledEngine):
             self._mujoco.mj_step(self._model, self._data, section.substeps // section.poses)
             self._look(n)
         if any(self._bad):
-            mujoco_divergence.refuse(self._bad, "mujoco_wheeled", list(zip(("linear", "angular"), u, strict=True)))
+            mujoco_divergence.refuse_divergence(
+                self._bad, "mujoco_wheeled", list(zip(("linear", "angular"), u, strict=True))
+            )
         return self.path[-1].copy()
 
     def _look(self, n: int) -> None:
@@ -146,8 +143,7 @@ def model_of(plant: WheeledPlant, section: MuJoCoWheeledSettings) -> Any:
     Raises:
         UserError: wheels that are not there, or a link that touches the floor and states no friction, or too much.
     """
-    import mujoco
-
+    mujoco = mjcf.require_mujoco()
     with loading("MuJoCo", plant.urdf):
         spec = mujoco.MjSpec.from_file(str(plant.urdf))
     spec.compiler.fusestatic = False

@@ -28,7 +28,7 @@ from typing import Any, TypeVar
 
 from simgap import plugins, reading
 from simgap.errors import SimgapError
-from simgap.simulators.supervision import LOOK, NOTE, Note, grown_too_large, note_in
+from simgap.simulators.supervision import LOOK, NOTE, Note, is_too_large, note_in
 
 
 class Tokens:
@@ -96,7 +96,7 @@ class SharedBytes:
     """
 
     def __init__(self, size: int) -> None:
-        """Of `size` bytes."""
+        """Share `size` bytes."""
         descriptor = os.memfd_create("simgap")
         os.ftruncate(descriptor, size)
         self._hold(descriptor, size)
@@ -203,7 +203,7 @@ def _end_with_parent(note: Note) -> None:
     """Follow the parent's death, so that a killed run leaves no engine behind; end a process that grows too large."""
     parent = multiprocessing.parent_process()
     while parent is not None and not multiprocessing.connection.wait([parent.sentinel], timeout=LOOK):
-        if grown_too_large():
+        if is_too_large():
             note.too_large()
             os._exit(1)
     os._exit(1)

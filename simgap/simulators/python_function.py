@@ -17,7 +17,7 @@ from simgap.config.function_file import KEY, FunctionFile
 from simgap.config.simulator import EngineSection
 from simgap.errors import UserError, excerpt
 from simgap.simulators.base import Engine
-from simgap.simulators.supervision import at_call, bounded
+from simgap.simulators.supervision import bounded, describe_call
 
 if TYPE_CHECKING:
     from simgap.config.case import Case
@@ -123,8 +123,10 @@ class PythonEngine(Engine):
         return found
 
     def _fault(self, problem: str, x: Floats | None = None, u: Floats | None = None) -> UserError:
-        """What went wrong, with the call, the first of many."""
-        where = "" if x is None or u is None else f", {at_call(self._names, *(np.atleast_2d(v)[0] for v in (x, u)))}"
+        """Error about what went wrong, with the call, the first of many."""
+        where = (
+            "" if x is None or u is None else f", {describe_call(self._names, *(np.atleast_2d(v)[0] for v in (x, u)))}"
+        )
         return UserError(
             f"the function '{self._file.name}' {problem}{where}", file=self._file.path, key=KEY,
             remedy="Correct it, or leave what it cannot do out of domain.X and domain.U.",

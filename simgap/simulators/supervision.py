@@ -44,14 +44,14 @@ DECLARE = (
 )
 
 
-def at_call(names: tuple[Sequence[str], Sequence[str]], x: Any, u: Any) -> str:
+def describe_call(names: tuple[Sequence[str], Sequence[str]], x: Any, u: Any) -> str:
     """A call in words: the names of states and inputs with their values, none of x if it is None."""
     pairs = [] if x is None else list(zip(names[0], x, strict=False))
     pairs += list(zip(names[1], u, strict=False))
     return "at " + ", ".join(f"{name} = {float(value):.9g}" for name, value in pairs)
 
 
-def probed(simulator: Simulator, case: Case) -> Simulator:
+def try_as_map(simulator: Simulator, case: Case) -> Simulator:
     """The same simulator, tried at its first roll-outs, after them.
 
     Its `rollouts` raise UserError where it answers the same call in two ways, or has more state than the case.
@@ -99,7 +99,7 @@ class _Probe:
         order = self._rng.permutation(CALLS)
         again = rollouts(self._x[order], self._u[order])
         for k in np.flatnonzero((again != self._first[order]).any(axis=1))[:1]:
-            where = at_call(self._names, self._x[order[k]], self._u[order[k]])
+            where = describe_call(self._names, self._x[order[k]], self._u[order[k]])
             raise UserError(
                 f"the simulator answers the same call in two ways, {where}: it keeps a state, draws random numbers or "
                 "reads a clock", key="simulator", remedy=DECLARE,
@@ -117,7 +117,8 @@ class _Probe:
                 name = self._names[0][int(np.argmax(off))]
                 raise UserError(
                     f"the simulator has more state than the case: a second step moves {name} otherwise than a step "
-                    f"that begins where the first ended, {at_call(self._names, x, u)}", key="simulator", remedy=DECLARE,
+                    f"that begins where the first ended, {describe_call(self._names, x, u)}",
+                    key="simulator", remedy=DECLARE,
                 )  # fmt: skip
 
 
@@ -133,7 +134,7 @@ _HEAD = struct.Struct("=iidd")  # 1 in a call, 2 too large; bytes of text; when 
 
 
 class Note:
-    """What a process is doing, in memory that it shares with the one that waits for it."""
+    """Note of what a process is doing, in memory that it shares with the one that waits for it."""
 
     def __init__(self, place: Any) -> None:
         """`place` are NOTE bytes of shared memory."""
@@ -179,8 +180,8 @@ def note_in(place: Any) -> Note:
     return _note
 
 
-def grown_too_large() -> bool:
-    """Whether this process holds more memory than an engine may; not where the system does not say."""
+def is_too_large() -> bool:
+    """True if this process holds more memory than an engine may; not where the system does not say."""
     try:
         with open("/proc/self/statm") as stream:
             return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") > LARGEST
@@ -200,7 +201,7 @@ def bounded(what: str, longest: float, run: Callable[[], T]) -> T:
 
 
 @dataclass(frozen=True)
-class Watch:
+class Supervised:
     """Whose calls are watched.
 
     Attributes:
@@ -218,7 +219,7 @@ class Watch:
 
     def at(self, x: Floats | None, u: Floats) -> str:
         """A call in words."""
-        return at_call((self.states, self.inputs), x, u)
+        return describe_call((self.states, self.inputs), x, u)
 
     def state(self, result: Any, x: Floats | None, u: Floats) -> Floats:
         """The result of a step as (nx,), refused if it is none."""
@@ -231,11 +232,11 @@ class Watch:
         return found
 
     def fault(self, problem: str, x: Floats | None, u: Floats) -> UserError:
-        """What is wrong with a call."""
+        """Error about a call."""
         return UserError(f"the engine '{self.name}' {problem}, {self.at(x, u)}", key=KEY, remedy=REMEDY)
 
 
-def watched(engine: Simulator, watch: Watch) -> Simulator:
+def supervise(engine: Simulator, watch: Supervised) -> Simulator:
     """The same engine, every call of it watched."""
     own: Any = engine
     reset, advance, rollouts = own.reset, own.advance, own.rollouts
@@ -272,7 +273,7 @@ def watched(engine: Simulator, watch: Watch) -> Simulator:
     return engine
 
 
-def _watch_paths(own: Any, watch: Watch) -> None:
+def _watch_paths(own: Any, watch: Supervised) -> None:
     """A robot's paths: each call may take as long as its steps."""
     responses, chain = own.responses, own.chain
 
@@ -288,7 +289,7 @@ def _watch_paths(own: Any, watch: Watch) -> None:
     own.responses, own.chain = responses_watched, chain_watched
 
 
-def _finite(found: Floats, watch: Watch, inputs: Floats) -> Floats:
+def _finite(found: Floats, watch: Supervised, inputs: Floats) -> Floats:
     if not np.isfinite(found).all():
         raise watch.fault("gives a path that is not finite", None, inputs[0])
     return found

@@ -65,7 +65,7 @@ WheelPath = tuple[tuple[WheelEffect, Mapping[str, float]], ...]
 
 
 def wheel_path(effects: Sequence[AddedEffect]) -> WheelPath:
-    """Those of the effects that act on the wheels; those on the commands change none of their speeds.
+    """Effects that act on the wheels; those on the commands change none of their speeds.
 
     Raises:
         UserError: missing or unphysical values.
@@ -159,7 +159,7 @@ class WheeledEngine(Engine, PathSimulator):
         """Put the robot at rest at a pose."""
 
     def wheel_rates(self, linear: float, angular: float) -> tuple[float, float]:
-        """What the left and the right motor are told, rad/s: the commands as effects on the wheels leave them."""
+        """Rates that the left and the right motor are told, rad/s: the commands as effects on the wheels leave them."""
         half, radius = 0.5 * self._section.track * angular, self._section.wheel_radius
         left, right = linear - half, linear + half
         for kind, values in self._wheel_path:

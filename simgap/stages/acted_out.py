@@ -36,7 +36,7 @@ Effects = tuple[AppliedEffect, ...]
 
 @dataclass(frozen=True)
 class ActedOut:
-    """What the simulator of the corrected case gets.
+    """Effects that the simulator of the corrected case acts out.
 
     Attributes:
         effects: those that it acts out beside what the case declares.
@@ -131,7 +131,7 @@ def _can(context: Context, e: AppliedEffect) -> bool:
 
 
 def _sets(able: Effects, told: Effects) -> list[Effects]:
-    """What is tried: what the engine suggests first, then nothing, everything, each alone, all but each."""
+    """Sets of effects to try: what the engine suggests first, then none, all, each alone, all but each."""
     sizes = sorted({0, 1, len(able) - 1, len(able)})
     every = [tuple(s) for n in sizes for s in itertools.combinations(able, n)]
     return [told, *(s for s in every if s != told)]
@@ -160,7 +160,7 @@ def _errors(
 def _runs(
     context: Context, found: Diagnosis, held: Sequence[Any], measured: Sequence[str], effects: Effects, tau: float
 ) -> list[Followed]:
-    """What remembers earlier commands acts as an input that comes later: nothing says what was under way."""
+    """Stretches to follow. An effect that remembers commands acts as a later input: nothing says what was under way."""
     late: dict[str, float] = {}
     for e in effects:
         if effect(e.name).remembers:
@@ -182,7 +182,7 @@ def _with(case: Case, effects: Effects) -> Case:
 
 
 def _judged(told: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) -> ActedOut:
-    """What strays clearly less than what the engine suggests, else that."""
+    """The set that strays clearly less than what the engine suggests, else that."""
     errors = np.nan_to_num(np.array(errors), nan=np.inf).tolist()
     best = int(np.argmin(errors))
     best = best if errors[best] < (1.0 - MATTERS) * errors[0] and errors[best] <= NEAR else 0

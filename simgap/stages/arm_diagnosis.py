@@ -22,7 +22,7 @@ from simgap.diagnosis.result import WindowPrediction
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.io.documents import write_json
-from simgap.io.inertial_file import with_inertial
+from simgap.io.model_export import with_inertial
 from simgap.io.pages import need_template
 from simgap.io.parquet import table, write_parquet
 from simgap.io.recordings.measured import load_reading
@@ -148,7 +148,7 @@ def _payloads(section: MeasuredSection, tree: Tree, reading: Reading) -> tuple[P
 
 
 def _known(context: Context, tree: Tree, inputs: Sequence[str]) -> dict[str, Floats]:
-    """What the case declares of each joint, effect -> (n,).
+    """Values that the case declares of each joint, effect -> (n,).
 
     Raises:
         UserError: an effect that an arm's diagnosis does not know.

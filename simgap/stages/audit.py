@@ -49,10 +49,10 @@ from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Gap, HowMany, Option, Out, Shards, Workers
-from simgap.stages.gap_inputs import samples_of
+from simgap.stages.gap_inputs import read_samples
 from simgap.stages.margins import margins_of, summary
-from simgap.stages.scratch import scratch
-from simgap.stages.validation import tolerated
+from simgap.stages.scratch import scratch_folder
+from simgap.stages.validation import tolerated_share
 from simgap.synthesis.margins import Margins
 
 TOGETHER = 32  # runs side by side
@@ -195,7 +195,7 @@ PARTS = 2  # each with random numbers of its own, whatever the number of workers
 
 
 @dataclass(frozen=True)
-class Inputs:
+class AuditFiles:
     """Files that the audit reads: the bound, the gap-aware controller, its roll-outs and the fresh samples."""
 
     gap: Gap
@@ -205,7 +205,7 @@ class Inputs:
 
 
 @dataclass(frozen=True)
-class Outputs:
+class AuditOutputs:
     """Files that it writes: the counts, the margins of every cell, and what breaks the promise, if anything does."""
 
     counts: Out
@@ -215,8 +215,8 @@ class Outputs:
 
 def run(
     case_path: CasePath,
-    inputs: Inputs,
-    out: Outputs,
+    inputs: AuditFiles,
+    out: AuditOutputs,
     workers: Workers = 2,
     engine_log: Path | None = None,
     trials: HowMany = Trials.PLAIN,
@@ -235,7 +235,7 @@ def run(
         bound = load_gap(inputs.gap, context)
         known = _known(context, bound, inputs)
     # A robot's table of inputs is a gigabyte: it is read and checked here, and the workers map what they look at.
-    with scratch(out.counts.parent / TABLES) as folder:
+    with scratch_folder(out.counts.parent / TABLES) as folder:
         with context.blame():
             shared, margins = _shared(context, bound.function, inputs.controller, folder)
         jobs = _jobs(context, section, bound, shared, known, trials)
@@ -253,7 +253,7 @@ def run(
     _write_margins(context, margins, out.margins, record)
     write_json(out.counts, content | {"witnesses": [w.what for w in witnesses]})
     log.info("%s", _said(content))
-    if loops[DISTURBANCE].violations or (content["violations"] and not tolerated(context.case)):
+    if loops[DISTURBANCE].violations or (content["violations"] and not tolerated_share(context.case)):
         raise BrokenPromise(
             f"the adversary broke it: {_said(content)}; the first: {witnesses[0].what}",
             f"`simgap replay {out.witness}` shows it{_beside(witnesses)}. {_remedy(found)}",
@@ -286,7 +286,7 @@ def _done(pool: ProcessPoolExecutor, jobs: list[Job]) -> list[tuple[Searched, di
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """What all parts begin from: the solution, and what makes its cells narrow."""
+    """Common ground of all parts: the solution, and what makes its cells narrow."""
 
     solution: SharedSolution
     danger: Danger
@@ -294,20 +294,22 @@ class _Ground:
     margin: Any
 
 
-def _shared(context: Context, gap: GapFunction, controller: Path, scratch: Path) -> tuple[_Ground, Margins | str]:
+def _shared(
+    context: Context, gap: GapFunction, controller: Path, scratch_folder: Path
+) -> tuple[_Ground, Margins | str]:
     """Read the controller, look at all of its cells once, and leave its tables in a folder."""
     solution = load_controller_of(controller, context).solution
     margins = margins_of(context, gap, solution)
     factor = None if isinstance(margins, str) else margins.factor
-    shared = SharedSolution.of(solution, scratch)
+    shared = SharedSolution.of(solution, scratch_folder)
     return _Ground(shared, Danger.of(solution), beginnings(solution), factor), margins
 
 
-def _known(context: Context, bound: SavedGap, inputs: Inputs) -> tuple[Any, ...]:
+def _known(context: Context, bound: SavedGap, inputs: AuditFiles) -> tuple[Any, ...]:
     """Where searches over the gap begin."""
     hidden = context.case.hidden_state
-    tables = [samples_of(context, path, "rollouts", "borders") for path in inputs.rollouts]
-    tables.append(samples_of(context, inputs.fresh, "fresh"))
+    tables = [read_samples(context, path, "rollouts", "borders") for path in inputs.rollouts]
+    tables.append(read_samples(context, inputs.fresh, "fresh"))
     if hidden is None:
         return worst_steps(context, bound.function, tables)
     return (worst_histories(context, bound.function, motion_of(context), tables, hidden.length),)
@@ -337,7 +339,7 @@ def _jobs(
 
 
 def counts(found: Searched, loops: Mapping[str, Campaign], states: Sequence[str]) -> dict[str, Any]:
-    """What was tried and what was found, as plain data."""
+    """Counts of what was tried and found, as plain data."""
     worst = found.worst
     return {
         "evaluations": found.evaluations,

@@ -14,8 +14,8 @@ from pathlib import Path
 from simgap.errors import Finding
 from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.io.documents import write_json
-from simgap.lint.angles import affordable_or_degrees, in_degrees
-from simgap.lint.checks import OF_CASE, OF_NUMBERS, found_by
+from simgap.lint.angles import affordable_or_degrees, find_degrees
+from simgap.lint.checks import OF_CASE, OF_NUMBERS, run_checks
 from simgap.lint.costs import StageCost, affordable, costs, duration, size
 from simgap.lint.engine import model_file, of_engine
 from simgap.lint.measured import check_measured
@@ -27,7 +27,7 @@ from simgap.stages import log
 
 @dataclass(frozen=True)
 class Checked:
-    """What `check` found.
+    """Result of a check.
 
     Attributes:
         costs: of each stage; cells: of the grid of samples and of the controller, an axis each, by state.
@@ -62,19 +62,19 @@ def run(
             affordable_or_degrees(context, first)  # before anything that would build what is too large
             said(_outlook(first))
         file = model_file(context)
-        of_angles = in_degrees(context, file.joints if file is not None else {})
+        of_angles = find_degrees(context, file.joints if file is not None else {})
         said(f"building the nominal model of {len(context.states)} states")
         check_measured(context)
         began = time.process_time()
         _ = context.plant.sampled if case.domain is not None else context.plant.declared
         build = time.process_time() - began
-        found_by(OF_CASE, context)
+        run_checks(OF_CASE, context)
         if case.simulator is not None:
             said(f"asking the engine {case.simulator.engine}")
         findings, rollout = of_engine(context, file, engine_log)
         found = costs(context, rollout, build=build) if case.domain is not None else []
         affordable(context, found)
-        of_numbers = found_by(OF_NUMBERS, context)
+        of_numbers = run_checks(OF_NUMBERS, context)
     result = Checked(found, _cells(context), [*(findings or []), *of_angles, *of_numbers], findings is not None)
     for finding in result.findings:
         log.warning("%s: %s. %s", finding.key, finding.problem, finding.remedy)
@@ -85,7 +85,7 @@ def run(
 
 
 def _outlook(found: list[StageCost]) -> str:
-    """What a run will compute, in a line, before anything is built: the largest count and all seconds."""
+    """One line about what a run will compute, before anything is built: the largest count and all seconds."""
     held = [cost for cost in found if not cost.at_most]
     if not held:
         return "nothing long to compute"
@@ -95,12 +95,12 @@ def _outlook(found: list[StageCost]) -> str:
 
 
 def _at_most(found: list[StageCost]) -> str:
-    """What comes on top of a total: stages that usually end earlier than their count says."""
+    """Words for what comes on top of a total: stages that usually end earlier than their count says."""
     return "".join(f" and at most {duration(c.seconds)} more for {c.stage}" for c in found if c.at_most)
 
 
 def conclusion(checked: Checked, case: Path) -> str:
-    """What follows from a check, in a line: what a run will take and how it is begun."""
+    """One line about what follows from a check: what a run will take and how it is begun."""
     held = [cost for cost in checked.costs if not cost.at_most]
     premise = " for a base that is bolted to the world" * any(f.key == BOLTED for f in checked.findings)
     if not held:

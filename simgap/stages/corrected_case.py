@@ -15,7 +15,7 @@ import yaml
 
 from simgap import reading
 from simgap.config.case import Case
-from simgap.config.copied_plugins import copied_plugins, renamed
+from simgap.config.copied_plugins import plugin_copies, with_plugin_copies
 from simgap.config.domain import InputSet
 from simgap.config.load import case_content, parse_case
 from simgap.config.model_files import move_files
@@ -43,7 +43,7 @@ LAG_CELLS, LAG_SAMPLES, LAG_BLOCKS = 24, 4, 2
 
 @dataclass(frozen=True)
 class Augmentation:
-    """What the corrected case carries.
+    """Memory of the inputs that the corrected case carries.
 
     Attributes:
         lags: input -> range of what the plant feels, for each lag that becomes a state.
@@ -143,7 +143,7 @@ def _pairs(case: Case, lags: int) -> bool:
 
 
 def _one_sample(case: Case, delays: Mapping[str, float]) -> bool:
-    """Whether every input's delay is nearest to one sample, and the controller can remember the pending input."""
+    """True if every input's delay is nearest to one sample, and the controller can remember the pending input."""
     if case.domain is None or case.synthesis is None or set(delays) != set(case.plant.inputs):
         return False
     near = all(0.5 <= d / case.domain.tau < 1.5 for d in delays.values())
@@ -178,7 +178,7 @@ def corrected_case(
     Args:
         case_path: the original case.
         target: where the corrected one will stand; relative paths are rewritten to hold from there. Plug-in files are
-            named as `copied_plugins` has them, which the caller writes there.
+            named as `plugin_copies` has them, which the caller writes there.
         applied: effects to add, in the order in which they act.
         data: the recordings that were used.
         rig: 'simulator' if the recordings are of the case's own simulator: the nominal model alone gets the effects.
@@ -213,7 +213,7 @@ def corrected_case(
         content["gap"] |= _remainder(remainder)
     checked = parse_case(yaml.safe_load(_dumped(content)), target, case_path)
     _ = PlantModel.of(checked, folder).corrected  # refuses what does not fit
-    moved = renamed(content, copied_plugins(checked, source, folder))
+    moved = with_plugin_copies(content, plugin_copies(checked, source, folder))
     return _header(applied, rig, sentence, content, words, urdf, simulated) + _dumped(moved)
 
 

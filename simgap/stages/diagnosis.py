@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from simgap.config.copied_plugins import copied_plugins
-from simgap.config.measured import MeasuredSection, matching
+from simgap.config.copied_plugins import plugin_copies
+from simgap.config.measured import MeasuredSection, matching_files
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.record.record import Record
@@ -172,7 +172,7 @@ def conclude(
 
 def _paths(context: Context, section: MeasuredSection, data: Sequence[Path]) -> list[Path]:
     if data:
-        return [found for path in data for _, found in matching(Path(), [str(path)], typed=True)]
+        return [found for path in data for _, found in matching_files(Path(), [str(path)], typed=True)]
     if not section.files:
         raise UserError(
             "no data are given",
@@ -241,7 +241,7 @@ def _write(
     paths: Sequence[Path],
     out_dir: Path,
 ) -> None:
-    """What holds the answer, its document the last of them."""
+    """Write the files that hold the answer, its document the last of them."""
     model, shifts = corrected
     target = out_dir / CASE
     out_dir.mkdir(parents=True, exist_ok=True)  # first: `out/../rod.urdf` is no file before
@@ -253,7 +253,7 @@ def _write(
     known = context.units | {v.name: v.unit for v in model.states}
     units = {c: known[c.removeprefix("late_").removeprefix("next_")] for c in columns}
     write_parquet(out_dir / TRANSITIONS, table(columns, units, {"case": context.case.name}, content["provenance"]))
-    for plugin in copied_plugins(context.case, context.folder, out_dir):
+    for plugin in plugin_copies(context.case, context.folder, out_dir):
         with atomic(out_dir / plugin.file) as temporary:
             temporary.write_bytes(plugin.content)
     write_text(target, text)
@@ -268,7 +268,7 @@ def _show(
     content: Mapping[str, Any],
     out_dir: Path,
 ) -> None:
-    """What shows the answer: page, pictures, recording."""
+    """Write the files that show the answer: page, pictures, recording."""
     record, title = reading.record, context.case.title or context.case.name
     sigma = np.array([found.sigma[s] for s in record.measured])
     lacking = missing_terms(record, _declared(context, reading), *corrected, sigma)

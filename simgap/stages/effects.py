@@ -56,7 +56,7 @@ def listed(case_path: Path | None) -> dict[str, Any]:
 
 
 def printed(found: Mapping[str, Any]) -> str:
-    """What is `listed`, as tables."""
+    """Tables of what `listed` gives."""
     buffer = io.StringIO()
     console = Console(file=buffer, width=160, markup=False, emoji=False)
     table = Table("effect", "on", "formula", "parameters", box=None, pad_edge=False)

@@ -14,11 +14,11 @@ from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
 from simgap.stages.arguments import Borders, CasePath, Grid, Option, Out, Shards
-from simgap.stages.gap_inputs import Rolled, blame_shards, by_state, points_of_case, samples_of
+from simgap.stages.gap_inputs import Rolled, blame_shards, points_of_case, read_dimensions, read_samples
 
 
 @dataclass(frozen=True)
-class Inputs:
+class GapFiles:
     """Files that the stages before this one wrote."""
 
     grid: Grid
@@ -32,7 +32,7 @@ class Inputs:
 
 def run(
     case_path: CasePath,
-    made: Inputs,
+    made: GapFiles,
     out: Out,
     thinned: Annotated[Path, Option("File for thinned samples, for pictures (Parquet).", "--samples")],
 ) -> None:
@@ -49,12 +49,12 @@ def run(
         points = points_of_case(context, made.grid)
         content = Made(
             points,
-            by_state(context, "scp", points.name, made.scp),
-            by_state(context, "lipschitz", points.name, made.lipschitz),
+            read_dimensions(context, "scp", points.name, made.scp),
+            read_dimensions(context, "lipschitz", points.name, made.lipschitz),
             Rolled(context, made.rollouts),
-            samples_of(context, made.fresh, "fresh"),
-            samples_of(context, made.calibration, "calibration") if made.calibration else None,
-            samples_of(context, made.borders, "borders") if made.borders else None,
+            read_samples(context, made.fresh, "fresh"),
+            read_samples(context, made.calibration, "calibration") if made.calibration else None,
+            read_samples(context, made.borders, "borders") if made.borders else None,
         )
         bound = gap(context, content)
     log.info("%s", bound.check.tier.text)

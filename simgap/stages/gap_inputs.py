@@ -29,7 +29,7 @@ def points_of_case(context: Context, grid: Path) -> Points:
     return read_points(grid, names, lambda path, record: context.own(path, record, "grid"))
 
 
-def samples_of(context: Context, path: Path, *stages: str) -> Columns:
+def read_samples(context: Context, path: Path, *stages: str) -> Columns:
     """Samples that one of these stages made of this case.
 
     Raises:
@@ -38,8 +38,8 @@ def samples_of(context: Context, path: Path, *stages: str) -> Columns:
     return read_columns(path, lambda own, record: context.own(own, record, *stages))
 
 
-def result_of(context: Context, path: Path, stage: str) -> dict[str, Any]:
-    """What a stage found out about this case.
+def read_result(context: Context, path: Path, stage: str) -> dict[str, Any]:
+    """Document that a stage wrote of this case.
 
     Raises:
         UserError: a missing or damaged file, or one of another case.
@@ -49,7 +49,7 @@ def result_of(context: Context, path: Path, stage: str) -> dict[str, Any]:
     return content
 
 
-def table_of(context: Context, path: Path, stage: str) -> pa.Table:
+def read_table(context: Context, path: Path, stage: str) -> pa.Table:
     """A table that a stage made of this case.
 
     Raises:
@@ -76,7 +76,7 @@ class Rolled(Sequence[Columns]):
     def __getitem__(self, k: int | slice) -> Columns | Sequence[Columns]:
         if isinstance(k, slice):
             return Rolled(self._context, self.paths[k])
-        return samples_of(self._context, self.paths[k], "rollouts")
+        return read_samples(self._context, self.paths[k], "rollouts")
 
 
 @contextmanager
@@ -90,16 +90,16 @@ def blame_shards(shards: Sequence[Path]) -> Iterator[None]:
         raise
 
 
-class Found(Protocol):
-    """What was found out about one dimension."""
+class DimensionResult(Protocol):
+    """Result for one dimension."""
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
 
 
-def dimensions(
+def write_dimensions(
     context: Context, stage: str, grid: Path, shards: Sequence[Path], out: Path,
-    find: Callable[[Points, Rolled, int], Found],
+    find: Callable[[Points, Rolled, int], DimensionResult],
 ) -> None:  # fmt: skip
     """Write what `find` finds out about each dimension, the i-th, from the roll-outs of a grid.
 
@@ -118,15 +118,15 @@ def dimensions(
     write_json(out, {"states": found, "provenance": record})
 
 
-def by_state(context: Context, stage: str, point: str, path: Path) -> dict[str, Any]:
-    """What `dimensions` wrote, by state, made of this case on this grid.
+def read_dimensions(context: Context, stage: str, point: str, path: Path) -> dict[str, Any]:
+    """Results of `write_dimensions` by state, made of this case on this grid.
 
     A case that says the same under another name will do: points of a sweep share what they have in common.
 
     Raises:
         UserError: a state without a result, a damaged one, or one that was made of something else.
     """
-    content = result_of(context, path, stage)
+    content = read_result(context, path, stage)
     other, found = content["provenance"].get("point"), content.get("states", {})
     if other != point:
         raise UserError(f"of the grid {excerpt(other)}, not {point}", file=path, remedy=f"Run `{stage}` again.")

@@ -57,7 +57,7 @@ def _row(path: Path, out: Path) -> dict[str, Any]:
 
 
 def _figures(path: Path) -> dict[str, Any]:
-    """What the page says of a case.
+    """Figures that the page shows of a case.
 
     Raises:
         UserError: a summary that is missing, damaged, or of another version.

@@ -17,7 +17,7 @@ from simgap.gap.settings import GapSettings
 from simgap.io.spilled_numbers import room_in
 from simgap.plants.context import Context
 from simgap.stages.arguments import CasePath, Grid, Out, Shards
-from simgap.stages.gap_inputs import dimensions
+from simgap.stages.gap_inputs import write_dimensions
 
 
 def run(case_path: CasePath, grid: Grid, shards: Shards, out: Out) -> None:
@@ -29,7 +29,9 @@ def run(case_path: CasePath, grid: Grid, shards: Shards, out: Out) -> None:
     context = Context.load(case_path)
     with context.blame():
         room = room_in(out.parent)
-        dimensions(context, "lipschitz", grid, shards, out, lambda p, rolled, i: lipschitz(context, p, rolled, i, room))
+        write_dimensions(
+            context, "lipschitz", grid, shards, out, lambda p, rolled, i: lipschitz(context, p, rolled, i, room)
+        )
 
 
 def lipschitz(

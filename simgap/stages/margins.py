@@ -64,7 +64,7 @@ def _of_measured_cells(context: Context, gap: GapFunction, solution: Solution, e
 
 
 def _of_true_cells(context: Context, gap: GapFunction, solution: Solution, error: Floats) -> Margins | str:
-    """Of cells of the true state that are kept by inputs of the measured ones."""
+    """Margins of cells of the true state that are kept by inputs of the measured ones."""
     larger, inputs = solution.grid, context.input_set
     reach = margins(larger, error)
     grid = _true_grid(context, larger, reach)
@@ -94,7 +94,7 @@ def _true_grid(context: Context, larger: Grid, reach: tuple[int, ...]) -> Grid:
 
 
 def _cropped(values: NDArray[Any], grid: Grid, larger: Grid) -> NDArray[Any]:
-    """What cells of the grid have among those of the larger one: (larger cells, ...) -> (cells, ...)."""
+    """Values of the cells of a grid among those of a larger one: (larger cells, ...) -> (cells, ...)."""
     rest = values.shape[1:]
     return np.ascontiguousarray(values.reshape(*larger.cells, *rest)[inner(grid, larger)]).reshape(grid.size, *rest)
 

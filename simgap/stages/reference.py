@@ -153,7 +153,7 @@ def _kinds(
 
 
 def _words(schema: Mapping[str, Any]) -> str:
-    """What a value is, in a word or two."""
+    """Kind of a value, in a word or two."""
     if "const" in schema:
         return f"`{schema['const']}`"
     if "enum" in schema:

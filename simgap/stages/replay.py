@@ -121,7 +121,7 @@ def text(context: Context, witness: Witness, trace: Trace, states: Floats) -> st
 
 
 def _measured(witness: Witness) -> bool:
-    """Whether what the controller saw of a run is something else than where the plant was."""
+    """True if what the controller saw of a run is something else than where the plant was."""
     return len(witness.measured) > 0 and not np.array_equal(witness.measured, witness.states, equal_nan=True)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
@@ -17,7 +17,6 @@ from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import need_template, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
-from simgap.paper import suprema_and_constants
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.report.case_figures import draw
@@ -26,13 +25,13 @@ from simgap.report.material import Corrected, Material
 from simgap.report.measured_share import share_inside
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, NominalController, Option, Out, RobustController, Traces
-from simgap.stages.gap_inputs import result_of, table_of
+from simgap.stages.gap_inputs import read_result, read_table
 
 TEMPLATE = "report.html.j2"
 
 
 @dataclass(frozen=True)
-class Inputs:
+class ReportFiles:
     """Files that the page is made from, every one of them; those of a corrected case together, or none of them."""
 
     gaps: Annotated[list[Path], Option("gap.json of each eps.", "--gap")]
@@ -58,7 +57,7 @@ class Inputs:
 
 def run(
     case_path: CasePath,
-    inputs: Inputs,
+    inputs: ReportFiles,
     out: Out,
     figures_out: Annotated[Path, Option("File for the figures that a script wants (JSON).", "--summary")],
     picture: Annotated[Path | None, Option("File for a small PNG that stands for the case.")] = None,
@@ -91,7 +90,7 @@ def run(
     return f"Ready to open: {out}"
 
 
-def read(case_path: Path, inputs: Inputs) -> Material:
+def read(case_path: Path, inputs: ReportFiles) -> Material:
     """Everything that the page needs, in memory."""
     context = Context.load(case_path)
     bounds = sorted((load_gap(path, context) for path in inputs.gaps), key=lambda g: -_eps(g))
@@ -106,27 +105,44 @@ def read(case_path: Path, inputs: Inputs) -> Material:
         sweep=[g.content for g in bounds],
         gap=gap.content,
         bound=gap.function,
-        samples=table_of(context, inputs.samples, "gap"),
-        syntheses={kind: result_of(context, path, "synthesis") for kind, path in syntheses.items()},
+        samples=read_table(context, inputs.samples, "gap"),
+        syntheses={kind: read_result(context, path, "synthesis") for kind, path in syntheses.items()},
         controllers={kind: load_domain_of(path, context) for kind, path in controllers.items()},
-        validation=result_of(context, inputs.validation, "validation"),
-        traces=split(table_of(context, inputs.traces, "validation"), context.states, context.inputs),
-        diagnosis=result_of(context, found, "diagnosis") if found is not None else None,
+        validation=read_result(context, inputs.validation, "validation"),
+        traces=split(read_table(context, inputs.traces, "validation"), context.states, context.inputs),
+        diagnosis=read_result(context, found, "diagnosis") if found is not None else None,
         corrected=_corrected(context, inputs, gap.function),
         printed=printed,
-        audit=result_of(context, inputs.audit, "audit") if inputs.audit is not None else None,
-        margins=table_of(context, inputs.margins, "audit") if inputs.margins is not None else None,
-        twin=result_of(context, inputs.twin, "twin") if inputs.twin is not None else None,
+        audit=read_result(context, inputs.audit, "audit") if inputs.audit is not None else None,
+        margins=read_table(context, inputs.margins, "audit") if inputs.margins is not None else None,
+        twin=read_result(context, inputs.twin, "twin") if inputs.twin is not None else None,
     )
 
 
 def _eps(bound: SavedGap) -> float:
-    """Of the point of a bound; 0 for one that has none, such as a grid of half-widths."""
+    """Radius eps of the point of a bound; 0 for one that has none, such as a grid of half-widths."""
     return float(bound.content.get("eps") or 0.0)
 
 
-def _corrected(context: Context, inputs: Inputs, gap: GapFunction) -> Corrected | None:
-    """What the corrected case came to, and measured transitions against both bounds where the diagnosis kept them.
+def suprema_and_constants(printed: Mapping[str, Any], case: str) -> dict[str, Any]:
+    """Printed numbers that the page of a case puts beside its own; empty for a case of which nothing is printed.
+
+    Args:
+        printed: content of configs/paper/printed.yaml.
+        case: its name.
+
+    Returns:
+        sup_gamma: eps as text -> state -> supremum; lipschitz: state -> constant.
+    """
+    own = printed.get(case, {})
+    if "suprema" not in own:
+        return {}
+    rows = {f"{row['eps']:g}": {s: v for s, v in row.items() if s != "eps"} for row in own["suprema"]}
+    return {"sup_gamma": rows, "lipschitz": dict(own["L1"])}
+
+
+def _corrected(context: Context, inputs: ReportFiles, gap: GapFunction) -> Corrected | None:
+    """Results of the corrected case, and measured transitions against both bounds where the diagnosis kept them.
 
     Raises:
         UserError: only some of its files are given.
@@ -152,4 +168,4 @@ def _corrected(context: Context, inputs: Inputs, gap: GapFunction) -> Corrected 
             side: share_inside(own, rows, own.plant.sampled, own_bound, noise, late)
             for side, (own, own_bound, late) in sides.items()
         }
-    return Corrected(result_of(later, summary, "report"), controllers, inside)
+    return Corrected(read_result(later, summary, "report"), controllers, inside)

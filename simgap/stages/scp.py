@@ -16,7 +16,7 @@ from simgap.gap.settings import GapSettings
 from simgap.io.spilled_numbers import room_in
 from simgap.plants.context import Context, pose_axes
 from simgap.stages.arguments import Borders, CasePath, Grid, Out, Shards
-from simgap.stages.gap_inputs import dimensions, samples_of
+from simgap.stages.gap_inputs import read_samples, write_dimensions
 
 
 def run(case_path: CasePath, grid: Grid, shards: Shards, out: Out, borders: Borders = None) -> None:
@@ -27,9 +27,11 @@ def run(case_path: CasePath, grid: Grid, shards: Shards, out: Out, borders: Bord
     """
     context = Context.load(case_path)
     with context.blame():
-        beside = samples_of(context, borders, "borders") if borders is not None else None
+        beside = read_samples(context, borders, "borders") if borders is not None else None
         room = room_in(out.parent)
-        dimensions(context, "scp", grid, shards, out, lambda p, rolled, i: scp(context, p, rolled, i, beside, room))
+        write_dimensions(
+            context, "scp", grid, shards, out, lambda p, rolled, i: scp(context, p, rolled, i, beside, room)
+        )
 
 
 def scp(

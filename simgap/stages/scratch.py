@@ -16,7 +16,7 @@ TERMINATED = 128 + signal.SIGTERM
 
 
 @contextmanager
-def scratch(folder: Path) -> Iterator[Path]:
+def scratch_folder(folder: Path) -> Iterator[Path]:
     """A new, empty folder, removed at the end: after an error, Ctrl-C and SIGTERM too.
 
     Nobody can clean up after SIGKILL; what is then left lies where the next run of the same stage removes it.

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import yaml
 
-from simgap.config.copied_plugins import copied_plugins, renamed
+from simgap.config.copied_plugins import plugin_copies, with_plugin_copies
 from simgap.config.model_files import move_files
 from simgap.config.sweep import Point, base_of, load_sweep, points_of_sweep
 from simgap.errors import UserError
@@ -65,8 +65,8 @@ def write_point(path: SweepPath, name: Annotated[str, Argument("Name of the poin
     if not found:
         raise UserError(f"has no point '{name}'", file=path, key="axes", remedy="Its values have changed: run again.")
     folder = base_of(path).parent
-    copies = copied_plugins(found[0].case, folder, out.parent)
-    content = renamed(found[0].content, copies)
+    copies = plugin_copies(found[0].case, folder, out.parent)
+    content = with_plugin_copies(found[0].content, copies)
     for copy in copies:  # first: a case does not name what is not there
         write_text(out.parent / copy.file, copy.content.decode())
     move_files(content, lambda name: Path(os.path.relpath(folder / name, out.parent)).as_posix())

@@ -71,7 +71,7 @@ def run(
         context = path_aware_baseline(context)
     with context.blame():
         affordable(context, [cost for cost in costs(context) if cost.stage == "synthesis"])
-        problem, between = pose(context, gap_path)
+        problem, between = pose_problem(context, gap_path)
         began = time.perf_counter()
         solution = _solved(context, problem, gap_path, record, summary, threads)
     for name in (EMPTY_FIGURES, "empty.html"):  # of an earlier run that won nothing
@@ -165,7 +165,7 @@ def _between(context: Context, flow: Flow, region: Box, extra: Floats, needed: b
 
 
 def _by_state(context: Context, between: Floats) -> dict[str, float]:
-    """What is bounded, by state; nothing where it is not."""
+    """Bounds by state; empty where there are none."""
     return dict(zip(context.states, between.tolist(), strict=True)) if np.isfinite(between).all() else {}
 
 
@@ -184,7 +184,7 @@ def after_inflation(problem: Problem, solution: Solution, between: Floats) -> fl
     return float((solution.winning & free).sum() / max(1, free.sum()))
 
 
-def pose(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
+def pose_problem(context: Context, gap_path: Path | None) -> tuple[Problem, Floats]:
     """The synthesis problem of a case, and how far a path may stray from its samples and beyond walls, (2, nx).
 
     The controller made with the gap minds the path between samples; that of the nominal model alone only if asked to.
@@ -272,10 +272,10 @@ def _swept(context: Context, model: NominalModel, bound: SavedGap | None) -> tup
         return None
     if bound is not None:
         return bound.swept
-    pose = pose_axes(context)
+    pose_problem = pose_axes(context)
     every, rest = context.input_set, np.zeros(model.nx)
     path, bulge = nominal_paths(
         context.plant.carried, context.case.plant.integrator, model.tau, rest, every, PATH_POINTS
     )
-    extent = BodySamples.of_paths(np.arange(len(path)), path[..., list(pose)]).extent
+    extent = BodySamples.of_paths(np.arange(len(path)), path[..., list(pose_problem)]).extent
     return extent[:, [0, 2]] - bulge, extent[:, [1, 3]] + bulge

@@ -9,7 +9,7 @@ from simgap.plants.context import Context
 from simgap.report.recording import recording_content
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, NominalController, Out, RobustController, Traces
-from simgap.stages.gap_inputs import table_of
+from simgap.stages.gap_inputs import read_table
 
 
 def run(
@@ -23,7 +23,7 @@ def run(
     """
     context = Context.load(case_path)
     with context.blame():
-        traces = split(table_of(context, traces_path, "validation"), context.states, context.inputs)
+        traces = split(read_table(context, traces_path, "validation"), context.states, context.inputs)
         content = recording_content(context, traces, load_domain_of(nominal, context), load_domain_of(robust, context))
     write_recording(out, content)
     count = verify(out, traces, context.states, context.inputs)

@@ -21,13 +21,13 @@ from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Option, Out, Shards
-from simgap.stages.gap_inputs import samples_of, table_of
+from simgap.stages.gap_inputs import read_samples, read_table
 
 Steps = tuple[Floats, Floats, Floats]
 
 
 @dataclass(frozen=True)
-class Inputs:
+class TwinFiles:
     """Files of samples: roll-outs on the grid, fresh ones, traces of the closed loop (or None)."""
 
     rollouts: Shards
@@ -36,7 +36,7 @@ class Inputs:
 
 
 @dataclass(eq=False)
-class Held:
+class Differences:
     """Steps compared so far: how many, and for each of nx states the largest |difference| with its x and u."""
 
     nx: int
@@ -57,7 +57,7 @@ class Held:
                 self.at[i] = {"x": x[k].tolist(), "u": u[k].tolist()}
 
 
-def run(case_path: CasePath, given: Inputs, out: Out, engine_log: Path | None = None) -> None:
+def run(case_path: CasePath, given: TwinFiles, out: Out, engine_log: Path | None = None) -> None:
     """Take every sample again in the other engine, write and log the largest differences.
 
     Raises:
@@ -78,7 +78,7 @@ def run(case_path: CasePath, given: Inputs, out: Out, engine_log: Path | None = 
             "fresh": (_rows(context, path, "fresh") for path in (given.fresh,)),
             "closed_loop": _loops(context, given.traces) if given.traces is not None else iter(()),
         }
-        found, counts, engine = Held(len(context.states)), {}, section.of.engine
+        found, counts, engine = Differences(len(context.states)), {}, section.of.engine
         for part, steps in parts.items():
             before = found.samples
             for x, u, following in steps:
@@ -101,14 +101,14 @@ def _again(other: Case, folder: Path, x: Floats, u: Floats, engine_log: Path | N
 
 
 def _rows(context: Context, path: Path, stage: str) -> Steps:
-    columns = samples_of(context, path, stage)
+    columns = read_samples(context, path, stage)
     after = stacked(columns, [f"next_{name}" for name in context.states])
     return stacked(columns, context.states), stacked(columns, context.inputs), after
 
 
 def _loops(context: Context, path: Path) -> Iterator[Steps]:
     """All steps that the validation kept of its runs in the simulator."""
-    table = table_of(context, path, "validation")
+    table = read_table(context, path, "validation")
     runs = [t for t in split(table, context.states, context.inputs) if t.plant == SIMULATOR]
     kept: list[Any] = [(t.x[:-1], t.u[:-1], t.x[1:]) for t in runs if len(t.x) > 1]
     if kept:
@@ -116,7 +116,7 @@ def _loops(context: Context, path: Path) -> Iterator[Steps]:
         yield x, u, after
 
 
-def _judge(context: Context, tolerance: dict[str, float], found: Held, engine: str) -> None:
+def _judge(context: Context, tolerance: dict[str, float], found: Differences, engine: str) -> None:
     words = ", ".join(f"{name} {found.largest[i]:.3g} {context.units[name]}" for i, name in enumerate(context.states))
     log.info("largest difference to %s over %d samples: %s", engine, found.samples, words)
     for i, name in enumerate(context.states):

@@ -34,7 +34,7 @@ from simgap.specifications.monitor import Run, Verdict
 from simgap.specifications.space import Space
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Gap, HowMany, NominalController, Option, Out, RobustController, Workers
-from simgap.stages.scratch import scratch
+from simgap.stages.scratch import scratch_folder
 from simgap.synthesis.controller import Controller
 
 CHUNK = 50  # runs a worker does between two signs of life
@@ -78,13 +78,13 @@ def run(
         begin = starts_by_kind(context, section, controllers[ROBUST], others, trials)
     # A robot's table of inputs is a gigabyte: it is read and checked once, and the workers map what they look at. All
     # runs are given to them at once, so that they are started once and none waits for those of another controller.
-    with scratch(traces.parent / TABLES) as folder, engine_pool(workers, engine_log) as pool:
+    with scratch_folder(traces.parent / TABLES) as folder, engine_pool(workers, engine_log) as pool:
         jobs = {k: _submitted(pool, context, one, begin[k].x, folder / k) for k, one in controllers.items()}
         for kind, controller in controllers.items():
             with context.blame():
                 monitor = specification.monitor(space, controller.solution)
             judge = Judge(space, monitor, section.steps, controller.input_set, model, gap)
-            proven = replace(judge, certificate=controller.solution, tolerant=tolerated(context.case) > 0)
+            proven = replace(judge, certificate=controller.solution, tolerant=tolerated_share(context.case) > 0)
             for plant, runs in (
                 (SIMULATOR, _simulated(jobs[kind], len(begin[kind].x))),
                 (MODEL, batch_loop(model.step, controller, begin[kind].x, section.steps, monitor)),
@@ -102,10 +102,10 @@ def run(
     write_parquet(traces, pa.concat_tables(parts).unify_dictionaries())
     counts = {"trials": trials.value, "starts": section.count(trials), "steps": section.steps}
     write_json(out, counts | {"controllers": tallies, "provenance": record})
-    keep_promise(tallies[ROBUST][SIMULATOR], tolerated(context.case))
+    keep_promise(tallies[ROBUST][SIMULATOR], tolerated_share(context.case))
 
 
-def tolerated(case: Case) -> float:
+def tolerated_share(case: Case) -> float:
     """The share of steps that may leave gamma: what the check of the bound on fresh samples was held against."""
     section = case.hidden_state if case.hidden_state is not None else case.gap
     return section.tolerated_probability if section is not None else 0.0
@@ -208,7 +208,7 @@ def trace_of(judge: Judge, about: dict[str, str], number: int, verdict: Verdict)
     )
 
 
-class Starts(NamedTuple):
+class StartStates(NamedTuple):
     """States x (n, nx), and their numbers (n,): the same state has the same number for every controller."""
 
     x: Floats
@@ -232,7 +232,7 @@ def starts_by_kind(
     robust: Controller,
     others: Mapping[str, Controller],
     trials: Trials = Trials.PLAIN,
-) -> dict[str, Starts]:
+) -> dict[str, StartStates]:
     """Starts of the gap-aware controller, and the first of them that each of the others wins too.
 
     One that wins none of them begins in its own winning domain.
@@ -241,11 +241,13 @@ def starts_by_kind(
         UserError: as `starts` does.
     """
     own, most = starts(context, section, robust, section.count(trials)), section.baseline_count(trials)
-    begin = {ROBUST: Starts(own, np.arange(len(own)))}
+    begin = {ROBUST: StartStates(own, np.arange(len(own)))}
     for kind, other in others.items():
         shared = np.flatnonzero(other.contains(own))[:most]
         apart = starts(context, section, other, most) if not len(shared) else own[:0]
-        begin[kind] = Starts(own[shared], shared) if len(shared) else Starts(apart, len(own) + np.arange(len(apart)))
+        begin[kind] = (
+            StartStates(own[shared], shared) if len(shared) else StartStates(apart, len(own) + np.arange(len(apart)))
+        )
     return begin
 
 

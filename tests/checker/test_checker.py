@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
+from simgap.extras.certify import Certified, write_certificate
 from simgap.gap.bases import Expressions
 from simgap.gap.bounds.closed_form import ClosedFormGap
 from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
-from simgap.io.certificate import Certified, write_certificate
 from simgap.model.expressions import parse, prefix
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import symbol

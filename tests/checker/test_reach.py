@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simgap.extras.certify import Certified, Reached, write_certificate
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.geometry import Box
-from simgap.io.certificate import Certified, Reached, write_certificate
 from simgap.specifications.reach_avoid import ReachAvoid
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.swept import planar_swept_cells

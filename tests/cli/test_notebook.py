@@ -12,7 +12,7 @@ def cells(root):
 
 
 def test_every_cell_runs(cells, root, tmp_path, monkeypatch, capsys):
-    for name in ("rod.urdf", "swings.csv"):
+    for name in ("rod.yaml", "rod.urdf", "machine.urdf", "swings.csv"):
         shutil.copy(root / "docs/tutorial" / name, tmp_path)
     monkeypatch.chdir(tmp_path)
     names: dict = {}
@@ -20,7 +20,7 @@ def test_every_cell_runs(cells, root, tmp_path, monkeypatch, capsys):
         if cell["cell_type"] == "code":
             exec(compile("".join(cell["source"]), f"cell {number}", "exec"), names)
     assert names["found"]["verdict"] == "attributed"
-    assert [e["name"] for e in names["found"]["effects"]] == ["coulomb_friction"]
+    assert [e["name"] for e in names["found"]["effects"]] == ["parameter_error", "viscous_friction"]
     assert (tmp_path / "rod_with_friction.urdf").is_file()
     angle, _ = names["context"].get_continuous_state_vector().CopyToVector()
     assert angle != 0.2

@@ -14,7 +14,7 @@ import pytest
 from simgap.diagnosis.arms.base import base_parameters
 from simgap.diagnosis.arms.consistent import consistent, possible
 from simgap.errors import UserError
-from simgap.io.inertial_file import with_inertial
+from simgap.io.model_export import with_inertial
 from simgap.model.tree import forces, regressor
 from simgap.plants.plant_model import load_plant
 from simgap.plants.urdf import load_tree, multibody_plant

@@ -51,10 +51,10 @@ def test_one_bound_where_rest_leaves_no_more_than_motion(times):
 
 
 def test_too_few_slow_ones_take_the_bound_of_all_and_still_cover():
-    """60 held-out transitions have about seven slow ones, of which 19 would be needed."""
+    """40 held-out transitions have about eight slow ones, of which 19 would be needed."""
     rng, shares = np.random.default_rng(4), []
     for _ in range(60):
-        fitted, fresh = drawn(rng, 2000, 6.0), drawn(rng, 60, 6.0)
+        fitted, fresh = drawn(rng, 2000, 6.0), drawn(rng, 40, 6.0)
         split = slow_and_fast(fitted, fresh, LEVEL, {"v": 4.0})
         assert split is not None
         assert not split.own

@@ -17,7 +17,7 @@ from simgap.geometry import Box
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
 from simgap.plants.context import Context
-from simgap.stages.synthesis import pose
+from simgap.stages.synthesis import pose_problem
 
 X, U = Box([-1.0, -2.0], [1.0, 2.0]), np.array([[-1.0], [0.0], [1.0]])
 CASE = SimpleNamespace(states=["x", "v"], inputs=["u"], box=X, input_set=U, periodic=(), own=print)
@@ -140,7 +140,7 @@ def test_no_bound_is_never_taken_for_the_nominal_model(root, tmp_path, text):
     path = tmp_path / "gap.json"
     path.write_text(text)
     with pytest.raises(UserError, match="damaged"):
-        pose(Context.load(root / "configs/cases/pendulum.yaml"), path)
+        pose_problem(Context.load(root / "configs/cases/pendulum.yaml"), path)
     write_json(path, {})
     with pytest.raises(UserError, match="not a saved gap bound"):
-        pose(Context.load(root / "configs/cases/pendulum.yaml"), path)
+        pose_problem(Context.load(root / "configs/cases/pendulum.yaml"), path)

@@ -96,9 +96,9 @@ def test_a_force(added, vary):
     # fitted: the supermodel's dynamics at c = 0.2, by hand 3 N^-1 m^-1 s^-2 * c sqrt(|v|)
     fit = build_supermodel(pendulum(), ("angle", "rate"), ("brush_drag",))
     (slot,) = fit.find("brush_drag", "hinge").slots
-    theta, rates = fit.null.copy(), np.empty(2)
+    theta = fit.null.copy()
     theta[slot] = 0.2
-    fit.rhs(np.array([0.0, 0.49]), np.zeros(1), fit.constants_at(theta), np.array([1.0]), rates)
+    rates = fit.dynamics.derivative(np.array([0.0, 0.49]), np.zeros(1), theta, np.array([1.0]))
     assert rates == pytest.approx([0.49, -3.0 * 0.2 * 0.7], rel=1e-12)
     # described
     assert describe(found(effect, "hinge", "c", 0.2, "N*m")) == "brush drag at the hinge (c = 0.20 ± 0.02 N m)"

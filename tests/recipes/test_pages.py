@@ -100,3 +100,16 @@ def test_figures_in_sentences_are_those_of_the_results(root):
         for figure in figures:
             assert figure in page("README.md"), figure
             assert figure in page(f"docs/evidence/{name}.md"), (name, figure)
+
+
+def test_the_tutorial_quotes_its_run(root):
+    found = json.loads((root / "benchmarks/results/tutorial.json").read_text())
+    page, readme = ((root / name).read_text() for name in ("docs/tutorials/robot.md", "README.md"))
+    gap = " | ".join(f"{found[when]['largest_gap']:.2g}".replace("2.8e-05", "0.000028") for when in ("before", "after"))
+    assert gap in page
+    for kind in ("nominal", "gap"):
+        row = " | ".join("{} of {}".format(*found[when]["failed"][kind]) for when in ("before", "after"))
+        assert f"| {row} |" in page, kind
+    assert " | ".join(f"{100 * found[when]['winning']['gap']:.1f} %" for when in ("before", "after")) in page
+    failed, runs = found["before"]["failed"]["nominal"]
+    assert f"fails in {failed} of {runs} runs" in readme

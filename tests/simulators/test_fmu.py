@@ -172,7 +172,7 @@ def test_what_does_not_fit_is_one_line(fmu, slider, changes, words):
 UNPACK = """
 import sys
 from pathlib import Path
-from simgap.simulators.fmu import Unit
+from simgap.extras.engines.fmu import Unit
 unit = Unit(Path(sys.argv[1]))
 print("unpacked", flush=True)
 sys.stdin.read()

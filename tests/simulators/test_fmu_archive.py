@@ -6,7 +6,7 @@ import pytest
 
 from simgap import reading
 from simgap.errors import UserError
-from simgap.simulators import fmu as fmu_unit
+from simgap.extras.engines import fmu as fmu_unit
 
 pytest.importorskip("fmpy")
 ABOUT = "modelDescription.xml"

@@ -8,7 +8,7 @@ import pytest
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.simulators.base import Simulator
-from simgap.simulators.supervision import BLOCK, probed
+from simgap.simulators.supervision import BLOCK, try_as_map
 from tests.little_cart import write_cart
 
 
@@ -49,7 +49,7 @@ class Ordered(Cart):
 
 def rolled(tmp_path, simulator, blocks=1):
     """Roll-outs of a corner of X alone."""
-    own = probed(simulator, load_case(write_cart(tmp_path)))
+    own = try_as_map(simulator, load_case(write_cart(tmp_path)))
     x, u = np.full((BLOCK, 2), 0.9), np.ones((BLOCK, 1))
     for _ in range(blocks):
         found = own.rollouts(x, u)

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from simgap.config.copied_plugins import copied_plugins
+from simgap.config.copied_plugins import plugin_copies
 from simgap.config.function_file import FunctionFile
 from simgap.config.load import load_case
 from simgap.errors import SimgapError, UserError
@@ -139,7 +139,7 @@ def test_a_text_that_names_no_file_of_the_folder_is_no_neighbour(tmp_path):
 
 
 def test_a_corrected_case_takes_the_file_along(tmp_path):
-    (copy,) = copied_plugins(load_case(written(tmp_path, GOOD)), tmp_path, tmp_path / "elsewhere")
+    (copy,) = plugin_copies(load_case(written(tmp_path, GOOD)), tmp_path, tmp_path / "elsewhere")
     assert copy.section == ("simulator",)
     assert copy.key == "function"
     assert copy.named == f"{copy.file}:step"

@@ -30,7 +30,7 @@ from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import audit, replay, synthesis
-from simgap.stages.scratch import scratch
+from simgap.stages.scratch import scratch_folder
 from tests.stages.test_sensing_stage import bound
 
 BUDGET = {"evaluations": 6000, "steps": 1500}
@@ -61,8 +61,8 @@ def made(root, tmp_path_factory):
 
 
 def attack(folder, gap, out, controller=None, case=None):
-    files = audit.Inputs(gap, controller or folder / "controller.npz", [], folder / "fresh.parquet")
-    to = audit.Outputs(out / "audit.json", out / "margins.parquet", out / "witness.json")
+    files = audit.AuditFiles(gap, controller or folder / "controller.npz", [], folder / "fresh.parquet")
+    to = audit.AuditOutputs(out / "audit.json", out / "margins.parquet", out / "witness.json")
     audit.run(case or folder / "pendulum.yaml", files, to, 1)
     return read_json(to.counts)
 
@@ -236,8 +236,8 @@ audit._jobs = lambda *about: [600.0, 600.0]
 audit.attack = time.sleep
 if __name__ == "__main__":
     folder, out = Path(sys.argv[1]), Path(sys.argv[2])
-    files = audit.Inputs(folder / "gap.json", folder / "controller.npz", [], folder / "fresh.parquet")
-    to = audit.Outputs(out / "audit.json", out / "margins.parquet", out / "witness.json")
+    files = audit.AuditFiles(folder / "gap.json", folder / "controller.npz", [], folder / "fresh.parquet")
+    to = audit.AuditOutputs(out / "audit.json", out / "margins.parquet", out / "witness.json")
     audit.run(folder / "pendulum.yaml", files, to, 2)
 """
 
@@ -263,7 +263,7 @@ def test_an_audit_that_is_ended_leaves_no_tables_and_no_engines(made, tmp_path, 
     assert child.returncode != 0
     assert tables.exists() == (number == signal.SIGKILL)
     if tables.exists():
-        with scratch(tables) as empty:
+        with scratch_folder(tables) as empty:
             assert not list(empty.iterdir())
         assert not tables.exists()
 

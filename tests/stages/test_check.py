@@ -15,7 +15,7 @@ from simgap.errors import UserError
 from simgap.io.parquet import read_parquet
 from simgap.lint import costs, engine, equations
 from simgap.lint.controller import refuse_specification
-from simgap.lint.gap import refuse_basis, sudden
+from simgap.lint.gap import find_jumps_at_rest, refuse_basis
 from simgap.model.sampled import NominalModel
 from simgap.plants.context import Context
 from simgap.simulators.process import run_in_processes
@@ -377,9 +377,9 @@ def test_a_step_of_very_many_operations_is_told(terms, told, monkeypatch):
     x = sp.Symbol("x")
     step = sum((sp.sin(k * x) for k in range(1, terms)), sp.Integer(0))
     plant = SimpleNamespace(sampled=NominalModel((x,), (), (step,), 0.1))
-    found = equations.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=object()), plant=plant))
+    found = equations.find_heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=object()), plant=plant))
     assert [finding.key for finding in found] == ["plant"] * told
-    assert equations.heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=None), plant=plant)) == []
+    assert equations.find_heavy_steps(SimpleNamespace(case=SimpleNamespace(synthesis=None), plant=plant)) == []
 
 
 def test_a_check_ends_with_what_a_run_takes(tmp_path):
@@ -476,7 +476,7 @@ LOAD = {"name": "load_friction", "on": "u", "parameters": {"mu": 0.2}}
 @pytest.mark.parametrize("added", [FRICTION, LOAD])
 def test_dry_friction_that_the_model_lacks_is_told_with_what_it_does_to_the_gap(tmp_path, added):
     context = Context.load(written(tmp_path, case={"simulator.effects": [added]}))
-    (finding,) = sudden(context)
+    (finding,) = find_jumps_at_rest(context)
     assert finding.key == "simulator.effects.0"
     assert "switches at rest" in finding.problem
     assert "more than 0.1 of the cells" in finding.problem
@@ -494,4 +494,4 @@ def test_dry_friction_that_the_model_lacks_is_told_with_what_it_does_to_the_gap(
     ],
 )
 def test_what_is_smooth_or_known_or_outside_x_is_not_told_as_a_jump(tmp_path, case):
-    assert sudden(Context.load(written(tmp_path, case=case))) == []
+    assert find_jumps_at_rest(Context.load(written(tmp_path, case=case))) == []

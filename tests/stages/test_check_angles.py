@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from simgap.errors import UserError
-from simgap.lint.angles import in_degrees, refuse_seams
+from simgap.lint.angles import find_degrees, refuse_seams
 from simgap.plants.context import Context
 from simgap.plants.model_file import FileJoint
 from simgap.stages import check
@@ -34,7 +34,7 @@ def written(folder, angle, periodic=(), unit="rad", joint=None, **more):
 
 
 def found(path, joints=()):
-    return in_degrees(Context.load(path), dict(joints))
+    return find_degrees(Context.load(path), dict(joints))
 
 
 @pytest.mark.parametrize("angle", [[-90, 90], [-15, 15], [0, 360], [-10, 45], [-123.4, 17]])
@@ -62,10 +62,10 @@ def test_what_a_joint_could_do_in_degrees_alone_is_refused(tmp_path):
     plant = context.case.plant.model_copy(update={"states": {**context.case.plant.states, "q": state}})
     driven = Context(context.case.model_copy(update={"plant": plant}), path)
     with pytest.raises(UserError, match="its joint 'hinge' ends at -2 and 2") as refused:
-        in_degrees(driven, {"hinge": HINGE})
+        find_degrees(driven, {"hinge": HINGE})
     assert refused.value.key == "domain.X.q"
     wide = FileJoint("revolute", (-60.0, 60.0), None, None, 0.0, 0.0, None, False)
-    assert len(in_degrees(driven, {"hinge": wide})) == 1  # a joint that winds
+    assert len(find_degrees(driven, {"hinge": wide})) == 1  # a joint that winds
     assert content["domain"]["X"]["q"] == [-90, 90]
 
 

@@ -15,7 +15,7 @@ from simgap.geometry import Grid
 from simgap.io.documents import read_json
 from simgap.plants.context import Context
 from simgap.stages import fresh, grid
-from simgap.stages.gap_inputs import samples_of
+from simgap.stages.gap_inputs import read_samples
 from simgap.stages.scp import scp
 from tests.stages import road
 
@@ -197,7 +197,7 @@ def test_samples_outside_the_domain_of_a_bound_are_not_covered_by_it(stage):
 
 def test_borders_of_another_case_or_none_are_refused(vary, tmp_path):
     context = Context.load(vary("pendulum", {"grid.eps": EPS, "gap": QUICK | {"basis": PAPER}}, ("measured",)))
-    table = samples_of(context, road.made_up_borders(context, tmp_path / "borders.parquet", known), "borders")
+    table = read_samples(context, road.made_up_borders(context, tmp_path / "borders.parquet", known), "borders")
     directed_samples(context, f"eps~{EPS}", table, 0)
     other = Context.load(vary("pendulum", {"grid.eps": EPS, "domain.X.x2": [-0.4, 0.5]}, ("measured",)))
     for case, point in ((other, f"eps~{EPS}"), (context, "eps~0.02")):

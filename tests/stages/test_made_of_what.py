@@ -6,7 +6,7 @@ from simgap.errors import UserError
 from simgap.io.documents import write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.stages.gap_inputs import by_state
+from simgap.stages.gap_inputs import read_dimensions
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def results(vary, tmp_path):
 
 def test_results_of_this_case_are_taken(results):
     context, _, write = results
-    found = by_state(context, "scp", "eps~0.0022", write(context, "x1", "x2"))
+    found = read_dimensions(context, "scp", "eps~0.0022", write(context, "x1", "x2"))
     assert sorted(found) == ["x1", "x2"]
 
 
@@ -37,7 +37,7 @@ def test_results_of_anything_else_are_refused(results):
     ):
         path = write(of, "x1", "x2", **given)
         with pytest.raises(UserError, match=told) as caught:
-            by_state(context, "scp", "eps~0.0022", path)
+            read_dimensions(context, "scp", "eps~0.0022", path)
         assert caught.value.file == path
     with pytest.raises(UserError, match="no result for x2"):
-        by_state(context, "scp", "eps~0.0022", write(context, "x1"))
+        read_dimensions(context, "scp", "eps~0.0022", write(context, "x1"))

@@ -11,16 +11,17 @@ import pytest
 import yaml
 
 from simgap.errors import UserError
+from simgap.extras.wizard import new_case as new
+from simgap.extras.wizard.dry_friction_guess import blocks_along
+from simgap.extras.wizard.joints import axes_of, centre_of, drives, needed_inputs
+from simgap.extras.wizard.proposal_games import Proposal
+from simgap.extras.wizard.propose import Numbers
 from simgap.io.controller_file import load_controller
 from simgap.io.wheeled_urdf import wheels_of
-from simgap.lint.gap import stuck
+from simgap.lint.gap import find_stuck_joints
 from simgap.plants.context import Context
 from simgap.plants.model_file import read_model_file
-from simgap.stages import check, fresh, new, synthesis
-from simgap.stages.new_joints import axes_of, centre_of, drives, needed_inputs
-from simgap.stages.propose import Numbers
-from simgap.wizard.dry_friction_guess import blocks_along
-from simgap.wizard.proposal_games import Proposal
+from simgap.stages import check, fresh, synthesis
 from tests.stages import road
 
 
@@ -79,7 +80,7 @@ NUMBERS = Numbers(
 def test_friction_that_the_input_does_not_overcome_is_told(root, tmp_path, friction, told):
     case = new.run("mine", rubbing(root, tmp_path, "pendulum", [0.1]), tmp_path)
     case.write_text(case.read_text().replace("F_c: 0.1", f"F_c: {friction}"))
-    found = stuck(Context.load(case))
+    found = find_stuck_joints(Context.load(case))
     assert [finding.key for finding in found] == ["simulator.effects.0"] * told
     assert all("does not move it" in finding.problem for finding in found)
 

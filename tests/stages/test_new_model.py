@@ -6,9 +6,9 @@ import yaml
 
 from simgap.config.load import load_case
 from simgap.errors import UserError
+from simgap.extras.wizard.model_file import Asked, model_of_mjcf, model_of_urdf
+from simgap.extras.wizard.new_case import run
 from simgap.stages import check
-from simgap.stages.new import run
-from simgap.stages.new_model import Asked, model_of_mjcf, model_of_urdf
 
 WEIGHT = """<inertial><origin xyz="{at}"/><mass value="{m}"/>
 <inertia ixx=".02" ixy="0" ixz="0" iyy=".03" iyz="0" izz=".01"/></inertial>"""

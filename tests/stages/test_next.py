@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simgap.errors import UserError
+from simgap.extras import next as stage
 from simgap.stages import diagnosis
-from simgap.stages import next as stage
 
 CASE = """\
 name: bench

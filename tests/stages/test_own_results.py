@@ -10,11 +10,12 @@ import simgap
 from simgap.config.load import load_case
 from simgap.config.rig import load_rig
 from simgap.errors import UserError
+from simgap.extras import certify
 from simgap.io.parquet import write_parquet
 from simgap.plants.context import Context
 from simgap.provenance import parts_of, provenance
-from simgap.stages import audit, certify, report, synthesis, trace, validation
-from simgap.stages.gap_inputs import samples_of
+from simgap.stages import audit, report, synthesis, trace, validation
+from simgap.stages.gap_inputs import read_samples
 from simgap.stages.rig import recording
 from tests.stages import loop_example as example
 from tests.stages import road
@@ -34,9 +35,9 @@ def made(tmp_path_factory, root):
 
 def commands(folder, case):
     gap, law, out = folder / "gap.json", folder / "gap/controller.npz", folder / "out"
-    given = report.Inputs(**example.arguments(folder))
-    files = audit.Inputs(gap, law, [], folder / "samples.parquet")
-    to = audit.Outputs(out / "a.json", out / "m.parquet", out / "w.json")
+    given = report.ReportFiles(**example.arguments(folder))
+    files = audit.AuditFiles(gap, law, [], folder / "samples.parquet")
+    to = audit.AuditOutputs(out / "a.json", out / "m.parquet", out / "w.json")
     nominal, traces = folder / "nominal/controller.npz", folder / "validation/traces.parquet"
     return {
         "certify": lambda: certify.run(case, gap, law, out),
@@ -82,11 +83,11 @@ def test_samples_of_another_case_or_stage_are_refused(made):
     own, other = Context.load(case), Context.load(edited)
     x, u = np.zeros((3, 2)), own.input_set[:3]
     path = road.made_up(own, folder / "fresh.parquet", x, u, x, stage="fresh")
-    assert len(samples_of(own, path, "fresh")["x1"]) == 3
+    assert len(read_samples(own, path, "fresh")["x1"]) == 3
     with pytest.raises(UserError, match=r"differs in domain\.tau, simulator\.damping"):
-        samples_of(other, path, "fresh")
+        read_samples(other, path, "fresh")
     with pytest.raises(UserError, match="not what `rollouts` makes, but `fresh`"):
-        samples_of(own, path, "rollouts")
+        read_samples(own, path, "rollouts")
     with pytest.raises(UserError, match="not what `gap` makes"):
         own.own(path, {}, "gap")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from simgap.stages import index, report
-from simgap.stages.report import Inputs
+from simgap.stages.report import ReportFiles
 from tests.stages import loop_example as example
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -41,7 +41,7 @@ def page(tmp_path_factory, root) -> Path:
     folder = tmp_path_factory.mktemp("page")
     case = example.pendulum(root, folder)
     made = {"out": folder / "report.html", "figures_out": folder / "summary.json", "picture": folder / "picture.png"}
-    report.run(case, Inputs(**example.arguments(folder)), **made)
+    report.run(case, ReportFiles(**example.arguments(folder)), **made)
     index.run([folder / "summary.json"], folder / "index.html")
     return folder
 

@@ -13,7 +13,7 @@ from simgap.io.documents import write_json
 from simgap.io.parquet import table, write_parquet
 from simgap.notation import number
 from simgap.stages import index, report
-from simgap.stages.report import Inputs
+from simgap.stages.report import ReportFiles
 from tests.stages import loop_example as example
 
 
@@ -21,7 +21,7 @@ from tests.stages import loop_example as example
 def pendulum(tmp_path_factory, root):
     folder = tmp_path_factory.mktemp("pendulum")
     case = example.pendulum(root, folder)
-    report.run(case, Inputs(**example.arguments(folder)), folder / "report.html", folder / "summary.json")
+    report.run(case, ReportFiles(**example.arguments(folder)), folder / "report.html", folder / "summary.json")
     return folder, case
 
 
@@ -29,7 +29,7 @@ def pendulum(tmp_path_factory, root):
 def robot(tmp_path_factory):
     folder = tmp_path_factory.mktemp("robot")
     case = example.robot(folder)
-    report.run(case, Inputs(**example.arguments(folder)), folder / "report.html", folder / "summary.json")
+    report.run(case, ReportFiles(**example.arguments(folder)), folder / "report.html", folder / "summary.json")
     return folder
 
 
@@ -71,7 +71,8 @@ def test_the_verdict_is_the_counts(pendulum):
     text = page(pendulum[0]).text
     assert "In 2 simulated runs, the controller that knows the gap never left the safe set." in text
     assert re.search(
-        r"The controller that trusts the model left the safe set in 2 of 2, half of these within [\d.]+ s\.", text
+        r"The controller that trusts the model left the safe set in 2 of 2 runs, half of the failures within [\d.]+ s",
+        text,
     )
     assert "Gap-aware controller: 2 of 2 runs safe, 0 of 80 steps outside gamma." in text
     assert "Nominal-only controller: 2 of 2 runs violate the specification in the simulator" in text
@@ -114,7 +115,7 @@ def test_no_machine_paths_and_no_dates(pendulum):
 
 def test_the_same_bytes_again(pendulum, tmp_path):
     folder, case = pendulum
-    report.run(case, Inputs(**example.arguments(folder)), tmp_path / "report.html", tmp_path / "summary.json")
+    report.run(case, ReportFiles(**example.arguments(folder)), tmp_path / "report.html", tmp_path / "summary.json")
     for name in ("report.html", "summary.json"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
@@ -137,7 +138,7 @@ def test_printed_values_stand_beside_ours(pendulum, tmp_path, root):
     write_json(tmp_path / "gap.json", content)
     printed = root / "configs/paper/printed.yaml"
     given = example.arguments(folder) | {"gaps": [folder / "gap.json", tmp_path / "gap.json"], "printed": printed}
-    report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
+    report.run(case, ReportFiles(**given), tmp_path / "report.html", tmp_path / "summary.json")
     text = page(tmp_path).text
     assert "printed in the paper" in text
     assert "0.00757" in text
@@ -153,7 +154,7 @@ def test_a_broken_promise_is_the_headline(pendulum, tmp_path):
     write_json(tmp_path / "synthesis.json", synthesis)
     given = example.arguments(folder) | {"validation": tmp_path / "validation.json"}
     given["robust_summary"] = tmp_path / "synthesis.json"
-    report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
+    report.run(case, ReportFiles(**given), tmp_path / "report.html", tmp_path / "summary.json")
     text = page(tmp_path).text
     assert "promise broken" in text
     assert "3 of 80 steps outside gamma" in text
@@ -172,7 +173,7 @@ def test_the_corrected_case_stands_beside_the_first(pendulum, tmp_path):
     after["winning_fraction"]["gap"] = 0.8125
     write_json(tmp_path / "summary.json", after)
     arguments = example.arguments(folder)
-    given = Inputs(**arguments, **corrected(case, folder / "gap.json", tmp_path / "summary.json", arguments))
+    given = ReportFiles(**arguments, **corrected(case, folder / "gap.json", tmp_path / "summary.json", arguments))
     report.run(case, given, tmp_path / "report.html", tmp_path / "after.json")
     shown = page(tmp_path)
     assert re.search(r"winning fraction, gap-aware\s*[\d.]+\s*0.8125", shown.text)
@@ -199,7 +200,7 @@ def test_measured_transitions_are_held_against_the_bound_that_was_given(pendulum
     for name in ("eps~0.0022", "eps~0.0056"):
         later = corrected(case, tmp_path / name / "gap.json", folder / "summary.json", arguments)
         found = {"diagnosis": tmp_path / "diagnosis.json", "transitions": tmp_path / "transitions.parquet"}
-        shares[name] = report.read(case, Inputs(**arguments, **found, **later)).corrected.inside["after"]
+        shares[name] = report.read(case, ReportFiles(**arguments, **found, **later)).corrected.inside["after"]
     assert shares["eps~0.0022"]["share"] == 1.0
     assert shares["eps~0.0056"]["share"] == 0.0
 
@@ -227,7 +228,7 @@ def test_the_adversary_stands_beside_the_random_samples(pendulum, tmp_path):
     def told(content):
         write_json(tmp_path / "audit.json", content)
         more = {"audit": tmp_path / "audit.json", "margins": tmp_path / "margins.parquet"}
-        given = Inputs(**example.arguments(folder), **more)
+        given = ReportFiles(**example.arguments(folder), **more)
         report.run(case, given, tmp_path / "report.html", tmp_path / "summary.json")
         return page(tmp_path), example.read_json(tmp_path / "summary.json")
 
@@ -292,7 +293,9 @@ def test_a_summary_of_another_version_is_named(pendulum, tmp_path):
 def test_figures_are_files_too(pendulum, tmp_path):
     folder, case = pendulum
     made = {"out": tmp_path / "report.html", "figures_out": tmp_path / "summary.json"}
-    report.run(case, Inputs(**example.arguments(folder)), **made, picture=tmp_path / "p.png", folder=tmp_path / "f")
+    report.run(
+        case, ReportFiles(**example.arguments(folder)), **made, picture=tmp_path / "p.png", folder=tmp_path / "f"
+    )
     names = {path.name for path in (tmp_path / "f").iterdir()}
     assert {"problem.svg", "domains.svg", "trajectories.svg", "gap.svg", "bound.png"} == names
     assert (tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
@@ -306,7 +309,7 @@ def test_the_fair_baseline_is_told(robot, tmp_path):
     content["controllers"]["careful"] = {"simulator": tally}
     write_json(tmp_path / "validation.json", content)
     given = example.arguments(robot) | {"validation": tmp_path / "validation.json"}
-    report.run(robot / "case.yaml", Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
+    report.run(robot / "case.yaml", ReportFiles(**given), tmp_path / "report.html", tmp_path / "summary.json")
     text = page(tmp_path).text
     assert "between samples): 2 of 2 runs in the target without touching anything, 7 of 60 steps outside" in text
     assert any("Fair baseline" in s for s in example.read_json(tmp_path / "summary.json")["verdict"])
@@ -316,5 +319,5 @@ def test_a_missing_result_is_named(pendulum, tmp_path):
     folder, case = pendulum
     given = example.arguments(folder) | {"traces": tmp_path / "traces.parquet"}
     with pytest.raises(UserError, match=r"traces\.parquet.*does not exist"):
-        report.run(case, Inputs(**given), tmp_path / "report.html", tmp_path / "summary.json")
+        report.run(case, ReportFiles(**given), tmp_path / "report.html", tmp_path / "summary.json")
     assert not (tmp_path / "report.html").exists()

@@ -100,7 +100,7 @@ def test_from_the_case_to_the_closed_loop(bound, tmp_path):
     assert len(begins) == 4
     assert all({n: r[n] for n in START} == START for r in begins)
     controllers = {kind: tmp_path / f"{kind}.npz" for kind in ("nominal", "gap")}
-    given = report.Inputs(
+    given = report.ReportFiles(
         gaps=[folder / "gap.json"],
         samples=folder / "thinned.parquet",
         nominal=controllers["nominal"],
@@ -126,13 +126,13 @@ def test_gravity_of_the_bound_is_that_of_the_case(small):
 def test_a_robot_is_held_to_the_share_that_its_own_bound_tolerates(small):
     case = Context.load(small(**{"hidden_state.tolerated_probability": 0.02})).case
     kept = {"runs": 4, "runs_that_violated_it": 0, "steps": 100, "steps_outside_gamma": 2}
-    validation.keep_promise(kept, validation.tolerated(case))
+    validation.keep_promise(kept, validation.tolerated_share(case))
     with pytest.raises(BrokenPromise, match="3 of 100 steps are outside gamma"):
-        validation.keep_promise(kept | {"steps_outside_gamma": 3}, validation.tolerated(case))
+        validation.keep_promise(kept | {"steps_outside_gamma": 3}, validation.tolerated_share(case))
     with pytest.raises(BrokenPromise, match="2 of 100"):
-        validation.keep_promise(kept, validation.tolerated(Context.load(small()).case))
+        validation.keep_promise(kept, validation.tolerated_share(Context.load(small()).case))
     with pytest.raises(BrokenPromise, match="1 of 4 runs"):  # a broken run is never tolerated
-        validation.keep_promise(kept | {"runs_that_violated_it": 1}, validation.tolerated(case))
+        validation.keep_promise(kept | {"runs_that_violated_it": 1}, validation.tolerated_share(case))
 
 
 @pytest.mark.parametrize(
@@ -222,7 +222,7 @@ def test_an_obstacle_that_bounds_the_heading_is_kept_clear_of_by_samples(small):
     )
     for arena, by_boxes in arenas:
         case = small(**{"synthesis.specification": arena, "synthesis.nominal_between_samples": True})
-        problem, between = synthesis.pose(Context.load(case), None)
+        problem, between = synthesis.pose_problem(Context.load(case), None)
         assert (problem.swept is not None) == by_boxes
         assert (problem.stray is None) == by_boxes
         if not by_boxes:

@@ -13,6 +13,7 @@ import yaml
 from simgap.config.load import load_case
 from simgap.config.sweep import points_of_sweep
 from simgap.errors import UserError
+from simgap.extras.wizard import new_case as new
 from simgap.gap.bounds.basis import Basis, Form
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.linear import LinearGap
@@ -20,7 +21,7 @@ from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Box
 from simgap.io.documents import write_json
 from simgap.provenance import sections_digest
-from simgap.stages import new, sweep
+from simgap.stages import sweep
 
 AXES = {"gap.slack": [0.01, 0.05], "synthesis.cells": [[200, 200], [100, 100]]}
 

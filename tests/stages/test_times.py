@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from simgap.errors import UserError
-from simgap.io.job_times import job_times, spent_by
+from simgap.io.job_times import cpu_seconds_in_log, job_times
 
 HEAD = "s\th:m:s\tmax_rss\tmax_vms\tmax_uss\tmax_pss\tio_in\tio_out\tmean_load\tcpu_time\n"
 
@@ -58,6 +58,6 @@ def test_a_stage_counts_the_cpu_time_of_its_processes(tmp_path):
     log = tmp_path / "burn.log"
     done = subprocess.run([sys.executable, "-c", stage, str(log)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    own = spent_by(log)
+    own = cpu_seconds_in_log(log)
     assert own is not None
     assert own > 0.6

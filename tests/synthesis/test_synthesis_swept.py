@@ -14,7 +14,7 @@ from simgap.geometry import Box, Grid
 from simgap.io.documents import read_json, write_json
 from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.stages.synthesis import pose
+from simgap.stages.synthesis import pose_problem
 from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.abstraction.swept import SweptCells, planar_swept_cells
 from simgap.synthesis.games.reach import reach_avoid
@@ -135,7 +135,7 @@ def saved(context, folder):
 def test_bound_and_paths_come_back_from_the_file(vary, tmp_path):
     context = Context.load(vary("turtlebot", {"domain.U": SPEEDS, "synthesis.cells": [20, 20, 12]}))
     path, gap, box = saved(context, tmp_path)
-    problem, _ = pose(context, path)
+    problem, _ = pose_problem(context, path)
     want = planar_swept_cells(problem.grid, *box)
     assert np.array_equal(problem.swept.lower, want.lower)
     assert np.array_equal(problem.swept.upper, want.upper)
@@ -149,4 +149,4 @@ def test_bound_and_paths_come_back_from_the_file(vary, tmp_path):
     del content["gap"]["theta"]
     write_json(path, content)
     with pytest.raises(UserError, match=r"not a saved gap bound.*Run the gap stage of this case again"):
-        pose(context, path)
+        pose_problem(context, path)

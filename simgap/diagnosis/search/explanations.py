@@ -178,15 +178,22 @@ class Search:
         return found
 
     def _fitted(self, theta: Floats, x0: Floats, slots: list[int]) -> tuple[Fit, dict[int, float]]:
-        """Fit, and again if difference steps that suit the start do not suit the end (a peak that began flat)."""
+        """Fit, and again if difference steps that suit the start do not suit the end (a peak that began flat).
+
+        Once a set has reached the noise, a fit that stays `OUT_OF_SIGHT` of it by its own linear problems is given up.
+        """
+        reached = (e.fit.chi2 for e in self.tried.values() if e.physical and self.reached(e))
+        useless = OUT_OF_SIGHT * min(reached, default=math.inf)
         steps = {k: choose_step(self.problem, theta, x0, k, 1e-4) for k in slots}
-        found = fit(self.problem, theta, x0, slots, steps)
+        found = fit(self.problem, theta, x0, slots, steps, useless=useless)
         for _ in range(2):
+            if found.chi2 > useless:
+                break
             again = {k: choose_step(self.problem, found.theta, found.x0, k, 1e-4) for k in slots}
             if all(0.1 < again[k] / steps[k] < 10.0 for k in slots):
                 break
             steps = again
-            found = fit(self.problem, found.theta, found.x0, slots, steps)
+            found = fit(self.problem, found.theta, found.x0, slots, steps, useless=useless)
         return found, steps
 
     def screen(self, base: Explanation) -> Screen:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from simgap.diagnosis.thresholds import SETTLED_PROMISE, SETTLED_STATES, STANDS_
 _MAX_ITERATIONS = 30
 _SOFTEST, _STIFFEST = 1e-9, 1e8  # damping
 _ROUNDS = 3  # descents, windows that stand out begun afresh between them
+_PATIENCE = 3  # linear problems in a row that promise a useless end
 _FEW = 4  # linearisations of a window that does worse than foreseen
 _SHORT, _LEAST = 0.3, 0.05  # a window whose chi^2 misses this share of its foreseen drop, and this much, is refitted
 
@@ -70,6 +72,7 @@ def fit(
     steps: Mapping[int, float],
     max_iterations: int = _MAX_ITERATIONS,
     rounds: int = _ROUNDS,
+    useless: float = math.inf,
 ) -> Fit:
     """Levenberg-Marquardt in the projected parameters; each initial state follows by its own step.
 
@@ -83,6 +86,8 @@ def fit(
         slots: the parameters that are free; they stay within their physical limits.
         steps: difference step of each slot.
         max_iterations: most linearisations of a descent; rounds: most descents.
+        useless: a chi^2 at which the fit serves nobody. It is given up where `_PATIENCE` linear problems in a row
+            promise no less.
 
     Source: Levenberg (1944); Marquardt (1963); Nocedal, Wright (2006), Numerical Optimization, sec. 10.3.
     """
@@ -94,7 +99,9 @@ def fit(
     at = _Point(theta.copy(), x0.copy(), window_chi2(problem, theta, x0))
     at, converged = _begun_afresh(problem, at, np.zeros(len(x0))), False
     for _ in range(rounds):
-        at, linear, settled = _descend(problem, at, free, steps, max_iterations)
+        at, linear, settled, given_up = _descend(problem, at, free, steps, max_iterations, useless)
+        if given_up:
+            break
         still = at.chi2 - linear.window_rest  # what the initial states still promise, by the linear problem
         mended = _begun_afresh(problem, at, still)
         if mended.total > at.total - SETTLED_STATES * max(1.0, at.total / problem.size):
@@ -113,10 +120,14 @@ def _least_gain(at: _Point) -> float:
 
 
 def _descend(
-    problem: Problem, at: _Point, free: list[int], steps: Mapping[int, float], most: int
-) -> tuple[_Point, Linearised, bool]:
-    """Steps until none is worth while; the last linearisation, and whether it promises no more of the parameters."""
-    damping, settled = 1e-4, False
+    problem: Problem, at: _Point, free: list[int], steps: Mapping[int, float], most: int, useless: float
+) -> tuple[_Point, Linearised, bool, bool]:
+    """Steps until none is worth while.
+
+    Returns:
+        the end, the last linearisation, whether that promises no more of the parameters, whether it was given up.
+    """
+    damping, settled, vain = 1e-4, False, 0
     for _ in range(most):
         directions = [slot_direction(problem, at.theta, k, steps[k]) for k in free]
         linear = linearise(problem, at.theta, at.x0, directions)
@@ -126,6 +137,9 @@ def _descend(
         settled = of_parameters <= SETTLED_PROMISE * max(1.0, at.total / problem.size)
         if at.total - float(np.sum(foreseen)) < _least_gain(at):
             break
+        vain = vain + 1 if float(np.sum(foreseen)) > useless else 0
+        if vain == _PATIENCE:
+            return at, linear, False, True
         new = None
         while damping < _STIFFEST:
             theta = _clipped(problem, at, free, _step(problem, at.theta, free, linear, damping))
@@ -143,7 +157,7 @@ def _descend(
         damping = max(damping / 10.0, _SOFTEST)
         if gain < _least_gain(at):
             break
-    return at, linear, settled
+    return at, linear, settled, False
 
 
 def _follow(problem: Problem, at: _Point, linear: Linearised, theta: Floats, step: Floats) -> _Point:

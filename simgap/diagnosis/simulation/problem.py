@@ -167,7 +167,7 @@ class Problem:
         if any(train.rigid(theta, interval(self.t)) for train in self.model.trains):
             return np.full((int(self.rows[-1]), self.model.begun), np.nan)
         level, excess, delay, lag = self._drive(theta)
-        w, rows, constants = self.windows, self.rows, self.model.constants_at(theta)
+        w, rows, constants = self.windows, self.rows, self.model.dynamics.constants_at(theta)
         begin = np.ascontiguousarray(x0[:, : self.model.nx])
         for k, train in enumerate(self.model.trains):
             link = x0[:, [train.position, train.velocity]]
@@ -182,8 +182,8 @@ class Problem:
             begin = np.hstack([begin, self._memories(theta)[w.start]])
         out = np.empty((int(rows[-1]), begin.shape[1]))
         simulate(
-            *self.model.entries, self.t, level, excess, delay, lag, constants, begin, w.first, w.start, w.stop,
-            np.ascontiguousarray(rows[:-1]), self.model.speed, self._step(theta), out,
+            *self.model.dynamics.addresses, self.t, level, excess, delay, lag, constants, begin, w.first, w.start,
+            w.stop, np.ascontiguousarray(rows[:-1]), self.model.speed, self._step(theta), out,
         )  # fmt: skip
         return np.ascontiguousarray(out[:, : self.model.begun])
 

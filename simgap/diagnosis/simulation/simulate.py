@@ -1,6 +1,6 @@
 """Window simulation: the continuous model over true time stamps, inputs held, delayed and lagged, dry friction exact.
 
-Fourth-order Runge-Kutta between the instants where the input switches; see `events` for dry friction.
+Fourth-order Runge-Kutta between the instants where the input switches; see `stick_slip` for dry friction.
 Source: Hairer, Norsett, Wanner (1993), Solving Ordinary Differential Equations I, sec. II.1.
 """
 
@@ -12,14 +12,23 @@ import numpy as np
 from numba import float64, int64, njit, void
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.simulation.events import CREEP, EPS, advance, any_of, coast, rubbing
-from simgap.diagnosis.simulation.handed_over import function_at
-from simgap.diagnosis.simulation.runge_kutta import GLIDE, INDICES, RHS, SLOPE, VECTOR, input_at
+from simgap.diagnosis.simulation.dynamics import INDICES, MATRIX, SLOPE, STEP, VECTOR, function_at
+from simgap.diagnosis.simulation.stick_slip import (
+    CREEP,
+    find_rubbing,
+    hold_or_start,
+    input_at,
+    reversed_speed,
+    stepped,
+    stop_at_release,
+    stop_at_reversal,
+)
 
-MATRIX = float64[:, ::1]
+EPS = 1e-12  # s: two instants closer than this are one
+_REVERSALS = 8  # between two switches of the input; what turns round more often stays at rest for a step
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _followed(time: float, k: int, first: int, t: Floats, held: Ints, delay: Floats) -> None:
     """Which sample each input follows at the instant of sample k: the last whose command has arrived (into `held`)."""
     for c in range(held.size):
@@ -28,7 +37,7 @@ def _followed(time: float, k: int, first: int, t: Floats, held: Ints, delay: Flo
             held[c] -= 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> float:
     """The instant before sample k, or that of sample k, up to which all inputs stand still; `held` moves along."""
     end = t[k]
@@ -42,36 +51,20 @@ def _next_switch(time: float, k: int, t: Floats, held: Ints, delay: Floats) -> f
 
 @njit(
     void(
-        int64,
-        int64,
-        int64,
-        VECTOR,
-        MATRIX,
-        MATRIX,
-        VECTOR,
-        VECTOR,
-        VECTOR,
-        MATRIX,
-        INDICES,
-        INDICES,
-        INDICES,
-        INDICES,
-        INDICES,
-        float64,
-        MATRIX,
+        int64, int64, int64, VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, MATRIX, INDICES, INDICES, INDICES, INDICES,
+        INDICES, float64, MATRIX,
     ),
-    cache=True,
-)
+    cache=True, error_model="numpy",
+)  # fmt: skip
 def simulate(
-    rhs_at: int, slope_at: int, glide_at: int, t: Floats, level: Floats, excess: Floats, delay: Floats, lag: Floats,
+    slope_at: int, free_at: int, held_at: int, t: Floats, level: Floats, excess: Floats, delay: Floats, lag: Floats,
     theta: Floats, x0: Floats, first: Ints, start: Ints, stop: Ints, offset: Ints, speed: Ints, h_max: float,
     out: Floats,
 ) -> None:  # fmt: skip
     """Simulate every window from its own initial state.
 
     Args:
-        rhs_at, slope_at, glide_at: addresses of the compiled dynamics, alone, with what sticks, and of steps under them
-            (`RHS`, `SLOPE`, `GLIDE`).
+        slope_at, free_at, held_at: addresses of the compiled dynamics (`SLOPE`, `STEP`, `STEP`).
         t: (n,) time stamps of all traces one after another, s.
         level: (n, m) inputs after their static maps, held from each stamp until the next.
         excess: (n, m) lagged input minus `level` at each stamp (0 without lag).
@@ -84,72 +77,80 @@ def simulate(
         h_max: longest step, s.
         out: (sum of lengths, nx), filled with the states at the samples.
     """
-    rhs, slope, glide = function_at(RHS, rhs_at), function_at(SLOPE, slope_at), function_at(GLIDE, glide_at)
+    slope, free, held_steps = function_at(SLOPE, slope_at), function_at(STEP, free_at), function_at(STEP, held_at)
+    steps = (free, held_steps)
     nx, m = x0.shape[1], level.shape[1]
-    work, x, new = np.empty((6, nx)), np.empty(nx), np.empty(nx)
-    u, middle, last = np.empty(m), np.empty(m), np.empty(m)
-    pads, s = (np.empty(2 * nx), np.empty(m)), np.zeros(speed.size)
+    x, new, u = np.empty(nx), np.empty(nx), np.empty(m)
+    at, rate, v = np.empty(2 * nx), np.empty(nx), np.empty(m)
+    pad = (at, rate, v)
+    felt = (np.empty(m), np.empty(m), np.empty(m))
+    s, held = np.zeros(speed.size), np.zeros(m, dtype=np.int64)
     stuck, active = np.zeros(speed.size, dtype=np.bool_), np.zeros(speed.size, dtype=np.bool_)
-    held = np.zeros(m, dtype=np.int64)
     drive = (t, held, level, excess, delay, lag)
-    fading = (lag > 0.0).any()
-    prompt = not (fading or (delay != 0.0).any())  # inputs switch at the stamps alone
+    prompt = True  # inputs switch at the stamps alone
+    for c in range(m):
+        prompt = prompt and lag[c] <= 0.0 and delay[c] == 0.0
     for w in range(start.size):
-        x[:] = x0[w]
         time = t[start[w]]
         _followed(time, start[w], first[w], t, held, delay)
-        input_at(time, t, u, held, level, excess, delay, lag)
-        rubbing(rhs, x, u, theta, s, speed, work[0], work[1], active)
-        stuck[:] = False
-        smooth = not (any_of(active) or fading)
-        row = offset[w] - start[w]
-        out[offset[w]] = x
+        input_at(time, drive, u)
+        for i in range(nx):
+            x[i] = out[offset[w], i] = x0[w, i]
+        rubs = find_rubbing(slope, x, u, theta, s, stuck, active, speed, pad)
         for k in range(start[w] + 1, stop[w]):
             while t[k] - time > EPS:
+                end, span, steady, turned = t[k], h_max, True, 0
                 if prompt:
-                    held[:] = k - 1
-                    end = t[k]
+                    for c in range(m):
+                        held[c] = k - 1
                 else:
                     end = _next_switch(time, k, t, held, delay)
-                if smooth:
-                    for c in range(m):
-                        u[c] = level[held[c], c]
-                    count = max(math.ceil((end - time) / h_max - 1e-9), 1)
-                    glide(x, u, u, u, theta, s, (end - time) / count, count, pads[0], pads[1])
-                else:
-                    if not fading:  # as `coast`, which costs more to call than to run
-                        for c in range(m):
-                            u[c] = level[held[c], c]
-                        free = True
-                        while free and end - time > EPS:
-                            for j in range(speed.size):
-                                v = x[speed[j]]
-                                if active[j] and (stuck[j] or abs(v) <= CREEP):
-                                    free = False
-                                    break
-                                s[j] = 0.0 if not active[j] else 1.0 if v > 0.0 else -1.0
-                            if not free:
+                for c in range(m):
+                    u[c] = level[held[c], c]
+                    if lag[c] > 0.0 and excess[held[c], c] != 0.0:  # it fades: shorter steps
+                        steady, span = False, min(span, max(0.5 * lag[c], 0.1 * h_max))
+                while end - time > EPS:
+                    rests = sticks = False
+                    if rubs:
+                        for j in range(speed.size):
+                            if active[j] and (stuck[j] or abs(x[speed[j]]) <= CREEP):
+                                rests = True
+                            else:
+                                s[j] = 0.0 if not active[j] else 1.0 if x[speed[j]] > 0.0 else -1.0
+                        if rests:
+                            if not steady:
+                                input_at(time, drive, u)
+                            if hold_or_start(slope, x, u, theta, s, stuck, active, speed, pad) and steady:
                                 break
-                            h = (end - time) / max(math.ceil((end - time) / h_max - 1e-9), 1)
-                            for i in range(nx):
-                                new[i] = x[i]
-                            glide(new, u, u, u, theta, s, h, 1, pads[0], pads[1])
                             for j in range(speed.size):
-                                free = free and not (active[j] and new[speed[j]] * s[j] < 0.0)
-                            if free:
-                                for i in range(nx):
-                                    x[i] = new[i]
-                                time += max(h, EPS)
+                                sticks = sticks or stuck[j]
+                    count = max(math.ceil((end - time) / span - 1e-9), 1)
+                    h = (end - time) / count
+                    if steady and not sticks:
+                        at_once = 1 if rubs else count
+                        for i in range(nx):
+                            new[i] = x[i]
+                        free(new, u, u, u, theta, s, stuck, speed, h, at_once, at, rate, v)
+                        h *= at_once
                     else:
-                        time = coast(
-                            glide, x, new, time, end, theta, s, stuck, active, speed, t, held, level, excess, delay,
-                            lag, u, middle, last, pads, h_max,
+                        stepped(steps, x, time, h, theta, s, stuck, speed, drive, felt, pad, new)
+                    if sticks and turned <= _REVERSALS:
+                        h = stop_at_release(slope, steps, x, time, h, theta, s, stuck, speed, drive, felt, pad, new)
+                    j = reversed_speed(x, new, s, stuck, active, speed) if rubs else -1
+                    if j >= 0 and (turned > _REVERSALS or abs(x[speed[j]]) <= CREEP):  # it cannot leave rest
+                        stuck[j] = True
+                        x[speed[j]] = 0.0
+                        stepped(steps, x, time, h, theta, s, stuck, speed, drive, felt, pad, new)
+                    elif j >= 0:
+                        h = stop_at_reversal(
+                            steps, x, time, h, speed[j], theta, s, stuck, speed, drive, felt, pad, new
                         )  # fmt: skip
-                    if end - time > EPS:
-                        advance(
-                            slope, glide, x, new, time, end, theta, s, stuck, active, speed, drive, work, pads, u, h_max
-                        )
+                        stuck[j] = True
+                        turned += 1
+                    for i in range(nx):
+                        x[i] = new[i]
+                    time += max(h, EPS)
                 time = end
             time = t[k]
             for i in range(nx):
-                out[row + k, i] = x[i]
+                out[offset[w] + k - start[w], i] = x[i]

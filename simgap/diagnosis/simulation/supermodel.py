@@ -13,9 +13,7 @@ from numba import types, void
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.faults.measurement import ReadingFault, is_fault, possible
-from simgap.diagnosis.simulation.handed_over import address_of
-from simgap.diagnosis.simulation.rhs import Costly, compile_dynamics, is_costly
-from simgap.diagnosis.simulation.runge_kutta import GLIDE, RHS, SLOPE
+from simgap.diagnosis.simulation.dynamics import Costly, Dynamics, compile_dynamics, is_costly
 from simgap.diagnosis.simulation.trains import Train, beside_motors, trains_of
 from simgap.effects import EFFECTS, Effect, EffectParameter, StaticInputEffect
 from simgap.effects.base import CoordinateEffect, MemoryForceEffect
@@ -63,10 +61,7 @@ class SuperModel:
         model: the model as declared.
         candidates: every effect that may be tried, on every target.
         null: theta at which no effect acts.
-        speed: index of the velocity of each coordinate (dry friction acts on these).
-        rhs: numba, `RHS_SIGNATURE`; its u is what the plant feels, its third argument what `constants` returns.
-        slope: numba, `SLOPE_SIGNATURE`: the same where something sticks; glide: `GLIDE_SIGNATURE`: steps under it.
-        constants: numba (theta) -> tuple, all that the dynamics need of the parameters.
+        dynamics: the compiled plant; its u is what the plant feels.
         static: numba (u rows (n, m), theta, out (n, m)): commands through gain, bias, dead zone and saturation.
         read: numba (x rows (n, nx), theta, out (n, k)): what the measured channels read.
         past: (z, v, theta) -> [dz/dt, ...] of the states of `remembered`, over arrays; None if there are none.
@@ -80,22 +75,18 @@ class SuperModel:
     null: Floats
     lower: Floats
     upper: Floats
-    speed: Ints
     measured: tuple[str, ...]
-    rhs: Any
-    slope: Any
-    glide: Any
-    constants: Any
+    dynamics: Dynamics
     static: Any
     read: Any
     past: Any
     trains: tuple[Train, ...]
     memory: Callable[[Floats], Sequence[float]]
 
-    @cached_property
-    def entries(self) -> tuple[int, int, int]:
-        """Addresses of `rhs`, `slope` and `glide`, for `simulate`."""
-        return address_of(self.rhs, RHS), address_of(self.slope, SLOPE), address_of(self.glide, GLIDE)
+    @property
+    def speed(self) -> Ints:
+        """Index of the velocity of each coordinate: dry friction acts on these."""
+        return self.dynamics.speed
 
     @property
     def nx(self) -> int:
@@ -117,27 +108,22 @@ class SuperModel:
         """Effects with a state of their own, in the order of these states, which come after the plant's."""
         return tuple(c for c in self.candidates if isinstance(c.effect, MemoryForceEffect))
 
-    def constants_at(self, theta: Floats) -> Floats:
-        """What the dynamics need of the parameters: theta (q,) -> (c,)."""
-        return np.array(self.constants(theta), dtype=np.float64)
-
     def jerks(self, theta: Floats) -> bool:
         """Whether an effect that jerks acts at theta (q,)."""
         return any(c.effect.jerks and theta[c.slots[-1]] != self.null[c.slots[-1]] for c in self.candidates)
 
     def rubs(self, theta: Floats) -> bool:
         """Whether any coordinate has dry friction at theta (q,): the sign of a speed matters at rest."""
-        size = self.size
-        constants, x = self.constants_at(theta), np.zeros(size)
+        x, signs = np.zeros(self.size), np.zeros(len(self.speed))
         # A weight or a length that is a condition divides the forces: nobody knows of it but that it is not 0.
         u = np.array([float(name in self.model.conditions) for name in self.model.input_names])
-        one, other, signs = np.empty(size), np.empty(size), np.zeros(len(self.speed))
         for j, v in enumerate(self.speed):
-            signs[:] = 0.0
-            for sign, out in ((1.0, one), (-1.0, other)):
-                signs[j] = sign
-                self.rhs(x, u, constants, signs, out)
-            if abs(one[v] - other[v]) > 1e-12:
+            signs[j] = 1.0
+            up = self.dynamics.derivative(x, u, theta, signs)[v]
+            signs[j] = -1.0
+            down = self.dynamics.derivative(x, u, theta, signs)[v]
+            signs[j] = 0.0
+            if abs(up - down) > 1e-12:
                 return True
         return False
 
@@ -201,19 +187,14 @@ def build_supermodel(
         driven = with_motor(driven, train.on, train.law)
     plant, costly, commands = _insert(driven, candidates, theta)
     values = model.values()
-    dynamics = compile_dynamics(plant, costly, theta)
     return SuperModel(
         model=model,
         candidates=tuple(candidates),
         null=np.array([p.null for p in specs]),
         lower=np.array([p.lower for p in specs]),
         upper=np.array([p.upper for p in specs]),
-        speed=dynamics.speed,
         measured=measured,
-        rhs=dynamics.rhs,
-        slope=dynamics.slope,
-        glide=dynamics.glide,
-        constants=dynamics.constants,
+        dynamics=compile_dynamics(plant, costly, theta),
         static=_rowwise(compile_kernel(_numeric(commands, values), ([v.symbol for v in model.inputs], theta)))
         if commands
         else _no_columns,

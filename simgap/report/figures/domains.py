@@ -44,7 +44,7 @@ def domains_figure(
         for trace in traces:
             if trace.controller == kind and trace.plant == SIMULATOR:
                 _run(axis, trace, COLOURS[kind])
-        axis.set_title(f"{TITLES[kind]}: {controller.solution.fraction:.3f} wins")
+        axis.set_title(f"{TITLES[kind]}: {100.0 * controller.solution.fraction:.1f} % of the cells")
         axis.set_xlabel(axis_label(controller.states[0], units))
         axis.grid(visible=False)
     axes[0].set_ylabel(axis_label(controllers[ROBUST].states[1], units))

@@ -1,4 +1,4 @@
-"""Pictures of the gap bound: its surface with the samples under it, over the inputs, and against eps."""
+"""Pictures of the gap bound: along a state with the samples in it, over the inputs, and against eps."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from simgap.io import figure_style as style
 from simgap.notation import axis_label, pretty_unit
 
 _PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""))
-MESH = 25  # points a side of a surface
 
 
 def scaled(largest: float, unit: str) -> tuple[float, str]:
@@ -32,134 +31,44 @@ def middle_input(gap: GapFunction) -> Floats:
     return np.asarray(inputs[np.argmin(np.abs(inputs - centre).sum(axis=1))])
 
 
-def shown_inputs(gap: GapFunction) -> list[Floats]:
-    """With one input its lowest, middle and highest value; with more, the middle of U: (nu,) each."""
-    inputs = gap.domain.input_set
-    if inputs.shape[1] != 1:
-        return [middle_input(gap)]
-    order = np.argsort(inputs[:, 0])
-    return [np.asarray(inputs[k]) for k in dict.fromkeys((order[0], order[len(order) // 2], order[-1]))]
+def bound_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> Any:
+    """A column a state: its gap and bound along the state that it follows most, and every sample between its bounds.
 
-
-def surface_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> Any:
-    """A row a state: the bound as surfaces over the first two states with samples, and what it leaves around them.
-
-    Args:
-        gap: the bound; at least two states.
-        x, u, d: samples (n, nx), (n, nu), (n, nx); those of the inputs shown are put on the surfaces.
-        units: of the states and inputs.
+    The samples are `x` (n, nx), `u` (n, nu) and `d` (n, nx). Above are those of the input at the middle of U, with the
+    hull of the bounds at them, whatever their other states are; below are the samples of all inputs.
     """
     import matplotlib.pyplot as plt
 
-    states = gap.domain.states
-    n = len(states)
-    figure = plt.figure(figsize=(style.WIDTH, 3.6 * n))
-    figure.set_layout_engine("none")  # automatic layouts waste room around 3-D axes
-    for i in range(n):
-        bottom = (n - 1 - i) / n
-        surface: Any = figure.add_axes((0.0, bottom + 0.02 / n, 0.56, 0.96 / n), projection="3d")
-        _surfaces(surface, gap, i, x, u, d, units)
-        _residual(figure.add_axes((0.67, bottom + 0.16 / n, 0.32, 0.74 / n)), gap, i, x, u, d, units)
+    states, at = gap.domain.states, middle_input(gap)
+    size, heights = (style.WIDTH, 4.8), [1.25, 1.0]
+    figure, axes = plt.subplots(2, len(states), figsize=size, squeeze=False, sharex="col", height_ratios=heights)
+    own = np.abs(u - at).max(axis=1) < 1e-9
+    lo, hi = gap.bounds(x, u)
+    place = (d - 0.5 * (lo + hi)) / np.maximum(0.5 * (hi - lo), np.finfo(float).tiny)
+    for (above, below), i in zip(axes.T, range(len(states)), strict=True):
+        j = followed_axis(gap, x[own], d[own, i])
+        edges, bins = _bins(gap, x[own], j)
+        factor, unit = scaled(float(np.abs([lo[own, i], hi[own, i]]).max()), units[states[i]])
+        filled = np.unique(bins)
+        ends = np.array([[lo[own, i][bins == k].min(), hi[own, i][bins == k].max()] for k in filled]) * factor
+        for left, right, (low, high) in zip(edges[filled], edges[filled + 1], ends, strict=True):
+            above.fill_between([left, right], low, high, color=style.SKY, alpha=0.5, lw=0)
+        above.scatter(x[own, j], factor * d[own, i], s=3, color=style.BLACK, lw=0)
+        above.set_ylabel(f"gap of {states[i]} ({unit})")
+        above.set_title(f"{states[i]} at {_at(gap, at, units)}", fontsize=11)
+        below.axhspan(-1, 1, color=style.SKY, alpha=0.5, lw=0, label="bound")
+        below.scatter(x[:, j], place[:, i], s=1, color=style.BLACK, lw=0, label="samples", rasterized=True)
+        below.set_ylim(-1.25, 1.25)
+        below.set_yticks([-1, 0, 1], ["lower", "middle", "upper"])
+        below.set_xlabel(axis_label(states[j], units))
+    axes[1, 0].set_ylabel("place in the bound")
+    figure.legend(*axes[1, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, markerscale=6)
     return figure
 
 
 def _at(gap: GapFunction, u: Floats, units: Mapping[str, str]) -> str:
     pairs = zip(gap.domain.inputs, u, strict=True)
     return ", ".join(f"{n} = {round(v, 12) + 0.0:g} {pretty_unit(units.get(n, ''))}" for n, v in pairs)
-
-
-def _surfaces(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> None:
-    """Upper and lower bound of one state for a few inputs, with the samples of these inputs."""
-    box, chosen = gap.domain.box, shown_inputs(gap)
-    gx, gy = np.meshgrid(*(np.linspace(box.lo[j], box.hi[j], MESH) for j in (0, 1)), indexing="ij")
-    points = np.tile(0.5 * (box.lo + box.hi), (gx.size, 1))
-    points[:, 0], points[:, 1] = gx.ravel(), gy.ravel()
-    bounds = [gap.bounds(points, np.tile(at, (gx.size, 1))) for at in chosen]
-    largest = float(max(np.abs(side[:, i]).max() for pair in bounds for side in pair))
-    factor, unit = scaled(largest, units[gap.domain.states[i]])
-    for pair, at in zip(bounds, chosen, strict=True):
-        for values, colour in zip(pair, (style.ORANGE, style.BLUE), strict=True):
-            height = factor * values[:, i].reshape(gx.shape)
-            axes.plot_surface(gx, gy, height, color=colour, alpha=0.4, lw=0, rcount=MESH, ccount=MESH)
-        own = np.abs(u - at).max(axis=1) < 1e-9
-        axes.scatter(x[own, 0], x[own, 1], factor * d[own, i], s=3, color=style.BLACK, depthshade=False, lw=0)
-        end = factor * float(pair[1][0, i])
-        axes.text(box.lo[0], box.lo[1], end, f"{_at(gap, at, units)}  ", fontsize=11, ha="right", va="center")
-    names = gap.domain.states
-    axes.set_xlabel(axis_label(names[0], units), labelpad=6)
-    axes.set_ylabel(axis_label(names[1], units), labelpad=6)
-    axes.set_zlabel(f"gap of {names[i]} ({unit})", labelpad=5)
-    axes.tick_params(labelsize=10, pad=1)
-    for each in (axes.xaxis, axes.yaxis, axes.zaxis):
-        each.set_major_locator(_locator(4))
-    axes.view_init(elev=20, azim=-58)
-    axes.set_box_aspect((1, 1, 0.9), zoom=0.93)
-
-
-def _residual(axes: Any, gap: GapFunction, i: int, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> None:
-    """Samples with the middle of the bound taken away, and the band that the bound leaves around it."""
-    lo, hi = gap.bounds(x, u)
-    middle, half = 0.5 * (lo + hi)[:, i], 0.5 * (hi - lo)[:, i]
-    name = gap.domain.states[i]
-    factor, unit = scaled(float(half.max()), units[name])
-    order = np.argsort(x[:, 0])
-    edge, widest, narrowest = _envelope(x[order, 0], half[order])
-    for sign, colour, name_ in ((1.0, style.BLUE, "upper bound"), (-1.0, style.ORANGE, "lower bound")):
-        axes.fill_between(edge, sign * factor * narrowest, sign * factor * widest, color=colour, alpha=0.45, lw=0)
-        axes.plot(edge, sign * factor * narrowest, color=colour, lw=1.4, label=name_)
-    axes.scatter(x[:, 0], factor * (d[:, i] - middle), s=1.2, color=style.BLACK, lw=0, label="samples", rasterized=True)
-    axes.set_xlabel(axis_label(gap.domain.states[0], units))
-    axes.set_ylabel(f"gap of {name} − middle ({unit})")
-    axes.set_title("around the middle of the bound", fontsize=11)
-    axes.margins(x=0)
-    axes.set_ylim(top=1.55 * factor * float(half.max()))
-    axes.legend(
-        loc="upper center", ncols=3, markerscale=6, fontsize=9.5, columnspacing=0.7, handlelength=1.2, handletextpad=0.3
-    )
-
-
-def _envelope(x: Floats, half: Floats, bins: int = 60) -> tuple[Floats, Floats, Floats]:
-    """Largest and smallest half-width in bins of sorted x."""
-    parts = [p for p in np.array_split(np.arange(len(x)), min(bins, len(x))) if len(p)]
-    centre = np.array([x[p].mean() for p in parts])
-    centre[0], centre[-1] = x[0], x[-1]
-    return centre, np.array([half[p].max() for p in parts]), np.array([half[p].min() for p in parts])
-
-
-def _locator(count: int) -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(count)
-
-
-def slices_figure(gap: GapFunction, x: Floats, u: Floats, d: Floats, units: Mapping[str, str]) -> Any:
-    """A panel a state: its gap and bound along the state that it follows most, for plants with one state or many.
-
-    The samples are `x` (n, nx), `u` (n, nu) and `d` (n, nx); those of the input at the middle of U are shown, with the
-    hull of the bounds at them, whatever their other states are.
-    """
-    import matplotlib.pyplot as plt
-
-    states, at = gap.domain.states, middle_input(gap)
-    figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.2), squeeze=False)
-    own = np.abs(u - at).max(axis=1) < 1e-9
-    x, d = x[own], d[own]
-    lo, hi = gap.bounds(x, np.tile(at, (len(x), 1)))
-    for i, (axis, name) in enumerate(zip(axes[0], states, strict=True)):
-        j = followed_axis(gap, x, d[:, i])
-        edges, bins = _bins(gap, x, j)
-        factor, unit = scaled(float(np.abs([lo[:, i], hi[:, i]]).max()), units[name])
-        hull = np.array([[lo[bins == k, i].min(), hi[bins == k, i].max()] for k in np.unique(bins)]) * factor
-        left, right = edges[np.unique(bins)], edges[np.unique(bins) + 1]
-        for a, b, (low, high) in zip(left, right, hull, strict=True):
-            axis.fill_between(
-                [a, b], low, high, color=style.SKY, alpha=0.5, lw=0, label="bound" if a == left[0] else None
-            )
-        axis.scatter(x[:, j], factor * d[:, i], s=3, color=style.BLACK, lw=0, label="samples")
-        axis.set_xlabel(axis_label(states[j], units))
-        axis.set_ylabel(f"gap of {name} ({unit})")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, markerscale=4)
-    return figure
 
 
 def followed_axis(gap: GapFunction, x: Floats, d: Floats) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.geometry import Grid
 from simgap.io import figure_style as style
-from simgap.notation import axis_label, pretty_unit
+from simgap.notation import axis_label, number, pretty_unit
 from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 
 MAP = "cividis"  # one hue after another in order of lightness, alike to all kinds of colour vision
@@ -80,14 +80,21 @@ def _ends(bar: Any, values: Floats, most: float) -> None:
     low, high = bar.norm.vmin, bar.norm.vmax
     known = values[values > 0]
     ticks = [tick for tick in bar.get_ticks() if low < tick < high]
-    names = [f"{tick:g}" for tick in ticks]
+    names = [number(float(tick), 3) for tick in ticks]
     if len(known) and known.max() >= most * (1.0 - REACHED):
         apart = [k for k, tick in enumerate(ticks) if tick < high * (low / high) ** APART]
-        ticks, names = [*(ticks[k] for k in apart), high], [*(names[k] for k in apart), f"\u2265 {high:.3g}"]
+        ticks, names = (
+            [*(ticks[k] for k in apart), high],
+            [*(names[k] for k in apart), f"\u2265 {number(float(high), 3)}"],
+        )
     if len(known) and known.min() < low:
         apart = [k for k, tick in enumerate(ticks) if tick > low * (high / low) ** APART]
         ticks, names = [low, *(ticks[k] for k in apart)], [f"\u2264 {low:.3g}", *(names[k] for k in apart)]
     bar.set_ticks(ticks, labels=names)
+    if bar.orientation == "horizontal" and names:  # what stands at an end stays beside its own bar
+        labels = bar.ax.get_xticklabels()
+        for label, tick in zip(labels, ticks, strict=True):
+            label.set_ha("left" if tick == low else "right" if tick == high else "center")
 
 
 def _layer(axis: Any, grid: Grid, values: Floats, scale: Any, aspect: str = "auto") -> Any:

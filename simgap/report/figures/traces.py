@@ -20,13 +20,15 @@ UNSAFE = "#EFE3DC"
 
 
 def trajectories_figure(
-    shown: Mapping[str, Trace], traces: Sequence[Trace], safe: Box, states: Sequence[str], units: Mapping[str, str]
-) -> Any:
+    shown: Mapping[str, Trace], traces: Sequence[Trace], safe: Box, states: Sequence[str], units: Mapping[str, str],
+    stuck: float = 0.0,
+) -> Any:  # fmt: skip
     """States over time: nominal-only and gap-aware side by side at first, then the gap-aware run to its end.
 
     Args:
         shown: run in the simulator by controller; traces: all, for the same start on the nominal model.
         safe: what is outside is shaded; states and units: names.
+        stuck: a run of the simulator that is shorter, s, and does not violate ended without an admissible input.
     """
     import matplotlib.pyplot as plt
     from matplotlib.ticker import MaxNLocator
@@ -41,6 +43,8 @@ def trajectories_figure(
         trace = shown[kind]
         for j in range(len(states)):
             _states(axes[j, k], trace, twin(traces, trace), safe, j, until)
+            if trace.duration < stuck and not trace.violates:
+                axes[j, k].plot(trace.t[-1], trace.x[-1, j], "|", color=COLOURS[kind], ms=13, mew=2.5)
         title = TITLES[kind] if k < 2 else f"{TITLES[kind]}, whole run"
         axes[0, k].set_title(title, color=COLOURS[kind])
         axes[-1, k].set_xlabel("time (s)")

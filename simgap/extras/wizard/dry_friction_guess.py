@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.extras.wizard.posture import Posture
 from simgap.late import numba, scipy
 from simgap.model.symbolic import SymbolicModel
 from simgap.synthesis.abstraction.post import Kernel
-from simgap.wizard.posture import Posture
 
 RUBBING, RESTING = {1: 80, 2: 24}, {2: 25, 3: 10, 4: 8}
 """Cells of the grid, and blocks of the bound, where joints rub: along each speed that friction turns round with, by the

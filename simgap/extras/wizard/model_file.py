@@ -1,9 +1,13 @@
-"""The model file of a new case: the given one, one beside the case with joints locked, or what MuJoCo makes of MJCF."""
+"""The model file of a new case: the given one, one beside the case with joints locked, or what MuJoCo makes of MJCF.
+
+A locked joint is a fixed one, turned to where it is locked; what is welded together becomes one link, for the equations
+of an arm hold the parameters of every link that has any.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,14 +15,97 @@ from xml.etree import ElementTree
 from simgap import reading
 from simgap.config.model_files import places_of
 from simgap.errors import UserError, excerpt
+from simgap.extras.wizard.joints import centre_of, check_positions
+from simgap.extras.wizard.mjcf_as_urdf import compiled, origin_of, written
 from simgap.io.atomic import write_text
-from simgap.io.mjcf_as_urdf import compiled
-from simgap.io.own_model import composed, lock, refuse_coupled
+from simgap.io.model_export import write_inertial
+from simgap.io.wheeled_urdf import numbers
+from simgap.late import scipy
+from simgap.model.tree import Tree
 from simgap.plants.model_file import FileJoint, ModelFile, read_model_file
 from simgap.plants.premise import base_of
 from simgap.plants.urdf import load_tree
 from simgap.plants.urdf_checks import check_urdf, inside_folders, root_link
-from simgap.stages.new_joints import centre_of, check_positions
+
+_OF_MOTION = ("axis", "limit", "dynamics", "mimic", "calibration", "safety_controller")
+
+
+def lock(robot: ElementTree.Element, joints: Collection[str], at: Mapping[str, float]) -> None:
+    """Make these joints of a URDF fixed ones that stand at `at`, rad or m; and leave out meshes, which enter no motion.
+
+    What mimics another locked joint stands where that puts it.
+    """
+    for joint in robot.findall("joint"):
+        if joint.get("name") in joints:
+            _lock(joint, _place(joint, at))
+    for link in robot.findall("link"):
+        for shape in [s for s in link if s.tag in ("visual", "collision")]:
+            link.remove(shape)
+    for drive in [d for d in robot.findall("transmission") if {j.get("name") for j in d.findall("joint")} & {*joints}]:
+        robot.remove(drive)
+
+
+def composed(robot: ElementTree.Element, tree: Tree, root: str) -> str:
+    """The text of a URDF in which what is welded together is one link.
+
+    Args:
+        robot: whose joints have limits, dynamics and drives. tree: its bodies. root: the link that moves nowhere.
+    """
+    whole = ElementTree.Element("robot", {"name": robot.get("name", "")})
+    ElementTree.SubElement(whole, "link", {"name": root})
+    old = {joint.get("name"): joint for joint in robot.findall("joint")}
+    for k, name in enumerate(tree.joints):
+        write_inertial(ElementTree.SubElement(whole, "link", {"name": tree.links[k]}), tree.inertial[k])
+        joint = ElementTree.SubElement(whole, "joint", {"name": name, "type": old[name].get("type", "")})
+        joint.append(origin_of(tree.place[k], scipy.spatial.transform.Rotation.from_matrix(tree.turn[k])))
+        parent = tree.links[tree.parent[k]] if tree.parent[k] >= 0 else root
+        ElementTree.SubElement(joint, "parent", {"link": parent})
+        ElementTree.SubElement(joint, "child", {"link": tree.links[k]})
+        ElementTree.SubElement(joint, "axis", {"xyz": written(tree.axis[k])})
+        joint.extend(part for part in old[name] if part.tag in ("limit", "dynamics", "mimic"))
+    drives = robot.findall("transmission")
+    whole.extend(d for d in drives if {j.get("name", "") for j in d.findall("joint")} <= {*tree.joints})
+    ElementTree.indent(whole)
+    return ElementTree.tostring(whole, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def refuse_coupled(path: Path, joints: Mapping[str, FileJoint], keep: Collection[str]) -> None:
+    """A joint that mimics another is no coordinate of its own, and engines let it go its own way.
+
+    Raises:
+        UserError: with both joints.
+    """
+    for name, joint in joints.items():
+        if joint.mimics is not None and {name, joint.mimics} & {*keep}:
+            free = [n for n, j in joints.items() if j.mimics is None and n not in {o.mimics for o in joints.values()}]
+            others = f"simgap new --joints {free[0]} keeps others and locks these" if free else "Take <mimic> out"
+            raise UserError(
+                f"mimics '{joint.mimics}': the two are one coordinate, and engines let each go its own way",
+                file=path, key=f"joint '{name}'", remedy=f"{others}, or write equations.",
+            )  # fmt: skip
+
+
+def _place(joint: ElementTree.Element, at: Mapping[str, float]) -> float:
+    mimic = joint.find("mimic")
+    if mimic is None:
+        return at[joint.get("name", "")]
+    ratio, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+    return ratio * at.get(mimic.get("joint", ""), 0.0) + offset
+
+
+def _lock(joint: ElementTree.Element, position: float) -> None:
+    origin, axis = joint.find("origin"), numbers(joint.find("axis"), "xyz", "1 0 0")
+    place = numbers(origin, "xyz", "0 0 0")
+    turned = scipy.spatial.transform.Rotation.from_euler("xyz", numbers(origin, "rpy", "0 0 0"))
+    if joint.get("type") == "prismatic":
+        place = place + turned.apply(position * axis)
+    else:
+        turned = turned * scipy.spatial.transform.Rotation.from_rotvec(position * axis)
+    for part in [p for p in joint if p.tag in ("origin", *_OF_MOTION)]:
+        joint.remove(part)
+    joint.set("type", "fixed")
+    joint.insert(0, origin_of(place, turned))
+
 
 BASES = ("fixed", "wheels")
 _MOVING = ("revolute", "continuous", "prismatic")
@@ -47,7 +134,7 @@ class Asked:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class NewModel:
     """A model file ready for a case.
 
     Attributes:
@@ -63,7 +150,7 @@ class Model:
     made: tuple[Path, ...] = ()
 
 
-def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> Model:
+def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewModel:
     """The file itself, or a copy in which joints are locked, and meshes that nothing finds are left out.
 
     Raises:
@@ -81,7 +168,7 @@ def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> Mode
     ]
     locked = [n for n in file.joints if n not in keep]
     if not locked and not absent:
-        return Model(file)
+        return NewModel(file)
     places = {n: asked.at.get(n, centre_of(joint)) for n, joint in file.joints.items()}
     made = asked.beside(".urdf")
     lock(robot, locked, places)
@@ -90,10 +177,10 @@ def model_of_urdf(path: Path, asked: Asked, note: Callable[[str], None]) -> Mode
         note(f"{made.name} has the other joints locked: {', '.join(f'{n} at {places[n]:.4g}' for n in locked)}.")
     else:
         note(f"{made.name} has no shapes: {excerpt(absent[0], 60)} is not there, and none enters the motion.")
-    return Model(read_model_file(made), made=(made,))
+    return NewModel(read_model_file(made), made=(made,))
 
 
-def model_of_mjcf(path: Path, asked: Asked, note: Callable[[str], None]) -> Model:
+def model_of_mjcf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewModel:
     """A URDF of the bodies of an MJCF file, which the simulator loads itself, or without what the inputs replace.
 
     Raises:
@@ -115,7 +202,7 @@ def model_of_mjcf(path: Path, asked: Asked, note: Callable[[str], None]) -> Mode
         made.unlink()
         raise
     note(f"{made.name} has the bodies as MuJoCo compiles them, for the nominal model.")
-    return Model(file, alone or path, found.effects, found.gravity, found.step, (made, *([alone] if alone else [])))
+    return NewModel(file, alone or path, found.effects, found.gravity, found.step, (made, *([alone] if alone else [])))
 
 
 def relative(path: Path, out: Path) -> str:

@@ -9,15 +9,15 @@ from pathlib import Path
 
 from simgap.config.case import Case
 from simgap.errors import UserError
+from simgap.extras.wizard.driven_arm import rounded
+from simgap.extras.wizard.dry_friction_guess import blocks_along
+from simgap.extras.wizard.faster_proposal import quickened
+from simgap.extras.wizard.proposal import SECONDS, propose
+from simgap.extras.wizard.proposal_games import Proposal
 from simgap.io.pages import text
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel
 from simgap.synthesis.abstraction.cells import MAX_AXES
-from simgap.wizard.driven_arm import rounded
-from simgap.wizard.dry_friction_guess import blocks_along
-from simgap.wizard.faster_proposal import quickened
-from simgap.wizard.proposal import SECONDS, propose
-from simgap.wizard.proposal_games import Proposal
 
 ALONG = {1: 200, 2: 40, 3: 10, 4: 10}
 """Cells of the grid of samples along each axis on which the gap may depend, for so many of them. Judgement: on 6 x 6

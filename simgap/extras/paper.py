@@ -6,20 +6,33 @@ Equations and tables are those of the paper's case studies ("Pendulum System", "
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.load import load_case
+from simgap.config.load_yaml import read_yaml
 from simgap.errors import UserError
 from simgap.gap.bounds.basis import Basis, Form, make_form, negated, supremum
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.linear import LinearGap
 from simgap.gap.bounds.tiers import Tier
-from simgap.geometry import Box
+from simgap.gap.sampling.points import product
+from simgap.geometry import Box, Grid
+from simgap.io.documents import write_json
 from simgap.late import sympy as sp
 from simgap.model.expressions import parse
+from simgap.plants.context import Context
+from simgap.provenance import file_digest, provenance
+from simgap.report.scene import limits
+from simgap.simulators.process import run_in_processes
+from simgap.simulators.rollouts import roll_out
+from simgap.specifications.base import specification_of
+from simgap.specifications.space import Space
+from simgap.stages import log
 from simgap.synthesis.synthesise import Problem, synthesise
 
 
@@ -62,23 +75,6 @@ def printed_gap(domain: GapDomain, gamma: Mapping[str, str]) -> LinearGap:
         coefficients = np.array([float(parts[s].get(m, 0.0)) for m in monomials])
         forms.append(make_form(basis, domain.box, domain.input_set, coefficients))
     return LinearGap.unsigned(domain, (Tier(2, "As printed in the paper; not checked."),), forms)
-
-
-def suprema_and_constants(printed: Mapping[str, Any], case: str) -> dict[str, Any]:
-    """What the page of a case puts beside its own numbers; empty for a case of which nothing is printed.
-
-    Args:
-        printed: content of configs/paper/printed.yaml.
-        case: its name.
-
-    Returns:
-        sup_gamma: eps as text -> state -> supremum; lipschitz: state -> constant.
-    """
-    own = printed.get(case, {})
-    if "suprema" not in own:
-        return {}
-    rows = {f"{row['eps']:g}": {s: v for s, v in row.items() if s != "eps"} for row in own["suprema"]}
-    return {"sup_gamma": rows, "lipschitz": dict(own["L1"])}
 
 
 def measured_gap(d: Floats, h: Floats) -> Measured:
@@ -205,3 +201,74 @@ def _line(row: Mapping[str, Any]) -> str:
     printed, found = (f"{row[k]:.6g}" if row[k] is not None else "-" for k in ("printed", "reproduced"))
     note = f"  ({row['note']})" if row["note"] else ""
     return f"  {row['quantity']}: printed {printed}, reproduced {found}{note}"
+
+
+POINTS = 81  # states per axis of the small grid on which PyBullet's gap is measured
+
+
+def run(folder: Path, pendulum: Path, out: Path, threads: int = 2, engine_log: Path | None = None) -> Any:
+    """Tabulate and synthesise.
+
+    Args:
+        folder: holds printed.yaml and the paper's two cases.
+        pendulum: case whose simulator is PyBullet with its default inertia.
+        out: JSON with one entry per case, `allowed` and `rows`, and the provenance.
+    """
+    printed = read_yaml(folder / "printed.yaml")
+    content: dict[str, Any] = {}
+    for name in ("pendulum", "turtlebot"):
+        context = Context.load(folder / printed[name]["case"])
+        domain = gap_domain(context, free=(0, 1) if name == "turtlebot" else ())
+        found = allowed(posed(context, domain, printed[name]["gamma"]), threads)
+        log.info("%s: %d of %d free cells win, %d are the target", name, found.winning, found.free, found.target)
+        rows = (
+            pendulum_table(context, domain, printed[name], pendulum, engine_log)
+            if name == "pendulum"
+            else turtlebot_rows(domain, printed[name], context.domain.tau)
+        )
+        content[name] = {"allowed": asdict(found), "rows": [asdict(r) for r in rows]}
+    write_json(out, content | {"provenance": made_of(folder, printed, pendulum)})
+    return content
+
+
+def made_of(folder: Path, printed: Mapping[str, Any], pendulum: Path) -> dict[str, Any]:
+    """The record of what was read: the simulated case by its sections, the paper's own files by their bytes."""
+    names = ["printed.yaml", *(own["case"] for own in printed.values())]
+    return provenance(
+        "paper", load_case(pendulum), pendulum.parent, files={name: file_digest(folder / name) for name in names}
+    )
+
+
+def gap_domain(context: Context, free: tuple[int, ...]) -> GapDomain:
+    """X and U of a case; `free` axes are those that the printed functions do not name."""
+    return GapDomain(
+        tuple(context.states), tuple(context.inputs), context.box, context.input_set, free, context.periodic
+    )
+
+
+def posed(context: Context, domain: GapDomain, gamma: dict[str, str]) -> Problem:
+    """The synthesis problem with the printed bound."""
+    section = context.need(context.case.synthesis, "synthesis")
+    return Problem(
+        model=context.plant.sampled,
+        specification=specification_of(context.case),
+        space=Space.of(context.case),
+        cells=section.cells,
+        inputs=context.input_set,
+        gap=printed_gap(domain, gamma).kernel(),
+        gap_axes=[] if domain.free else None,
+    )
+
+
+def pendulum_table(
+    context: Context, domain: GapDomain, printed: Mapping[str, Any], pendulum: Path, engine_log: Path | None
+) -> list[Row]:
+    """The pendulum's table, with the gap of PyBullet's default set-up rolled out on a grid of X and all of U."""
+    case = load_case(pendulum)
+    symbolic = context.need(context.case.plant.symbolic, "plant.symbolic")
+    grid = Grid(Box(context.box.lo, context.box.hi), (POINTS, POINTS))
+    x, u = product(grid.centres(), context.input_set)
+    ((following, _),) = run_in_processes(roll_out, [(case, pendulum.parent, x, u)], log=engine_log)
+    d = (following - context.plant.sampled.step(x, u)).reshape(POINTS, POINTS, -1, 2)
+    constants = {name: p.value for name, p in symbolic.parameters.items()}
+    return pendulum_rows(domain, printed, constants, limits(context), context.domain.tau, measured_gap(d, grid.h))

@@ -13,14 +13,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from simgap.errors import UserError
+from simgap.extras.wizard.driven_arm import GUESS, Driven, driven, is_driven, rounded
+from simgap.extras.wizard.dry_friction_guess import rubbing
+from simgap.extras.wizard.no_proposal import check_moved, unmoved
+from simgap.extras.wizard.posture import Posture, posture_of
+from simgap.extras.wizard.proportions import Proportions, proportions
+from simgap.extras.wizard.proposal_games import REACH, SHARES, Proposal, Search, Tried, beside
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
-from simgap.wizard.driven_arm import GUESS, Driven, driven, is_driven, rounded
-from simgap.wizard.dry_friction_guess import rubbing
-from simgap.wizard.no_proposal import check_moved, unmoved
-from simgap.wizard.posture import Posture, posture_of
-from simgap.wizard.proportions import Proportions, proportions
-from simgap.wizard.proposal_games import REACH, SHARES, Proposal, Search, Tried, beside
 
 HELD = 0.02
 """Of what the largest inputs do in a step: the gap against which the cells are to win as well, where time allows. On a

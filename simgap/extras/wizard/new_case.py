@@ -16,18 +16,18 @@ import numpy as np
 from simgap.config.load import load_case, parse_case
 from simgap.config.load_yaml import plain_content
 from simgap.errors import UserError, excerpt
+from simgap.extras.wizard.dry_friction_guess import blocks_along
+from simgap.extras.wizard.joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
+from simgap.extras.wizard.model_file import Asked, NewModel, model_of_mjcf, model_of_urdf, relative
+from simgap.extras.wizard.proposal import SECONDS
+from simgap.extras.wizard.proposal_games import Proposal
+from simgap.extras.wizard.propose import numbers, shown
 from simgap.io.atomic import write_text
 from simgap.io.pages import text
-from simgap.io.wheeled_urdf import Wheels, case_of_wheels, wheels_of
+from simgap.io.wheeled_urdf import WheelPair, case_of_wheels, wheels_of
 from simgap.plants.model_file import ModelFile
 from simgap.plants.urdf import MOST_DERIVED
 from simgap.plants.urdf_checks import check_urdf, root_link
-from simgap.stages.new_joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
-from simgap.stages.new_model import Asked, Model, model_of_mjcf, model_of_urdf, relative
-from simgap.stages.propose import numbers, shown
-from simgap.wizard.dry_friction_guess import blocks_along
-from simgap.wizard.proposal import SECONDS
-from simgap.wizard.proposal_games import Proposal
 
 ENGINE_STEPS = 240
 """PyBullet's usual steps a second."""
@@ -100,7 +100,7 @@ def run(
 
 
 def _of_wheels(
-    name: str, urdf: Path, out: Path, wheels: Wheels, asked: Asked, inputs: Sequence[str] | None,
+    name: str, urdf: Path, out: Path, wheels: WheelPair, asked: Asked, inputs: Sequence[str] | None,
     note: Callable[[str], None],
 ) -> str:  # fmt: skip
     for key, given in (("--inputs", inputs), ("--joints", asked.joints), ("--at", asked.at)):
@@ -118,7 +118,7 @@ def _of_wheels(
 
 
 def _of_joints(
-    name: str, model: Model, out: Path, inputs: Sequence[str] | None, at: Mapping[str, float],
+    name: str, model: NewModel, out: Path, inputs: Sequence[str] | None, at: Mapping[str, float],
     tell: Callable[[str], None], note: Callable[[str], None], seconds: float,
 ) -> str:  # fmt: skip
     file, urdf = model.file, model.file.path

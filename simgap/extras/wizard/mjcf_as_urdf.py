@@ -5,6 +5,7 @@ What a URDF cannot say of a joint, its armature and its spring, is handed back a
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,6 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
-from simgap.io.own_model import origin_of
 from simgap.late import scipy
 from simgap.plants.urdf_checks import loading
 from simgap.simulators import mjcf
@@ -59,7 +59,7 @@ def compiled(path: Path, keep: Collection[str] | None, bolted: bool, at: Mapping
         UserError: a file that MuJoCo does not take, or what no URDF says: a base that moves freely, several joints of
             one body, closed chains, tendons, gravity along another axis.
     """
-    mujoco, model = mjcf.installed(), mjcf.read_mjcf(path)
+    mujoco, model = mjcf.require_mujoco(), mjcf.read_mjcf(path)
     kinds = [mujoco.mjtJoint(int(k)) for k in model.jnt_type]
     names = [model.joint(k).name for k in range(model.njnt)]
     driven = [n for k, n in enumerate(names) if next(motors_of(model, k), None) is not None]
@@ -111,7 +111,7 @@ def _check_names(path: Path, names: Sequence[str], turning: Sequence[str], asked
 
 def _check_loops(path: Path, model: Any, left: Collection[str], whole: bool) -> None:
     """What couples joints is no tree; where all but some are locked, only what couples those."""
-    mujoco = mjcf.installed()
+    mujoco = mjcf.require_mujoco()
     for k in range(model.neq):
         kind = mujoco.mjtEq(int(model.eq_type[k]))
         ends = {int(model.eq_obj1id[k]), int(model.eq_obj2id[k])}
@@ -137,7 +137,7 @@ def _check_loops(path: Path, model: Any, left: Collection[str], whole: bool) -> 
 
 
 def _acting(model: Any) -> bool:
-    """Whether its actuators do anything without a command, or have a state of their own."""
+    """True if its actuators do anything without a command, or have a state of their own."""
     own = (model.actuator_biasprm, model.actuator_dyntype, getattr(model, "actuator_armature", 0.0),
            getattr(model, "actuator_damping", 0.0))  # fmt: skip
     return bool(model.na) or any(np.any(values) for values in own)
@@ -156,7 +156,7 @@ def _left_out(model: Any, locked: int) -> Iterator[str]:
 
 def _alone(path: Path, left: Collection[str], at: Mapping[str, float]) -> tuple[Any, str]:
     """The bodies of a file with their inertias, and those joints; nothing else. Checked by the mass matrix."""
-    mujoco = mjcf.installed()
+    mujoco = mjcf.require_mujoco()
     with loading("MuJoCo", path):
         spec = mujoco.MjSpec.from_file(str(path))
         whole = spec.compile()
@@ -205,7 +205,7 @@ def _mass_matrix(mujoco: Any, model: Any, data: Any) -> Floats:
 
 
 def _turns_or_slides(model: Any, joint: int) -> bool:
-    kinds = mjcf.installed().mjtJoint
+    kinds = mjcf.require_mujoco().mjtJoint
     return kinds(int(model.jnt_type[joint])) in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE)
 
 
@@ -220,7 +220,7 @@ def _turn(body: Any, model: Any, joint: int, by: float) -> None:
 def _motion(model: Any, joint: int, by: float) -> tuple[scipy.spatial.transform.Rotation, Floats]:
     """Rotation and shift of a body in its own frame as a joint moves by so much."""
     axis, anchor = np.array(model.jnt_axis[joint]), np.array(model.jnt_pos[joint])
-    if model.jnt_type[joint] == mjcf.installed().mjtJoint.mjJNT_SLIDE:
+    if model.jnt_type[joint] == mjcf.require_mujoco().mjtJoint.mjJNT_SLIDE:
         return scipy.spatial.transform.Rotation.identity(), by * axis
     turned = scipy.spatial.transform.Rotation.from_rotvec(by * axis)
     return turned, anchor - turned.apply(anchor)
@@ -272,7 +272,7 @@ def _link(robot: ElementTree.Element, name: str, model: Any, b: int, anchor: Flo
 
 
 def _moves(joint: ElementTree.Element, model: Any, j: int, effort: float | None) -> None:
-    slides = model.jnt_type[j] == mjcf.installed().mjtJoint.mjJNT_SLIDE
+    slides = model.jnt_type[j] == mjcf.require_mujoco().mjtJoint.mjJNT_SLIDE
     dof, limited = int(model.jnt_dofadr[j]), bool(model.jnt_limited[j])
     joint.set("type", "prismatic" if slides else "revolute" if limited else "continuous")
     ElementTree.SubElement(joint, "axis", {"xyz": " ".join(f"{v:.12g}" for v in model.jnt_axis[j])})
@@ -292,3 +292,16 @@ def _effects(model: Any) -> Iterator[tuple[str, str, Mapping[str, float]]]:
         rest = float(model.qpos_spring[model.jnt_qposadr[j]])
         if model.jnt_stiffness[j] > 0.0 and rest == 0.0:
             yield "spring", name, {"k": float(model.jnt_stiffness[j])}
+
+
+def origin_of(place: Floats, turned: scipy.spatial.transform.Rotation) -> ElementTree.Element:
+    """<origin> of a place (3,) in m and a rotation."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # upright, roll and yaw turn about one axis: one of them is 0
+        angles = turned.as_euler("xyz")
+    return ElementTree.Element("origin", {"xyz": written(place), "rpy": written(angles)})
+
+
+def written(values: Floats) -> str:
+    """Numbers as an attribute of a URDF has them."""
+    return " ".join(f"{v:.12g}" for v in np.round(values, 12) + 0.0)

@@ -12,8 +12,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from simgap.errors import UserError
-from simgap.wizard.driven_arm import rounded
-from simgap.wizard.proposal_games import Proposal
+from simgap.extras.wizard.driven_arm import rounded
+from simgap.extras.wizard.proposal_games import Proposal
 
 TIMES = 7.0
 """Largest input over the dry friction that it has to overcome, at least. A two-link arm with 7 and 21 wins .84 of its

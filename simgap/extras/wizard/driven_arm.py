@@ -19,6 +19,8 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise, UserError
+from simgap.extras.wizard.no_proposal import check_room, check_strength
+from simgap.extras.wizard.posture import Posture
 from simgap.geometry import Box
 from simgap.late import numba
 from simgap.model.sampled import NominalModel
@@ -28,8 +30,6 @@ from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.intersample import Flow, excursion, flow_of
 from simgap.synthesis.abstraction.post import Kernel
 from simgap.synthesis.synthesise import Problem
-from simgap.wizard.no_proposal import check_room, check_strength
-from simgap.wizard.posture import Posture
 
 TURN, LONGEST = 0.7, 0.1
 """Sampling time: of 1 / the fastest rate of the linear model, and s at most. Judgement."""
@@ -62,7 +62,7 @@ class Driven:
 
 
 def is_driven(model: SymbolicModel) -> bool:
-    """Whether there is an input for each of two coordinates, and no other state."""
+    """True if there is an input for each of two coordinates, and no other state."""
     return len(model.coordinates) == len(model.inputs) == 2 and len(model.states) == 4
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.extras.wizard.posture import Posture
 from simgap.model.symbolic import SymbolicModel
-from simgap.wizard.posture import Posture
 
 NOTHING = 1e-3
 """Share of what is natural, or of the X that is sought, that is next to nothing: slips of units are of factors of a

@@ -11,17 +11,17 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.extras.wizard.driven_arm import changed, constant, rounded
+from simgap.extras.wizard.dry_friction_guess import Rubbing
+from simgap.extras.wizard.no_proposal import check_room, check_strength
+from simgap.extras.wizard.posture import Posture
+from simgap.extras.wizard.proportions import Proportions
 from simgap.geometry import Box
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
 from simgap.specifications.invariance import Invariance
 from simgap.specifications.space import Space
 from simgap.synthesis.synthesise import Problem
-from simgap.wizard.driven_arm import changed, constant, rounded
-from simgap.wizard.dry_friction_guess import Rubbing
-from simgap.wizard.no_proposal import check_room, check_strength
-from simgap.wizard.posture import Posture
-from simgap.wizard.proportions import Proportions
 
 REACH = 0.25
 """Half-width of X for the largest angle, rad, on which the motion depends, and where there is none for the largest

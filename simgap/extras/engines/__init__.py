@@ -1,0 +1,1 @@
+"""Engines beyond PyBullet and MuJoCo, found by name as plug-ins are."""
