@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from simgap.io.runs import RUN, follow_the_run
+from simgap.cache import machine_code
 from simgap.config.load import load_case
 from simgap.config.reads import READS
 from simgap.config.measured import matching_files
@@ -70,6 +71,13 @@ if workflow.is_main_process:
 # A run that was killed leaves Snakemake's locks: they go where no run is alive that could hold them.
 if workflow.is_main_process and join(Path(), workflow.snakemake_tmp_dir):
     sys.stderr.write("simgap: removed the locks of a run that was killed\n")
+
+# The kernels of a version are compiled where a job first needs them, and kept: that is said before it is waited for.
+kernels = machine_code()
+if workflow.is_main_process and kernels is not None and not kernels.is_dir():
+    sys.stderr.write(
+        "simgap: the first run of this version compiles its kernels, once, and takes some 20 s longer\n"
+    )
 
 # Runs of other cases may be at work here. What they and this one would both write, the page of all cases, is then written
 # when this run has ended well (rules/report.smk), and Snakemake has no reason to refuse it.

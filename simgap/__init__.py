@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 __all__ = [
     "BrokenPromise",
     "UserError",
-    "__version__",
     "check",
     "diagnose",
     "export_controller",

@@ -5,8 +5,14 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import IO
+
+PACKAGE = Path(__file__).parent
 
 
 def cache_folder() -> Path | None:
@@ -17,25 +23,50 @@ def cache_folder() -> Path | None:
         return None
 
 
+@contextmanager
+def whole_file(path: Path) -> Iterator[IO[bytes]]:
+    """A file to be written that appears under its name when it is whole."""
+    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as temporary:
+        try:
+            yield temporary
+            temporary.flush()
+            os.replace(temporary.name, path)
+        except BaseException:
+            os.unlink(temporary.name)
+            raise
+
+
 @cache
-def kernel_sources(root: Path = Path(__file__).parent) -> str:
+def sources(root: Path = PACKAGE) -> dict[Path, tuple[str, bool]]:
+    """SHA-256 of every source of the package, and whether there are compiled kernels in it; read once a process."""
+    texts = {path: path.read_bytes() for path in sorted(root.rglob("*.py"))}
+    return {path: (hashlib.sha256(text).hexdigest(), b"jit" in text) for path, text in texts.items()}
+
+
+@cache
+def kernel_sources(root: Path = PACKAGE) -> str:
     """Digest of every source of the package with compiled kernels in it."""
-    texts = (path.read_bytes() for path in sorted(root.rglob("*.py")))
-    kernels = [hashlib.sha256(text).hexdigest() for text in texts if b"jit" in text]
-    return hashlib.sha256("".join(kernels).encode()).hexdigest()[:16]
+    kernels = "".join(found for found, compiled in sources(root).values() if compiled)
+    return hashlib.sha256(kernels.encode()).hexdigest()[:16]
 
 
-def keep_machine_code_by_sources() -> None:
-    """Let numba keep the machine code of this very package's kernels apart, before any of them is made.
+def machine_code() -> Path | None:
+    """Where numba keeps the machine code of this very package's kernels; None without a home.
 
     numba asks whether a function's own file has changed, and not those of what it calls: kept beside the sources, a
     kernel would go on with the old code of another file.
     """
     given, home = os.environ.get("NUMBA_CACHE_DIR"), cache_folder()
     folder = Path(given) if given else home / "machine_code" if home else None
-    if folder is None or folder.name == kernel_sources():  # no place, or a parent process saw to it
+    own = kernel_sources()
+    return folder if folder is None or folder.name == own else folder / own  # a parent process may have seen to it
+
+
+def keep_machine_code_by_sources() -> None:
+    """Let numba keep it there, before any kernel is made."""
+    folder = machine_code()
+    if folder is None:
         return
-    place = str(folder / kernel_sources())
     if "numba" in sys.modules:
-        sys.modules["numba"].config.CACHE_DIR = place
-    os.environ["NUMBA_CACHE_DIR"] = place
+        sys.modules["numba"].config.CACHE_DIR = str(folder)
+    os.environ["NUMBA_CACHE_DIR"] = str(folder)

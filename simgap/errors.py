@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,6 +39,15 @@ class UserError(SimgapError):
         if remedy:
             text = f"{text.rstrip('.')}. {excerpt(remedy, _LONGEST)}"
         super().__init__(one_line(text))
+
+
+@contextmanager
+def placed(*, file: str | Path | None = None, key: str | None = None, remedy: str | None = None) -> Iterator[None]:
+    """Mistakes of what is done within are told with this file and key, and with this remedy if one is given."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(error.problem, file=file, key=key, remedy=remedy or error.remedy) from None
 
 
 class BrokenPromise(SimgapError):

@@ -1,8 +1,7 @@
 """What made a result: the sections that its stage read, the code that computed it, the engines, the seeds.
 
 The code of a stage is its import closure, which `grimp` finds (imports inside functions too, nothing is imported to
-find them), and the plug-ins that the case uses, which no import shows because they are found by name. All hashes of
-three cases take 0.4 s of CPU in a fresh process; a walk of our own over the syntax trees took 2.3 s for one.
+find them), and the plug-ins that the case uses, which no import shows because they are found by name.
 """
 
 from __future__ import annotations
@@ -11,12 +10,14 @@ import ast
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
+from contextlib import suppress
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from simgap import plugins, reading
+from simgap.cache import PACKAGE, cache_folder, sources, whole_file
 from simgap.config.case import Case
 from simgap.config.function_file import FunctionFile
 from simgap.config.model_files import KEYS, named_by
@@ -24,7 +25,6 @@ from simgap.config.plugged import used_plugins
 from simgap.config.reads import CLOSED_FORM, COPIED, EVERY_EFFECT, OWN_FORMAT, READS, SIMULATED, TRANSLATED
 from simgap.errors import UserError, excerpt
 
-PACKAGE = Path(__file__).parent
 # What the typing of a case file does shows in the sections that are hashed, and what the registry of plug-ins does in
 # the plug-ins that are, and what a stage costs decides nothing of its result: their code would invalidate everything.
 UNHASHED = (
@@ -122,7 +122,7 @@ def file_digest(path: Path) -> str:
 def module_of(stage: str) -> str:
     """The module of a stage, among the optional ones if not among those of a run."""
     own = f"simgap.stages.{stage}"
-    return own if own in import_graph().modules else f"simgap.extras.{stage}"
+    return own if own in imports() else f"simgap.extras.{stage}"
 
 
 def code_digest(stage: str, case: Case | None = None, folder: Path = Path()) -> str:
@@ -166,7 +166,7 @@ def _sources(group: str, name: str, folder: Path) -> dict[str, str]:
     if file is None:
         return {}
     content = reading.read_bytes(file)
-    known = import_graph().modules
+    known = imports()
     modules = {m for name in imported_names(content) if name in known for m in closure(name)}
     named = folder / name.rpartition(":")[0]  # it may take its class from another file
     own = {"named": file_digest(named)} if ".py:" in name and reading.is_file(named) else {}
@@ -174,14 +174,8 @@ def _sources(group: str, name: str, folder: Path) -> dict[str, str]:
 
 
 def module_digests(names: Iterable[str]) -> dict[str, str]:
-    """A hash of the source of each module of the package."""
-    return {name: _module_digest(name) for name in sorted(names)}
-
-
-@lru_cache(maxsize=1024)
-def _module_digest(module: str) -> str:
-    """The package does not change while it runs."""
-    return file_digest(_file(module))
+    """A hash of the source of each module of the package, which does not change while it runs."""
+    return {name: sources()[_file(name)][0][:16] for name in sorted(names)}
 
 
 def imported_names(source: bytes) -> list[str]:
@@ -195,24 +189,39 @@ def imported_names(source: bytes) -> list[str]:
     return names
 
 
-@lru_cache(maxsize=256)
+@cache
 def closure(module: str) -> frozenset[str]:
     """A module of this package and all that it imports from the package, however late; without `UNHASHED`."""
-    graph = import_graph()
-    if module not in graph.modules:
-        return frozenset()
-    return frozenset({module, *graph.find_upstream_modules(module)} - {"simgap"})
+    graph, found, waiting = imports(), set[str](), [module]
+    while waiting:
+        name = waiting.pop()
+        if name in graph and name not in found:
+            found.add(name)
+            waiting += graph[name]
+    return frozenset(found - {"simgap"})
 
 
-@lru_cache(maxsize=1)
-def import_graph() -> Any:
-    """The import graph of the package, in 0.2 s; without a cache on disk, which would stand in the user's folder."""
+@cache
+def imports() -> dict[str, list[str]]:
+    """What each module of the package imports from it, without `UNHASHED`; found once for sources and then kept."""
+    texts = {path.relative_to(PACKAGE).as_posix(): found for path, (found, _) in sources().items()}
+    name, home = digest([texts, UNHASHED, _version("grimp")]), cache_folder()
+    kept = home / "imports" / f"{name}.json" if home is not None else None
+    with suppress(OSError, ValueError):
+        if kept is not None:
+            return dict(json.loads(kept.read_bytes()))
     import grimp
 
     graph = grimp.build_graph("simgap", cache_dir=None)
     for module in UNHASHED:
         graph.remove_module(module)
-    return graph
+    found = {module: sorted(graph.find_modules_directly_imported_by(module)) for module in graph.modules}
+    with suppress(OSError):
+        if kept is not None:
+            kept.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with whole_file(kept) as file:
+                file.write(json.dumps(found).encode())
+    return found
 
 
 def _file(module: str) -> Path:
@@ -232,6 +241,7 @@ def versions(stage: str, case: Case | None = None, folder: Path = Path()) -> dic
     return found
 
 
+@cache
 def _version(distribution: str) -> str:
     try:
         return metadata.version(distribution)

@@ -58,13 +58,23 @@ def pytest_addoption(parser):
     parser.addoption("--record", action="store_true", help="keep the code with which files of slow tests passed")
 
 
+def pytest_ignore_collect(collection_path, config):
+    """Files of which no test would run are not even imported: the slow ones of plain `pytest`, others of `-m slow`."""
+    whole, marks = [Path(word).resolve() for word in config.args] == [ROOT / "tests"], config.option.markexpr
+    if not whole or marks not in ("", "slow") or not collection_path.match("test_*.py"):
+        return None
+    slow = stale.is_slow(collection_path)
+    if marks == "slow" and slow and config.getoption("--stale"):
+        return not stale.stale([collection_path]) or None
+    return slow == (marks == "") or None
+
+
 def pytest_collection_modifyitems(config, items):
-    slow = {item.path for item in items if stale.is_slow(item.path)}
+    slow = {path for path in {item.path for item in items} if stale.is_slow(path)}
     for item in items:
         if item.path in slow:
             item.add_marker("slow")
-    whole = [Path(word).resolve() for word in config.args] == [ROOT / "tests"] and not config.option.markexpr
-    left = slow if whole else slow - stale.stale(slow) if config.getoption("--stale") else set()
+    left = slow - stale.stale(slow) if config.getoption("--stale") else set()
     config.hook.pytest_deselected(items=[item for item in items if item.path in left])
     items[:] = [item for item in items if item.path not in left]
 

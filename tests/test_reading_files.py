@@ -32,7 +32,7 @@ OWN = {
     "io/parquet.py": "its own temporary file",
     "io/rerun/scene.py": "its `open` opens no file",
     "io/runs.py": "a lock",
-    "simulators/fmu.py": "a lock on its own folder",
+    "extras/engines/fmu.py": "a lock on its own folder",
     "io/shared_solution.py": "tables of its own scratch folder",
     "stages/validation.py": "a table of its own scratch folder",
 }

@@ -1,4 +1,4 @@
-"""How near states are to losing: what a greedy adversary steers towards, and where it begins."""
+"""Distance of states from losing: what a greedy adversary steers towards, and the starts that are won most narrowly."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Danger:
         return Danger(grid, edge, np.where(level < 0, np.float32(NOWHERE), level))
 
     def __call__(self, x: Floats, by_level: bool = False) -> Floats:
-        """Of states (..., nx): -> (...)."""
+        """Danger of states (..., nx): -> (...)."""
         cells = self.grid.index(x.reshape(-1, x.shape[-1]))
         field = self.level if by_level and self.level is not None else self.edge
         return np.where(cells >= 0, field[cells], NOWHERE).reshape(x.shape[:-1]).astype(np.float64)

@@ -1,7 +1,7 @@
-"""Search for the worst step of a robot that remembers: over the inputs before it and the heading at which they began.
+"""Search for the worst step of a robot with hidden state, over the inputs before it and the heading where they began.
 
-A candidate is a sequence of inputs from rest at a heading. Every step of it is held against the bound in the robot's
-own frame, and counts; climbers change one input or the heading at a time, and begin again when nothing is worse.
+A candidate is a sequence of inputs from rest at a heading. Every step of it is compared with the bound in the robot's
+own frame, and counts. The search is that of the bound itself (`gap.memory.search`), on another objective.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.attack.points import neighbours
 from simgap.attack.share import Searched, Step, share
+from simgap.gap.memory.hidden_state import InputGrid
+from simgap.gap.memory.search import Histories, directed_search
 
-CLIMBERS = 12
-PATIENCE = 25  # candidates of one climber without progress before it begins again
+LINEAGES = 12
 
 
 @dataclass(frozen=True, eq=False)
 class HistoryQuestion:
-    """What is asked of a robot.
+    """Gap and bound of a robot's steps.
 
     Attributes:
         gaps: body-frame gaps (k, 3) of the steps under input numbers (k,) from rest at a heading (rad).
@@ -37,88 +37,39 @@ class HistoryQuestion:
     heading: int = 2
 
 
-class HistorySearch:
-    """A search with a budget; `found` is what it brings home."""
+def search_histories(question: HistoryQuestion, budget: int, rng: np.random.Generator, known: Ints) -> Searched:
+    """Spend about `budget` steps, beginning at sequences `known` (n, length + 1) that end in a bad step, worst first.
 
-    def __init__(self, question: HistoryQuestion, budget: int, rng: np.random.Generator) -> None:
-        self.q, self.budget, self.rng = question, budget, rng
-        self.found = Searched()
-        self._near = neighbours(question.inputs)
-        scale = np.maximum(np.abs(question.inputs).max(axis=0), 1e-300)
-        extent = np.abs(question.inputs / scale).sum(axis=1)
-        self._extreme = np.flatnonzero(extent >= 0.9 * extent.max())
+    Raises:
+        UserError: inputs that are not a full grid.
+    """
+    grid, found, size = InputGrid.of(question.inputs), Searched(), question.length + 1
+    sequences = -(-budget // size)
+    known = known[: sequences // 2]
+    kinds = iter(["worst known histories"] * len(known) + ["drawn histories"] * max(LINEAGES, sequences // 4))
+    climbing = "climbing over histories and headings"
 
-    def run(self, known: Ints) -> Searched:
-        """Spend the budget; `known` (n, length + 1) are sequences that end in a bad step, worst first."""
-        queue = [np.asarray(row, np.int64) for row in known]
-        climbers = [self._begin(queue) for _ in range(CLIMBERS)]
-        while self.found.evaluations < self.budget:
-            for climber in climbers:
-                if self.found.evaluations >= self.budget:
-                    break
-                self._move(climber, queue)
-        return self.found
+    def score(values: Ints, headings: Floats) -> Floats:
+        first = found.evaluations == 0
+        rows = zip(grid.numbers(values), headings.tolist(), strict=True)
+        return np.array(
+            [_worst(question, m, at, next(kinds, climbing) if first else climbing, found) for m, at in rows]
+        )
 
-    def evaluate(self, sequence: Ints, heading: float, kind: str) -> float:
-        """The largest share along a sequence, (k,)."""
-        d = self.q.gaps(sequence, heading)
-        lo, hi = self.q.bounds(sequence, np.concatenate([[-1], sequence[:-1]]))
-        shares = share(d, d, lo, hi)
-        u = self.q.inputs[sequence]
-
-        def step(k: int) -> Step:
-            x = np.where(np.arange(3) == self.q.heading, heading, 0.0)
-            return Step(float(shares[k]), x, u[k], d[k], lo[k], hi[k], u[:k], heading)
-
-        self.found.see(kind, shares, step)
-        return float(shares.max())
-
-    def _begin(self, queue: list[Ints]) -> _Climber:
-        known = bool(queue)
-        sequence = queue.pop(0) if known else self._drawn()
-        heading = float(self.rng.uniform(-np.pi, np.pi))
-        kind = "worst known histories" if known else "drawn histories"
-        return _Climber(sequence, heading, self.evaluate(sequence, heading, kind))
-
-    def _drawn(self) -> Ints:
-        """A random sequence, half of its inputs extreme ones."""
-        size = self.q.length + 1
-        extreme = self.rng.choice(self._extreme, size)
-        every = self.rng.integers(0, len(self.q.inputs), size)
-        return np.where(self.rng.integers(0, 2, size) == 1, extreme, every).astype(np.int64)
-
-    def _move(self, own: _Climber, queue: list[Ints]) -> None:
-        sequence, heading = self._changed(own)
-        score = self.evaluate(sequence, heading, "climbing over histories and headings")
-        if score > own.score:
-            own.sequence, own.heading, own.score, own.tries = sequence, heading, score, 0
-            return
-        own.tries += 1
-        if own.tries > PATIENCE:
-            fresh = self._begin(queue)
-            own.sequence, own.heading, own.score, own.tries = fresh.sequence, fresh.heading, fresh.score, 0
-
-    def _changed(self, own: _Climber) -> tuple[Ints, float]:
-        """One input replaced by a neighbour, any or an extreme one; or all moved on by one; or another heading."""
-        sequence, heading, what = own.sequence.copy(), own.heading, int(self.rng.integers(0, 6))
-        k = int(self.rng.integers(0, len(sequence)))
-        if what <= 1:
-            sequence[k] = self.rng.choice(self._near[sequence[k]])
-        elif what == 2:
-            sequence[k] = self.rng.choice(self._extreme)
-        elif what == 3:
-            sequence[k] = self.rng.integers(0, len(self.q.inputs))
-        elif what == 4:
-            sequence = np.append(sequence[1:], self.rng.choice(self._extreme))
-        else:
-            by = self.rng.standard_normal() * (0.05 if self.rng.integers(0, 2) else 1.0)
-            heading = float(np.remainder(heading + by + np.pi, 2.0 * np.pi) - np.pi)
-        return sequence, heading
+    seeds = grid.values(known), rng.uniform(-np.pi, np.pi, len(known))
+    directed_search(score, Histories(grid.counts, size), sequences, rng, LINEAGES, seeds)
+    return found
 
 
-@dataclass
-class _Climber:
-    sequence: Ints
-    heading: float
-    score: float
-    tries: int = 0
+def _worst(question: HistoryQuestion, m: Ints, heading: float, kind: str, found: Searched) -> float:
+    """The largest share along a sequence of input numbers (k,), every step of it noted in `found`."""
+    d = question.gaps(m, heading)
+    lo, hi = question.bounds(m, np.concatenate([[-1], m[:-1]]))
+    shares, u = share(d, d, lo, hi), question.inputs[m]
+
+    def step(k: int) -> Step:
+        x = np.where(np.arange(3) == question.heading, heading, 0.0)
+        return Step(float(shares[k]), x, u[k], d[k], lo[k], hi[k], u[:k], heading)
+
+    found.see(kind, shares, step)
+    return float(shares.max())

@@ -1,4 +1,4 @@
-"""Where searches over X x U begin: the worst steps of samples that are there, and the border of X."""
+"""Beginnings of searches over X x U: the worst steps of samples that are there, and the border of X."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -
 
 
 def numbers(inputs: Floats, u: Floats) -> Ints:
-    """Which inputs of U (M, nu) these are, (n, nu) -> (n,)."""
+    """Numbers of inputs of U (M, nu): (n, nu) -> (n,)."""
     return np.argmin(((u[:, None] - inputs[None]) ** 2).sum(axis=2), axis=1).astype(np.int64)
 
 

@@ -36,7 +36,7 @@ def class_bounds(gap: BodyFrameGap, m: Ints, before: Ints) -> tuple[Floats, Floa
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """What the adversary may choose from at one sample of n runs.
+    """Choices of the adversary at one sample of n runs.
 
     Attributes:
         inputs: (n, M) admissible at some measurement. corner: (n, M) which measurement, the first that admits it.

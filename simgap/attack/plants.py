@@ -1,4 +1,4 @@
-"""What the adversary drives, many runs side by side or one at a time, and where it may put the next state itself."""
+"""Plants that the adversary drives, many runs side by side or one at a time, or the model with its disturbance."""
 
 from __future__ import annotations
 

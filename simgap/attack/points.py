@@ -26,7 +26,7 @@ BEGINNING = 0.3  # most of the budget that goes to looking at the places to begi
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What is asked of the simulator.
+    """Gap, bound and domain of a simulator.
 
     Attributes:
         successors: least and largest successors of states (n, nx) under inputs (n, nu), two (n, nx); equal if there is

@@ -20,7 +20,7 @@ _TIE = 1e-6  # of the range of a rule's numbers
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What rules look at.
+    """Data that rules rank inputs by.
 
     Attributes:
         predict: states (n, nx), input numbers (n,) and those before them (n,), -1 at rest -> where the plant gets to,

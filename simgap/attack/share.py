@@ -1,4 +1,4 @@
-"""What the adversary maximises on the gap, and what it brings home."""
+"""Objective of the adversary on the gap, and the record of its search."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _NARROW = 1e-300
 
 
 def share(least: Floats, largest: Floats, lo: Floats, hi: Floats) -> Floats:
-    """How far a gap is beyond its bound, in widths of the bound: max_i max(d_i - hi_i, lo_i - d_i) / (hi_i - lo_i).
+    """Distance of a gap beyond its bound, in widths of the bound: max_i max(d_i - hi_i, lo_i - d_i) / (hi_i - lo_i).
 
     -0.5 in the middle of the bound, 0 on it, positive outside; a gap that is no number counts as outside.
 
@@ -47,7 +47,7 @@ class Step:
 
 @dataclass
 class Searched:
-    """What a search over the gap did.
+    """Record of a search over the gap.
 
     Attributes:
         evaluations: steps of the simulator that were held against the bound; violations: those outside.

@@ -1,4 +1,4 @@
-"""What breaks a promise, with everything that it takes to see it again."""
+"""Witness of a broken promise, with everything that it takes to simulate it again."""
 
 from __future__ import annotations
 

@@ -93,6 +93,8 @@ class Effect(ABC):
     It bends to whatever is left a little, so that it is an answer only where nothing is left."""
     pulls_to_a_place: ClassVar[bool] = False
     """Whether it pulls a coordinate back to one place: on an angle that winds on it is tried only if it is named."""
+    passes_a_constant: ClassVar[bool] = True
+    """Whether a constant added to the command before it arrives as the same constant force behind it."""
     excitation: ClassVar[str] = ""
     """What motion would tell it apart from another effect with the same words."""
     reading_remedy: ClassVar[str] = ""

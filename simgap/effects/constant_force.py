@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from simgap.effects.base import AppliedEffect, CoordinateEffect, EffectParameter, Values, driven_by
+from simgap.effects.base import AppliedEffect, CoordinateEffect, EffectParameter, Values, driven_by, drives
 from simgap.effects.quoted import Quoted
-from simgap.effects.steady import steady_biases
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
@@ -43,3 +42,15 @@ class ConstantForce(CoordinateEffect):
     def describe(self, on: str, quoted: Quoted) -> str:
         """Its size."""
         return f"a constant force of {quoted.number('F_0')} at the {on}"
+
+
+def steady_biases(model: SymbolicModel, on: str, found: Sequence[AppliedEffect]) -> dict[int, float]:
+    """Biases of inputs that reach a coordinate as the same constant force: place among those found -> force."""
+    from simgap.effects import effect  # the registry, which imports this module
+
+    changed = {a.on for a in found if not effect(a.name).passes_a_constant}
+    return {
+        k: a.values["bias"]
+        for k, a in enumerate(found)
+        if a.name == "input_bias" and drives(model, a.on) == on and not changed & {on, a.on}
+    }

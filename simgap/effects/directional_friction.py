@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from simgap.effects.base import AppliedEffect, CoordinateEffect, EffectParameter, Values
+from simgap.effects.constant_force import steady_biases
 from simgap.effects.coulomb_friction import CoulombFriction
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
-from simgap.effects.steady import steady_biases
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 

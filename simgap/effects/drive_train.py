@@ -71,6 +71,7 @@ class DriveTrainEffect(CoordinateTarget):
     resembles: ClassVar[tuple[str, ...]] = RIGID
     remembers: ClassVar[bool] = True
     last: ClassVar[bool] = True
+    passes_a_constant: ClassVar[bool] = False  # a bias acts on the motor, a force on the link
     needs: ClassVar[str] = "a coordinate on which an input is a force"
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ class InputDeadZone(StaticInputEffect):
     """Commands within the dead zone do nothing, larger ones lose its half-width."""
 
     name = "input_dead_zone"
+    passes_a_constant = False
     formula = "u' = sign(u) max(|u| - width, 0)"
     source = "Tao, Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor Nonlinearities, ch. 2"
     rank = COMMAND + 20

@@ -17,6 +17,7 @@ class InputSaturation(StaticInputEffect):
     """The plant feels no more than the limit."""
 
     name = "input_saturation"
+    passes_a_constant = False
     formula = "u' = max(-limit, min(u, limit))"
     source = "Tarbouriech et al. (2011), Stability and Stabilization of Linear Systems with Saturating Actuators, ch. 1"
     rank = COMMAND + 10

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from simgap.effects.base import FORCE, EffectParameter, Values
-from simgap.effects.drives import DriveEffect
+from simgap.effects.commands import DriveEffect
 from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -15,6 +15,7 @@ class LoadFriction(DriveEffect):
     """A share of the drive's force is lost to friction, whichever way it moves: efficiency of a gear."""
 
     name = "load_friction"
+    passes_a_constant = False
     second = True
     formula = "F = -mu |u| sign(v), u the drive's force on the coordinate"
     source = "Dohring, Lee, Newman (1993), Proc. IEEE ICRA, load-dependent transmission friction"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 from simgap.effects.base import EffectParameter, Values
-from simgap.effects.drives import DriveEffect
+from simgap.effects.commands import DriveEffect
 from simgap.effects.input_saturation import InputSaturation
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
@@ -21,6 +21,7 @@ class TorqueSpeedLimit(DriveEffect):
     """
 
     name = "torque_speed_limit"
+    passes_a_constant = False
     contains = InputSaturation
     second = True
     several_valleys = True

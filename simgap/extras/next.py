@@ -12,10 +12,9 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.diagnose import ready
-from simgap.diagnosis.experiment.ask import ENOUGH, Advice, Question, ask
-from simgap.diagnosis.experiment.lengths import windows_to_come
+from simgap.diagnosis.experiment.ask import ENOUGH, Advice, Question, ask, windows_to_come
+from simgap.diagnosis.experiment.propose import missed
 from simgap.diagnosis.experiment.rivals import Explained, library_names
-from simgap.diagnosis.experiment.verify import missed
 from simgap.diagnosis.experiment.words import lengths_in_words, paragraph
 from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.record.faults.measurement import is_fault

@@ -1,4 +1,4 @@
-"""What `fit_gap` may be told; the case file's `gap` section maps onto it."""
+"""Settings of a fit of the gap bound; the case file's `gap` section maps onto them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BOUNDS = ("scenario", "conformal", "envelope", "constant")
 
 @dataclass(frozen=True)
 class GapSettings:
-    """How a gap bound is fitted.
+    """Settings of a fit of the gap bound.
 
     Attributes:
         basis: lists its terms; `Blocks` are fitted for themselves.
@@ -69,5 +69,5 @@ class GapSettings:
 
     @property
     def signed(self) -> bool:
-        """Whether the two sides are fitted separately."""
+        """True if the two sides are fitted separately."""
         return self.sides == "signed"

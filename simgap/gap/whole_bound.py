@@ -74,7 +74,7 @@ WIDER = (
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """What the steps before this one made.
+    """Results of the steps before this one.
 
     Attributes:
         points: the grid. scp, lipschitz: saved results by state. shards: roll-outs, for pictures.
@@ -148,7 +148,7 @@ def gap(context: Context, made: Made) -> Bound:
 
 
 def _shifts(context: Context, name: str, borders: Columns) -> SymmetryDeviation | None:
-    """By how much the gap depends on what a declared translation says it does not; None without one.
+    """Deviation of the gap along the axes of a declared translation; None without one.
 
     Raises:
         BrokenPromise: by more than the case tolerates.
@@ -215,7 +215,7 @@ def _gaps(context: Context, step: Step, rolled: Columns) -> tuple[Floats, Floats
 
 
 def reached_stops(context: Context, states: Sequence[str]) -> list[str]:
-    """Which of the states come within a step's travel of a stop, each with its joint and the stops, in words."""
+    """The states that come within a step's travel of a stop, each with its joint and the stops, in words."""
     plant, simulator, domain = context.case.plant, context.case.simulator, context.domain
     places = {s.joint: name for name, s in plant.states.items() if s.quantity == "position" and s.joint}
     files = {f for f in (plant.urdf, simulator.urdf if simulator is not None else None) if f}

@@ -8,7 +8,7 @@ from simgap.config.gap import LipschitzSection
 from simgap.config.plant import AddedEffect
 from simgap.effects import effect
 from simgap.effects.base import CoordinateEffect
-from simgap.effects.drives import DriveEffect
+from simgap.effects.commands import DriveEffect
 from simgap.errors import Finding, UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.lipschitz.grid import FEWEST

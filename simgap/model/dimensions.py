@@ -21,7 +21,7 @@ _PURE_RESULT = "sign atan2 Heaviside"
 
 
 class Mismatch(ValueError):
-    """What does not fit together, in words."""
+    """Dimensions that do not fit together, in words."""
 
 
 def of_expression(expr: sp.Expr, known: Mapping[str, Dimension]) -> Dimension | None:
@@ -57,7 +57,7 @@ def of_expression(expr: sp.Expr, known: Mapping[str, Dimension]) -> Dimension | 
 
 
 def rate_mismatch(expr: sp.Expr, unit: str, known: Mapping[str, Dimension]) -> str:
-    """What is wrong with the equation of a state in a unit; "" if nothing is.
+    """Fault of the equation of a state in a unit, in words; "" if there is none.
 
     Args:
         expr: the rate of change; unit: of the state; known: dimensions of all symbols.

@@ -76,7 +76,7 @@ def isqrt(a: Interval) -> Interval:
 
 @njit
 def _holds(a: Interval, phase: float) -> bool:
-    """Whether phase + 2 pi k lies in a (or within 1e-9 of it) for some integer k."""
+    """True if phase + 2 pi k lies in a (or within 1e-9 of it) for some integer k."""
     k = math.ceil((a[0] - 1e-9 - phase) / (2.0 * _PI))
     return phase + 2.0 * _PI * k <= a[1] + 1e-9
 

@@ -14,11 +14,9 @@ import inspect
 import math
 import os
 import sys
-import tempfile
 import textwrap
 import types
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -26,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from simgap import reading
-from simgap.cache import cache_folder, kernel_sources
+from simgap.cache import cache_folder, kernel_sources, whole_file
 from simgap.late import numba
 
 Kernel = Callable[..., Any]
@@ -107,7 +105,7 @@ def _array(value: np.ndarray[Any, Any]) -> Path:
     digest = hashlib.sha256(f"{value.dtype.str}{value.shape}".encode() + value.tobytes()).hexdigest()[:32]
     path = _folder() / f"a_{digest}.npy"
     if not path.exists():
-        with _whole(path) as temporary:
+        with whole_file(path) as temporary:
             np.save(temporary, np.ascontiguousarray(value), allow_pickle=False)
     return path
 
@@ -117,7 +115,7 @@ def _module(text: str) -> types.ModuleType:
     name = "k_" + hashlib.sha256(f"{text}{_sources()}".encode()).hexdigest()[:32]
     path = _folder() / f"{name}.py"
     if not path.exists():
-        with _whole(path) as temporary:
+        with whole_file(path) as temporary:
             temporary.write(text.encode())
         importlib.invalidate_caches()
     return importlib.import_module(f"{_PACKAGE}.{name}")
@@ -125,7 +123,7 @@ def _module(text: str) -> types.ModuleType:
 
 @cache
 def _folder() -> Path:
-    """Where the modules stand; importable as a package."""
+    """Folder of the modules; importable as a package."""
     home = cache_folder()
     if home is None:
         raise _NotWritable("no home")
@@ -137,19 +135,6 @@ def _folder() -> Path:
     package.__path__ = [str(path)]
     sys.modules[_PACKAGE] = package
     return path
-
-
-@contextmanager
-def _whole(path: Path) -> Iterator[Any]:
-    """A file that appears under its name when it is whole."""
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as temporary:
-        try:
-            yield temporary
-            temporary.flush()
-            os.replace(temporary.name, path)
-        except BaseException:
-            os.unlink(temporary.name)
-            raise
 
 
 @cache

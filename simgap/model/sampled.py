@@ -39,13 +39,13 @@ class NominalModel:
 
     @property
     def operations(self) -> int:
-        """How many operations are to be compiled."""
+        """Number of operations to be compiled."""
         rule = self.rule
         return sum(int(sp.count_ops(e)) for e in (rule.xdot if isinstance(rule, RungeKutta) else rule))
 
     @property
     def too_long_to_write_out(self) -> bool:
-        """Whether the map is a step whose expressions, written out, are too many to be enclosed by intervals."""
+        """True if the map is a step whose expressions, written out, are too many to be enclosed by intervals."""
         return isinstance(self.rule, RungeKutta) and self.rule.operations() > MOST_OPERATIONS * self.nx
 
     @property

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from simgap import reading
-from simgap.cache import cache_folder
+from simgap.cache import cache_folder, whole_file
 from simgap.late import sympy as sp
 from simgap.model.symbolic import symbol
 
@@ -67,14 +65,8 @@ def _keep(path: Path, matrix: sp.Matrix) -> None:
             return
         body = json.dumps({"shape": matrix.shape, "entries": entries})
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent)
-        try:
-            with os.fdopen(handle, "w") as file:
-                file.write(f"{_digest(body)}\n{body}")
-            Path(temporary).replace(path)
-        except OSError:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        with whole_file(path) as file:
+            file.write(f"{_digest(body)}\n{body}".encode())
     except (_Other, OSError, RecursionError):
         return
 

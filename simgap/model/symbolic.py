@@ -12,7 +12,7 @@ from simgap.late import sympy as sp
 
 
 def no_number(e: sp.Expr) -> bool:
-    """Whether something in it is what no rate of change may hold: infinite, undefined or imaginary."""
+    """True if something in it is what no rate of change may hold: infinite, undefined or imaginary."""
     return bool(e.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I))
 
 
@@ -121,7 +121,7 @@ class SymbolicModel:
 
     @property
     def derived(self) -> bool:
-        """Whether the equations are written out; those of an arm of several joints hold numeric stand-ins."""
+        """True if the equations are written out; those of an arm of several joints hold numeric stand-ins."""
         return not any(sp.sympify(e).has(sp.core.function.AppliedUndef) for e in self.xdot)
 
     def coordinate(self, name: str) -> Coordinate:

@@ -117,7 +117,7 @@ def _frames(tree: Tree, q: Floats) -> tuple[list[Floats], list[Floats]]:
 def _motion(
     tree: Tree, turns: list[Floats], places: list[Floats], v: Floats, a: Floats
 ) -> tuple[list[Floats], list[Floats], list[Floats]]:
-    """Of each body, in its frame: angular velocity and acceleration, acceleration of its origin less gravity."""
+    """For each body, in its frame: angular velocity and acceleration, acceleration of its origin less gravity."""
     still = np.zeros((len(v), 3))
     spin: list[Floats] = []
     pull: list[Floats] = []

@@ -114,7 +114,7 @@ class Context:
 
 
 def pose_axes(context: Context) -> tuple[int, int, int]:
-    """Which states are x, y and heading."""
+    """Axes of x, y and heading."""
     symbolic = context.need(context.case.plant.symbolic, "plant.symbolic")
     wheels = context.need(symbolic.wheels, "plant.symbolic.wheels")
     x, y, heading = (context.states.index(name) for name in (wheels.x, wheels.y, wheels.heading))

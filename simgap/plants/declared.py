@@ -142,7 +142,7 @@ def _refuse_hidden_coupling(
 
 
 def _constant(share: sp.Expr, written: SymbolicPlant) -> bool:
-    """Whether an expression is the same number, not 0, wherever it is evaluated."""
+    """True if an expression is the same number, not 0, wherever it is evaluated."""
     share = share.subs({symbol(n): p.value for n, p in written.parameters.items()})
     free = sorted(share.free_symbols, key=str)
     rng = np.random.default_rng(0)
@@ -154,7 +154,7 @@ def _constant(share: sp.Expr, written: SymbolicPlant) -> bool:
 
 
 def _coriolis(rate: sp.Expr, of: SymbolicCoordinate, among: Mapping[str, SymbolicCoordinate]) -> bool:
-    """Whether the rate of another velocity holds the square of this speed or its product with one, as powers."""
+    """True if the rate of another velocity holds the square of this speed or its product with one, as powers."""
     speeds = [symbol(c.velocity) for c in among.values()]
     if not rate.is_polynomial(*speeds):
         return False

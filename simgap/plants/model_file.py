@@ -1,4 +1,4 @@
-"""What a URDF says, link by link and joint by joint, as numbers to compare with an engine's own, and its end stops."""
+"""Numbers of a URDF, link by link and joint by joint, to compare with an engine's own, and its end stops."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from simgap.plants.urdf_checks import check_urdf
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """Of one link: mass, kg; moments (3,), principal and ascending, kg m^2; com (3,), in its frame, m."""
+    """One link: mass, kg; moments (3,), principal and ascending, kg m^2; com (3,), in its frame, m."""
 
     mass: float
     moments: Floats
@@ -128,7 +128,7 @@ def _limit(limit: ElementTree.Element | None, key: str) -> float | None:
 
 
 def _geared(transmission: ElementTree.Element) -> bool:
-    """Whether a transmission states a gear ratio other than 1, or a rotor's inertia."""
+    """True if a transmission states a gear ratio other than 1, or a rotor's inertia."""
     tags = {part.tag: part for part in transmission.iter()}
     ratio = (tags["mechanicalReduction"].text or "1") if "mechanicalReduction" in tags else "1"
     return ratio.strip() not in ("1", "1.0") or any("rotor_inertia" in t or "gear_ratio" in t for t in tags)

@@ -1,4 +1,4 @@
-"""What a model file does not say: whether its root is bolted to the world, stands on wheels or legs, or is free.
+"""Base of a robot, which a URDF does not name: bolted to the world, on wheels or legs, or free.
 
 A URDF has no word for it, and a controller of a quadruped that hangs in the air is right for nothing.
 """
@@ -17,7 +17,7 @@ _ROUND = ("collision/geometry/cylinder", "collision/geometry/sphere")
 
 @dataclass(frozen=True)
 class Base:
-    """What a robot stands on, as far as its file shows it, and what shows it."""
+    """Kind of base, as far as the file shows it, and the words that say why."""
 
     kind: Literal["fixed", "wheels", "limbs", "free"]
     words: str

@@ -37,7 +37,7 @@ _MOMENTS = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 
 @dataclass(frozen=True)
 class JointState:
-    """Which joint's position or velocity a state is."""
+    """Joint whose position or velocity a state is."""
 
     joint: str
     kind: str  # "position" or "velocity"
@@ -280,7 +280,7 @@ def bias(order: Sequence[str], rates: Sequence[str], parameters: Mapping[str, Pa
 
 
 def _inertial(parameters: Mapping[str, Parameter]) -> list[str]:
-    """Those that are not 0."""
+    """Inertial parameters that are not 0."""
     other = ("gravity_", ".damping")
     return [n for n, p in parameters.items() if p.value and not n.startswith(other[0]) and not n.endswith(other[1])]
 

@@ -1,4 +1,4 @@
-"""What a URDF must have before two engines may be trusted to read it alike, and the units of the joints of a case."""
+"""Checks of a URDF, so that two engines read it alike, and of the units of the joints of a case."""
 
 from __future__ import annotations
 
@@ -179,7 +179,7 @@ def _root(path: Path) -> ElementTree.Element:
 
 
 def _felt(part: ElementTree.Element) -> Iterator[ElementTree.Element]:
-    """What of a link or joint may enter a motion: neither what is only drawn nor the axis of a joint that is fixed."""
+    """Parts of a link or joint that may enter a motion: not what is only drawn, nor the axis of a fixed joint."""
     yield part
     for child in part:
         if child.tag != "visual" and (child.tag != "axis" or part.get("type") != "fixed"):
@@ -247,7 +247,7 @@ def _check_place(path: Path, part: ElementTree.Element, element: ElementTree.Ele
 
 
 def inside_folders(path: Path, name: str) -> bool:
-    """Whether a file that a model names lies where packages keep theirs, or whoever runs simgap trusts the model."""
+    """True if a file that a model names lies where packages keep theirs, or whoever runs simgap trusts the model."""
     if os.environ.get(TRUST) == "1":
         return True
     scheme = name.rpartition("://")[0]

@@ -8,9 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from simgap.diagnosis.arms.problem import INERTIAL
-from simgap.diagnosis.arms.result import ArmDiagnosis, BaseParameter, FoundPayload
-from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.arms.answer import ArmDiagnosis, BaseParameter, FoundPayload
+from simgap.diagnosis.arms.problem import INERTIAL, TERMS
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.result import Estimate, FoundEffect

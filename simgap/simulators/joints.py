@@ -13,8 +13,7 @@ from simgap.config.case import Case
 from simgap.config.plant import AddedEffect
 from simgap.effects import StaticInputEffect, effect
 from simgap.effects.base import CoordinateEffect, Effect
-from simgap.effects.commands import InputEffect
-from simgap.effects.drives import DriveEffect
+from simgap.effects.commands import DriveEffect, InputEffect
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.plants.urdf_checks import check_joint_units

@@ -1,1 +1,1 @@
-"""What a controller can be asked for: one specification a file, found by name."""
+"""Specifications of the closed loop, one a file, found by name."""

@@ -1,4 +1,4 @@
-"""What every specification answers, and the game that a controller is found by.
+"""The interface of every specification, and the game that a controller is found by.
 
 A specification is a frozen section of a case: its fields are the keys, its methods do the rest. It says which cells are
 allowed and asks a `Game` for sets of cells from which that can be kept or reached; it judges runs, and it has the words
@@ -59,7 +59,7 @@ class Game(Protocol):
 
 
 class Words(Section):
-    """What a report says about a kind of specification, in phrases that stand in its sentences."""
+    """Words of a report on a kind of specification, phrases that stand in its sentences."""
 
     runs: str = "Runs"
     """Heading of the part that shows the runs."""
@@ -83,7 +83,7 @@ class Words(Section):
 
 
 class Specification(Section, ABC):
-    """What the closed loop must do. `kind` names the plug-in."""
+    """Requirement on the closed loop. `kind` names the plug-in."""
 
     kind: str
 
@@ -99,7 +99,7 @@ class Specification(Section, ABC):
     words: ClassVar[Words] = Words()
 
     def on_floor(self, space: Space) -> bool:
-        """Whether what a body that drives must not touch is said by its place alone, as swept boxes need it."""
+        """True if what a body that drives must not touch is said by its place alone, as swept boxes need it."""
         return space.pose is not None
 
     @abstractmethod
@@ -120,11 +120,11 @@ class Specification(Section, ABC):
 
     @abstractmethod
     def monitor(self, space: Space, solution: Solution) -> Monitor:
-        """What judges the runs of the controller with that solution."""
+        """Monitor of the runs of the controller with that solution."""
 
     @abstractmethod
     def sentence(self, space: Space) -> str:
-        """What it asks for, as a clause without a full stop: 'stay for ever in x in [0, 1] m'."""
+        """Clause for a sentence, without a full stop: 'stay for ever in x in [0, 1] m'."""
 
     def free(self, space: Space, grid: Grid, margin: Floats) -> Bools:
         """Cells that it allows at all, `margin` farther from what must not be touched than it says: (cells,).

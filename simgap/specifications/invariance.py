@@ -55,7 +55,7 @@ class Invariance(Specification):
         return game.invariant(np.ones(game.grid.size, np.bool_))
 
     def monitor(self, space: Space, solution: Solution) -> Monitor:
-        """Whether each sample is in the safe set."""
+        """Monitor of samples in the safe set."""
         region = self.region(space)
         return Inside(unbounded(region, space.wrapping(region)))
 
@@ -79,7 +79,7 @@ class Inside(Always):
     violated = "left the safe set"
 
     def satisfied(self, x: Floats) -> Bools:
-        """Whether states are in the box: (n, nx) -> (n,)."""
+        """True where states are in the box: (n, nx) -> (n,)."""
         return self.box.contains(x)
 
     def over(self, x: Floats, seen: Floats) -> bool:

@@ -1,4 +1,4 @@
-"""What judges a run: when it is over, how it ended, and what is counted."""
+"""Monitors, which judge a run: when it is over, how it ended, and what is counted."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """How a run ended.
+    """End of a run.
 
     Attributes:
         end: in words, one of few; kept: whether the run did what the specification asks.
@@ -78,7 +78,7 @@ class Monitor(ABC):
 
     @abstractmethod
     def over(self, x: Floats, seen: Floats) -> bool:
-        """Whether a run ends at a sample, from its state (nx,) and what is measured of it (nx,)."""
+        """True if a run ends at a sample, from its state (nx,) and what is measured of it (nx,)."""
 
     @abstractmethod
     def over_each(self, x: Floats, seen: Floats) -> Bools:
@@ -86,7 +86,7 @@ class Monitor(ABC):
 
     @abstractmethod
     def judge(self, run: Run, steps: int) -> Verdict:
-        """How a run ended that had `steps` samples to take."""
+        """Verdict on a run that had `steps` samples to take."""
 
     def clearance(self, path: Floats) -> float:
         """Least distance along points (k, nx) to what must not be touched; not positive where it is touched."""
@@ -105,7 +105,7 @@ class Always(Monitor):
 
     @abstractmethod
     def satisfied(self, x: Floats) -> Bools:
-        """Whether states satisfy the condition: (n, nx) -> (n,)."""
+        """True where states satisfy the condition: (n, nx) -> (n,)."""
 
     def over(self, x: Floats, seen: Floats) -> bool:
         """A run ends where the condition does not hold: (nx,), (nx,)."""
@@ -116,7 +116,7 @@ class Always(Monitor):
         return ~self.satisfied(x)
 
     def judge(self, run: Run, steps: int) -> Verdict:
-        """Whether the condition held at all samples that a run had."""
+        """Verdict on the condition at all samples that a run had."""
         safe = self.satisfied(run.x)
         if not safe[-1]:
             end, kept = self.violated, False

@@ -1,4 +1,4 @@
-"""How a specification is shown: boxes over two states, and the floor of a body that drives."""
+"""Pictures of a specification: boxes over two states, and the floor of a body that drives."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class ReachAndStay(Reaching):
         return game.reach(held.served, free).followed_by(held)
 
     def monitor(self, space: Space, solution: Solution) -> Monitor:
-        """Whether each run gets to the held part of the target, stays in the target and touches nothing."""
+        """Monitor of arrival in the held part of the target, of staying in the target and touching nothing."""
         region = self.region(space)
         around = Surroundings.of(space, self.boxes(space), region, space.vector(self.clearance))
         return Staying(space, self.goal_box(space), around, solution)
@@ -72,7 +72,7 @@ class Staying(Toward):
         return ~left
 
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
-        """Whether all samples from the first in the held part of the target on are in the target; levels (k + 1,)."""
+        """End of a run that touched nothing, kept if it stays in the target from its held part on; levels (k + 1,)."""
         arrived = np.flatnonzero(levels == 0)
         if len(arrived) == 0:
             return (STUCK if run.stuck else LATE), False

@@ -41,7 +41,7 @@ class ReachAvoid(Reaching):
         return game.reach(*self.sets(game))
 
     def monitor(self, space: Space, solution: Solution) -> Monitor:
-        """Whether each run gets to the target without touching anything on its path."""
+        """Monitor of arrival in the target without touching anything on the path."""
         region = self.region(space)
         around = Surroundings.of(space, self.boxes(space), region, space.vector(self.clearance))
         return Arriving(space, self.goal_box(space), around, solution)

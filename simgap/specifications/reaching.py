@@ -1,4 +1,4 @@
-"""What the specifications that reach a target among obstacles share: their keys, their sets, their picture."""
+"""Base of the specifications that reach a target among obstacles: their keys, their sets, their picture."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Reaching(Specification):
             raise UserError(NOT_FREE, key=f"{KEY}.target", remedy="Move the target, or lower the clearance")
 
     def on_floor(self, space: Space) -> bool:
-        """Whether obstacles and clearance are about x and y alone: swept boxes do not say which headings a path has."""
+        """True if obstacles and clearance are about x and y alone: swept boxes do not say which headings a path has."""
         return space.pose is not None and on_floor(self.boxes(space), space.vector(self.clearance), space.pose)
 
     def boxes(self, space: Space) -> tuple[Box, ...]:

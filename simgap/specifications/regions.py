@@ -84,7 +84,7 @@ def grown(box: Box, by: Floats) -> Box:
 
 
 def covered(box: Box, by: Sequence[Box]) -> bool:
-    """Whether boxes hold all of a bounded box together: their faces cut it into parts that lie in each or beside it.
+    """True if boxes hold all of a bounded box together: their faces cut it into parts that lie in each or beside it.
 
     False, too, where there are more than `MOST_PARTS` parts: cells are asked then.
     """

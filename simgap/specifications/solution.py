@@ -1,4 +1,4 @@
-"""What a specification's fixed point returns."""
+"""Solution of a specification: winning domain, admissible inputs, value function."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Solution:
 
     @property
     def useful(self) -> bool:
-        """Whether a run can start anywhere but where it ends at once."""
+        """True if a run can start anywhere but where it ends at once."""
         return bool((self.winning & self.at_first(self.served)).any())
 
     def levels(self, seen: Floats, memory: Ints | None = None) -> Ints:
@@ -105,7 +105,7 @@ class Solution:
         return after_choice(self.kind, self.late, memory, chosen)
 
     def at_first(self, nodes: NDArray[Any]) -> NDArray[Any]:
-        """What nodes (cells * memory,) have at the memory of a start: -> (cells,)."""
+        """Values of nodes (cells * memory,) at the memory of a start: -> (cells,)."""
         return nodes.reshape(self.grid.size, self.memory)[:, self.first]
 
     def followed_by(self, other: Solution) -> Solution:
@@ -117,7 +117,7 @@ class Solution:
 
 
 def after_choice(kind: Ints | None, late: bool, memory: Any, chosen: Any) -> tuple[Any, Any]:
-    """What `Solution.step` answers, of a controller with classes `kind` (M,) or None, acting late or not."""
+    """Applied input and memory after a choice, of a controller with classes `kind` (M,) or None, acting late or not."""
     if kind is None:
         return (memory, chosen) if late else (chosen, 0 * chosen)
     classes = int(kind.max()) + 1

@@ -48,7 +48,7 @@ class Surroundings:
 
     @property
     def touched(self) -> str:
-        """How a run ends that touches something."""
+        """End of a run that touches something."""
         return "collision" if self.round else "left the free set"
 
     @staticmethod
@@ -111,7 +111,7 @@ class Surroundings:
 
 
 def on_floor(obstacles: tuple[Box, ...], clearance: Floats, pose: tuple[int, int, int]) -> bool:
-    """Whether obstacles and clearance are about x and y alone, so that the footprint is round."""
+    """True if obstacles and clearance are about x and y alone, so that the footprint is round."""
     others = np.ones(clearance.size, np.bool_)
     others[list(pose[:2])] = False
     bounded = [np.isfinite(box.lo[others]) | np.isfinite(box.hi[others]) for box in obstacles]
@@ -153,12 +153,12 @@ class Toward(Monitor):
         return self.solution.levels(run.seen, run.memory)
 
     def arrived(self, seen: Floats) -> bool:
-        """Whether what is measured (nx,) is the end of a run, whatever is pending."""
+        """True if what is measured (nx,) is the end of a run, whatever is pending."""
         cell = self._find(seen)
         return cell >= 0 and self._ended[cell]
 
     def in_target(self, x: Floats) -> Bools:
-        """Whether states are in the target's box: (n, nx) -> (n,); along periodic states in any of its copies."""
+        """True where states are in the target's box: (n, nx) -> (n,); along periodic states in any of its copies."""
         inside = np.ones(len(x), np.bool_)
         for j in range(self.space.size):
             lo, hi = self.target.lo[j], self.target.hi[j]
@@ -185,7 +185,7 @@ class Toward(Monitor):
 
     @abstractmethod
     def ended(self, run: Run, levels: Ints, steps: int) -> tuple[str, bool]:
-        """How a run ended that touched nothing, and whether that is what was asked for; levels (k + 1,)."""
+        """End of a run that touched nothing, and whether it was asked for; levels (k + 1,)."""
 
     def unbroken(self, run: Run, levels: Ints) -> Bools:
         """Samples up to which nothing but a touch could have violated what was asked for: (k + 1,)."""

@@ -77,7 +77,11 @@ def acted_out(context: Context, section: MeasuredSection, applied: Sequence[Appl
     kind = _engine(context)
     able = tuple(e for e in moving if kind is not None and kind.acts_out(effect(e.name)))
     unable = joined([e.name.replace("_", " ") for e in moving if e not in able] or [""])
-    rest = f" It cannot act out {unable}: gamma does not cover hardware that has what it lacks." if unable else ""
+    rest = (
+        f" It cannot act out {unable}: unless its own model has that, gamma does not cover the hardware."
+        if unable
+        else ""
+    )
     if section.into_simulator is not None:
         words = "acts them out" if section.into_simulator else "stays as it is"
         return ActedOut(
@@ -192,13 +196,13 @@ def _judged(told: ActedOut, sets: Sequence[Effects], errors: Sequence[float]) ->
     what = f"acts out {words}" if taken else "stays as it is"
     beside = "without them" if taken else "with the effects on top"
     far = (
-        " None of the sets makes it follow them: it strays for another reason, such as its time step (substeps) or a "
-        "damping of its own, and that stays in the gap."
+        " None of the sets makes it follow them. The cause is another one, such as its time step (substeps) or a "
+        "damping of its own, and it remains part of the gap."
     )
     return ActedOut(
         taken,
-        f"The simulator {what}: so it misses the recordings that confirm by {number(errors[best], 3)} times their "
-        f"noise, {beside} by {number(errors[sets.index(other)], 3)} times.{far if min(errors) > NEAR else ''}"
+        f"The simulator {what}: it then deviates from the confirming recordings by {number(errors[best], 3)} times "
+        f"their noise; {beside}, by {number(errors[sets.index(other)], 3)} times.{far if min(errors) > NEAR else ''}"
         f"{told.rest}",
         tried,
         told.rest,

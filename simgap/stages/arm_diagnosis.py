@@ -10,11 +10,10 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.config.measured import MeasuredSection
+from simgap.diagnosis.arms.answer import ArmDiagnosis
 from simgap.diagnosis.arms.diagnose import ArmSettings, diagnose_arm
 from simgap.diagnosis.arms.motion import columns_of
-from simgap.diagnosis.arms.problem import Payload
-from simgap.diagnosis.arms.result import ArmDiagnosis
-from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.arms.problem import TERMS, Payload
 from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.survey import survey
 from simgap.diagnosis.record.traces import Reading

@@ -15,7 +15,7 @@ from simgap import reading
 from simgap.arrays import Floats
 from simgap.attack.campaign import Campaign, Opponent, campaign
 from simgap.attack.danger import Danger, WorstStarts, beginnings
-from simgap.attack.histories import HistoryQuestion, HistorySearch
+from simgap.attack.histories import HistoryQuestion, search_histories
 from simgap.attack.known import border, worst_histories, worst_steps
 from simgap.attack.law import Law, class_bounds
 from simgap.attack.plants import OneByOne, RolledOut, WorstDisturbance
@@ -122,8 +122,7 @@ def places(context: Context, domain: GapDomain) -> Floats:
 
 def _histories(context: Context, robot: Simulator, gap: GapFunction, job: Job, rng: np.random.Generator) -> Searched:
     hidden = context.need(context.case.hidden_state, "hidden_state")
-    search = HistorySearch(history_question(context, robot, gap, hidden.length), job.evaluations, rng)
-    return search.run(*job.known)
+    return search_histories(history_question(context, robot, gap, hidden.length), job.evaluations, rng, *job.known)
 
 
 def history_question(context: Context, robot: Simulator, gap: GapFunction, length: int) -> HistoryQuestion:

@@ -111,7 +111,7 @@ def reference() -> dict[str, str]:
             _cell(effect.source),
         )
         rows += f"| `{name}` | {' | '.join(cells)} |\n"
-    faults = "".join(f"| `{f.name}` | {f.meaning} | {f.detected} |\n" for f in FAULTS.values())
+    faults = "".join(f"| `{f.name}` | {' | '.join(f.said())} |\n" for f in FAULTS.values())
     return pages | {"effects.md": _EFFECTS + rows, "recording_faults.md": _FAULTS.format(rows=faults.rstrip())}
 
 

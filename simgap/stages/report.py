@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.pages import need_template, render
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
+from simgap.lint.costs import costs, duration
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.report.case_figures import draw
@@ -87,7 +89,17 @@ def run(
         write_bytes(picture, drawn.picture)
     write_text(out, page)
     log.info("page of %d kB", len(page) // 1024)
-    return f"Ready to open: {out}"
+    if later is None:
+        return f"Ready to open: {out}"
+    whole, spent = os.path.normpath(out.parent / later), duration(_seconds_left(material.context))
+    return f"Ready to open: {out}, audit pending. Next: {whole}, after about {spent} of CPU time"
+
+
+def _seconds_left(context: Context) -> float:
+    """What the whole page takes after the first one: the adversary, and what a diagnosis corrects."""
+    seconds = {cost.stage: cost.seconds for cost in costs(context)}
+    corrected = ("scp", "lipschitz", "gap", "synthesis", "validation", "audit") if context.case.measured else ()
+    return sum(seconds.get(stage, 0.0) for stage in ("audit", *corrected))
 
 
 def read(case_path: Path, inputs: ReportFiles) -> Material:

@@ -72,7 +72,7 @@ class Controller:
 
     @property
     def late(self) -> bool:
-        """Whether an input acts one sample after it is chosen."""
+        """True if an input acts one sample after it is chosen."""
         return self.solution.late
 
     @property
@@ -160,12 +160,12 @@ class Controller:
         return np.int64(answers[0])
 
     def contains(self, x: ArrayLike) -> Bools:
-        """Whether measured states are in the winning domain: (n, nx) -> (n,)."""
+        """True where measured states are in the winning domain: (n, nx) -> (n,)."""
         cells = self.cell(x)
         return np.where(cells >= 0, self.solution.winning[cells], False)
 
     def in_target(self, x: ArrayLike) -> Bools:
-        """Whether measured states are in a target cell, whatever is pending: (n, nx) -> (n,); never for invariance."""
+        """True where measured states are in a target cell, whatever is pending: (n, nx) -> (n,)."""
         cells, ended = self.cell(x), self.solution.ended
         return np.where(cells >= 0, ended[cells], False)
 

@@ -1,4 +1,4 @@
-"""Why a winning domain is empty: what one step does to each state, and what a quick search on coarse cells finds.
+"""Explanation of an empty winning domain: one step in numbers, and a quick search on coarse cells.
 
 Looked at are cells spread over the grid with all inputs: what the inputs can move in one step, how wide the gap and the
 successor of a cell are against that, and along which state every input leads out. Then the same problem is solved again
@@ -17,7 +17,7 @@ import numpy as np
 
 from simgap.errors import UserError
 from simgap.late import njit, numba
-from simgap.synthesis.abstraction.nominal import Model
+from simgap.model.sampled import NominalModel
 from simgap.synthesis.abstraction.post import Kernel, no_gap
 from simgap.synthesis.synthesise import Problem, extremes
 
@@ -72,7 +72,7 @@ class Try:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Why nothing wins.
+    """Explanation of an empty winning domain.
 
     Attributes:
         cause: specification, cells, gap, between_samples or sensing. sentence: the same in words.
@@ -139,7 +139,7 @@ class GammaParts:
 
 
 def explain(
-    problem: Problem, retimed: Callable[[float], Model] | None = None, threads: int = 1, alone: float | None = None,
+    problem: Problem, retimed: Callable[[float], NominalModel] | None = None, threads: int = 1, alone: float | None = None,
     parts: Mapping[str, GammaParts] | None = None,
 ) -> Explanation:  # fmt: skip
     """The reasons of a problem whose winning domain is empty.
@@ -163,7 +163,7 @@ def explain(
 
 
 def axis_numbers(problem: Problem) -> tuple[AxisNumbers, ...]:
-    """What one step does to each state, from cells spread evenly over the grid."""
+    """Numbers of one step for each state, from cells spread evenly over the grid."""
     grid, inputs = problem.grid, problem.inputs
     cells = np.unique(np.linspace(0, grid.size - 1, min(SAMPLED, grid.size)).astype(np.int64))
     centres, gap = grid.centres()[cells], problem.gap or no_gap
@@ -188,7 +188,7 @@ def axis_numbers(problem: Problem) -> tuple[AxisNumbers, ...]:
 
 
 def _tries(
-    problem: Problem, retimed: Callable[[float], Model] | None, threads: int, known: float | None
+    problem: Problem, retimed: Callable[[float], NominalModel] | None, threads: int, known: float | None
 ) -> Iterator[Try]:
     """Finer cells and narrower gaps as far as the budget goes; the path between samples is left aside."""
     plain = replace(problem, swept=None, stray=None, previous=None, latency=0, error=None)

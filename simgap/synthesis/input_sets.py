@@ -1,4 +1,4 @@
-"""Sets of inputs as packed bits: bit m % 8 of byte m // 8 is input m; words of 32 bits where sets are combined."""
+"""Sets of inputs as packed bits: bit m % 8 of byte m // 8 is input m; words of 64 bits where sets are combined."""
 
 from __future__ import annotations
 
@@ -9,32 +9,36 @@ from simgap.arrays import Bools, Floats, Ints
 from simgap.geometry import Box, Grid
 from simgap.late import njit
 
-Words = NDArray[np.uint32]
+Bytes = NDArray[np.uint8]
+Words = NDArray[np.uint64]
 
 
-def word_count(inputs: int) -> int:
-    """Words that hold one bit per input."""
-    return (inputs + 31) // 32
+def packed_width(inputs: int) -> int:
+    """Bytes that hold one bit per input."""
+    return (inputs + 7) // 8
+
+
+def to_words(mask: Bytes) -> Words:
+    """Packed bytes as words: (..., ceil(M / 8)) -> (..., ceil(M / 64)), input m is bit m % 64 of word m // 64."""
+    wide = np.zeros((*mask.shape[:-1], 8 * (-(-mask.shape[-1] // 8))), np.uint8)
+    wide[..., : mask.shape[-1]] = mask
+    return wide.view("<u8").astype(np.uint64, copy=False)
+
+
+def words_of(flags: Bools) -> Words:
+    """Flags of inputs as words: (..., M) -> (..., ceil(M / 64))."""
+    return to_words(np.packbits(flags, axis=-1, bitorder="little"))
+
+
+def to_bytes(words: Words, inputs: int) -> Bytes:
+    """Words as packed bytes: (n, words) -> (n, ceil(M / 8))."""
+    flat = np.ascontiguousarray(words.astype("<u8", copy=False)).view(np.uint8).reshape(len(words), -1)
+    return np.ascontiguousarray(flat[:, : packed_width(inputs)])
 
 
 def every_input(inputs: int) -> Words:
     """The set of all inputs, (words,)."""
-    bits = np.zeros(32 * word_count(inputs), np.uint8)
-    bits[:inputs] = 1
-    return np.packbits(bits, bitorder="little").view("<u4").astype(np.uint32)
-
-
-def to_words(mask: NDArray[np.uint8], inputs: int) -> Words:
-    """Packed bytes as words: (n, ceil(M / 8)) -> (n, words)."""
-    wide = np.zeros((len(mask), 4 * word_count(inputs)), np.uint8)
-    wide[:, : mask.shape[1]] = mask
-    return wide.view("<u4").astype(np.uint32)
-
-
-def to_bytes(words: Words, inputs: int) -> NDArray[np.uint8]:
-    """Words as packed bytes: (n, words) -> (n, ceil(M / 8))."""
-    flat = np.ascontiguousarray(words.astype("<u4", copy=False)).view(np.uint8)
-    return np.ascontiguousarray(flat.reshape(len(words), -1)[:, : (inputs + 7) // 8])
+    return words_of(np.ones(inputs, np.bool_))
 
 
 def margins(grid: Grid, error: Floats) -> tuple[int, ...]:
@@ -52,25 +56,25 @@ def padded(grid: Grid, margin: tuple[int, ...]) -> Grid:
     return Grid(box, [c + 2 * int(p) for c, p in zip(grid.cells, pad, strict=True)], grid.periodic)
 
 
-def embed(values: NDArray[np.uint32], grid: Grid, larger: Grid, outside: NDArray[np.uint32]) -> NDArray[np.uint32]:
+def embed(values: Words, grid: Grid, larger: Grid, outside: Words) -> Words:
     """Rows of the grid's cells (cells, k) in the larger grid's, `outside` (k,) elsewhere."""
-    out = np.empty((*larger.cells, values.shape[1]), np.uint32)
+    out = np.empty((*larger.cells, values.shape[1]), np.uint64)
     out[...] = outside
     out[inner(grid, larger)] = values.reshape(*grid.cells, -1)
     return out.reshape(larger.size, -1)
 
 
-def crop(values: NDArray[np.uint32], grid: Grid, larger: Grid) -> NDArray[np.uint32]:
+def crop(values: Words, grid: Grid, larger: Grid) -> Words:
     """The inverse of `embed`: (larger cells, k) -> (cells, k)."""
     return np.ascontiguousarray(values.reshape(*larger.cells, -1)[inner(grid, larger)]).reshape(grid.size, -1)
 
 
 def inner(grid: Grid, larger: Grid) -> tuple[slice, ...]:
-    """Where the cells of a grid lie among those of the larger one."""
+    """Slices of the larger grid that hold the cells of a grid."""
     return tuple(slice((b - a) // 2, (b - a) // 2 + a) for a, b in zip(grid.cells, larger.cells, strict=True))
 
 
-def window_and(values: NDArray[np.uint32], grid: Grid, margin: tuple[int, ...]) -> NDArray[np.uint32]:
+def window_and(values: Words, grid: Grid, margin: tuple[int, ...]) -> Words:
     """Bitwise AND over the cells within `margin` of each cell: (cells, k) -> (cells, k). Periodic axes wrap."""
     for j, m in enumerate(margin):
         if m > 0:
@@ -97,14 +101,6 @@ def _along(values, margin, periodic, out):  # type: ignore[no-untyped-def]
                     continue
                 for k in range(values.shape[2]):
                     out[o, i, k] &= values[o, other, k]
-
-
-Bytes = NDArray[np.uint8]
-
-
-def packed_width(inputs: int) -> int:
-    """Bytes that hold one bit per input."""
-    return (inputs + 7) // 8
 
 
 def unpack(mask: Bytes, inputs: int) -> Bools:

@@ -36,8 +36,8 @@ from simgap.arrays import Bools, Floats, Ints
 from simgap.geometry import Grid
 from simgap.late import njit
 from simgap.model.kept import kept
+from simgap.model.sampled import NominalModel
 from simgap.synthesis.abstraction.cells import count_holes, layout, table_size
-from simgap.synthesis.abstraction.nominal import Model
 from simgap.synthesis.abstraction.post import Frame, Kernel, cell_box, image, reduced_cells, to_cells, without_ends
 from simgap.synthesis.input_sets import crop, padded, to_bytes, to_words, window_and
 
@@ -52,7 +52,7 @@ next, until it is larger than the second."""
 
 @njit(inline="always", error_model="numpy")
 def _grown(shape, n, tables, c, lo, hi, by, size, header, work):  # type: ignore[no-untyped-def]
-    """Whether the cells in which [lo, hi], grown by size * by on both sides, can be measured lie in the set c.
+    """True if the cells in which [lo, hi], grown by size * by on both sides, can be measured lie in the set c.
 
     `work` holds 2n numbers. Written into its callers: to pass so many arrays would cost more than the look-up.
     """
@@ -202,7 +202,7 @@ def _of_inputs(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _others(index, reach, wide, wraps, seen, common, rows):  # type: ignore[no-untyped-def]
-    """What each measurement of a cell admits beyond what all of them do, into `rows`: how many measurements that is.
+    """Number of measurements of a cell; what each admits beyond what all of them do goes into `rows`.
 
     None where some measurement admits no more than that: the largest margin of the common inputs is then the cell's.
     """
@@ -319,7 +319,7 @@ class Margins:
 
 @dataclass(frozen=True, eq=False)
 class Remembered:
-    """What a controller that remembers adds: the class of the previous input, the input that acts now, or both.
+    """Memory of a controller: the class of the previous input, the input that acts now, or both.
 
     Attributes:
         winning: (cells, C) bool, sets of cells that win, each with something that is remembered there.
@@ -340,7 +340,7 @@ def shown_layers(cells: int, count: int = 6) -> Ints:
 
 
 def one_step_margins(
-    model: Model,
+    model: NominalModel,
     grid: Grid,
     inputs: Floats,
     gap: Kernel,
@@ -404,7 +404,7 @@ def _measured(grid: Grid, mask: NDArray[np.uint8], inputs: int, reach: tuple[int
     sizes = np.array(reach, np.int64), np.array(larger.cells, np.int64)
     if not any(reach):
         return (mask, *sizes, mask)
-    common = crop(window_and(to_words(mask, inputs), larger, reach), grid, larger)
+    common = crop(window_and(to_words(mask), larger, reach), grid, larger)
     return (to_bytes(common, inputs), *sizes, np.ascontiguousarray(mask))
 
 

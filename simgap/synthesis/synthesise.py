@@ -9,13 +9,15 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.gap.bounds.function import GapFunction
 from simgap.geometry import Grid
 from simgap.late import njit
+from simgap.model.sampled import NominalModel
 from simgap.specifications.base import Game, Specification
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.nominal import BoxBounds, Model, nominal_abstraction
+from simgap.synthesis.abstraction.nominal import nominal_abstraction
 from simgap.synthesis.abstraction.post import Kernel, no_gap
 from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.controller import least_effort
@@ -36,7 +38,7 @@ class EmptyDomain(UserError):
 
 
 def hopeless_dimension(
-    model: Model, grid: Grid, inputs: Floats, gap: Kernel | None, space: Space, holding: bool
+    model: NominalModel, grid: Grid, inputs: Floats, gap: Kernel | None, space: Space, holding: bool
 ) -> EmptyDomain | None:
     """A dimension in which the gap exceeds the largest step that f can make, everywhere looked at.
 
@@ -133,7 +135,7 @@ class Problem:
         layers: sizes of cells that a set to be held is found by; the answer does not depend on it.
     """
 
-    model: Model
+    model: NominalModel
     specification: Specification
     space: Space
     cells: tuple[int, ...]
@@ -163,19 +165,19 @@ class Problem:
 
     @property
     def blurred(self) -> bool:
-        """Whether the controller sees less than the present state itself."""
+        """True if the controller sees less than the present state itself."""
         return self.latency > 0 or (self.error is not None and bool(np.any(np.asarray(self.error) > 0)))
 
     @property
     def on_true_cells(self) -> bool:
-        """Whether cells are of the true state: where that costs no soundness, and the specification allows it."""
+        """True if cells are of the true state: where that costs no soundness, and the specification allows it."""
         return self.specification.on_true_cells and self.blurred
 
     def abstraction(self) -> Abstraction:
         """The abstraction of the model with its gap."""
         return self._boxes(self.gap, self.swept)
 
-    def _boxes(self, gap: Kernel | BoxBounds | None, swept: SweptCells | None) -> Abstraction:
+    def _boxes(self, gap: Kernel | GapFunction | None, swept: SweptCells | None) -> Abstraction:
         error = None if self.on_true_cells else self.error
         plain = nominal_abstraction(self.model, self.grid, self.inputs, gap, self.gap_axes, error)
         return replace(plain, swept=swept)

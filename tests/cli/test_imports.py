@@ -21,7 +21,7 @@ STAGES = {
     "lipschitz cart.yaml --grid grid --rollouts shard.parquet --out slopes.json":
         COMPILED | {"pyarrow", "scipy.special", "scipy.optimize", "scipy.sparse", "scipy.stats"},
     "scp cart.yaml --grid grid --rollouts shard.parquet --borders borders.parquet --out program.json":
-        COMPILED | {"pyarrow", "cvxpy", "scipy.special", "scipy.optimize", "scipy.sparse", "scipy.stats", "jinja2"},
+        COMPILED | {"pyarrow", "scipy.special", "scipy.sparse"},
     "synthesis cart.yaml --out nominal.npz --summary nominal.json": COMPILED,
 }  # fmt: skip
 RUN = "from simgap.cli import main\ntry: main({})\nexcept SystemExit as ended: assert not ended.code, ended.code\n"

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simgap.diagnosis.arms.base import base_parameters
-from simgap.diagnosis.arms.consistent import consistent, possible
+from simgap.diagnosis.arms.inertia import base_parameters, consistent, possible
 from simgap.errors import UserError
 from simgap.io.model_export import with_inertial
 from simgap.model.tree import forces, regressor

@@ -36,10 +36,10 @@ def test_windows_hold_every_sample_once_and_stay_within_traces():
     assert covered.tolist() == [*range(250), *range(280, 1281)]
     with pytest.raises(UserError, match=r"longest lasts 10 s"):
         split_windows(record, 100.0)
-    held = confirm_mask(record, windows, (), 0.25, 2)
+    held = confirm_mask([trace.name for trace in record.traces], windows, (), 0.25, 2)
     assert 0.15 < held.mean() < 0.4
     with pytest.raises(UserError, match="t0, t1, t2"):
-        confirm_mask(record, windows, ("elsewhere",), 0.25)
+        confirm_mask([trace.name for trace in record.traces], windows, ("elsewhere",), 0.25)
 
 
 def test_sensitivities_agree_with_the_variational_equations():

@@ -9,12 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
-from simgap.diagnosis.experiment.ask import Question, ask
-from simgap.diagnosis.experiment.bench import margins
+from simgap.diagnosis.experiment.ask import Question, as_usable, ask, halves, shortest, windows_to_come
 from simgap.diagnosis.experiment.beside import beside
-from simgap.diagnosis.experiment.lengths import as_usable, halves, shortest, windows_to_come
 from simgap.diagnosis.experiment.propose import Wave, random_wave, tried, waves
-from simgap.diagnosis.experiment.rivals import known_rivals
+from simgap.diagnosis.experiment.rivals import known_rivals, margins
 from simgap.diagnosis.experiment.words import paragraph
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.conditions import conditioned

@@ -25,7 +25,7 @@ def _still(*seconds: float) -> Record:
 
 def _names(record: Record, traces: tuple[str, ...] = (), share: float = 0.25) -> list[set[str]]:
     windows = split_windows(record, 1.0)
-    folds = split_folds(record, windows, traces, share)
+    folds = split_folds([trace.name for trace in record.traces], windows, traces, share)
     return [{record.traces[k].name for k in windows.trace[mask]} for mask in (folds.fit, folds.choose, folds.confirm)]
 
 
@@ -34,7 +34,7 @@ def _names(record: Record, traces: tuple[str, ...] = (), share: float = 0.25) ->
 def test_every_window_is_of_one_fold(seconds, block_):
     record = _still(*seconds)
     windows = split_windows(record, 1.0)
-    folds = split_folds(record, windows, (), 0.25, block_)
+    folds = split_folds([trace.name for trace in record.traces], windows, (), 0.25, block_)
     assert folds.complete
     assert (folds.fit.astype(int) + folds.choose + folds.confirm).tolist() == [1] * len(windows)
     if len(seconds) == 1 and seconds[0] == 30.0:

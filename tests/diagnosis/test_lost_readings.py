@@ -177,3 +177,12 @@ def test_rest_is_told_by_clean_readings():
     look = survey(_of(t, y), rigs.oscillator_model())
     assert look.still == ()
     assert look.channels[0].noise == pytest.approx(3e-4, rel=0.1)
+
+
+def test_a_motion_that_is_back_after_a_few_slow_readings_is_no_spike():
+    """A motor of the go1 records lifts and drops within three readings at 25 Hz, and rests else."""
+    t = np.arange(400) / 25.0
+    y = 1e-3 * np.random.default_rng(46).standard_normal(400)
+    for begin in (60, 170, 290):
+        y[begin : begin + 3] += 0.5
+    assert _repaired(_of(t, y))[1] == ()

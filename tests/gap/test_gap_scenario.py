@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -106,12 +108,10 @@ def test_products_against_stored_rows():
 
 def test_a_program_that_the_solver_gives_up_is_told_with_its_key(monkeypatch):
     """Monomials of degree 6 over a gap that they fit to rounding are one; it was a traceback of the solver."""
-    import cvxpy
+    import clarabel
 
-    def gives_up(self, **settings):
-        raise cvxpy.SolverError("Solver 'CLARABEL' failed.")
-
-    monkeypatch.setattr(cvxpy.Problem, "solve", gives_up)
+    stopped = SimpleNamespace(status=clarabel.SolverStatus.InsufficientProgress)
+    monkeypatch.setattr(clarabel, "DefaultSolver", lambda *program: SimpleNamespace(solve=lambda: stopped))
     design, d = make_design()
     target = np.abs(d[:, :, 1])
     with pytest.raises(UserError, match="too ill-conditioned") as refused:

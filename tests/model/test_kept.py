@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from simgap.cache import kernel_sources
+from simgap.cache import kernel_sources, sources
 
 SCRIPT = """
 import sys
@@ -65,6 +65,7 @@ def test_machine_code_of_another_version_of_any_kernel_is_left_aside(tmp_path: P
     before = kernel_sources(tmp_path)
     (tmp_path / "inner" / "called.py").write_text("from numba import njit  # another\n")
     kernel_sources.cache_clear()
+    sources.cache_clear()
     assert kernel_sources(tmp_path) != before
     code = "import simgap, numba; from simgap.gap.bounds import cells; print(numba.config.CACHE_DIR)"
     env = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {"XDG_CACHE_HOME": str(tmp_path)}

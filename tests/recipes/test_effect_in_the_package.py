@@ -10,6 +10,7 @@ import pytest
 from simgap import effects, plugins
 from simgap.config.load import load_case
 from simgap.config.plant import AddedEffect
+from simgap.diagnosis.simulation.past import memories
 from simgap.diagnosis.simulation.supermodel import build_supermodel
 from simgap.diagnosis.verdict.words import describe, phrase
 from simgap.plants.plant_model import PlantModel
@@ -66,6 +67,39 @@ class SlowDrive(MemoryInputEffect):
     def lag(self, values):
         """2 T."""
         return 2 * values["T"]
+'''
+
+BRISTLES = '''
+"""Friction of a brush that remembers which way it was bent."""
+
+import sympy as sp
+
+from simgap.effects.base import EffectParameter, MemoryForceEffect
+from simgap.effects.start import Start
+
+
+class SoftBristles(MemoryForceEffect):
+    """Friction that comes back with the square of how far its bristles are bent."""
+
+    name = "soft_bristles"
+    formula = "F = -F_c z |z|, dz/dt = (v - |v| z) / d"
+    source = "a test"
+    parameters = (
+        EffectParameter("F_c", "{force}", "force when sliding", null=0.0, lower=0.0),
+        EffectParameter("d", "{position}", "way to bend", null=0.05, lower=1e-6, shape=True),
+    )
+
+    def starts(self, scales):
+        """The level, over one way."""
+        return (Start(1, lambda c: {"F_c": c[0], "d": 0.02 * scales.speed}),)
+
+    def rate(self, memory, velocity, values):
+        """(v - |v| z) / d."""
+        return (velocity - sp.Abs(velocity) * memory) / values["d"]
+
+    def force(self, memory, velocity, values):
+        """-F_c z |z|."""
+        return -values["F_c"] * memory * sp.Abs(memory)
 '''
 
 
@@ -143,3 +177,20 @@ def test_an_effect_with_memory(added, vary):
     command = CommandPath.of([AddedEffect(**slow)], "u", [-1.0, 1.0], 0.0)
     assert (command.delay, command.lag) == pytest.approx((0.01, 0.02))
     assert math.isclose(command.static(0.4), 0.4)
+
+
+def test_a_force_with_memory(added):
+    """One file and one line: its own state is simulated, and begun from the motion before a window."""
+    effect = added(BRISTLES, "SoftBristles")
+    fit = build_supermodel(pendulum(), ("angle", "rate"), (effect.name,))
+    found = fit.find("soft_bristles", "hinge")
+    theta = fit.null.copy()
+    theta[list(found.slots)] = 0.2, 0.1
+    rates = fit.dynamics.derivative(np.array([0.0, 0.49, 0.5]), np.zeros(1), theta, np.array([1.0]))
+    assert rates == pytest.approx([0.49, -3.0 * 0.2 * 0.25, 2.45], rel=1e-12)
+    t, one_way = np.arange(0.0, 1.0, 0.01), np.full((100, 1), 0.3)  # bent all the way after three ways
+    z = memories(fit, theta, t, one_way, np.array([0]))
+    assert z[:, 0] == pytest.approx(1.0 - np.exp(-0.3 * t / 0.1), abs=1e-9)
+    # in models and in words
+    inserted = effect.insert(pendulum(), "hinge", {"F_c": 0.2, "d": 0.1})
+    assert inserted.state_names == ("angle", "rate", "hinge_soft_bristles")

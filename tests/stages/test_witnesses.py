@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from simgap.attack.histories import HistorySearch
+from simgap.attack.histories import search_histories
 from simgap.attack.witness import Witness
 from simgap.config.load import case_content
 from simgap.gap.bounds.body_frame import BodyFrameGap
@@ -37,7 +37,7 @@ def test_a_history_outside_gamma_is_shown_again(root, tmp_path, order):
     robot = make_simulator(context.case, context.folder)
     try:
         asked = history_question(context, robot, gap, 2)
-        found = HistorySearch(asked, 40, np.random.default_rng(1)).run(np.empty((0, 3), np.int64))
+        found = search_histories(asked, 40, np.random.default_rng(1), np.empty((0, 3), np.int64))
     finally:
         robot.close()
     late = [step for step in found.outside if len(step.history) == 2]

@@ -5,8 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from simgap.synthesis.games.erosion import BoxErosion, dilate
-from simgap.synthesis.games.reach_rows import pack_rows
+from simgap.synthesis.games.reach_rows import BoxErosion, dilate, pack_rows
 
 BOXES = np.array([(1, 1, 1, 1), (1, 3, 2, 4), (2, 3, 2, 4), (1, 6, 9, 1), (3, 5, 1, 70), (1, 3, 2, 4), (1, 1, 7, 2)])
 

@@ -161,11 +161,11 @@ def test_offsets_from_a_centre_become_whole_cells():
 @pytest.mark.parametrize("margin", [(0, 1), (1, 2), (2, 0)])
 def test_a_window_is_the_and_over_every_cell_within_the_margin_with_the_seam(periodic, margin):
     grid = Grid(Box([0.0, 0.0], [1.0, 1.0]), [5, 6], periodic)
-    values = np.random.default_rng(3).integers(0, 2**32, (30, 2), dtype=np.uint32) | np.uint32(0xF0F0F0F0)
+    values = np.random.default_rng(3).integers(0, 2**63, (30, 2), dtype=np.uint64) | np.uint64(0xF0F0F0F0F0F0F0F0)
     found = window_and(values, grid, margin)
     shaped = values.reshape(5, 6, 2)
     for a, b in itertools.product(range(5), range(6)):
-        wanted = np.full(2, 0xFFFFFFFF, np.uint32)
+        wanted = np.full(2, 2**64 - 1, np.uint64)
         for da, db in itertools.product(range(-margin[0], margin[0] + 1), range(-margin[1], margin[1] + 1)):
             k = [a + da, b + db]
             for j, cells in enumerate(grid.cells):
@@ -183,7 +183,7 @@ def test_margins_hold_the_error_and_outside_is_what_is_said():
     assert larger.cells == (14, 10)
     assert larger.box.lo == pytest.approx([-0.2, 0.0])
     assert larger.box.hi == pytest.approx([1.2, 1.0])
-    rows = embed(np.zeros((100, 1), np.uint32), grid, larger, every_input(5)).reshape(14, 10)
+    rows = embed(np.zeros((100, 1), np.uint64), grid, larger, every_input(5)).reshape(14, 10)
     assert (rows[[0, 1, 12, 13]] == 31).all()
     assert (rows[2:12] == 0).all()
 

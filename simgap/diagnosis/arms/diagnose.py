@@ -14,17 +14,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.arms.answer import Found, answer
-from simgap.diagnosis.arms.base import BaseParameters, base_parameters
-from simgap.diagnosis.arms.consistent import Consistent, consistent
-from simgap.diagnosis.arms.fit import correlation_rows, solve, spread, standard_errors
-from simgap.diagnosis.arms.folds import folds_of, together
+from simgap.diagnosis.arms.answer import ArmDiagnosis, Found, answer
+from simgap.diagnosis.arms.fit import admissible, choose, correlation_rows, solve, spread, standard_errors
 from simgap.diagnosis.arms.gains import SAID, gains, lone_gains, open_gains, scaled
+from simgap.diagnosis.arms.inertia import BaseParameters, Consistent, base_parameters, consistent
 from simgap.diagnosis.arms.motion import Columns, motions, rest_speeds
-from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part, Payload, keys_of, part_of
-from simgap.diagnosis.arms.result import ArmDiagnosis
-from simgap.diagnosis.arms.select import admissible, choose
-from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part, Payload, folds_of, keys_of, part_of
 from simgap.diagnosis.arms.torque_columns import faulty_columns, without
 from simgap.diagnosis.record.noise import noise_floor
 from simgap.diagnosis.record.record import Record, Trace
@@ -73,7 +68,7 @@ def diagnose_arm(
     folds = folds_of(part, names, settings.held_out_traces, settings.held_out_share, settings.payloads)
     shared = [k for k, key in enumerate(keys) if key.effect in (INERTIAL, PAYLOAD)]
     weighed = any(p.mass is not None for p in settings.payloads)
-    faults, silent, said = faulty_columns(together(folds.fit, folds.choose), len(base.kept), inputs)
+    faults, silent, said = faulty_columns(folds.fit.beside(folds.choose), len(base.kept), inputs)
     folds = replace(folds, fit=without(folds.fit, silent), choose=without(folds.choose, silent))
     fit, judge = folds.fit, folds.choose
     weights, correlated = _weights(fit, len(keys))
@@ -94,15 +89,15 @@ def diagnose_arm(
         else:  # other bodies beside the gains: nothing tells the one from the other
             g = None
     assert chosen is not None
-    active, theta, errors = _settled(keys, together(fit, judge), weights, chosen.active)
-    known, drives = together(folds.fit, folds.choose), None
+    active, theta, errors = _settled(keys, fit.beside(judge), weights, chosen.active)
+    known, drives = folds.fit.beside(folds.choose), None
     if g is not None:
         among = [j for j in range(tree.size) if weighed or g[j] != 1.0]
         drives = gains(known, active, [k for k in active if k in shared], theta, weights, correlated, among)
         if drives is None and without_gains[0] is not None:  # what was chosen beside them goes with them
             chosen, fit, judge, weights, correlated = without_gains
             assert chosen is not None
-            active, theta, errors = _settled(keys, together(fit, judge), weights, chosen.active)
+            active, theta, errors = _settled(keys, fit.beside(judge), weights, chosen.active)
     if drives is not None:
         known = scaled(known, drives.g, shared)
         said = said if weighed else (*said, SAID)

@@ -18,10 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.arms.fit import Solution, solve, standard_errors
-from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, Key, Part
-from simgap.diagnosis.arms.select import forward
-from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.arms.fit import Solution, forward, solve, standard_errors
+from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part
 from simgap.diagnosis.thresholds import BIC_GAIN, MOST
 
 GAIN = "input_gain"
@@ -127,11 +125,7 @@ def _settled(
     for _ in range(_ROUNDS):
         rows = _linearised(part, g, at, shared, own)
         gram, right = rows.grams(weights)
-        block = gram[np.ix_(free, free)]
-        scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
-        inverse = np.linalg.pinv(block / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-        step = np.zeros(n + size)
-        step[free] = inverse @ (right[free] / scale) / scale
+        step = solve(gram, right, free, n + size).theta
         g, at = g + step[:n], at + step[n:]
         if not np.all(g > 0.0):
             return None

@@ -1,18 +1,54 @@
-"""The linear problem behind an arm's diagnosis: rows of measured torque, columns of what may be missing."""
+"""The linear problem behind an arm's diagnosis: rows of measured torque, columns of what may be missing.
+
+What a joint may lack is the torque that a measured motion takes beyond the rigid bodies, for a parameter of 1; names
+and symbols are those of the library of effects, which has formula, source and limits.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.arms.base import BaseParameters, independent
+from simgap.diagnosis.arms.inertia import BaseParameters, independent
 from simgap.diagnosis.arms.motion import Motion
-from simgap.diagnosis.arms.terms import TERMS
-from simgap.diagnosis.thresholds import MATTERS
+from simgap.diagnosis.record.folds import Windows, split_folds
+from simgap.diagnosis.thresholds import MATTERS, SEVERAL_TRACES
+from simgap.errors import UserError
 from simgap.model.tree import PARAMETERS, Tree, regressor
+
+Column = Callable[[Floats, Floats, Floats], Floats]
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect with one number that enters linearly.
+
+    Attributes:
+        effect, symbol: as in the library; of_input: whether it is on the joint's input, else on the joint.
+        column: (velocity, direction, acceleration), (N,) each -> (N,) torque for a parameter of 1; direction is the
+            sign of the velocity, and between -1 and 1 at rest.
+    """
+
+    effect: str
+    symbol: str
+    of_input: bool
+    column: Column
+
+
+TERMS: Mapping[str, Term] = {
+    t.effect: t
+    for t in (
+        Term("viscous_friction", "b", False, lambda v, way, a: v),
+        Term("coulomb_friction", "F_c", False, lambda v, way, a: way),
+        Term("quadratic_drag", "c", False, lambda v, way, a: v * np.abs(v)),
+        Term("reflected_inertia", "I", False, lambda v, way, a: a),
+        Term("input_bias", "bias", True, lambda v, way, a: -np.ones_like(v)),
+    )
+}
+
 
 INERTIAL, PAYLOAD = "inertial_parameters", "payload"
 
@@ -51,6 +87,14 @@ class Part:
     trace: Ints
     t: Floats
     torque: Floats
+
+    def of(self, rows: Ints) -> Part:
+        """Some of the rows."""
+        return Part(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def beside(self, other: Part) -> Part:
+        """The rows of both."""
+        return Part(*(np.concatenate([getattr(p, f.name) for p in (self, other)]) for f in fields(self)))
 
     def grams(self, weights: Floats) -> tuple[Floats, Floats]:
         """(p, p) and (p,): X'WX and X'Wy, joints weighted."""
@@ -129,3 +173,53 @@ def _payloads(
         if on_board and p.mass is not None:
             weight = weight + p.mass * whole[:, :, first]
     return weight, columns
+
+
+@dataclass(frozen=True, eq=False)
+class ArmFolds:
+    """Parts of each fold, and the traces that each is made of."""
+
+    fit: Part
+    choose: Part
+    confirm: Part
+    traces: dict[str, tuple[str, ...]]
+
+
+def folds_of(
+    part: Part, names: Sequence[str], held: Sequence[str], share: float, payloads: Sequence[Payload] = ()
+) -> ArmFolds:  # fmt: skip
+    """Cut rows into fit, choose and confirm, as `split_folds` cuts windows: traces, or eighths of fewer than three.
+
+    Args:
+        part: all rows; names: of the traces that `part.trace` counts.
+        held: traces that confirm; if empty, the last `share` of them.
+        payloads: of each the first trace that is not held out is fitted to, as nothing else says what it is.
+
+    Raises:
+        UserError: nothing would be left to fit to, or nothing of a payload.
+    """
+    needed = {next((n for n in names if n in p.traces and n not in held), None) for p in payloads}
+    order = sorted(range(len(names)), key=lambda k: names[k] not in needed)
+    pieces = 1 if held or len(names) >= SEVERAL_TRACES else 8
+    rows = [block for k in order for block in np.array_split(np.flatnonzero(part.trace == k), pieces)]
+    sizes, own = np.array([len(block) for block in rows]), np.repeat(np.arange(len(order)), pieces)
+    begins = np.cumsum(sizes) - sizes
+    windows = Windows(begins, begins + sizes, begins[own * pieces], own)
+    folds = split_folds([names[k] for k in order], windows, held, share)
+    if not folds.complete:
+        raise UserError(
+            "the traces are too few for the three folds fit, choose and confirm", key="measured.held_out",
+            remedy="Record more traces, or hold out fewer.",
+        )  # fmt: skip
+    parts, traces = {}, {}
+    for f in fields(folds):
+        mask = getattr(folds, f.name)
+        parts[f.name] = part.of(np.sort(np.concatenate([rows[i] for i in np.flatnonzero(mask)])))
+        traces[f.name] = tuple(n for k, n in enumerate(names) if order.index(k) in own[mask])
+    for p in payloads:
+        if not set(p.traces) & set(traces["fit"]):
+            raise UserError(
+                f"nothing that is fitted to carries the payload of '{p.link}'", key="measured.held_out",
+                remedy="Record more traces, or hold out other files.",
+            )  # fmt: skip
+    return ArmFolds(**parts, traces=traces)

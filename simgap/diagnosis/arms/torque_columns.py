@@ -12,9 +12,9 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.arms.fit import correlation_rows, solve, standard_errors
-from simgap.diagnosis.arms.problem import Part
-from simgap.diagnosis.arms.terms import TERMS
+from simgap.diagnosis.arms.problem import TERMS, Part
 from simgap.diagnosis.arms.thresholds import CONSTANT, OTHER_SCALE
+from simgap.diagnosis.record.faults.columns import ConstantColumn, SwappedColumns, WrongSign
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.thresholds import MATTERS, MOST
 
@@ -62,7 +62,8 @@ def faulty_columns(
     for j in range(n):
         size = float(np.std(part.torque[:, j]))
         if size <= CONSTANT * float(np.std(declared[:, j])):
-            faults.append(_constant(inputs[j], float(np.mean(part.torque[:, j]))))
+            sentence = f"The column of {inputs[j]} does not change while the arm moves. {_TAKEN_OUT}"
+            faults.append(ConstantColumn().told(inputs[j], float(np.mean(part.torque[:, j])), sentence))
             out.add(j)
     own = {j: _line(part, first, j, j) for j in range(n) if j not in out}
     for j in sorted(own):
@@ -76,7 +77,8 @@ def faulty_columns(
     for j in sorted(set(own) - out):
         pushes = any(value > 1.96 * error for value, error in own[j].friction)
         if own[j].tells and own[j].slope + 1.96 * own[j].error < 0.0 and not pushes:
-            faults.append(_reversed(inputs[j], own[j].slope))
+            sentence = f"The column of {inputs[j]} has the other sign. {_TAKEN_OUT}"
+            faults.append(WrongSign().told(inputs[j], own[j].slope, sentence))
             out.add(j)
     said = tuple(_scaled(inputs[j], own[j].slope) for j in sorted(set(own) - out) if own[j].is_scaled)
     return tuple(faults), tuple(sorted(out)), said
@@ -128,13 +130,6 @@ def _left(rows: Part, theta: Floats) -> float:
     return float(np.sqrt((left**2).sum() / max(float(rows.live.sum()), 1.0)))
 
 
-def _constant(name: str, value: float) -> RecordingFault:
-    return RecordingFault(
-        "constant", name, value, "", f"The column of {name} does not change while the arm moves. {_TAKEN_OUT}",
-        f"Log the torque of {name}, or map its column with measured.columns.{name}.column.",
-    )  # fmt: skip
-
-
 def _scaled(name: str, slope: float) -> str:
     return (
         f"Friction beside, {name} is {slope:.3g} times what the declared arm asks for: look for a unit, a drive gain "
@@ -143,20 +138,7 @@ def _scaled(name: str, slope: float) -> str:
 
 
 def _swapped(first: str, second: str, both: bool) -> RecordingFault:
-    what = (
-        f"The columns of {first} and {second} stand in each other's place."
-        if both
-        else f"The column of {first} follows what {second} would be far better than its own."
-    )
-    return RecordingFault(
-        "swapped_columns", f"{first}, {second}", None, "",
-        f"{what} {_TAKEN_OUT}",
-        f"Map them with measured.columns.{first}.column and measured.columns.{second}.column.",
-    )  # fmt: skip
-
-
-def _reversed(name: str, slope: float) -> RecordingFault:
-    return RecordingFault(
-        "wrong_sign", name, slope, "1", f"The column of {name} has the other sign. {_TAKEN_OUT}",
-        f"Give measured.columns.{name}.scale: -1, or turn its wire.",
-    )  # fmt: skip
+    what = f"The column of {first} follows what {second} would be far better than its own."
+    if both:
+        what = f"The columns of {first} and {second} stand in each other's place."
+    return SwappedColumns().of(first, second, f"{what} {_TAKEN_OUT}")

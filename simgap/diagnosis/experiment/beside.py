@@ -16,8 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.experiment.bench import Bench
-from simgap.diagnosis.experiment.rivals import Explained, Known, members, translated
+from simgap.diagnosis.experiment.rivals import Bench, Explained, Known, margin, members, translated
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings
@@ -27,7 +26,6 @@ from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import SuperModel
-from simgap.diagnosis.thresholds import BIC_GAIN
 from simgap.distributions import norm
 from simgap.model.symbolic import SymbolicModel
 
@@ -84,17 +82,9 @@ class Beside:
         counts = np.array([len(c) for c in self.columns], dtype=np.float64)
         more = counts[:, None] - np.append(counts, 0.0)[None, :]
         log = math.log(max(self.size + bench.compared, 2))
-        each = [_sure(s**2 * d, more, log) for s in SIZES]
+        own = ~np.isfinite(d)  # an effect is not its own rival
+        each = [np.where(own, 1.0, norm.cdf(margin(np.where(own, 1.0, s**2 * d), more, log))) for s in SIZES]
         return np.asarray(np.mean(each, axis=0))
-
-
-def _sure(d: Floats, more: Floats, log: float) -> Floats:
-    """Probability that BIC tells them, as `margins` has it; 1 where D is infinite: an effect is not its own rival."""
-    z = np.full_like(d, np.inf)
-    other = np.isfinite(d)
-    left, more = d[other], more[other]
-    z[other] = (left - BIC_GAIN - more * log) / np.sqrt(4.0 * left + 2.0 * np.maximum(np.abs(more), 1.0))
-    return np.asarray(norm.cdf(z))
 
 
 def beside(

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Bools, Floats
-from simgap.diagnosis.experiment.bench import Bench, Rival, margins
 from simgap.diagnosis.experiment.beside import Beside
+from simgap.diagnosis.experiment.rivals import Bench, Rival, margins
+from simgap.diagnosis.search.fit import fit
 from simgap.distributions import norm
 from simgap.excitation import multisine
 
@@ -295,3 +296,16 @@ def _shapes(t: Floats, rng: np.random.Generator) -> Iterator[tuple[str, Floats]]
     decay = np.exp(-3.0 * since / span)
     yield "a multisine that fades", decay * multisine(t, 1.0, 0.2, min(3.0, max(top, 0.3)), rng)
     yield "a multisine that grows", decay[::-1] * multisine(t, 1.0, 0.2, min(3.0, max(top, 0.3)), rng)
+
+
+def missed(bench: Bench, best: Try, rivals: Sequence[Rival], right: int, wrong: int) -> Floats:
+    """What a wrong explanation would miss of a recording, fitted to it in full and not linearised.
+
+    Residuals over the noise, (n, k), of the wrong one on the recording to come alone, if the right one is right.
+    """
+    problem, x0 = bench.recorded(best.states[right], best.readings[right], best.u, whole=True)
+    other = rivals[wrong]
+    ends = fit(problem, other.theta, x0, other.slots, dict(zip(other.slots, other.steps, strict=True)))
+    left = np.full_like(best.readings[right], np.nan)
+    left[problem.samples] = problem.residuals(ends.theta, ends.x0) / np.sqrt(bench.excess)
+    return left

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Floats, Ints
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, placed
 from simgap.units import conversion, full_turn
 
 
@@ -170,11 +170,8 @@ def convert(table: RawTable, channels: Sequence[Channel]) -> Converted:
 
 
 def _affine(unit: str, c: Channel, file: str) -> tuple[float, float]:
-    try:
+    with placed(file=file, key=f"{c.key}.unit" if c.column_unit else f"column '{c.column}'"):
         change = conversion(unit, c.unit)
-    except UserError as error:
-        key = f"{c.key}.unit" if c.column_unit else f"column '{c.column}'"
-        raise UserError(error.problem, file=file, key=key, remedy=error.remedy) from None
     return change.factor, change.shift
 
 

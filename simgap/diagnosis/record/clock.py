@@ -10,7 +10,7 @@ import numpy as np
 from simgap.arrays import Bools, Floats, Ints
 from simgap.diagnosis.record.channels import RawTable, unwrap
 from simgap.diagnosis.thresholds import MIN_SAMPLES
-from simgap.errors import UserError
+from simgap.errors import UserError, placed
 from simgap.units import conversion
 
 _EPOCH_S = 1.0e6  # stamps that start later than this many seconds are counted from their first
@@ -49,12 +49,8 @@ def seconds(table: RawTable, unit: str | None) -> tuple[Floats, float]:
     Raises:
         UserError: if the unit is not one of time.
     """
-    try:
+    with placed(file=table.file, key="measured.time.unit", remedy="Use s, ms, us or ns."):
         factor = conversion(unit or table.time_unit or "s", "s").factor
-    except UserError as error:
-        raise UserError(
-            error.problem, file=table.file, key="measured.time.unit", remedy="Use s, ms, us or ns."
-        ) from None
     first = table.time[0]
     start = float(first) * factor
     relative = (table.time - first).astype(np.float64) * factor  # exact for integer stamps since an epoch

@@ -8,6 +8,7 @@ Friedman (2009), The Elements of Statistical Learning, sec. 7.2.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -88,8 +89,7 @@ def split_windows(record: Record, seconds: float) -> Windows:
             f"no trace is as long as a window of {seconds:g} s (the longest lasts {longest:.3g} s)",
             remedy="Give longer traces or set measured.window_s to less.",
         )
-    table = np.array(rows, dtype=np.int64)
-    return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
+    return Windows(*np.ascontiguousarray(np.array(rows, dtype=np.int64).T))
 
 
 Span = tuple[int, float, float]
@@ -112,8 +112,7 @@ def left_out(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
         rows += [row for row in parts if row[1] - row[0] >= MIN_SAMPLES]
     if not rows:
         return windows
-    table = np.array(rows, dtype=np.int64)
-    return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
+    return Windows(*np.ascontiguousarray(np.array(rows, dtype=np.int64).T))
 
 
 def joined(windows: Windows) -> Windows:
@@ -173,7 +172,13 @@ def cut_in_folds(
     length = seconds
     while True:
         windows = split_windows(record, length)
-        folds = split_folds(record, windows, traces, share, max(1, int(np.ceil(ahead_s / length - 1e-9))))
+        folds = split_folds(
+            [trace.name for trace in record.traces],
+            windows,
+            traces,
+            share,
+            max(1, int(np.ceil(ahead_s / length - 1e-9))),
+        )
         if folds.complete:
             return windows, folds, length
         if windows.samples < 2 * MIN_SAMPLES * len(windows):
@@ -185,13 +190,13 @@ def cut_in_folds(
         length /= 2
 
 
-def split_folds(record: Record, windows: Windows, traces: tuple[str, ...], share: float, block: int = 1) -> Folds:
-    """Which windows fit, choose and confirm.
+def split_folds(names: Sequence[str], windows: Windows, traces: Sequence[str], share: float, block: int = 1) -> Folds:
+    """Which windows fit, choose and confirm; names: of the traces.
 
     Traces stay whole where there are several: among what does not confirm, the last ones choose. Else blocks of `block`
     neighbouring windows choose, midway between those that confirm. A fold may be empty where there is too little.
     """
-    confirm = confirm_mask(record, windows, traces, share, block)
+    confirm = confirm_mask(names, windows, traces, share, block)
     rest = np.unique(windows.trace[~confirm])
     whole = not np.isin(windows.trace[confirm], rest).any()
     if whole and len(rest) > 1:
@@ -205,7 +210,7 @@ def _part(share: float, count: int) -> int:
     return max(1, round(share * count))
 
 
-def confirm_mask(record: Record, windows: Windows, traces: tuple[str, ...], share: float, block: int = 1) -> Bools:
+def confirm_mask(names: Sequence[str], windows: Windows, traces: Sequence[str], share: float, block: int = 1) -> Bools:
     """Which windows nothing sees before the end: (w,).
 
     Whole traces where they are named; else whole traces at the end of the record if there are `SEVERAL_TRACES`; else
@@ -217,7 +222,6 @@ def confirm_mask(record: Record, windows: Windows, traces: tuple[str, ...], shar
     present = np.unique(windows.trace)
     held = np.zeros(len(windows), dtype=bool)
     if traces:
-        names = [trace.name for trace in record.traces]
         held = np.array([names[k] in traces for k in windows.trace], dtype=bool)
         if held.all() or not held.any():
             word = "leaves nothing to fit" if held.all() else "names no trace that is as long as a window"

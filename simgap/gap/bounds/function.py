@@ -33,7 +33,7 @@ _ROUNDING = 2.0**-49
 
 @njit(cache=True, error_model="numpy")
 def crosses(xlo, xhi, lo, hi, axes):  # type: ignore[no-untyped-def]
-    """Whether a proper box leaves X along a periodic axis; one with an end that is no number is left alone."""
+    """True if a proper box leaves X along a periodic axis; one with an end that is no number is left alone."""
     found = False
     for j in axes:
         found = found or (xlo[j] <= xhi[j] and (xlo[j] < lo[j] or xhi[j] > hi[j]))
@@ -118,7 +118,7 @@ Kernel = Callable[[Floats, Floats, Floats, Floats, Floats], None]
 
 @dataclass(frozen=True, eq=False)
 class GapDomain:
-    """Where a gap function holds: states X and the finite input set U.
+    """Domain of a gap function: states X and the finite input set U.
 
     Attributes:
         states, inputs: names; box: X; input_set: (M, nu).
@@ -146,7 +146,7 @@ class GapDomain:
         return lo, hi
 
     def outside(self, xlo: Floats, xhi: Floats) -> Bools:
-        """Which boxes are not inside X, repeated along periodic axes: (n, nx), (n, nx) -> (n,)."""
+        """Flags of boxes not inside X, repeated along periodic axes: (n, nx), (n, nx) -> (n,)."""
         lo, hi = self.limits()
         lo[list(self.wrapping)], hi[list(self.wrapping)] = -np.inf, np.inf
         return np.any(~((xlo >= lo) & (xhi <= hi)), axis=1)
@@ -230,7 +230,7 @@ class GapFunction(ABC):
 
     @abstractmethod
     def _content(self) -> dict[str, Any]:
-        """What `to_json` adds to domain and tiers; holds `kind`."""
+        """Entries that `to_json` adds to domain and tiers; holds `kind`."""
 
     def box_bounds(self, xlo: ArrayLike, xhi: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats]:
         """Infimum of lo and supremum of hi over boxes: (n, nx), (n, nx), (n, nu) -> (n, nx), (n, nx).

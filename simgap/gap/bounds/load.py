@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,14 +111,11 @@ def _check_body_frame(gap: BodyFrameGap) -> None:
     )
 
 
-class Kind(Protocol):
-    """What a kind of bound offers to be read back."""
-
-    def from_content(self, data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> GapFunction:
-        """The inverse of `GapFunction.to_json`, domain and tiers read already."""
-
-
-KINDS: Mapping[str, Kind] = {"linear": LinearGap, "cells": CellGap, "body_frame": BodyFrameGap}
+KINDS: Mapping[str, type[LinearGap] | type[CellGap] | type[BodyFrameGap]] = {
+    "linear": LinearGap,
+    "cells": CellGap,
+    "body_frame": BodyFrameGap,
+}
 
 
 def from_json(data: Any) -> GapFunction:

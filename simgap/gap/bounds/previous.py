@@ -30,7 +30,7 @@ class PreviousClasses(JsonRecord, names={"kind": "of_input", "rest": "at_rest"})
 
     @property
     def count(self) -> int:
-        """How many classes there are."""
+        """Number of classes."""
         return int(self.kind.max()) + 1
 
     def after(self, previous: Ints) -> Ints:

@@ -1,4 +1,4 @@
-"""What a gap bound rests on: the guarantee tiers that are printed wherever gamma is.
+"""The guarantee tiers of a gap bound: the statements it rests on, printed wherever gamma is.
 
 1. deterministic: holds everywhere, given the Lipschitz constants it was padded with;
 2. estimate: which of these constants are estimates, how they were obtained and how far they can be trusted;
@@ -32,7 +32,7 @@ PROVEN = Tier(
 
 
 class Slopes(Protocol):
-    """What is known about the slopes of one dimension."""
+    """Slopes of one dimension."""
 
     @property
     def constants(self) -> Floats:
@@ -40,13 +40,13 @@ class Slopes(Protocol):
 
     @property
     def proven(self) -> bool:
-        """Whether they are bounds and no estimates."""
+        """True if they are bounds and no estimates."""
 
 
 def guarantee(
     padding: str, states: Sequence[str], slopes: Sequence[Slopes], rough: Sequence[float], extra: str = ""
 ) -> tuple[Tier, ...]:
-    """What a padded bound rests on; `rough` is each state's share of cells with a jump that a sample stands in for."""
+    """Tiers of a padded bound; `rough` is each state's share of cells with a jump that a sample stands in for."""
     if all(known.proven for known in slopes):
         return (PROVEN,)
     return deterministic_tier(padding), estimate_tier(states, [known.constants for known in slopes], rough, extra)
@@ -80,7 +80,7 @@ def estimate_tier(states: Sequence[str], lipschitz: Sequence[Floats], rough: Seq
 
 
 def directed_words(states: Sequence[str], count: int, factors: Sequence[float]) -> str:
-    """What the samples on borders and beside switching surfaces showed; empty without them."""
+    """Sentence on the samples on borders and beside switching surfaces; empty without them."""
     if not count:
         return ""
     table = ", ".join(f"{factor:.2g} for {s}" for s, factor in zip(states, factors, strict=True))

@@ -323,7 +323,7 @@ def remedy(where: SampleGrid, settings: GapSettings, found: GridLipschitz, share
 
 
 def _finer(where: SampleGrid, found: GridLipschitz) -> str:
-    """Where samples are missing: along which states, and how many cells there are now."""
+    """Advice for a finer grid: along which states, and how many cells there are now."""
     coarse = [(s, n) for s, n, r in zip(where.states, where.grid.cells, found.ratio, strict=True) if r > GATE]
     along = ", ".join(f"{name} (now {count})" for name, count in coarse)
     return (

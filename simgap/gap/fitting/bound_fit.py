@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -26,14 +26,12 @@ from simgap.gap.thresholds import GATE
 DimensionFit = LinearFit | BlockFit | NodeFit | CentreFit
 
 
-class Kind(Protocol):
-    """What a kind of fit offers to be read back."""
-
-    def from_json(self, data: Mapping[str, Any]) -> DimensionFit:
-        """The inverse of its `to_json`."""
-
-
-FITS: Mapping[str, Kind] = {"linear": LinearFit, "blocks": BlockFit, "envelope": NodeFit, "centre": CentreFit}
+FITS: Mapping[str, type[DimensionFit]] = {
+    "linear": LinearFit,
+    "blocks": BlockFit,
+    "envelope": NodeFit,
+    "centre": CentreFit,
+}
 
 
 def fit_dimension(samples: DimensionSamples, settings: GapSettings) -> DimensionFit:
@@ -58,7 +56,7 @@ def fit_from_json(data: Mapping[str, Any]) -> DimensionFit:
 
 @dataclass(frozen=True, eq=False)
 class DimensionReport:
-    """What is known about one dimension.
+    """Bound, slopes and programs of one dimension.
 
     Attributes:
         sup: suprema over X x U. ratio: sup.size / largest sampled |d|.

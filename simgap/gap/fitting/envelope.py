@@ -91,7 +91,7 @@ def _raised(
 
 
 def _kept(where: SampleGrid, settings: GapSettings) -> list[Ints]:
-    """Which samples along each axis are nodes: every k-th one where the table would exceed `envelope_nodes` numbers."""
+    """The samples along each axis that are nodes: every k-th one where a table would exceed `envelope_nodes`."""
     cells, size, stride = where.grid.cells, len(where.inputs) * len(where.states), 1
     while np.prod([-(-c // stride) for c in cells]) * size > settings.envelope_nodes and stride < max(cells):
         stride += 1

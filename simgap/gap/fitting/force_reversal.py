@@ -1,4 +1,4 @@
-"""What an engine's steps leave open of when a force turns round: a staircase that no affordable grid sees.
+"""Staircase in the gap where an engine reverses a force once a step: narrower than a cell, so it is measured on lines.
 
 Dry friction that an engine applies once a step changes its sign at the end of a step and not within it. As the state
 goes on smoothly, the number of steps with the one sign goes down by whole steps, and the gap jumps by about
@@ -38,7 +38,7 @@ _STATES = 4096
 
 
 def engine_grain(context: Context) -> Floats | None:
-    """By how much steps blur the gap, (nx,); None where nothing is known to turn round with a speed.
+    """Height of a stair, (nx,); None where no force is known to turn round with a speed.
 
     Raises:
         UserError: whatever the engine refuses.
@@ -87,7 +87,7 @@ def stair(gap: Floats, speed: Floats) -> Floats:
 
 
 def kick(context: Context) -> Floats:
-    """What the rates jump by where a declared force turns round with a speed, times a step of the engine: (nx,)."""
+    """Jump of the rates where a declared force turns round with a speed, times a step of the engine: (nx,)."""
     section, box = context.case.simulator, context.box
     if section is None or section.substeps == 1:  # then the start of the step alone decides, but for what is measured
         return np.zeros(box.size)
@@ -124,7 +124,7 @@ def _rates(model: SymbolicModel, x: Floats, u: Floats) -> Floats:
 
 
 def grain_tier(context: Context, grain: Floats) -> Tier:
-    """What is said of it."""
+    """The stair that was added to the bound, as a statement of its guarantee."""
     added = ", ".join(f"{size:.2g} for {name}" for name, size in zip(context.states, grain, strict=True))
     return Tier(
         2,

@@ -38,7 +38,7 @@ from simgap.geometry import Grid
 
 @dataclass(frozen=True, eq=False)
 class SideFit:
-    """What the scenario program of one side gave, before rounding and before a padding that is no part of it.
+    """Result of the scenario program of one side, before rounding and before a padding that is no part of it.
 
     Attributes:
         scenario: the last program.
@@ -133,7 +133,7 @@ _PASSES = 5
 
 @dataclass(frozen=True, eq=False)
 class SideProblem:
-    """What one side needs: targets [(N, M), ...] that q.p must cover, and where they were sampled.
+    """The problem of one side: targets [(N, M), ...] that q.p must cover, and where they were sampled.
 
     `directed` are samples beside the grid, with their own targets [(E, M), ...] in the same order; `room` is where
     paddings are kept.
@@ -234,7 +234,7 @@ def _solved(problem: SideProblem, settings: GapSettings) -> SideFit:
 
 
 def _shortfall(problem: SideProblem, directed: Directed, settings: GapSettings, fit: SideFit) -> tuple[float, float]:
-    """What the bound of the grid lacks at the samples beside it, and how they compare with what padded their cells.
+    """Shortfall of the grid's bound at the samples beside it, and their rise over the padding of their cells.
 
     The second number: the largest rise of the residual from the centre of a cell to such a sample, over what the slopes
     allow across the surface (1 or less: they said the truth).

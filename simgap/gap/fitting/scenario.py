@@ -6,16 +6,14 @@ The target is |d_i| for the paper's unsigned bound, d_i or -d_i for one side of 
 added where it is part of the constraint. `lexicographic` then minimises the mean of q.p subject to
 `q.p <= eta* + slack * max|target|`, because any q with the same largest value is optimal for the first program.
 
-A working set of rows is solved with CVXPY and Clarabel; all rows are scanned for the most violated ones, which join
-the working set, until none is violated by more than the tolerance. Any working set gives a lower bound of the optimum,
-so optimum <= true optimum <= optimum + worst violation.
+A working set of rows is solved with Clarabel; all rows are scanned for the most violated ones, which join the working
+set, until none is violated by more than the tolerance. Any working set gives a lower bound of the optimum, so
+optimum <= true optimum <= optimum + worst violation.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -26,6 +24,7 @@ from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.gap.fitting.design import Design
 from simgap.gap.sampling.values import Combined, Rows, Values, values
+from simgap.late import scipy
 
 _ADD = 96  # rows that join in a round, from each kind
 _ROUNDS = 60
@@ -85,7 +84,7 @@ class _Scaled:
             wanted, fitted = target.rows(*block), product.rows(*block)
             level, largest = max(level, float(np.abs(wanted).max())), max(largest, float(np.abs(fitted).max()))
             residual = max(residual, float(np.abs(wanted - fitted).max()))
-        unit = max(residual, 1e-7 * level) or 1.0
+        unit = max(residual, 1e-7 * level) or np.finfo(np.float64).eps  # zeros are fitted to rounding
         reach = 4.0 * (3.0 * level + largest + unit) / unit
         return _Scaled(design, start, target, unit, reach, level)
 
@@ -165,8 +164,6 @@ def _generate(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[float, Fl
 
 def _solve_working_set(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[Floats, float]:
     """One small linear program in y (and eta): -> y, eta (the cap, when that is given)."""
-    import cvxpy as cp
-
     design, unit = scaled.design, scaled.unit
     p = design.rows(rows)
     m = design.shape[1]
@@ -175,36 +172,46 @@ def _solve_working_set(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[
         p @ scaled.start,
         scaled.target.take(rows // m)[np.arange(len(rows)), rows % m],
     )
-    y = cp.Variable(a.shape[1])
-    cover = a @ y >= (target - base) / unit
-    box = cp.norm_inf(y) <= scaled.reach
     origin = float(base.max())  # eta is measured from here, so that the numbers stay of one size
-    eta = cp.Variable()
-    top = eta if cap is None else (cap - origin) / unit
-    capped = a @ y <= (origin - base) / unit + top
-    goal = eta if cap is None else (design.mean @ design.whitening) @ y
-    problem = cp.Problem(cp.Minimize(goal), [cover, capped, box])
-    accuracy = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
-    with warnings.catch_warnings():
-        # "may be inaccurate" is no news here: every row is scanned afterwards, whatever the solver says of itself
-        warnings.simplefilter("ignore", UserWarning)
-        for settings in (accuracy, {}):  # what fails to that accuracy may not to the solver's own
-            with suppress(cp.SolverError):
-                problem.solve(solver=cp.CLARABEL, **settings)
-                break
-        else:
+    reach, above = np.full(2 * a.shape[1], scaled.reach), (origin - base) / unit
+    left, goal = np.concatenate([-a, a, np.eye(a.shape[1]), -np.eye(a.shape[1])]), design.mean @ design.whitening
+    if cap is None:  # eta is the last variable
+        left = np.column_stack([left, np.repeat([0.0, -1.0, 0.0], [len(a), len(a), len(reach)])])
+        goal = np.eye(left.shape[1])[-1]
+    else:
+        above = above + (cap - origin) / unit
+    found = _linear_program(goal, left, np.concatenate([(base - target) / unit, above, reach]))
+    return (found[:-1], origin + unit * float(found[-1])) if cap is None else (found, cap)
+
+
+def _linear_program(goal: Floats, left: Floats, right: Floats) -> Floats:
+    """The z (n,) for which goal (n,) . z is least under left (m, n) @ z <= right (m,), by Clarabel's interior points.
+
+    Raises:
+        UserError: a program without a solution, or one that the solver gives up.
+    """
+    import clarabel
+
+    constraints, cones = scipy.sparse.csc_matrix(left), [clarabel.NonnegativeConeT(len(right))]
+    quadratic, status = scipy.sparse.csc_matrix((len(goal), len(goal))), clarabel.SolverStatus
+    for accuracy in (1e-10, None):  # what fails to that accuracy may not to the solver's own
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        if accuracy is not None:
+            settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
+        solution = clarabel.DefaultSolver(quadratic, goal, constraints, right, cones, settings).solve()
+        # that it may be inaccurate is no news: every row is scanned afterwards, whatever the solver says of itself
+        if solution.status in (status.Solved, status.AlmostSolved):
+            return np.asarray(solution.x)
+        if solution.status in (status.PrimalInfeasible, status.AlmostPrimalInfeasible):
             raise UserError(
-                f"the program of {a.shape[1]} terms is too ill-conditioned to be solved",
-                key="gap.basis",
-                remedy="Use fewer terms, such as a lower degree.",
-            )
-    if y.value is None:
-        raise UserError(
-            f"no combination of the terms covers the samples ({problem.status})",
-            key="gap.basis",
-            remedy="Add the constant 1 to the basis.",
-        )
-    return np.asarray(y.value), origin + unit * float(eta.value) if cap is None else cap
+                f"no combination of the terms covers the samples ({solution.status})",
+                key="gap.basis", remedy="Add the constant 1 to the basis.",
+            )  # fmt: skip
+    raise UserError(
+        f"a program of {len(goal)} unknowns is too ill-conditioned to be solved",
+        key="gap.basis", remedy="Use fewer terms, such as a lower degree.",
+    )  # fmt: skip
 
 
 class Most:
@@ -258,7 +265,7 @@ class Worst:
 
 @dataclass(frozen=True)
 class Scan:
-    """By how much rows fall short of their targets, and by how much they exceed eta."""
+    """Shortfall of rows below their targets, and their excess over eta."""
 
     short: Worst
     over: Worst

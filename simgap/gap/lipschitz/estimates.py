@@ -111,7 +111,7 @@ _REACH = 3  # cells: pairs lie within this many cells of each other along every 
 
 
 def dimension_lipschitz(samples: DimensionSamples, settings: GapSettings) -> DimensionLipschitz:
-    """What is known about the Lipschitz constant of one dimension; no basis and no padding enters.
+    """Lipschitz constants of one dimension; no basis and no padding enters.
 
     Of a gap with a range both ends are estimated, and the worse of each number is taken: a side of the bound has to
     follow its own end, and either may be the steep one. Where the gap is known in closed form its slopes are enclosed,

@@ -58,7 +58,7 @@ class Roughness:
 
     @property
     def any(self) -> bool:
-        """Whether any cell is rough."""
+        """True if any cell is rough."""
         return bool(np.isfinite([*self.one.values(), *self.two.values()]).any())
 
     def marks(self, e: Floats, grid: Grid) -> Bools:
@@ -81,7 +81,7 @@ class Roughness:
 
 
 def roughness(d: Values, grid: Grid, axes: tuple[int, ...], floor: float, split: bool = True) -> Roughness:
-    """What is rough in values (N, M) on a grid; differences up to `floor` never are. `split`: also over two cells."""
+    """Roughness of values (N, M) on a grid; differences up to `floor` are never rough. `split`: also over two cells."""
     one = _gates(d, grid, axes, floor, GATE, None)
     longer = [j for j in axes if split and grid.cells[j] > 4]
     return Roughness(axes, one, _gates(d, grid, longer, floor, SPLIT_GATE, one))
@@ -151,7 +151,7 @@ def estimate(d: Values | Floats, grid: Grid, free: tuple[int, ...] = (), floor: 
 
 
 class _Found:
-    """What slab after slab has shown."""
+    """Largest slopes and rough cells, collected slab by slab."""
 
     def __init__(self, grid: Grid, inputs: int) -> None:
         nx = len(grid.cells)
@@ -194,7 +194,7 @@ class _Found:
         )
 
     def _layer(self, j: int) -> Layer | None:
-        """Where rough cells crowd along axis j: neighbouring layers that have clearly more of them than the others."""
+        """Layer in which rough cells crowd along axis j: neighbours with clearly more of them than the others."""
         own = self.rough[j] / (self.grid.size * self.inputs // self.grid.cells[j])
         if own.max() <= CROWDED * own.min():
             return None

@@ -194,7 +194,7 @@ class _Read:
         return {j: self.slab.read(self.fit.slope(j)) for j in axes if self.fit is not None}
 
     def parts(self, some: slice) -> Iterator[tuple[int, Floats]]:
-        """What each axis adds to the padding of the slab's own cells, for some inputs."""
+        """Share of each axis in the padding of the slab's own cells, for some inputs."""
         grid, axes = self.slab.grid, self.padding.axes
         for j in axes:
             expected = self.slopes[j][..., some] * 2.0 * self.padding.grid.h[j] if j in self.slopes else None
@@ -203,7 +203,7 @@ class _Read:
             yield j, 0.5 * self.slab.own(widest(beside, grid, axes))
 
     def total(self, some: slice) -> Floats:
-        """What all axes add."""
+        """Sum of the shares of all axes."""
         found: Floats = np.zeros(1)
         for _, part in self.parts(some):
             found = found + part
@@ -216,7 +216,7 @@ class _Read:
         return self.slab.own(np.logical_or.reduce(found))
 
     def risen(self, some: slice) -> tuple[Floats, Floats]:
-        """By how much the largest neighbour exceeds a cell: of the residual; of t, with what q.p rises in the cell."""
+        """Excess of the largest neighbour over a cell: of the residual; of t, with what q.p rises in the cell."""
         grid, axes = self.slab.grid, self.padding.axes
         fields = (e[..., some] for e in (self.residual, self.field))
         left, field = (self.slab.own(widest(e, grid, axes) - e) for e in fields)

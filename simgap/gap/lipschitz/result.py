@@ -1,4 +1,4 @@
-"""What is known about the Lipschitz constant of one dimension of the gap."""
+"""Lipschitz constants of one dimension of the gap, and where the grid does not resolve it."""
 
 from __future__ import annotations
 
@@ -65,11 +65,11 @@ class GridLipschitz(
 
     @property
     def resolved(self) -> bool:
-        """Whether the grid resolves the slope along every axis."""
+        """True if the grid resolves the slope along every axis."""
         return bool(np.all(self.ratio <= GATE))
 
     def place(self, states: Sequence[str], lo: Floats, hi: Floats) -> str:
-        """Where the gap jumps and by how much, and what usually does; lo, hi (nx,) are the ends of X."""
+        """Sentence on where the gap jumps, by how much, and the usual cause; lo, hi (nx,) are the ends of X."""
         ratios = ", ".join(f"{r:.2f} along {s}" for s, r in zip(states, self.ratio, strict=True) if r > GATE)
         seen = ratios or "in what the basis leaves"
         if self.rough_box is None:

@@ -126,7 +126,7 @@ class Slab:
         return rows.reshape(*self.grid.cells, -1)
 
     def own(self, cells: NDArray[Number]) -> NDArray[Number]:
-        """What belongs to the slab's own cells."""
+        """The part that belongs to the slab's own cells."""
         return cells[(slice(None),) * self.axis + (self.inner,)]
 
 

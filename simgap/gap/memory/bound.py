@@ -43,7 +43,7 @@ class SweptBoxes:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """What the bound is about.
+    """The robot that the bound is about.
 
     Attributes:
         domain: X (free along the position) and U. motion: (M, 3) nominal step seen from the robot.
@@ -175,7 +175,7 @@ def hidden_bound(
 
 
 def robot_of(context: Context, hidden: HiddenStateSection, motion: Floats) -> Robot:
-    """What the bound has to know of the robot of a case; gravity, which limits what tyres can give, is the case's."""
+    """The robot of a case; gravity, which limits what tyres can give, is the case's."""
     pose = pose_axes(context)
     free = tuple(sorted(pose[:2]))
     names = tuple(context.states), tuple(context.inputs)

@@ -56,7 +56,7 @@ class HullFit(
 class HistoryInfluence(
     JsonRecord, kind="histories", lipschitz="none: the gap is a table over the inputs, not a function of X"
 ):
-    """What stands in for slopes in one dimension.
+    """Influence of earlier inputs and of the heading in one dimension, in place of slopes.
 
     Attributes:
         memory: (L,) largest influence on the pose of all inputs more than 1, 2, ..., L samples back.

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,17 +49,55 @@ def _spaced(values: Floats, count: int) -> Floats:
     return values[np.round(np.linspace(0, len(values) - 1, count)).astype(int)]
 
 
+@dataclass(frozen=True, eq=False)
+class InputGrid:
+    """An input set that is a full grid: its numbers and, along each axis, the numbers of the values.
+
+    Attributes:
+        axes: sorted values of each input. number: (counts) input number by value numbers.
+    """
+
+    axes: tuple[Floats, ...]
+    number: Ints
+    inputs: Floats
+
+    @staticmethod
+    def of(inputs: Floats) -> InputGrid:
+        """The grid of U, (M, nu).
+
+        Raises:
+            UserError: values that are not all combined.
+        """
+        axes = tuple(np.unique(inputs[:, j]) for j in range(inputs.shape[1]))
+        number = np.zeros([len(own) for own in axes], np.int64)
+        if len(inputs) != number.size:
+            raise UserError("hidden states need an input set that is a full grid", key="domain.U")
+        number[tuple(np.searchsorted(own, inputs[:, j]) for j, own in enumerate(axes))] = np.arange(len(inputs))
+        return InputGrid(axes, number, inputs)
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of values of each input."""
+        return self.number.shape
+
+    def numbers(self, values: Ints) -> Ints:
+        """Input numbers of value numbers: (..., nu) -> (...)."""
+        return np.asarray(self.number[tuple(np.moveaxis(values, -1, 0))])
+
+    def values(self, numbers: Ints) -> Ints:
+        """Value numbers of input numbers: (...) -> (..., nu)."""
+        u = self.inputs[numbers]
+        return np.stack([np.searchsorted(own, u[..., j]) for j, own in enumerate(self.axes)], axis=-1)
+
+
 def random_sequences(inputs: Floats, n: int, length: int, rng: np.random.Generator) -> Ints:
     """Input numbers (n, length): half of the coordinates at an extreme of U, where histories matter most."""
-    values = [np.unique(inputs[:, j]) for j in range(inputs.shape[1])]
-    drawn = np.empty((n * length, inputs.shape[1]))
-    for j, own in enumerate(values):
+    grid, values = InputGrid.of(inputs), np.empty((n * length, inputs.shape[1]), np.int64)
+    for j, count in enumerate(grid.counts):
         extreme = rng.random(n * length) < 0.5
-        drawn[:, j] = np.where(extreme, own[[0, -1]][rng.integers(2, size=n * length)], rng.choice(own, n * length))
-    position = {tuple(u): m for m, u in enumerate(inputs.tolist())}
-    if len(position) != int(np.prod([len(v) for v in values])):
-        raise UserError("hidden states need an input set that is a full grid", key="domain.U")
-    return np.array([position[tuple(u)] for u in drawn.tolist()], dtype=np.int64).reshape(n, length)
+        ends = np.array([0, count - 1])[rng.integers(2, size=n * length)]
+        values[:, j] = np.where(extreme, ends, rng.choice(count, n * length))
+    return grid.numbers(values).reshape(n, length)
 
 
 def fading(responses: Floats) -> Floats:

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.errors import UserError
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.json_record import JsonRecord
-from simgap.gap.memory.hidden_state import COORDINATES, extrapolated_maximum
+from simgap.gap.memory.hidden_state import COORDINATES, InputGrid, extrapolated_maximum
 from simgap.simulators.body_samples import BodySamples, joined
 
 Objective = Callable[[Ints, Floats], Floats]
@@ -36,7 +35,7 @@ class Found:
 
     @property
     def evaluations(self) -> int:
-        """How many sequences were tried."""
+        """Number of sequences that were tried."""
         return len(self.scores)
 
     def worst(self, count: int) -> Found:
@@ -46,7 +45,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Histories:
-    """Where to search: L inputs in a row, each a number of a value per axis, and a heading.
+    """Search space: L inputs in a row, each a number of a value per axis, and a heading.
 
     Attributes:
         counts: how many values each input has; length: L; turns: whether the heading is searched or stays 0.
@@ -156,7 +155,7 @@ class BoundTable:
     pose: tuple[int, int, int] = (0, 1, 2)
 
     def excess(self, samples: BodySamples) -> Floats:
-        """By how much steps lie outside, negative inside: (n, 5), the gap's three dimensions, then the path's two."""
+        """Excess of steps over the bound, negative inside: (n, 5), the gap's three dimensions, then the path's two."""
         place = self.classes.after(samples.previous), samples.m
         d = samples.final - self.motion[samples.m]
         low, high = (own[place] for own in self.swept)
@@ -173,7 +172,7 @@ class BoundTable:
 
 @dataclass(frozen=True, eq=False)
 class Searched(JsonRecord):
-    """What the search found.
+    """Result of the search.
 
     Attributes:
         excess: (5,) largest excess of any step tried, 0 if none; margin: (5,) the same, extrapolated.
@@ -192,27 +191,21 @@ def search(
     table: BoundTable, steps: Steps, inputs: Floats, length: int, budget: int, rng: np.random.Generator
 ) -> Searched:
     """Attack a bound with `budget` steps, each after `length` inputs from rest, at headings of the search's choice."""
-    values = [np.unique(inputs[:, j]) for j in range(inputs.shape[1])]
-    counts = tuple(len(own) for own in values)
-    if len(inputs) != int(np.prod(counts)):
-        raise UserError("hidden states need an input set that is a full grid", key="domain.U")
-    number = np.zeros(counts, np.int64)
-    number[tuple(np.searchsorted(own, inputs[:, j]) for j, own in enumerate(values))] = np.arange(len(inputs))
+    grid = InputGrid.of(inputs)
     tried: list[BodySamples] = []
 
     def score(chosen: Ints, headings: Floats) -> Floats:
-        tried.append(steps(number[tuple(np.moveaxis(chosen, -1, 0))], headings))
+        tried.append(steps(grid.numbers(chosen), headings))
         return np.asarray((table.excess(tried[-1]) / table.scale).max(axis=1))
 
-    found = directed_search(score, Histories(counts, length + 1), budget, rng)
+    found = directed_search(score, Histories(grid.counts, length + 1), budget, rng)
     excess = table.excess(joined(tried))
     beyond = np.maximum(excess, 0.0)
     margin = np.array([extrapolated_maximum(own, COORDINATES) for own in beyond.T])
     return Searched(beyond.max(axis=0), margin, len(excess), int((excess > 0).any(axis=1).sum()),
-                    _worst(found.worst(5), inputs, number))  # fmt: skip
+                    _worst(found.worst(5), grid))  # fmt: skip
 
 
-def _worst(found: Found, inputs: Floats, number: Ints) -> list[dict[str, Any]]:
-    numbers = number[tuple(np.moveaxis(found.values, -1, 0))]
-    rows = zip(numbers, found.headings.tolist(), found.scores.tolist(), strict=True)
-    return [{"inputs": inputs[n].tolist(), "heading": heading, "score": score} for n, heading, score in rows]
+def _worst(found: Found, grid: InputGrid) -> list[dict[str, Any]]:
+    rows = zip(grid.numbers(found.values), found.headings.tolist(), found.scores.tolist(), strict=True)
+    return [{"inputs": grid.inputs[n].tolist(), "heading": heading, "score": score} for n, heading, score in rows]

@@ -95,7 +95,7 @@ def border_count(levels: Sequence[int], free: Sequence[int] = ()) -> int:
 
 
 def thinned_count(levels: Sequence[int], free: Sequence[int], most: int) -> int:
-    """How many of these `critical_points` lists where there is no switching surface."""
+    """Number of states that `critical_points` lists where there is no switching surface."""
     left = [1 if j in free else n for j, n in enumerate(levels)]
     while max(left) > 2 and border_count(left, free) > most:
         longest = int(np.argmax(left))

@@ -131,7 +131,7 @@ class _Filled:
 
 
 def check_drawn(context: Context, x: Floats, u: Floats) -> None:
-    """Whether fresh samples (n, nx), (n, nu) are the random ones that the case draws.
+    """Check that fresh samples (n, nx), (n, nu) are the random ones that the case draws.
 
     Raises:
         UserError: if they are not; those of another X would confirm a bound where it does not hold.
@@ -143,7 +143,7 @@ def check_drawn(context: Context, x: Floats, u: Floats) -> None:
 
 
 def check_rows(points: Points, first: int, x: Floats, u: Floats) -> None:
-    """Whether rows (n, nx), (n, nu) are those of the grid from row `first` on.
+    """Check that rows (n, nx), (n, nu) are those of the grid from row `first` on.
 
     Raises:
         UserError: if they are not.
@@ -160,7 +160,7 @@ def check_rows(points: Points, first: int, x: Floats, u: Floats) -> None:
 
 
 def check_histories(context: Context, points: Points, shards: Sequence[Columns]) -> None:
-    """Whether a robot's shards together are all of its grid: every part whole, every step with the input that it names.
+    """Check that a robot's shards are together all of its grid: every part whole, every step with its own input.
 
     Raises:
         UserError: if they are not; a hull over a part of the histories would be too narrow.

@@ -32,7 +32,7 @@ Columns = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Where the simulator is asked: every state (or earlier input) with every input.
+    """The places of roll-outs: every state (or earlier input) with every input.
 
     Attributes:
         name: of the point. states: (N, nx), or (P, nu) previous inputs where these are the hidden state.
@@ -45,7 +45,7 @@ class Points:
 
 
 def remembers(case: Case) -> bool:
-    """Whether the simulator's state is larger than x, so that its gap is taken over histories."""
+    """True if the simulator's state is larger than x, so that its gap is taken over histories."""
     return case.hidden_state is not None
 
 

@@ -57,7 +57,7 @@ def movement(values: Floats) -> dict[int, Floats]:
 
 
 def at_count(moved: Mapping[int, Floats], count: int) -> Floats:
-    """What is known of a count between those of COUNTS, (nx,): linear in its logarithm, the ends held."""
+    """Movement at a count between those of COUNTS, (nx,): linear in its logarithm, the ends held."""
     where = np.log(COUNTS)
     every = np.stack([moved[n] for n in COUNTS])
     return np.array([np.interp(math.log(count), where, own) for own in every.T])
@@ -86,6 +86,6 @@ def counts_for(moved: Sequence[Mapping[int, Floats]], weights: Floats, most: int
 
 
 def _filled(counts: Sequence[int], most: int) -> tuple[int, ...]:
-    """What is left of the samples, spread evenly over the axes."""
+    """Counts with the samples that are left, spread evenly over the axes."""
     more = (most / math.prod(counts)) ** (1.0 / len(counts))
     return tuple(int(n * more * (1.0 + 1e-12)) for n in counts)

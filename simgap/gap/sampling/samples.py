@@ -18,7 +18,7 @@ from simgap.geometry import Grid
 
 @dataclass(frozen=True, eq=False)
 class SampleGrid:
-    """Where the gap is sampled: the cell centres of `grid`, for every input.
+    """The places of the samples: the cell centres of `grid`, for every input.
 
     Attributes:
         grid: N cells that tile X; inputs: (M, nu); states, input_names: names in order.

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Never
 
 from simgap import reading
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, placed
 from simgap.io.recordings.csv_file import not_text
 from simgap.reading import JSON_HELD, require_room
 
@@ -205,7 +205,5 @@ def _refuse_kind(value: Any, place: str, file: str) -> Never:
 
 def require_json_room(size: int, file: str) -> None:
     """Refuse so many bytes if they are too many; the message names the file."""
-    try:
+    with placed(file=file, remedy="Write it as lines of JSON (.jsonl) or as Parquet."):
         require_room(size)
-    except UserError as error:
-        raise UserError(error.problem, file=file, remedy="Write it as lines of JSON (.jsonl) or as Parquet.") from None

@@ -11,7 +11,7 @@ from typing import Any
 from zlib import crc32
 
 from simgap import reading
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, placed
 from simgap.reading import require_room
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -69,10 +69,8 @@ class Bag:
 
     def require_room(self, size: int) -> None:
         """Refuse so many bytes if they are too many; the message names the file."""
-        try:
+        with placed(file=self.file):
             require_room(size)
-        except UserError as error:
-            raise UserError(error.problem, file=self.file, remedy=error.remedy) from None
 
     def _records(self, channels: set[int]) -> Iterator[Any]:
         """What the file holds, but for chunks that say they have none of these channels."""

@@ -13,7 +13,7 @@ from simgap.diagnosis.record.channels import Channel, column_words, measured_col
 from simgap.diagnosis.record.clock import TimeRange
 from simgap.diagnosis.record.conditions import told_by_columns
 from simgap.diagnosis.record.traces import Reading, ReadingOptions, read_traces
-from simgap.errors import UserError
+from simgap.errors import UserError, placed
 from simgap.io.recordings.tables import read_recording
 from simgap.model.symbolic import SymbolicModel
 from simgap.units import conversion, full_turn
@@ -146,12 +146,8 @@ def _channel(name: str, unit: str, is_input: bool, column: ColumnMap | None, cas
 
 def _refuse_unit(key: str, unit: str, cells: str | None, case: str | None) -> None:
     """A unit of the cells that does not exist or is of something else."""
-    if cells is None:
-        return
-    try:
-        conversion(cells, unit)
-    except UserError as error:
-        raise UserError(error.problem, file=case, key=f"{key}.unit", remedy=error.remedy) from None
+    with placed(file=case, key=f"{key}.unit"):
+        conversion(unit if cells is None else cells, unit)
 
 
 def _number(value: float | str, key: str, case: str | None) -> float:
@@ -159,10 +155,8 @@ def _number(value: float | str, key: str, case: str | None) -> float:
         return float(value)
     from simgap.model.expressions import parse  # sympy: only for offsets such as -pi
 
-    try:
+    with placed(file=case, key=key, remedy="Write a number, or one like -pi/2."):
         return float(parse(value, ()))
-    except UserError as error:
-        raise UserError(error.problem, file=case, key=key, remedy="Write a number, or one like -pi/2.") from None
 
 
 def reading_options(section: MeasuredSection, strict: bool = True) -> ReadingOptions:
@@ -172,10 +166,8 @@ def reading_options(section: MeasuredSection, strict: bool = True) -> ReadingOpt
         UserError: for stamps in a unit that is not one of time.
     """
     if section.time.unit is not None:
-        try:
+        with placed(key="measured.time.unit", remedy="Use s, ms, us or ns."):
             conversion(section.time.unit, "s")
-        except UserError as error:
-            raise UserError(error.problem, key="measured.time.unit", remedy="Use s, ms, us or ns.") from None
     ranges = []
     for mask in section.masks:
         span = mask.keep if mask.keep is not None else mask.drop

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from simgap import reading
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, placed
 from simgap.io.parquet import checksum_holds, record_of
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_parquet as pq
@@ -68,15 +68,14 @@ def read_parquet_columns(path: Path, columns: list[str], file: str) -> Any:
         UserError: a file that is damaged or too large.
     """
     try:
-        with reading.opened(path) as stream:
-            require_room(table_size(pq.read_metadata(stream), len(columns)))
-        kinds = {field.name: field.type for field in parquet_schema(path) if field.name in columns}
-        # A text that every row repeats is read once: a small file may say that it is gigabytes.
-        words = [name for name, kind in kinds.items() if pa.types.is_string(kind) or pa.types.is_large_string(kind)]
-        with reading.opened(path) as stream:
-            return pq.read_table(stream, columns=columns, partitioning=None, read_dictionary=words)
-    except UserError as error:
-        raise UserError(error.problem, file=file, remedy=error.remedy) from None
+        with placed(file=file):
+            with reading.opened(path) as stream:
+                require_room(table_size(pq.read_metadata(stream), len(columns)))
+            kinds = {field.name: field.type for field in parquet_schema(path) if field.name in columns}
+            # A text that every row repeats is read once: a small file may say that it is gigabytes.
+            words = [name for name, kind in kinds.items() if pa.types.is_string(kind) or pa.types.is_large_string(kind)]
+            with reading.opened(path) as stream:
+                return pq.read_table(stream, columns=columns, partitioning=None, read_dictionary=words)
     except (pa.ArrowException, OSError, UnicodeDecodeError):
         raise _damaged(file) from None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from simgap.diagnosis.arms.result import ArmDiagnosis, Prediction
+from simgap.diagnosis.arms.answer import ArmDiagnosis, Prediction
 from simgap.io import figure_style as style
 from simgap.notation import axis_label
 

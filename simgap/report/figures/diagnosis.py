@@ -178,7 +178,7 @@ def error_figure(error: Mapping[str, Any], units: Mapping[str, str]) -> Any:
     states = list(error["before"]["horizon_rmse"])
     figure, axes = plt.subplots(1, len(states), figsize=(style.WIDTH, 3.2), squeeze=False)
     rows = (
-        ("noise_floor", style.FLOOR, "perfect\nmodel"),
+        ("noise_floor", style.FLOOR, "expected\nnoise floor"),
         ("after", style.AFTER, "after"),
         ("before", style.BEFORE, "before"),
     )

@@ -1,4 +1,4 @@
-"""What can happen between two sampling instants.
+"""Bounds of the path between two sampling instants.
 
 Let |dx_i/dt| <= V_i. A point of the path is at most half a sampling time away from one of the two samples around it, so
 it is within V_i tau / 2 of that sample in every coordinate at once. Hence a path whose samples all lie in a box leaves
@@ -105,7 +105,7 @@ def excursion(
 def _narrowed(
     flow: Flow, region: Box, inputs: Floats, tau: float, added: Floats, reach: Floats, speed: Floats
 ) -> tuple[Floats, Floats]:
-    """What `excursion` returns, from a reach that holds every path and the rates within it."""
+    """Result of `excursion`, from a reach that holds every path and the rates within it."""
     samples = walls = reach
     if flow.slopes is None:
         return np.stack([samples, walls]), speed

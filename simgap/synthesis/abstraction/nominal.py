@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
+from simgap.gap.bounds.function import GapFunction
 from simgap.geometry import Grid
+from simgap.model.sampled import NominalModel
 from simgap.synthesis.abstraction.cells import Abstraction
 from simgap.synthesis.abstraction.post import (
     Frame,
@@ -36,36 +37,11 @@ GROUP = 8
 """Cells whose gap is bounded at once before a pair is looked at by itself."""
 
 
-class Model(Protocol):
-    """What the abstraction needs of `dynamics.nominal.NominalModel`."""
-
-    @property
-    def nx(self) -> int: ...  # noqa: D102
-    @property
-    def kernel(self) -> Any: ...  # noqa: D102
-    @property
-    def interval_kernel(self) -> Any: ...  # noqa: D102
-    @property
-    def jacobian_interval_kernel(self) -> Any: ...  # noqa: D102
-    @property
-    def offset_axes(self) -> Sequence[frozenset[int]]: ...  # noqa: D102
-    @property
-    def jacobian_axes(self) -> Sequence[Sequence[frozenset[int]]]: ...  # noqa: D102
-
-
-@runtime_checkable
-class BoxBounds(Protocol):
-    """A gap that is bounded over many boxes at once, so that no kernel need be made for it: `gap.GapFunction`."""
-
-    def box_bounds(self, xlo: Floats, xhi: Floats, u: Floats) -> tuple[Floats, Floats]: ...  # noqa: D102
-    def kernel(self) -> Kernel: ...  # noqa: D102
-
-
 def nominal_abstraction(
-    model: Model,
+    model: NominalModel,
     grid: Grid,
     inputs: Floats,
-    gap: Kernel | BoxBounds | None = None,
+    gap: Kernel | GapFunction | None = None,
     gap_axes: Sequence[int] | None = None,
     error: ArrayLike | None = None,
 ) -> Abstraction:
@@ -96,7 +72,7 @@ def nominal_abstraction(
         with_gap = tuple(tuple(sorted({*axes, *of_gap})) for axes in own)
     if _fits(grid, len(u), with_gap):
         return _integer_tables(model, frame, gap, with_gap)
-    kernel = no_gap if gap is None else gap.kernel() if isinstance(gap, BoxBounds) else gap
+    kernel = no_gap if gap is None else gap.kernel() if isinstance(gap, GapFunction) else gap
     if _fits(grid, len(u), own):
         meta, data = frame.arrays(own, _tables(model, frame, None, own))
         post = tabulated_post(kernel)
@@ -107,11 +83,11 @@ def nominal_abstraction(
 
 
 def _fits(grid: Grid, inputs: int, axes: Axes) -> bool:
-    """Whether tables on these axes stay within a few numbers per cell."""
+    """True if tables on these axes stay within a few numbers per cell."""
     return sum(reduced_size(grid, own) for own in axes) * inputs <= 4 * grid.size + 1_000_000
 
 
-def _tables(model: Model, frame: Frame, gap: Kernel | BoxBounds | None, axes: Axes) -> Floats:
+def _tables(model: NominalModel, frame: Frame, gap: Kernel | GapFunction | None, axes: Axes) -> Floats:
     """Offsets of each dimension from the cell's centre, (lower, upper) per reduced cell and input, flat.
 
     Dimensions on the same axes have the same cells: the model and the gap are evaluated once for them.
@@ -125,7 +101,7 @@ def _tables(model: Model, frame: Frame, gap: Kernel | BoxBounds | None, axes: Ax
 
 
 def _together(
-    model: Model, frame: Frame, gap: Kernel | BoxBounds | None, own: tuple[int, ...], same: list[int]
+    model: NominalModel, frame: Frame, gap: Kernel | GapFunction | None, own: tuple[int, ...], same: list[int]
 ) -> Floats:
     """Offsets of the dimensions `same` on the cells over the axes `own`: (len(same), cells, M, 2)."""
     cells, which = reduced_cells(frame.grid, own), np.array(same)
@@ -136,7 +112,7 @@ def _together(
         fill(cells, which, flags, frame.header, frame.inputs, out)
     else:
         fill_affine(cells, which, flags, frame.header, *_affine(model, frame), out)
-    if isinstance(gap, BoxBounds):
+    if isinstance(gap, GapFunction):
         step = max(1, PAIRS // len(frame.inputs))
         for first in range(0, len(cells), step):
             _add_bounds(gap, frame, cells[first : first + step], which, out[:, first : first + step])
@@ -145,7 +121,7 @@ def _together(
     return out
 
 
-def _affine(model: Model, frame: Frame) -> tuple[Floats, Floats, Floats]:
+def _affine(model: NominalModel, frame: Frame) -> tuple[Floats, Floats, Floats]:
     """A point, and for each input f there (M, nx, 2) and df/dx (M, nx, nx, 2), which is the same everywhere."""
     start, n = 0.5 * (frame.grid.box.lo + frame.grid.box.hi), model.nx
     points = [(start, start, u, u) for u in frame.inputs]
@@ -154,7 +130,7 @@ def _affine(model: Model, frame: Frame) -> tuple[Floats, Floats, Floats]:
     return start, np.stack(value), np.stack(slope).reshape(-1, n, n, 2)
 
 
-def _add_bounds(gap: BoxBounds, frame: Frame, cells: Ints, which: Ints, out: Floats) -> None:
+def _add_bounds(gap: GapFunction, frame: Frame, cells: Ints, which: Ints, out: Floats) -> None:
     """Add the gap's bounds over cells (k, nx) to out (dimensions, k, M, 2)."""
     lo, hi = np.empty(cells.shape), np.empty(cells.shape)
     cell_boxes(cells, frame.header, lo, hi)
@@ -166,7 +142,7 @@ def _add_bounds(gap: BoxBounds, frame: Frame, cells: Ints, which: Ints, out: Flo
         out[..., side] += np.moveaxis(bound.reshape(len(cells), count, -1), 2, 0)[which]
 
 
-def _integer_tables(model: Model, frame: Frame, gap: Kernel | BoxBounds | None, axes: Axes) -> Abstraction:
+def _integer_tables(model: NominalModel, frame: Frame, gap: Kernel | GapFunction | None, axes: Axes) -> Abstraction:
     offsets = _tables(model, frame, gap, axes).reshape(-1, len(frame.inputs), 2)
     table = np.empty(offsets.shape, np.int32)
     first = 0

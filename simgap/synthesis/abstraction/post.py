@@ -70,7 +70,7 @@ class Frame:
 
 @njit(cache=True, error_model="numpy")
 def cell_box(k, n, data, lo, hi):  # type: ignore[no-untyped-def]
-    """Where the true state can be when the measured one is in cell `k`: the cell with error and pad, inside X."""
+    """Box of true states when the measured one is in cell `k`: the cell with error and pad, inside X."""
     for j in range(n):
         left = data[j] + data[n + j] * k[j]
         grow = data[4 * n + j] + data[5 * n + j]
@@ -124,7 +124,7 @@ def _post(k, cells, group, m0, m1, meta, data, table, out):  # type: ignore[no-u
 
 
 def table_meta(grid: Grid, inputs: int, axes: tuple[tuple[int, ...], ...]) -> tuple[Ints, int]:
-    """Where each dimension's table lies: -> (meta for the kernel, total number of (lower, upper) pairs).
+    """Places of each dimension's table: -> (meta for the kernel, total number of (lower, upper) pairs).
 
     `meta` = nx, M, then per dimension: first number, then the stride of each axis (0 for axes it does not depend on).
     """

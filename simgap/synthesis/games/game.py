@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.errors import BrokenPromise, UserError
+from simgap.gap.bounds.function import GapFunction
 from simgap.geometry import Grid
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.nominal import BoxBounds
 from simgap.synthesis.abstraction.post import Kernel
 from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.controller import least_effort
@@ -29,7 +29,8 @@ from simgap.synthesis.games.invariance import invariance
 from simgap.synthesis.games.layered import layered_invariance, no_layers
 from simgap.synthesis.games.pending import Nodes, PendingGame
 from simgap.synthesis.games.reach import reach_avoid
-from simgap.synthesis.games.reach_rows import RowSystem, reach_by_rows, with_common_sweeps
+from simgap.synthesis.games.reach_rows import reach_by_rows
+from simgap.synthesis.games.row_moves import RowSystem, with_common_sweeps
 from simgap.synthesis.games.sensing import sensed_invariance
 from simgap.synthesis.input_sets import margins, window_and
 
@@ -194,7 +195,7 @@ def certified(winning: Bools, grid: Grid, error: Floats) -> Bools:
         if m and j not in grid.periodic:
             ends = np.moveaxis(inside, j, 0)
             ends[:m], ends[-m:] = False, False
-    kept = window_and(winning.astype(np.uint32)[:, None], grid, margin)[:, 0] == 1
+    kept = window_and(winning.astype(np.uint64)[:, None], grid, margin)[:, 0] == 1
     return np.asarray(kept & inside.reshape(-1))
 
 
@@ -245,7 +246,7 @@ class TrueGame:
 
 @dataclass(frozen=True, eq=False)
 class PreviousBounds:
-    """What is known after a previous input of each class.
+    """Bounds after a previous input of each class.
 
     Attributes:
         kind: (M,) class of each input. rest: class in which a run starts.
@@ -254,7 +255,7 @@ class PreviousBounds:
 
     kind: Ints
     rest: int
-    gaps: tuple[Kernel | BoxBounds, ...]
+    gaps: tuple[Kernel | GapFunction, ...]
     swept: tuple[SweptCells | None, ...]
 
 
@@ -317,7 +318,7 @@ class PreviousGame:
 
 @dataclass(frozen=True, eq=False)
 class ClassReach:
-    """What the fixed point found.
+    """Result of the least fixed point over classes.
 
     Attributes:
         value: (cells, classes) int32 worst-case steps to the target, -1 where losing.

@@ -30,7 +30,7 @@ Bytes = NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class Invariance:
-    """What the fixed point found.
+    """Result of the greatest fixed point.
 
     Attributes:
         winning: cells from which the safe set can be kept for ever, (cells,) bool.
@@ -129,7 +129,7 @@ def _start(post, meta, data, tab, shape, n, row, table, boxes, first, last):  # 
 
 @njit(cache=True, nogil=True)
 def _idle(changed, lead_shape, lead, reach, r, dirty):  # type: ignore[no-untyped-def]
-    """Whether no cell that row `r` relies on has been lost in the last pass."""
+    """True if no cell that row `r` relies on has been lost in the last pass."""
     dirty[0] = 1
     if reach[2 * lead * r] <= reach[2 * lead * r + lead]:  # else the row is empty and relies on nothing
         drop_boxes_with_holes(changed, lead_shape, lead, reach, r, np.int64(1), dirty)
@@ -187,7 +187,7 @@ def _rely(inside, boxes, reach, r, row, n, lead):  # type: ignore[no-untyped-def
 
 @njit(cache=True, nogil=True)
 def _fits(post, meta, data, tab, shape, n, k, m, table, out, ok):  # type: ignore[no-untyped-def]
-    """Whether the tightest box of one pair lies in the set."""
+    """True if the tightest box of one pair lies in the set."""
     post(k.ctypes, 1, 1, m, m + 1, meta.ctypes, data.ctypes, tab.ctypes, out.ctypes)
     clip_boxes(shape, n, out, np.int64(0), np.int64(1), ok)
     drop_boxes_with_holes(table, shape, n, out, np.int64(0), np.int64(1), ok)

@@ -184,7 +184,7 @@ def members(made: Board) -> Bools:
 
 @njit(cache=True, nogil=True)
 def all_are(cells, words, bits, lo, hi, inside):  # type: ignore[no-untyped-def]
-    """Whether all cells of the box [lo, hi] (4,), which lies in the grid, are in the set (or none, if not `inside`).
+    """True if all cells of the box [lo, hi] (4,), which lies in the grid, are in the set (or none, if not `inside`).
 
     The innermost call of all: the board comes as its arrays, since unpacking a tuple takes longer than the rest.
     """
@@ -223,7 +223,7 @@ def take_out(board, lo, hi, now):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def lost_since(cells, blocks, lost, lo, hi, since):  # type: ignore[no-untyped-def]
-    """Whether a cell of a block that the box [lo, hi] (4,) meets was lost in the pass `since` or later."""
+    """True if a cell of a block that the box [lo, hi] (4,) meets was lost in the pass `since` or later."""
     for i in range(max(lo[0], 0) // BLOCK, min(hi[0], cells[0] - 1) // BLOCK + 1):
         for j in range(max(lo[1], 0) // BLOCK, min(hi[1], cells[1] - 1) // BLOCK + 1):
             for k in range(max(lo[2], 0) // BLOCK, min(hi[2], cells[2] - 1) // BLOCK + 1):
@@ -358,7 +358,7 @@ def _decide(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _quiet(table, first, row, lo, hi, cells, blocks, lost, m, since):  # type: ignore[no-untyped-def]
-    """Whether nothing was lost near the box of a node and the input `m` in the pass `since` and later."""
+    """True if nothing was lost near the box of a node and the input `m` in the pass `since` and later."""
     for i in range(MAX_AXES):
         lo[i], hi[i] = first[i] + table[row[i], m, 0], first[i] + table[row[i], m, 1]
     return not lost_since(cells, blocks, lost, lo, hi, since)

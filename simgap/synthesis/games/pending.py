@@ -30,23 +30,9 @@ from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes, count_ho
 from simgap.synthesis.abstraction.swept import SweptCells
 from simgap.synthesis.games.invariance import row_index
 from simgap.synthesis.games.threads import over_rows
+from simgap.synthesis.input_sets import Bytes, Words, to_bytes, words_of
 
-Bytes = NDArray[np.uint8]
-Words = NDArray[np.uint64]
 UNTOUCHED, NONE, SOME = 0, 1, 2
-
-
-def words_of(flags: Bools) -> Words:
-    """Flags of inputs as bits: (..., M) -> (..., ceil(M / 64)), input m is bit m % 64 of word m // 64."""
-    wide = np.zeros((*flags.shape[:-1], 64 * (-(-flags.shape[-1] // 64))), np.bool_)
-    wide[..., : flags.shape[-1]] = flags
-    return np.packbits(wide, axis=-1, bitorder="little").view("<u8").astype(np.uint64)
-
-
-def bytes_of(words: Words, inputs: int) -> Bytes:
-    """Bits of inputs as packed bytes: (n, words) -> (n, ceil(M / 8))."""
-    flat = np.ascontiguousarray(words.astype("<u8", copy=False)).view(np.uint8).reshape(len(words), -1)
-    return np.ascontiguousarray(flat[:, : (inputs + 7) // 8])
 
 
 def common_inputs(
@@ -143,7 +129,7 @@ def _and_over_box(shape, n, boxes, at, allowed, out):  # type: ignore[no-untyped
 
 
 def clear_paths(grid: Grid, shape: Ints, swept: SweptCells, free: Bools) -> Bools:
-    """Whether the swept box of each input lies in the free cells, from every cell: (cells,) -> (cells, M)."""
+    """True where the swept box of each input lies in the free cells, from every cell: (cells,) -> (cells, M)."""
     n, inputs = grid.box.size, swept.lower.shape[1]
     table = np.empty(table_size(shape, n), np.int32)
     count_holes(free.view(np.uint8), shape, n, table)
@@ -199,7 +185,7 @@ class Nodes:
         """Admissible inputs as packed bytes, row (cell * M + pending) * classes + class: none in the target."""
         classes, cells, inputs = self.inside.shape
         rows = np.moveaxis(self.sets, 0, 2).reshape(cells * inputs * classes, -1)
-        mask = bytes_of(rows, inputs)
+        mask = to_bytes(rows, inputs)
         serving = self.inside if self.value is None else self.value > 0
         mask[~np.moveaxis(serving, 0, 2).reshape(-1)] = 0
         return mask

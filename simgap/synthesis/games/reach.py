@@ -19,7 +19,8 @@ from simgap.errors import UserError
 from simgap.late import njit
 from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes, count_holes, drop_boxes_with_holes, table_size
 from simgap.synthesis.games.invariance import row_index
-from simgap.synthesis.games.reach_rows import RowSystem, reach_by_rows
+from simgap.synthesis.games.reach_rows import reach_by_rows
+from simgap.synthesis.games.row_moves import RowSystem
 from simgap.synthesis.games.threads import over_rows
 from simgap.synthesis.input_sets import packed_width, preferred
 
@@ -28,7 +29,7 @@ Backend = Literal["auto", "bit_rows", "table"]
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """What the fixed point found.
+    """Result of the least fixed point.
 
     Attributes:
         value: worst-case steps to the target, (cells,) int32, 0 in the target and -1 where losing.

@@ -2,12 +2,14 @@
 
 A node is a cell and, where the plant remembers, the class of the input before. Input m takes a node (k, c) into the box
 of (k, m) in class c and to the class of m.
+
+Free cells are eroded by swept boxes edge by edge, axis after axis; an edge of n rows takes log2(n) passes of 64
+cells a word: AND of the set with itself, moved by 1, 2, 4, ... rows. Boxes share the passes that they have in common.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -15,18 +17,123 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
-from simgap.geometry import Grid
 from simgap.late import njit
-from simgap.synthesis.abstraction.cells import Abstraction
-from simgap.synthesis.abstraction.post import reduced_cells, reduced_size
-from simgap.synthesis.abstraction.swept import SweptCells
-from simgap.synthesis.games.erosion import BoxErosion
-from simgap.synthesis.games.row_moves import Moves, moves_of, words_of_a_row
+from simgap.synthesis.games.row_moves import Moves, RowSystem, moves_of, words_of_a_row
 from simgap.synthesis.games.row_waves import place, settle, spread, stage_size
 from simgap.synthesis.games.threads import over_items, over_rows
 from simgap.synthesis.input_sets import packed_width
 
-COMPARED = 256
+Rows = NDArray[np.uint64]
+
+
+class BoxErosion:
+    """Erodes sets of rows (rows, words) by many boxes (k, 4) of extents: three row axes, then along the rows.
+
+    The result for a box is anchored at its lower corner: a cell is in it when the whole box that starts there lies in
+    the set. Beyond an axis that ends there are no cells; periodic axes wrap.
+    """
+
+    def __init__(self, lengths: Ints, periodic: Ints, boxes: Ints) -> None:
+        self._axes = lengths, periodic
+        self._boxes = boxes[:, [3, 0, 1, 2]]  # along the rows first: most boxes share that pass
+        order = np.lexsort(self._boxes.T[::-1])
+        starts = np.flatnonzero(np.diff(self._boxes[order, 0])) + 1
+        self._groups = np.split(order, starts) if len(order) else []
+
+    def __call__(self, source: Rows, eroded: Rows, grew: NDArray[np.uint8], threads: int = 1) -> None:
+        """Write the erosions (k, rows, words) of `source`, and `grew` (k, rows) = 1 where they are new."""
+        over_items(lambda group: self._erode(group, source, eroded, grew), self._groups, threads)
+
+    def _erode(self, group: Ints, source: Rows, eroded: Rows, grew: NDArray[np.uint8]) -> None:
+        stage, spare, last = [np.empty_like(source) for _ in range(4)], np.empty_like(source), np.zeros(4, np.int64)
+        erode_along_rows(source, self._boxes[group[0], 0], stage[0])
+        for s in group:
+            box, stale = self._boxes[s], False
+            for k in range(1, 4):
+                stale = stale or box[k] != last[k]
+                if stale:
+                    _erode_axis(*self._axes, k - 1, box[k], stage[k - 1], stage[k], spare)
+            last = box
+            _replace(stage[3], eroded[s], grew[s])
+
+
+@njit(cache=True, nogil=True)
+def _erode_axis(lengths, periodic, axis, extent, source, out, spare):  # type: ignore[no-untyped-def]
+    """out row i = AND of rows i .. i + extent - 1 of `source` along one axis, by doubling; `spare` is overwritten."""
+    n, inner = lengths[axis], source.shape[1]
+    for j in range(axis + 1, 3):
+        inner *= lengths[j]
+    a, b = out.reshape(-1), spare.reshape(-1)
+    a[:] = source.reshape(-1)
+    have = 1
+    while have < extent:
+        by = min(have, extent - have)
+        b[:] = a
+        for outer in range(a.size // (n * inner)):
+            first = outer * n * inner
+            for i in range(n):
+                here, there = first + i * inner, first + (i + by) % n * inner
+                if i + by < n or periodic[axis]:
+                    for q in range(inner):
+                        a[here + q] = b[here + q] & b[there + q]
+                else:
+                    a[here : here + inner] = 0
+        have += by
+
+
+@njit(cache=True, nogil=True)
+def _replace(new, old, grew):  # type: ignore[no-untyped-def]
+    """old = new, with a flag for every row that differs."""
+    for r in range(new.shape[0]):
+        grew[r] = 0
+        for w in range(new.shape[1]):
+            if old[r, w] != new[r, w]:
+                old[r, w] = new[r, w]
+                grew[r] = 1
+
+
+def dilate(flags: NDArray[np.uint8], lengths: Ints, periodic: Ints, lower: Ints, upper: Ints) -> NDArray[np.uint8]:
+    """Rows r such that some flagged row lies in r + [lower, upper] along every row axis, (rows,)."""
+    out = flags.reshape(tuple(lengths))
+    for axis in range(3):
+        out = _dilate_axis(np.moveaxis(out, axis, 0), bool(periodic[axis]), int(lower[axis]), int(upper[axis]), axis)
+    return np.ascontiguousarray(out.reshape(-1))
+
+
+def _dilate_axis(flags: NDArray[np.uint8], wraps: bool, lower: int, upper: int, axis: int) -> NDArray[np.uint8]:
+    n = len(flags)
+    out = np.zeros_like(flags)
+    if wraps and upper - lower >= n:
+        lower, upper = 0, n - 1
+    for by in range(lower, upper + 1):
+        if wraps:
+            out |= np.roll(flags, -by, axis=0)
+        elif abs(by) < n:
+            out[max(0, -by) : n - max(0, by)] |= flags[max(0, by) : n + min(0, by)]
+    return np.moveaxis(out, 0, axis)
+
+
+@njit(cache=True, nogil=True)
+def erode_along_rows(bits, width, out):  # type: ignore[no-untyped-def]
+    """out bit j = AND of bits j .. j + width - 1 of the same row; beyond the row there are no cells."""
+    words = bits.shape[1]
+    for r in range(bits.shape[0]):
+        for w in range(words):
+            total = bits[r, w]
+            for k in range(1, width):
+                total &= _shifted(bits, r, w, k, words)
+            out[r, w] = total
+
+
+@njit(cache=True, nogil=True)
+def _shifted(bits, r, w, by, words):  # type: ignore[no-untyped-def]
+    """Word `w` of row `r` moved so that its bit j is bit j + by of the row; zero beyond both ends."""
+    word, bit = w + (by >> 6), np.uint64(by & 63)
+    low = bits[r, word] if 0 <= word < words else np.uint64(0)
+    if bit == 0:
+        return low
+    high = bits[r, word + 1] if 0 <= word + 1 < words else np.uint64(0)
+    return (low >> bit) | (high << (np.uint64(64) - bit))
 
 
 @njit(cache=True, nogil=True)
@@ -38,41 +145,6 @@ def pack_rows(cells, base, stride, count, bits):  # type: ignore[no-untyped-def]
         for j in range(count):
             if cells[base[r] + j * stride]:
                 bits[r, j >> 6] |= np.uint64(1) << np.uint64(j & 63)
-
-
-def smallest_boxes(lower: NDArray[np.int32], upper: NDArray[np.int32]) -> Bools:
-    """Inputs without most of those whose boxes hold another one's: what any input wins, one of these wins.
-
-    lower, upper (layers, M, k), one or more boxes beside each other -> (layers, M). Every box is held against the
-    `COMPARED` smallest that are left, so that it takes a time linear in the inputs.
-    """
-    kept = np.zeros(lower.shape[:2], np.bool_)
-    order = np.argsort((upper.astype(np.int64) - lower).sum(axis=2), axis=1, kind="stable")
-    _smallest(lower, upper, order, kept)
-    return kept
-
-
-@njit(cache=True, nogil=True)
-def _smallest(lower, upper, order, kept):  # type: ignore[no-untyped-def]
-    smallest = np.zeros(COMPARED, np.int64)
-    for layer in range(lower.shape[0]):
-        number = 0
-        for m in order[layer]:
-            found = False
-            for i in range(number):
-                o, inside = smallest[i], True
-                for j in range(lower.shape[2]):
-                    if lower[layer, o, j] < lower[layer, m, j] or upper[layer, o, j] > upper[layer, m, j]:
-                        inside = False
-                        break
-                if inside:
-                    found = True
-                    break
-            if not found:
-                kept[layer, m] = True
-                if number < COMPARED:
-                    smallest[number] = m
-                    number += 1
 
 
 Bits = NDArray[np.uint64]
@@ -146,143 +218,6 @@ class Levels:
         work = partial(settle, *found, *sets, base, stride, level, order, *into)
         self.news[:] = 0
         over_rows(work, self._line.shape[1], self._threads)
-
-
-MAX_SHAPE_CELLS = 4_000_000_000  # bits: 500 MB of free cells eroded by swept boxes
-MAX_BOXES = 40_000_000
-
-
-@dataclass(frozen=True, eq=False)
-class RowSystem:
-    """All boxes of an abstraction whose offsets do not depend on the bit axis.
-
-    Attributes:
-        bit_axis: the axis whose cells share machine words, `count` of them; row_axes: the others, at most 3; the last
-            one is idle too where `slab_rows` is more than 1.
-        lengths, periodic: (3,) of the row axes, padded with 1 and 0 in front.
-        slab_rows: rows that lie below each other with the same boxes.
-        base: (rows,) flat index of a row's first cell; stride: from one cell of a row to the next.
-        layer: (rows,) which boxes a row uses.
-        rel, extent: (layers, M, 4) int32 lower offsets and sizes of the boxes along the row axes and the bit axis.
-        swept, swept_of, swept_shapes: the same for the swept box of each input: (layers, M, 4), which of the sizes
-            (k, 4); nothing where it does not matter.
-    """
-
-    bit_axis: int
-    count: int
-    row_axes: tuple[int, ...]
-    lengths: Ints
-    periodic: Ints
-    slab_rows: int
-    base: Ints
-    stride: int
-    layer: NDArray[np.int32]
-    rel: NDArray[np.int32]
-    extent: NDArray[np.int32]
-    swept: NDArray[np.int32]
-    swept_of: NDArray[np.int32]
-    swept_shapes: Ints
-
-    @staticmethod
-    def of(abstraction: Abstraction) -> RowSystem | None:
-        """The row system, or None where the structure does not allow one or it would not pay."""
-        grid, inputs = abstraction.grid, len(abstraction.inputs)
-        used = sorted(set().union(*abstraction.axes))
-        idle = [j for j in range(grid.box.size) if j not in used and j not in grid.periodic]
-        if not idle or reduced_size(grid, tuple(used)) * inputs > min(MAX_BOXES, 4 * grid.size + 1_000_000):
-            return None
-        bit_axis = max(idle, key=lambda j: grid.cells[j])
-        below = max((j for j in idle if j != bit_axis), key=lambda j: grid.cells[j], default=None)
-        others = [j for j in range(grid.box.size) if j not in (bit_axis, below)]
-        row_axes = (*others, *(() if below is None else (below,)))
-        slab_rows = 1 if below is None else grid.cells[below]
-        if grid.size // grid.cells[bit_axis] // slab_rows * inputs > MAX_BOXES:
-            return None
-        rel, extent = _offsets(abstraction, tuple(used), [*row_axes, bit_axis])
-        swept, length = _swept_offsets(abstraction.swept, grid, tuple(used), [*row_axes, bit_axis], rel.shape[:2])
-        swept_shapes, swept_of = np.unique(length.reshape(-1, 4), axis=0, return_inverse=True)
-        if len(swept_shapes) * grid.size > MAX_SHAPE_CELLS:
-            return None
-        missing = 3 - len(row_axes)
-        lengths = np.array([1] * missing + [grid.cells[j] for j in row_axes])
-        strides = np.cumprod([1, *grid.cells[:0:-1]])[::-1]
-        index = np.stack(np.unravel_index(np.arange(int(lengths.prod())), tuple(lengths)), axis=-1)[:, missing:]
-        layer = np.zeros(len(index), np.int64)
-        for j in used:
-            layer = layer * grid.cells[j] + index[:, row_axes.index(j)]
-        return RowSystem(
-            bit_axis=bit_axis,
-            count=grid.cells[bit_axis],
-            row_axes=row_axes,
-            lengths=lengths,
-            periodic=np.array([0] * missing + [int(j in grid.periodic) for j in row_axes]),
-            slab_rows=slab_rows,
-            base=index @ strides[list(row_axes)],
-            stride=int(strides[bit_axis]),
-            layer=layer.astype(np.int32),
-            rel=rel,
-            extent=extent,
-            swept=swept,
-            swept_of=swept_of.reshape(swept.shape[:2]).astype(np.int32),
-            swept_shapes=swept_shapes.astype(np.int64),
-        )
-
-    def worth_trying(self, kind: Ints) -> Bools:
-        """The inputs that can win a node first, (layers, M): no input of the same class (M,) has smaller boxes."""
-        of_input = np.broadcast_to(kind[None, :, None], (*self.rel.shape[:2], 1))
-        lower: list[Ints] = [of_input, self.rel.astype(np.int64)]
-        upper: list[Ints] = [of_input, lower[1] + self.extent]
-        if len(self.swept):
-            lower.append(self.swept.astype(np.int64))
-            upper.append(lower[2] + self.swept_shapes[self.swept_of])
-        low, high = (np.concatenate(side, axis=2).astype(np.int32) for side in (lower, upper))
-        return smallest_boxes(low, high)
-
-
-def _offsets(abstraction: Abstraction, used: tuple[int, ...], order: list[int]) -> tuple[NDArray[np.int32], ...]:
-    """Lower offsets and extents (layers, M, 4) in the given order of axes, padded in front; wide boxes are cut."""
-    grid = abstraction.grid
-    cells = reduced_cells(grid, used)
-    flat = np.ravel_multi_index(tuple(cells.T), grid.cells)
-    size, wraps = np.array(grid.cells), np.isin(np.arange(grid.box.size), grid.periodic)
-    lower = np.zeros((len(cells), len(abstraction.inputs), 4), np.int32)
-    extent = np.ones_like(lower)
-    for first in range(0, len(flat), 256):
-        block = abstraction.boxes(flat[first : first + 256])
-        k = cells[first : first + 256, None, :]
-        low, high = (block[:, :, side].astype(np.int64) - k for side in (0, 1))
-        turns = np.where(wraps, size * (low // size), 0)
-        low, high = low - turns, high - turns
-        low, high = np.maximum(low, -2 * size), np.minimum(high, 2 * size)  # beyond any cell of the grid either way
-        whole = wraps & (high - low >= size)
-        low, high = np.where(whole, 0, low), np.where(whole, size - 1, high)
-        lower[first : first + 256, :, -len(order) :] = low[..., order]
-        extent[first : first + 256, :, -len(order) :] = (high - low + 1)[..., order]
-    return lower, extent
-
-
-def _swept_offsets(
-    swept: SweptCells | None, grid: Grid, used: tuple[int, ...], order: list[int], shape: tuple[int, ...]
-) -> tuple[NDArray[np.int32], ...]:
-    """Lower offsets and extents of the swept boxes, laid out as `_offsets`; (0, M, 4) without a swept."""
-    lower = np.zeros((shape[0] if swept is not None else 0, shape[1], 4), np.int32)
-    extent = np.ones_like(lower)
-    if swept is not None:
-        low, high = swept.at(reduced_cells(grid, used), grid)
-        lower[..., -len(order) :] = low[..., order]
-        extent[..., -len(order) :] = (high - low + 1)[..., order]
-    return lower, extent
-
-
-def with_common_sweeps(systems: Sequence[RowSystem]) -> list[RowSystem]:
-    """The systems with sizes of swept boxes that are counted through all of them."""
-    own = [s.swept_shapes[s.swept_of] for s in systems]
-    shapes, place = np.unique(np.concatenate([o.reshape(-1, 4) for o in own]), axis=0, return_inverse=True)
-    each = np.split(place.reshape(-1), np.cumsum([o.size // 4 for o in own])[:-1])
-    return [
-        replace(s, swept_shapes=shapes, swept_of=p.reshape(s.swept_of.shape).astype(np.int32))
-        for s, p in zip(systems, each, strict=True)
-    ]
 
 
 def reach_by_rows(

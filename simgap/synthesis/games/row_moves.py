@@ -9,37 +9,192 @@ eroded by the extent of the box and shifted by its lower offset, by whole rows a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Ints
+from simgap.geometry import Grid
+from simgap.late import njit
+from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.abstraction.post import reduced_cells, reduced_size
+from simgap.synthesis.abstraction.swept import SweptCells
+
+COMPARED = 256
+MAX_BOXES = 40_000_000
 
 
-class Boxes(Protocol):
-    """What is read of a row system, see `reach_rows.RowSystem`."""
+def smallest_boxes(lower: NDArray[np.int32], upper: NDArray[np.int32]) -> Bools:
+    """Inputs without most of those whose boxes hold another one's: what any input wins, one of these wins.
 
-    @property
-    def lengths(self) -> Ints: ...  # noqa: D102
-    @property
-    def periodic(self) -> Ints: ...  # noqa: D102
-    @property
-    def slab_rows(self) -> int: ...  # noqa: D102
-    @property
-    def count(self) -> int: ...  # noqa: D102
-    @property
-    def layer(self) -> NDArray[np.int32]: ...  # noqa: D102
-    @property
-    def rel(self) -> NDArray[np.int32]: ...  # noqa: D102
-    @property
-    def extent(self) -> NDArray[np.int32]: ...  # noqa: D102
-    @property
-    def swept(self) -> NDArray[np.int32]: ...  # noqa: D102
-    @property
-    def swept_of(self) -> NDArray[np.int32]: ...  # noqa: D102
-    @property
-    def swept_shapes(self) -> Ints: ...  # noqa: D102
+    lower, upper (layers, M, k), one or more boxes beside each other -> (layers, M). Every box is held against the
+    `COMPARED` smallest that are left, so that it takes a time linear in the inputs.
+    """
+    kept = np.zeros(lower.shape[:2], np.bool_)
+    order = np.argsort((upper.astype(np.int64) - lower).sum(axis=2), axis=1, kind="stable")
+    _smallest(lower, upper, order, kept)
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def _smallest(lower, upper, order, kept):  # type: ignore[no-untyped-def]
+    smallest = np.zeros(COMPARED, np.int64)
+    for layer in range(lower.shape[0]):
+        number = 0
+        for m in order[layer]:
+            found = False
+            for i in range(number):
+                o, inside = smallest[i], True
+                for j in range(lower.shape[2]):
+                    if lower[layer, o, j] < lower[layer, m, j] or upper[layer, o, j] > upper[layer, m, j]:
+                        inside = False
+                        break
+                if inside:
+                    found = True
+                    break
+            if not found:
+                kept[layer, m] = True
+                if number < COMPARED:
+                    smallest[number] = m
+                    number += 1
+
+
+MAX_SHAPE_CELLS = 4_000_000_000  # bits: 500 MB of free cells eroded by swept boxes
+
+
+@dataclass(frozen=True, eq=False)
+class RowSystem:
+    """All boxes of an abstraction whose offsets do not depend on the bit axis.
+
+    Attributes:
+        bit_axis: the axis whose cells share machine words, `count` of them; row_axes: the others, at most 3; the last
+            one is idle too where `slab_rows` is more than 1.
+        lengths, periodic: (3,) of the row axes, padded with 1 and 0 in front.
+        slab_rows: rows that lie below each other with the same boxes.
+        base: (rows,) flat index of a row's first cell; stride: from one cell of a row to the next.
+        layer: (rows,) which boxes a row uses.
+        rel, extent: (layers, M, 4) int32 lower offsets and sizes of the boxes along the row axes and the bit axis.
+        swept, swept_of, swept_shapes: the same for the swept box of each input: (layers, M, 4), which of the sizes
+            (k, 4); nothing where it does not matter.
+    """
+
+    bit_axis: int
+    count: int
+    row_axes: tuple[int, ...]
+    lengths: Ints
+    periodic: Ints
+    slab_rows: int
+    base: Ints
+    stride: int
+    layer: NDArray[np.int32]
+    rel: NDArray[np.int32]
+    extent: NDArray[np.int32]
+    swept: NDArray[np.int32]
+    swept_of: NDArray[np.int32]
+    swept_shapes: Ints
+
+    @staticmethod
+    def of(abstraction: Abstraction) -> RowSystem | None:
+        """The row system, or None where the structure does not allow one or it would not pay."""
+        grid, inputs = abstraction.grid, len(abstraction.inputs)
+        used = sorted(set().union(*abstraction.axes))
+        idle = [j for j in range(grid.box.size) if j not in used and j not in grid.periodic]
+        if not idle or reduced_size(grid, tuple(used)) * inputs > min(MAX_BOXES, 4 * grid.size + 1_000_000):
+            return None
+        bit_axis = max(idle, key=lambda j: grid.cells[j])
+        below = max((j for j in idle if j != bit_axis), key=lambda j: grid.cells[j], default=None)
+        others = [j for j in range(grid.box.size) if j not in (bit_axis, below)]
+        row_axes = (*others, *(() if below is None else (below,)))
+        slab_rows = 1 if below is None else grid.cells[below]
+        if grid.size // grid.cells[bit_axis] // slab_rows * inputs > MAX_BOXES:
+            return None
+        rel, extent = _offsets(abstraction, tuple(used), [*row_axes, bit_axis])
+        swept, length = _swept_offsets(abstraction.swept, grid, tuple(used), [*row_axes, bit_axis], rel.shape[:2])
+        swept_shapes, swept_of = np.unique(length.reshape(-1, 4), axis=0, return_inverse=True)
+        if len(swept_shapes) * grid.size > MAX_SHAPE_CELLS:
+            return None
+        missing = 3 - len(row_axes)
+        lengths = np.array([1] * missing + [grid.cells[j] for j in row_axes])
+        strides = np.cumprod([1, *grid.cells[:0:-1]])[::-1]
+        index = np.stack(np.unravel_index(np.arange(int(lengths.prod())), tuple(lengths)), axis=-1)[:, missing:]
+        layer = np.zeros(len(index), np.int64)
+        for j in used:
+            layer = layer * grid.cells[j] + index[:, row_axes.index(j)]
+        return RowSystem(
+            bit_axis=bit_axis,
+            count=grid.cells[bit_axis],
+            row_axes=row_axes,
+            lengths=lengths,
+            periodic=np.array([0] * missing + [int(j in grid.periodic) for j in row_axes]),
+            slab_rows=slab_rows,
+            base=index @ strides[list(row_axes)],
+            stride=int(strides[bit_axis]),
+            layer=layer.astype(np.int32),
+            rel=rel,
+            extent=extent,
+            swept=swept,
+            swept_of=swept_of.reshape(swept.shape[:2]).astype(np.int32),
+            swept_shapes=swept_shapes.astype(np.int64),
+        )
+
+    def worth_trying(self, kind: Ints) -> Bools:
+        """The inputs that can win a node first, (layers, M): no input of the same class (M,) has smaller boxes."""
+        of_input = np.broadcast_to(kind[None, :, None], (*self.rel.shape[:2], 1))
+        lower: list[Ints] = [of_input, self.rel.astype(np.int64)]
+        upper: list[Ints] = [of_input, lower[1] + self.extent]
+        if len(self.swept):
+            lower.append(self.swept.astype(np.int64))
+            upper.append(lower[2] + self.swept_shapes[self.swept_of])
+        low, high = (np.concatenate(side, axis=2).astype(np.int32) for side in (lower, upper))
+        return smallest_boxes(low, high)
+
+
+def _offsets(abstraction: Abstraction, used: tuple[int, ...], order: list[int]) -> tuple[NDArray[np.int32], ...]:
+    """Lower offsets and extents (layers, M, 4) in the given order of axes, padded in front; wide boxes are cut."""
+    grid = abstraction.grid
+    cells = reduced_cells(grid, used)
+    flat = np.ravel_multi_index(tuple(cells.T), grid.cells)
+    size, wraps = np.array(grid.cells), np.isin(np.arange(grid.box.size), grid.periodic)
+    lower = np.zeros((len(cells), len(abstraction.inputs), 4), np.int32)
+    extent = np.ones_like(lower)
+    for first in range(0, len(flat), 256):
+        block = abstraction.boxes(flat[first : first + 256])
+        k = cells[first : first + 256, None, :]
+        low, high = (block[:, :, side].astype(np.int64) - k for side in (0, 1))
+        turns = np.where(wraps, size * (low // size), 0)
+        low, high = low - turns, high - turns
+        low, high = np.maximum(low, -2 * size), np.minimum(high, 2 * size)  # beyond any cell of the grid either way
+        whole = wraps & (high - low >= size)
+        low, high = np.where(whole, 0, low), np.where(whole, size - 1, high)
+        lower[first : first + 256, :, -len(order) :] = low[..., order]
+        extent[first : first + 256, :, -len(order) :] = (high - low + 1)[..., order]
+    return lower, extent
+
+
+def _swept_offsets(
+    swept: SweptCells | None, grid: Grid, used: tuple[int, ...], order: list[int], shape: tuple[int, ...]
+) -> tuple[NDArray[np.int32], ...]:
+    """Lower offsets and extents of the swept boxes, laid out as `_offsets`; (0, M, 4) without a swept."""
+    lower = np.zeros((shape[0] if swept is not None else 0, shape[1], 4), np.int32)
+    extent = np.ones_like(lower)
+    if swept is not None:
+        low, high = swept.at(reduced_cells(grid, used), grid)
+        lower[..., -len(order) :] = low[..., order]
+        extent[..., -len(order) :] = (high - low + 1)[..., order]
+    return lower, extent
+
+
+def with_common_sweeps(systems: Sequence[RowSystem]) -> list[RowSystem]:
+    """The systems with sizes of swept boxes that are counted through all of them."""
+    own = [s.swept_shapes[s.swept_of] for s in systems]
+    shapes, place = np.unique(np.concatenate([o.reshape(-1, 4) for o in own]), axis=0, return_inverse=True)
+    each = np.split(place.reshape(-1), np.cumsum([o.size // 4 for o in own])[:-1])
+    return [
+        replace(s, swept_shapes=shapes, swept_of=p.reshape(s.swept_of.shape).astype(np.int32))
+        for s, p in zip(systems, each, strict=True)
+    ]
 
 
 class Moves(NamedTuple):
@@ -79,7 +234,7 @@ class Moves(NamedTuple):
     inputs: NDArray[np.int32]
 
 
-def words_of_a_row(systems: Sequence[Boxes]) -> int:
+def words_of_a_row(systems: Sequence[RowSystem]) -> int:
     """Words that hold a row and, behind it, as many empty bits as the farthest shift along a row."""
     count = systems[0].count
     farthest = max(
@@ -88,7 +243,7 @@ def words_of_a_row(systems: Sequence[Boxes]) -> int:
     return (count + farthest + 63) // 64
 
 
-def moves_of(systems: Sequence[Boxes], kind: Ints, wanted: Sequence[Bools] | None = None) -> Moves:
+def moves_of(systems: Sequence[RowSystem], kind: Ints, wanted: Sequence[Bools] | None = None) -> Moves:
     """The moves of all inputs of all classes, of those that stay on the grid.
 
     Args:
@@ -106,7 +261,7 @@ def moves_of(systems: Sequence[Boxes], kind: Ints, wanted: Sequence[Bools] | Non
     return _sorted(table, lead, rows, words)
 
 
-def _lead(s: Boxes) -> Ints:
+def _lead(s: RowSystem) -> Ints:
     """Lengths and wrapping of the axes along which slabs lie, (2, 3)."""
     lead = np.stack([s.lengths, s.periodic]).astype(np.int64)
     if s.slab_rows > 1:
@@ -114,7 +269,7 @@ def _lead(s: Boxes) -> Ints:
     return lead
 
 
-def _of_class(c: int, s: Boxes, kind: Ints, lead: Ints, words: int, wanted: Bools | None) -> dict[str, Ints]:
+def _of_class(c: int, s: RowSystem, kind: Ints, lead: Ints, words: int, wanted: Bools | None) -> dict[str, Ints]:
     """Columns of one class's moves, unsorted: slab by slab, input by input."""
     slabs, inputs, n = int(lead[0].prod()), len(kind), s.slab_rows
     layer = s.layer[::n]
@@ -219,5 +374,5 @@ def _code(t: dict[str, Ints], names: Sequence[str]) -> Ints:
 
 
 def _new(column: Ints) -> Bools:
-    """Where a sorted column differs from the entry before."""
+    """True where a sorted column differs from the entry before."""
     return np.concatenate([np.ones(min(1, len(column)), bool), column[1:] != column[:-1]])

@@ -107,7 +107,7 @@ def _eroded(stage, source, spare, extent, along, first, last, words):  # type: i
 
 @njit(cache=True, nogil=True)
 def _empty(buffer, first, last):  # type: ignore[no-untyped-def]
-    """Whether no bit is set in the words first..last."""
+    """True if no bit is set in the words first..last."""
     seen, part = np.uint64(0), buffer[first:last]
     for q in range(part.size):
         seen |= part[q]

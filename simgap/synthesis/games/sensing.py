@@ -15,19 +15,15 @@ closed under union.
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
-from numpy.typing import NDArray
 
 from simgap.arrays import Bools, Floats
 from simgap.errors import UserError
 from simgap.geometry import Grid
-from simgap.late import njit
 from simgap.specifications.solution import Solution
-from simgap.synthesis.abstraction.cells import Abstraction, clip_boxes
-from simgap.synthesis.games.invariance import invariance, row_index
-from simgap.synthesis.games.threads import over_rows
+from simgap.synthesis.abstraction.cells import Abstraction
+from simgap.synthesis.games.invariance import invariance
+from simgap.synthesis.games.pending import NONE, common_inputs
 from simgap.synthesis.input_sets import (
     Words,
     crop,
@@ -38,7 +34,9 @@ from simgap.synthesis.input_sets import (
     padded,
     to_bytes,
     to_words,
+    unpack,
     window_and,
+    words_of,
 )
 
 LARGEST_MASK = 1_500_000_000  # bytes
@@ -95,14 +93,14 @@ def _shared(sets: Words, inside: Bools, grid: Grid, margin: tuple[int, ...], inp
 def _unserved(shared: Words, near: Bools, grid: Grid, margin: tuple[int, ...]) -> Bools:
     """True cells some of whose measurements leave no input, (cells,)."""
     larger = padded(grid, margin)
-    served = (shared.any(axis=1) | ~near).astype(np.uint32)[:, None]
+    served = (shared.any(axis=1) | ~near).astype(np.uint64)[:, None]
     return crop(window_and(served, larger, margin), grid, larger)[:, 0] == 0
 
 
 def _near(inside: Bools, grid: Grid, margin: tuple[int, ...]) -> Bools:
     """Measured cells within the error of some cell of W, (padded cells,)."""
     larger = padded(grid, margin)
-    far = embed((~inside[:, None]).astype(np.uint32), grid, larger, np.ones(1, np.uint32))
+    far = embed((~inside[:, None]).astype(np.uint64), grid, larger, np.ones(1, np.uint64))
     return window_and(far, larger, margin)[:, 0] == 0
 
 
@@ -113,7 +111,7 @@ def _without_latency(abstraction: Abstraction, margin: tuple[int, ...], threads:
     while True:
         rounds += 1
         found = invariance(abstraction, safe, threads)
-        shared = _shared(to_words(found.mask, inputs), found.winning, grid, margin, inputs)
+        shared = _shared(to_words(found.mask), found.winning, grid, margin, inputs)
         bad = found.winning & _unserved(shared, _near(found.winning, grid, margin), grid, margin)
         if not bad.any():
             break
@@ -130,88 +128,42 @@ def _without_latency(abstraction: Abstraction, margin: tuple[int, ...], threads:
 def _with_latency(abstraction: Abstraction, margin: tuple[int, ...], threads: int, free: Bools, first: int) -> Solution:
     grid, inputs = abstraction.grid, len(abstraction.inputs)
     larger, full = padded(grid, margin), every_input(inputs)
-    allowed = to_words(invariance(abstraction, free, threads).mask, inputs)
+    allowed = to_words(invariance(abstraction, free, threads).mask)
     rounds = 0
     while True:
         rounds += 1
         after = _after(abstraction, allowed, threads).reshape(grid.size, -1)
         after = window_and(embed(after, grid, larger, np.tile(full, inputs)), larger, margin)
         served: Bools = np.any(after.reshape(larger.size, inputs, -1), axis=2)
-        fine = crop(window_and(_pack(served, inputs), larger, margin), grid, larger)
+        fine = crop(window_and(words_of(served), larger, margin), grid, larger)
         if np.array_equal(fine & allowed, allowed):
             break
         allowed &= fine
     possible = ~window_and(embed(~allowed, grid, larger, ~np.zeros_like(full)), larger, margin)
-    table = after.reshape(larger.size, inputs, -1) * _unpack(possible, inputs)[:, :, None]
+    table = after.reshape(larger.size, inputs, -1) * unpack(to_bytes(possible, inputs), inputs)[:, :, None]
     return Solution(
         grid=larger,
-        winning=_flags(_unpack(allowed, inputs)[:, first] == 1, grid, larger),
+        winning=_flags(unpack(to_bytes(allowed, inputs), inputs)[:, first], grid, larger),
         mask=to_bytes(table.reshape(larger.size * inputs, -1), inputs),
         free=_flags(free, grid, larger),
         memory=inputs,
         first=first,
         late=True,
         statistics={"rounds": rounds},
-        acting=to_bytes(embed(allowed, grid, larger, np.zeros(allowed.shape[1], np.uint32)), inputs),
+        acting=to_bytes(embed(allowed, grid, larger, np.zeros(allowed.shape[1], np.uint64)), inputs),
     )
 
 
 def _flags(values: Bools, grid: Grid, larger: Grid) -> Bools:
-    return embed(values.astype(np.uint32)[:, None], grid, larger, np.zeros(1, np.uint32))[:, 0] == 1
-
-
-def _pack(flags: Bools, inputs: int) -> Words:
-    return to_words(np.packbits(flags, axis=1, bitorder="little"), inputs)
-
-
-def _unpack(sets: Words, inputs: int) -> NDArray[np.uint32]:
-    bits = np.unpackbits(to_bytes(sets, inputs), axis=1, count=inputs, bitorder="little")
-    return bits.astype(np.uint32)
+    return embed(values.astype(np.uint64)[:, None], grid, larger, np.zeros(1, np.uint64))[:, 0] == 1
 
 
 def _after(abstraction: Abstraction, allowed: Words, threads: int) -> Words:
     """AND of `allowed` over the box of every (cell, allowed input), all inputs elsewhere: -> (cells, M, words)."""
-    grid, n, inputs = abstraction.grid, abstraction.grid.box.size, len(abstraction.inputs)
-    row = grid.cells[-1]
-    out = np.empty((grid.size, inputs, allowed.shape[1]), np.uint32)
-    model = (abstraction.post, abstraction.meta, abstraction.data, abstraction.table)
-    work = partial(_after_rows, *model, abstraction.shape, n, inputs, row, allowed, every_input(inputs), out)
-    over_rows(work, grid.size // row, threads)
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _after_rows(post, meta, data, tab, shape, n, inputs, row, allowed, full, out, first, last):  # type: ignore[no-untyped-def]
-    k = np.zeros(4, np.int64)
-    boxes, ok = np.zeros(2 * n * inputs, np.int32), np.zeros(inputs, np.uint8)
-    for r in range(first, last):
-        row_index(r, shape, n, k)
-        for i in range(row):
-            k[n - 1] = i
-            post(k.ctypes, 1, 1, 0, inputs, meta.ctypes, data.ctypes, tab.ctypes, boxes.ctypes)
-            clip_boxes(shape, n, boxes, np.int64(0), inputs, ok)
-            for m in range(inputs):
-                chosen = allowed[r * row + i, m >> 5] >> np.uint32(m & 31) & np.uint32(1)
-                for w in range(full.size):
-                    out[r * row + i, m, w] = full[w]
-                if chosen:
-                    _and_over_box(shape, n, boxes, 2 * n * m, allowed, out, r * row + i, m)
-    return 0
-
-
-@njit(cache=True, nogil=True)
-def _and_over_box(shape, n, boxes, at, allowed, out, cell, m):  # type: ignore[no-untyped-def]
-    """AND of `allowed` over the clipped box `boxes[at:]` into `out[cell, m]`."""
-    total = np.int64(1)
-    for j in range(n):
-        total *= boxes[at + n + j] - boxes[at + j] + 1
-    for number in range(total):
-        rest, flat, stride = number, np.int64(0), np.int64(1)
-        for j in range(n - 1, -1, -1):
-            extent = boxes[at + n + j] - boxes[at + j] + 1
-            index = boxes[at + j] + rest % extent
-            rest //= extent
-            flat += (index % shape[0, j]) * stride
-            stride *= shape[0, j]
-        for w in range(allowed.shape[1]):
-            out[cell, m, w] &= allowed[flat, w]
+    inputs = len(abstraction.inputs)
+    sets = np.tile(every_input(inputs), (len(allowed), inputs, 1))
+    todo = unpack(to_bytes(allowed, inputs), inputs).view(np.uint8)
+    one_class, news = np.zeros(inputs, np.int64), np.ones((1, len(allowed)), np.uint8)
+    state = common_inputs(abstraction, one_class, allowed[None], news, todo, sets, threads)
+    sets[state == NONE] = 0
+    return sets

@@ -25,5 +25,5 @@ def over_rows(work: Callable[[int, int], int], rows: int, threads: int) -> int:
 
 
 def over_items(work: Callable[[T], R], items: Sequence[T], threads: int) -> list[R]:
-    """What `work(item)` returns for every item; they must write to different places."""
+    """Results of `work(item)` for every item; they must write to different places."""
     return list(map(work, items) if threads <= 1 else _pool(threads).map(work, items))

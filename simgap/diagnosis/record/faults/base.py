@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
@@ -14,17 +15,21 @@ Mended = tuple[Record, tuple[RecordingFault, ...]]
 
 
 class Fault(ABC):
-    """A fault of the data and not of the plant; subclasses are final and hold no state."""
+    """A fault of the data and not of the plant; subclasses are final and hold no state.
+
+    The docstring of one says what is wrong and, after 'Detected:', how it is found and what becomes of it.
+    """
 
     name: ClassVar[str]
-    meaning: ClassVar[str]
-    """What is wrong, in the words of the reference."""
-    detected: ClassVar[str]
-    """How it is found and what becomes of it, in the words of the reference."""
     unit: ClassVar[str] = "1"
     """Of its number; where it is the channel's own, the finding says which."""
     remedy: ClassVar[str] = ""
     """What a person can do; `{}` stands for the channel."""
+
+    def said(self) -> tuple[str, str]:
+        """What is wrong, and how it is detected, from the docstring."""
+        meaning, detected = (inspect.getdoc(type(self)) or "").split("\n\n")[:2]
+        return meaning, " ".join(detected.split()).removeprefix("Detected: ")
 
     def told(
         self, channel: str, value: float | None, sentence: str, remedy: str = "", unit: str | None = None

@@ -87,14 +87,13 @@ def _shifted_products(trace: Trace, j: int, k: int, dt: float, m: int, reach: in
 
 
 class SwappedColumns(SeenFault):
-    """Two columns in each other's place."""
+    """Two columns stand in each other's place.
+
+    Detected: a position and its velocity: the one is the derivative of the other, the wrong way round (kinematics
+    alone: no missing effect masks it); other columns as `wrong_unit`; exchanged.
+    """
 
     name = "swapped_columns"
-    meaning = "two columns stand in each other's place"
-    detected = (
-        "a position and its velocity: the one is the derivative of the other, the wrong way round (kinematics alone: "
-        "no missing effect masks it); other columns as `wrong_unit`; exchanged"
-    )
     unit = ""
 
     def mend(self, record: Record, model: SymbolicModel) -> Mended:
@@ -123,14 +122,13 @@ class SwappedColumns(SeenFault):
 
 
 class WrongSign(Fault):
-    """A column, a wire or a motor with the other sign."""
+    """A column has the other sign.
+
+    Detected: as `wrong_unit`, of a reading; of an input its gain is negative, and stays named: a reversed wire and a
+    reversed column look alike.
+    """
 
     name = "wrong_sign"
-    meaning = "a column has the other sign"
-    detected = (
-        "as `wrong_unit`, of a reading; of an input its gain is negative, and stays named: a reversed wire and a "
-        "reversed column look alike"
-    )
     remedy = "Give measured.columns.{}.scale: -1, or turn its wire."
 
     def of(self, name: str) -> RecordingFault:
@@ -147,15 +145,14 @@ class WrongSign(Fault):
 
 
 class WrongUnit(Fault):
-    """A column in another unit than the case says."""
+    """A column is in another unit than the case says.
+
+    Detected: the declared model misses by a chi^2/dof of 100 or more: each unit is tried on a few windows, alone and
+    with friction, biases and gains near 1, and taken if the error falls below a hundredth; or an input's gain equals a
+    ratio of units that are commonly confused, and stays named.
+    """
 
     name = "wrong_unit"
-    meaning = "a column is in another unit than the case says"
-    detected = (
-        "the declared model misses by a chi^2/dof of 100 or more: each unit is tried on a few windows, alone and with "
-        "friction, biases and gains near 1, and taken if the error falls below a hundredth; or an input's gain equals "
-        "a ratio of units that are commonly confused, and stays named"
-    )
     ratios: Mapping[str, float] = {
         "logged in units a thousand times too large": 1000.0,
         "logged in thousandths": 1e-3,
@@ -187,11 +184,12 @@ class WrongUnit(Fault):
 
 
 class ConstantColumn(Fault):
-    """A column that says nothing."""
+    """The torque of an arm's joint never changes while the arm moves.
+
+    Detected: its spread is nothing beside that of the declared arm's torque; nothing is fitted to it.
+    """
 
     name = "constant"
-    meaning = "the torque of an arm's joint never changes while the arm moves"
-    detected = "its spread is nothing beside that of the declared arm's torque; nothing is fitted to it"
     unit = ""
     remedy = "Log the torque of {0}, or map its column with measured.columns.{0}.column."
 

@@ -27,13 +27,13 @@ _AROUND = 40  # frequencies on either side that are the background of a line
 
 
 class Hum(SeenFault):
-    """A steady sine in a reading."""
+    """A steady sine, as of the mains, stands in a reading.
+
+    Detected: a spectral line that would need twice the acceleration of the motion, and that no input contains;
+    removed.
+    """
 
     name = "hum"
-    meaning = "a steady sine, as of the mains, stands in a reading"
-    detected = (
-        "a spectral line that would need twice the acceleration of the motion, and that no input contains; removed"
-    )
     unit = "Hz"
     remedy = "Shield or filter the sensor of {}, or set its rate apart from the mains."
 
@@ -65,8 +65,7 @@ def _line(record: Record, k: int) -> float | None:
     peak = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
     peak = peak[(peak > _AROUND) & (peak < len(power) - 3)]
     for at in peak[np.argsort(-power[peak] * hertz[peak] ** 4)][:5]:
-        near = np.concatenate([power[max(at - _AROUND, 0) : at - 3], power[at + 4 : at + _AROUND]])
-        if power[at] < HUM_LINE * np.median(near) or _driven(trace, int(at)):
+        if _above(power, int(at)) < HUM_LINE or _driven(trace, int(at)):
             continue
         f = _refined(trace, trace.y[:, k], float(hertz[at]), float(hertz[1] - hertz[0]))
         size = float(np.hypot(*_sine(trace, trace.y[:, k], f)))
@@ -96,8 +95,13 @@ def _stands(trace: Trace, k: int, hertz: float) -> bool:
     here = int(np.argmin(np.abs(at - hertz)))
     if len(power) < 4 * _AROUND or not _AROUND < here < len(power) - 3:
         return True
-    near = np.concatenate([power[max(here - _AROUND, 0) : here - 3], power[here + 4 : here + _AROUND]])
-    return bool(power[here - 1 : here + 2].max() > 0.1 * HUM_LINE * np.median(near))
+    return _above(power, here) > 0.1 * HUM_LINE
+
+
+def _above(power: Floats, at: int) -> float:
+    """How many times the median around a line stands out of a spectrum."""
+    near = np.concatenate([power[max(at - _AROUND, 0) : at - 3], power[at + 4 : at + _AROUND]])
+    return float(power[at - 1 : at + 2].max() / max(float(np.median(near)), 1e-300))
 
 
 def _power(trace: Trace, values: Floats) -> tuple[Floats, Floats]:
@@ -113,13 +117,7 @@ def _power(trace: Trace, values: Floats) -> tuple[Floats, Floats]:
 
 def _driven(trace: Trace, at: int) -> bool:
     """Whether an input has a line there too."""
-    for u in trace.u.T:
-        if float(np.ptp(u)) > 0.0:
-            power, _ = _power(trace, u)
-            near = np.concatenate([power[at - _AROUND : at - 3], power[at + 4 : at + _AROUND]])
-            if power[at - 2 : at + 3].max() > HUM_LINE * max(float(np.median(near)), 1e-300):
-                return True
-    return False
+    return any(_above(_power(trace, u)[0], at) > HUM_LINE for u in trace.u.T if np.ptp(u) > 0.0)
 
 
 def _sine(trace: Trace, values: Floats, hertz: float) -> Floats:

@@ -30,6 +30,27 @@ class FittedFault(Fault, Effect):
 
     told_as: ClassVar[str] = ""
     """Under which name a person reads it, if not its own."""
+    short: ClassVar[str]
+    """Named by its channel, `{}`."""
+    long: ClassVar[str]
+    """The same with its number, the second `{}`."""
+    begin: ClassVar[tuple[float, ...] | None] = None
+    """Sampling intervals from which a search begins; None: from the derivative where there is none of it."""
+
+    def starts(self, scales: Scales) -> tuple[Start, ...]:
+        """A few multiples of the sampling interval."""
+        if self.begin is None:
+            return Effect.starts(self, scales)
+        return tuple(multiple(self.parameters[0].symbol, k * scales.interval) for k in self.begin)
+
+    def phrase(self, on: str) -> str:
+        """Named by its channel."""
+        return self.short.format(on)
+
+    def describe(self, on: str, quoted: Quoted) -> str:
+        """With its number, times in milliseconds."""
+        (p,) = self.parameters
+        return self.long.format(on, quoted.number(p.symbol, 1e3, "ms") if p.unit == "s" else quoted.number(p.symbol))
 
     def fitted(self, found: FoundEffect) -> RecordingFault:
         """The finding, with its number."""
@@ -41,11 +62,14 @@ class FittedFault(Fault, Effect):
 
 
 class LateLog(FittedFault, MemoryInputEffect):
-    """An input that is logged after it has acted: the plant felt it earlier than the record says."""
+    """An input, or a reading beside the others, has late time stamps.
+
+    Detected: fitted with the effects, one number.
+    """
 
     name = "late_log"
-    meaning = "an input, or a reading beside the others, has late time stamps"
-    detected = "fitted with the effects, one number"
+    short, long = "a late log of {}", "{} that is logged {} late"
+    begin = (0.5, 2.0, 6.0)
     unit = "s"
     remedy = "Log {} with the stamp of the instant at which it acts, or shift its column by that much."
     formula = "u'(t) = u(t + late)"
@@ -53,21 +77,9 @@ class LateLog(FittedFault, MemoryInputEffect):
     rank = COMMAND + 60
     parameters = (EffectParameter("late", "s", "time from action to log", null=0.0, lower=0.0, upper=1.0),)
 
-    def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """A few multiples of the sampling interval."""
-        return tuple(multiple("late", k * scales.interval) for k in (0.5, 2.0, 6.0))
-
     def delay(self, values: Values) -> sp.Expr:
         """A delay below zero."""
         return -values["late"]
-
-    def phrase(self, on: str) -> str:
-        """Named by its channel."""
-        return f"a late log of {on}"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """In milliseconds."""
-        return f"{on} that is logged {quoted.number('late', 1e3, 'ms')} late"
 
 
 class ReadingFault(FittedFault):
@@ -95,11 +107,13 @@ class ReadingFault(FittedFault):
 
 
 class Drift(ReadingFault):
-    """A sensor whose zero runs away steadily."""
+    """A sensor's zero moves.
+
+    Detected: a steady ramp is fitted with the effects; a wandering zero competes as coloured noise.
+    """
 
     name = "drift"
-    meaning = "a sensor's zero moves"
-    detected = "a steady ramp is fitted with the effects; a wandering zero competes as coloured noise"
+    short, long = "a drift of the sensor of {}", "a sensor of {} that drifts by {}"
     remedy = "Zero the sensor of {} before each run, or subtract the ramp."
     formula = "y(t) = x(t) + rate t"
     source = "Ljung (1999), System Identification, sec. 14.1"
@@ -117,24 +131,17 @@ class Drift(ReadingFault):
         """A ramp from the start of each trace."""
         reading += value * since
 
-    def phrase(self, on: str) -> str:
-        """Named by its sensor."""
-        return f"a drift of the sensor of {on}"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """By how much a second."""
-        return f"a sensor of {on} that drifts by {quoted.number('rate')}"
-
 
 class FilteredVelocity(ReadingFault):
-    """A velocity that went through a first-order low-pass filter before it was logged."""
+    """A velocity column was low-pass filtered.
+
+    Detected: fitted with the effects. Where the position is measured too, the column is left out of the fit, because
+    the filter is unknown; its error is still reported.
+    """
 
     name = "filtered_velocity"
-    meaning = "a velocity column was low-pass filtered"
-    detected = (
-        "fitted with the effects. Where the position is measured too, the column is left out of the fit, because the "
-        "filter is unknown; its error is still reported"
-    )
+    short, long = "a filter on {}", "{} that was filtered over {}"
+    begin = (1.0, 4.0)
     unit = "s"
     remedy = "Log {} before its filter, or leave its column out."
     formula = "lag y' = v - y"
@@ -144,10 +151,6 @@ class FilteredVelocity(ReadingFault):
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """The velocity of every coordinate."""
         return tuple(c.velocity for c in model.coordinates)
-
-    def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """A few multiples of the sampling interval."""
-        return tuple(multiple("lag", k * scales.interval) for k in (1.0, 4.0))
 
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """The filter is exact between samples for a steady change; it begins at what was measured."""
@@ -159,24 +162,18 @@ class FilteredVelocity(ReadingFault):
         sentence = f"{on} went through a filter that delays it by about {1e3 * lag:.3g} ms; it was left out."
         return self.told(on, lag, sentence)
 
-    def phrase(self, on: str) -> str:
-        """Named by its channel."""
-        return f"a filter on {on}"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """In milliseconds."""
-        return f"{on} that was filtered over {quoted.number('lag', 1e3, 'ms')}"
-
 
 class FilteredReading(ReadingFault):
-    """A position that went through a first-order low-pass filter before it was logged, or a sensor that is as slow.
+    """A position sensor is slow or filtered.
+
+    Detected: tried in place of an input lag or a late reading, and named if it fits better.
 
     The motion reacts as it would to a slow actuator, which a linear plant that one sensor reads cannot tell at all.
     """
 
     name = "filtered_reading"
-    meaning = "a position sensor is slow or filtered"
-    detected = "tried in place of an input lag or a late reading, and named if it fits better"
+    short, long = "a slow sensor or a filter of {}", "{} that was filtered over {}"
+    begin = ()
     unit = "s"
     remedy = "Log {} before its filter; of a slow sensor allow for the lag wherever it is fed back."
     formula = "lag y' = x - y"
@@ -188,10 +185,6 @@ class FilteredReading(ReadingFault):
         """The position of every coordinate."""
         return tuple(c.position for c in model.coordinates)
 
-    def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """None of its own."""
-        return ()
-
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """Exact between samples for a steady change; it begins as it would trail the parabola of the first samples."""
         if value > 0.0:
@@ -200,14 +193,6 @@ class FilteredReading(ReadingFault):
                 if b - a > 2:
                     begin[w] = _trailing(reading[a : a + 3], t[a : a + 3] - t[a], value)
             _filter(reading, value, t, begin, rows)
-
-    def phrase(self, on: str) -> str:
-        """Named by its channel."""
-        return f"a slow sensor or a filter of {on}"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """In milliseconds."""
-        return f"{on} that was filtered over {quoted.number('lag', 1e3, 'ms')}"
 
 
 def _trailing(first: Floats, t: Floats, lag: float) -> float:
@@ -218,11 +203,14 @@ def _trailing(first: Floats, t: Floats, lag: float) -> float:
 
 
 class LateReading(ReadingFault):
-    """A reading that is logged after the others, with the stamp of these: what it shows was some time ago."""
+    """A reading is logged after the others with their stamp.
+
+    Detected: fitted with the effects; reported as `late_log` of the reading.
+    """
 
     name = "late_reading"
-    meaning = "a reading is logged after the others with their stamp"
-    detected = "fitted with the effects; reported as `late_log` of the reading"
+    short, long = "a late log of {}", "{} that is logged {} later than the other channels"
+    begin = (0.5, 2.0)
     told_as = "late_log"
     unit = "s"
     remedy = "Log {} with the stamp of the instant at which it was read, or shift its column by that much."
@@ -234,22 +222,10 @@ class LateReading(ReadingFault):
         """Every state."""
         return model.state_names
 
-    def starts(self, scales: Scales) -> tuple[Start, ...]:
-        """A few multiples of the sampling interval."""
-        return tuple(multiple("late", k * scales.interval) for k in (0.5, 2.0))
-
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """Each window as it was a moment before; before its start by the parabola through its beginning."""
         if value > 0.0:
             _shift(reading, value, t, rows)
-
-    def phrase(self, on: str) -> str:
-        """Named by its channel."""
-        return f"a late log of {on}"
-
-    def describe(self, on: str, quoted: Quoted) -> str:
-        """In milliseconds."""
-        return f"{on} that is logged {quoted.number('late', 1e3, 'ms')} later than the other channels"
 
 
 @njit("float64(float64[::1], float64[::1], int64, int64, int64, float64)", cache=True)

@@ -11,11 +11,12 @@ from simgap.diagnosis.thresholds import MOST
 
 
 class ColouredNoise(Fault):
-    """Noise that is correlated in time."""
+    """Noise is correlated in time.
+
+    Detected: see below.
+    """
 
     name = "coloured_noise"
-    meaning = "noise is correlated in time"
-    detected = "see below"
     unit = "s"
     remedy = "Look for a filter, a slow sensor or an interpolation in the path of {}; log its raw readings."
 
@@ -38,11 +39,12 @@ class ColouredNoise(Fault):
 
 
 class FaintMemory(Fault):
-    """Noise of which a part alone is correlated: what a mechanism leaves, unseen in noise, looks so too."""
+    """Less than half of a channel's noise is correlated.
+
+    Detected: effects are then at most `partial`: backlash on a soft spring leaves such a trace.
+    """
 
     name = "faint_memory"
-    meaning = "less than half of a channel's noise is correlated"
-    detected = "effects are then at most `partial`: backlash on a soft spring leaves such a trace"
 
     def is_in(self, share: float) -> bool:
         """Whether it is this share (of the variance) that remembers."""
@@ -50,23 +52,23 @@ class FaintMemory(Fault):
 
 
 class Push(Fault):
-    """Something that touched the plant."""
+    """Something acted on the plant for a moment.
+
+    Detected: short intervals carry most of the error, and no effect explains them; excluded from the fit, see
+    [disturbances](../explanation/diagnosis.md#disturbances).
+    """
 
     name = "push"
-    meaning = "something acted on the plant for a moment"
-    detected = (
-        "short intervals carry most of the error, and no effect explains them; excluded from the fit, see "
-        "[disturbances](../explanation/diagnosis.md#disturbances)"
-    )
     unit = "s"
     remedy = "Drop what was disturbed (measured.masks), or repeat the run with nothing touching the plant."
 
 
 class PlantChanged(Fault):
-    """Another plant after some time."""
+    """A parameter changed during the recording.
+
+    Detected: see below.
+    """
 
     name = "plant_changed"
-    meaning = "a parameter changed during the recording"
-    detected = "see below"
     unit = "s"
     remedy = "Diagnose the times before and after apart (measured.masks), or say what differs (measured.conditions)."

@@ -20,6 +20,7 @@ from simgap.diagnosis.record.noise import ORDER, difference_weights, noise_floor
 from simgap.diagnosis.record.record import Record, Trace, runs
 from simgap.diagnosis.thresholds import (
     A_FEW,
+    BRIEF_S,
     BY_CHANCE,
     FAR,
     LEAST_STALE,
@@ -36,18 +37,18 @@ _HELD = 3  # readings in a row at an extreme may be at a limit
 _EDGE, _ABRUPT = 2, 2.0  # samples within which an end of a range stops a motion that turns within so many half as far
 _LONGEST = 4  # samples from one fresh count to the next across stale ones
 _AROUND = 7  # changes whose median is the motion's own
+_SOON = 0.25 * BRIEF_S  # a plant that moved away is not back before; one reading may last longer
 _ALIKE = 0.25  # a jump away and the one back differ by less than this share
 
 
 class MissingRows(SeenFault):
-    """Evenly spaced stamps that lack some."""
+    """Evenly spaced stamps lack rows.
+
+    Detected: intervals that are whole multiples of the usual one; bridged, with inputs from the rows around them.
+    Windows end at gaps across which the inputs cannot be told so.
+    """
 
     name = "missing_rows"
-    meaning = "evenly spaced stamps lack rows"
-    detected = (
-        "intervals that are whole multiples of the usual one; bridged, with inputs from the rows around them. Windows "
-        "end at gaps across which the inputs cannot be told so"
-    )
     remedy = "Log every row: what was commanded there is taken from the rows around them."
 
     def mend(self, record: Record, model: SymbolicModel) -> Mended:
@@ -91,14 +92,13 @@ class _LostReadings(SeenFault):
 
 
 class SaturatedReading(_LostReadings):
-    """A sensor at the end of its range."""
+    """A reading stands at its largest or smallest value, the limit of its sensor.
+
+    Detected: three readings in a row equal an extreme of the channel, of an encoder more than its noise would leave
+    there or where the motion stops and starts too abruptly to turn round; excluded from the error.
+    """
 
     name = "saturated_reading"
-    meaning = "a reading stands at its largest or smallest value, the limit of its sensor"
-    detected = (
-        "three readings in a row equal an extreme of the channel, of an encoder more than its noise would leave there "
-        "or where the motion stops and starts too abruptly to turn round; excluded from the error"
-    )
     remedy = "Choose a wider range for the sensor of {}, or a smaller motion."
     what = "are at the limit of the sensor"
 
@@ -139,11 +139,12 @@ def _turning(columns: Sequence[Floats]) -> float:
 
 
 class Overflow(SeenFault):
-    """A counter that begins again at the other end of its range."""
+    """A reading beyond one end of its range goes on at the other end.
+
+    Detected: jumps of one size between the ends of what the channel shows; given back.
+    """
 
     name = "overflow"
-    meaning = "a reading beyond one end of its range goes on at the other end"
-    detected = "jumps of one size between the ends of what the channel shows; given back"
     unit = ""
     remedy = "Choose a wider range for the sensor of {}, or map an angle with wrapped: true."
 
@@ -166,9 +167,12 @@ def _range(record: Record, k: int, quantum: float) -> float:
     scale = _usual(record.traces, k, quantum)
     jumps = [_jumps(trace.y[:, k], scale) for trace in record.traces]
     sizes = np.concatenate([np.abs(size) for _, size in jumps])
-    low, high = min(float(t.y[:, k].min()) for t in record.traces), max(float(t.y[:, k].max()) for t in record.traces)
+    every = np.concatenate([trace.y[:, k] for trace in record.traces])
+    low, high = float(every.min()), float(every.max())
     near = 0.1 * (high - low)  # what moves between two readings is seen at neither end
     if sizes.size < 2 or np.ptp(sizes) > near or float(np.median(sizes)) < high - low - near:
+        return 0.0
+    if np.mean((every > low + near) & (every < high - near)) < MOST:  # between two places a plant may step
         return 0.0
     for trace, (at, _) in zip(record.traces, jumps, strict=True):
         y = trace.y[:, k]
@@ -187,68 +191,78 @@ def _unwrapped(trace: Trace, k: int, size: float) -> Trace:
 
 
 class Spikes(_LostReadings):
-    """Readings that jump away and come back."""
+    """Readings jump away and return, one or a few in a row.
+
+    Detected: a change that stands out of those around it, and one back within 50 ms or at the next reading; where much
+    else jumps single readings alone. Bridged, and excluded from the error, if they are a twentieth of the readings at
+    most.
+    """
 
     name = "spikes"
-    meaning = "readings jump away and return, one or a few in a row"
-    detected = (
-        "a change that stands out of those around it, and one back; bridged, and excluded from the error, if they are "
-        "a twentieth of the readings at most"
-    )
     remedy = "Look at the wiring and the bus of {}; drop such rows."
     what = "jump away and come back"
     most = A_FEW
 
     def lost(self, record: Record, k: int, quantum: float) -> list[Bools]:
-        """Readings between a jump away and the one back."""
+        """Readings between a jump away and the one back; where much else jumps, those that stand alone."""
         scale = _usual(record.traces, k, quantum)
-        return [_away(trace.y[:, k], scale) for trace in record.traces]
+        found = [_away(trace.t, trace.y[:, k], scale) for trace in record.traces]
+        jumpy = sum(left for *_, left in found) > MATTERS * sum(int(every.sum()) for _, every, _ in found)
+        return [alone if jumpy else every for alone, every, _ in found]
 
 
-def _changes(y: Floats) -> tuple[Floats, Floats]:
-    """Change up to each reading but the first, and what of it is not the motion around: (n - 1,) each."""
+def _changes(y: Floats) -> Floats:
+    """What the change up to each reading but the first is beside that of the motion around, (n - 1,)."""
     change = np.diff(y)
     if len(change) < _AROUND:
-        return change, np.zeros_like(change)
+        return np.zeros_like(change)
     padded = np.pad(change, _AROUND // 2, mode="reflect")
-    return change, change - np.median(np.lib.stride_tricks.sliding_window_view(padded, _AROUND), axis=1)
+    return np.asarray(change - np.median(np.lib.stride_tricks.sliding_window_view(padded, _AROUND), axis=1))
 
 
 def _usual(traces: Sequence[Trace], k: int, quantum: float) -> float:
-    """Robust standard deviation of what changes of a channel beside the motion around."""
-    beside = np.concatenate([np.abs(_changes(trace.y[:, k])[1]) for trace in traces])
-    return max(1.4826 * float(np.median(beside)) if beside.size else 0.0, quantum)
+    """Robust standard deviation of what bends of a channel: its noise, and the motion's curvature."""
+    bends = np.concatenate([np.abs(np.diff(trace.y[:, k], 2)) for trace in traces])
+    return max(0.5 * 1.4826 * float(np.median(bends)) if bends.size else 0.0, quantum)
 
 
 def _jumps(y: Floats, scale: float) -> tuple[Ints, Floats]:
     """Readings (j,) up to which a channel jumps, and by how much."""
-    _, beside = _changes(y)
+    beside = _changes(y)
     at = np.flatnonzero(np.abs(beside) > SPIKE * scale) if scale > 0.0 else np.zeros(0, dtype=np.int64)
     return at + 1, beside[at]
 
 
-def _away(y: Floats, scale: float) -> Bools:
-    """Readings (n,) between a jump away and the jumps that add up to its way back, if that is soon."""
-    out, (at, size) = np.zeros(len(y), dtype=bool), _jumps(y, scale)
-    k = 0
+def _away(t: Floats, y: Floats, scale: float) -> tuple[Bools, Bools, int]:
+    """Readings (n,) between a jump away and the jumps that add up to its way back, if that is soon.
+
+    Those that stand alone, all of them, and how many jumps are left.
+    """
+    alone, every, (at, size) = np.zeros(len(y), dtype=bool), np.zeros(len(y), dtype=bool), _jumps(y, scale)
+    k = left = 0
     while k < len(at):
-        total, last = float(size[k]), k + 1
-        while last < len(at) and at[last] - at[k] <= A_FEW * len(y):
-            total += float(size[last])
-            if abs(total) <= _ALIKE * abs(float(size[k])):
-                out[at[k] : at[last]] = True
-                break
+        total, last, back = float(size[k]), k, False
+        while not back and last + 1 < len(at) and (last == k or t[at[last + 1]] - t[at[k]] <= _SOON):
             last += 1
-        k = last + 1 if out[at[k]] else k + 1
-    return out
+            total += float(size[last])
+            back = abs(total) <= _ALIKE * abs(float(size[k]))
+        one = back and at[last] - at[k] == 1
+        if one or (back and t[at[last]] - t[at[k]] <= _SOON):
+            every[at[k] : at[last]] = True
+            alone[at[k]] |= one
+            k = last + 1
+        else:
+            k, left = k + 1, left + 1
+    return alone, every, left
 
 
 class Stale(_LostReadings):
-    """Readings that repeat the one before them."""
+    """A reading repeats its predecessor although its neighbours show motion.
+
+    Detected: it misses the line between the readings around it; bridged, and excluded from the error.
+    """
 
     name = "stale"
-    meaning = "a reading repeats its predecessor although its neighbours show motion"
-    detected = "it misses the line between the readings around it; bridged, and excluded from the error"
     remedy = "Log {} when it is fresh, or with the stamp at which it was read."
     what = "repeat the one before while it moves"
     fewest, most = LEAST_STALE, MOST

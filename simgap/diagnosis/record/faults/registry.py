@@ -15,8 +15,8 @@ from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import FoundEffect, RecordingFault
 from simgap.model.symbolic import SymbolicModel
 
-READINGS: tuple[SeenFault, ...] = (MissingRows(), Overflow(), SaturatedReading(), Spikes(), Stale())
-"""What is no measurement of anything; the order is that of mending, as a spike hides what repeats."""
+READINGS: tuple[SeenFault, ...] = (MissingRows(), Overflow(), SaturatedReading(), Stale(), Spikes())
+"""What is no measurement of anything; the order is that of mending, as what repeats looks as a spike does."""
 SEEN: tuple[SeenFault, ...] = (*READINGS, Hum(), SwappedColumns())
 FAULTS: dict[str, Fault] = {
     f.name: f
