@@ -139,9 +139,12 @@ class GammaParts:
 
 
 def explain(
-    problem: Problem, retimed: Callable[[float], NominalModel] | None = None, threads: int = 1, alone: float | None = None,
+    problem: Problem,
+    retimed: Callable[[float], NominalModel] | None = None,
+    threads: int = 1,
+    alone: float | None = None,
     parts: Mapping[str, GammaParts] | None = None,
-) -> Explanation:  # fmt: skip
+) -> Explanation:
     """The reasons of a problem whose winning domain is empty.
 
     Args:
