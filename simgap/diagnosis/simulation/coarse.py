@@ -3,7 +3,8 @@
 The search fits hundreds of sets of effects, and neither a rate far above the motion's nor hours of data change which
 set wins; what it chooses is fitted and judged on every sample afterwards. A block mean keeps what the samples say
 together: its noise is the samples' over the root of their number. Where the motion bends more within a block than the
-mean's noise hides, the sample at its middle stands for it instead. Inputs are held at their mean over the block.
+mean's noise hides, the sample at its middle stands for it instead. Inputs are held at their mean over the block; blocks
+are only so long that this moves no prediction of the declared model by more than a share of the noise.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.folds import Windows
+from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Memo, Problem, interval
-from simgap.diagnosis.simulation.step_length import settled
+from simgap.diagnosis.simulation.step_length import settled, some_windows
 from simgap.diagnosis.thresholds import MIN_SAMPLES
 
 SAMPLES_A_WINDOW = 200
@@ -25,7 +27,8 @@ SEARCH_ROWS = 12_000
 """Samples of all windows that the search fits."""
 JUDGED_ROWS = 40_000
 """Samples of all windows that choose among sets by what carries over."""
-_BIAS = 0.2  # a block's mean may miss the motion at its middle by this share of the mean's noise
+_BIAS = 0.2  # a block's mean may miss the motion at its middle by this share of the mean's noise, and inputs that are
+# held at their means may move a prediction by this share of the noise
 
 
 def coarse(problem: Problem, rows: int = SEARCH_ROWS, together: int = 1) -> Problem:
@@ -37,6 +40,8 @@ def coarse(problem: Problem, rows: int = SEARCH_ROWS, together: int = 1) -> Prob
         together: neighbouring windows that are kept or left out together (a prediction may be longer than a window).
     """
     k = _block(problem)
+    while k > 1 and _moved(problem, k) > _BIAS:
+        k = _odd(k // 2)
     thin = problem if k == 1 else settled(_blocks(problem, k))
     share = rows / max(thin.windows.samples, 1)
     if share >= 1.0:
@@ -51,7 +56,38 @@ def _block(problem: Problem) -> int:
     """Samples in a block: odd, so that one of them is its middle."""
     lengths = problem.windows.stop - problem.windows.start
     k = int(np.median(lengths)) // SAMPLES_A_WINDOW if len(lengths) else 1
+    return _odd(k)
+
+
+def _odd(k: int) -> int:
     return max(k - (1 - k % 2), 1)
+
+
+def _moved(problem: Problem, k: int) -> float:
+    """RMS change over the noise of what the declared model predicts, where inputs are held at their means over k
+    samples; that of the worst channel."""
+    part, _ = some_windows(problem)
+    x0, theta = initial_states(part), problem.model.null
+    change = part.misses(theta, x0) - replace(part, u=_held(problem, k), memo=Memo()).misses(theta, x0)
+    return float(np.sqrt(np.max(np.mean(np.square(change), axis=0), initial=0.0)))
+
+
+def _held(problem: Problem, k: int) -> Floats:
+    """Inputs at their means over blocks of k samples, (n, m)."""
+    out = np.empty_like(problem.u)
+    for a, b in itertools.pairwise([*problem.firsts.tolist(), len(problem.t)]):
+        means, starts = _means(problem.t[a:b], problem.u[a:b], k)
+        out[a:b] = np.repeat(means, np.diff([*starts.tolist(), b - a]), axis=0)
+    return out
+
+
+def _means(t: Floats, u: Floats, k: int) -> tuple[Floats, Ints]:
+    """Means over time of held inputs (n, m) from every k-th stamp to the next, (blocks, m), and where they begin."""
+    at = np.arange(0, len(t), k)
+    area = np.concatenate([np.zeros((1, u.shape[1])), np.cumsum(u[:-1] * np.diff(t)[:, None], axis=0)])
+    means = u[at].copy()
+    means[:-1] = np.diff(area[at], axis=0) / np.diff(t[at])[:, None]
+    return means, at
 
 
 def _bias(problem: Problem, k: int) -> float:
@@ -103,11 +139,7 @@ def _thinned(problem: Problem, a: int, b: int, k: int, mean: bool) -> tuple[Floa
         weight = problem.weight[a:b][at]
         lost = np.concatenate([np.zeros((1, y.shape[1])), np.cumsum(1.0 - used, axis=0)])
         kept = (lost[at + reach + 1] == lost[at - reach]).astype(np.float64)
-    area = np.concatenate([np.zeros((1, u.shape[1])), np.cumsum(u[:-1] * np.diff(t)[:, None], axis=0)])
-    held = u[at].copy()
-    for j, (lo, hi) in enumerate(itertools.pairwise(at.tolist())):
-        held[j] = (area[hi] - area[lo]) / (t[hi] - t[lo])
-    return t[at], middle, held, weight, kept
+    return t[at], middle, _means(t, u, k)[0], weight, kept
 
 
 def _mapped(windows: Windows, old: Ints, new: Ints, k: int) -> Windows:

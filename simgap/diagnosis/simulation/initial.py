@@ -9,7 +9,7 @@ from simgap.diagnosis.simulation.problem import Problem
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
-_SAMPLES = 15
+_SPANS = (15, 10, 7, 5)  # samples
 _HEADINGS = 24
 _STILL = 5  # samples over which a window that begins stuck stands still
 
@@ -18,27 +18,49 @@ def initial_states(problem: Problem) -> Floats:
     """States at the first sample of each window, (w, begun).
 
     A measured state is a cubic fitted to the first samples, a state that is the rate of a measured one is the slope of
-    that cubic. An angle that nothing tells (a heading that was not recorded) is the best of a few directions, by what
-    the declared model then predicts. Anything else starts at zero.
+    that cubic; of a few spans the one that tells this slope best (a motion may turn round within the longest). An angle
+    that nothing tells (a heading that was not recorded) is the best of a few directions, by what the declared model
+    then predicts. Anything else starts at zero.
     """
     model, measured = problem.model.model, problem.model.measured
     names, position = model.state_names, _position_of(model)
     x0 = np.zeros((len(problem.windows), problem.model.begun))
     for w, (a, b) in enumerate(zip(problem.windows.start, problem.windows.stop, strict=True)):
-        stop = min(int(b), int(a) + _SAMPLES)
-        t = problem.t[a:stop] - problem.t[a]
-        span = max(float(t[-1]), 1e-9)
-        basis = np.vander(t / span, min(4, len(t) - 1), increasing=True)
-        fit = np.linalg.lstsq(basis, problem.y[a:stop], rcond=None)[0]
+        stop = min(int(b), int(a) + max(_SPANS))
+        begins = [
+            _value_and_slope(problem.t[a:stop] - problem.t[a], y, float(sigma))
+            for y, sigma in zip(problem.y[a:stop].T, problem.sigma, strict=True)
+        ]
         for i, name in enumerate(names):
             if name in measured:
-                x0[w, i] = fit[0, measured.index(name)]
+                x0[w, i] = begins[measured.index(name)][0]
             elif position.get(name) in measured:
-                x0[w, i] = fit[1, measured.index(position[name])] / span
+                x0[w, i] = begins[measured.index(position[name])][1]
     for i, v in enumerate(model.states):
         if v.name not in measured and v.name not in position and v.unit == "rad":
             x0 = _best_angle(problem, x0, i)
     return x0
+
+
+def _value_and_slope(t: Floats, y: Floats, sigma: float) -> tuple[float, float]:
+    """Value and rate at t = 0 of a cubic through the first readings: (n,) s from 0, (n,), their noise.
+
+    The span is the one whose slope has the smallest standard error, with what the cubic misses taken for noise.
+    """
+    best, least = (float(y[0]), 0.0), np.inf
+    for n in _SPANS:
+        if n > len(t) and n > min(_SPANS):
+            continue
+        s = max(float(t[:n][-1]), 1e-9)
+        basis = np.vander(t[:n] / s, min(4, len(t[:n]) - 1), increasing=True)
+        fit = np.linalg.lstsq(basis, y[:n], rcond=None)[0]
+        missed = float(np.sqrt(np.sum(np.square(y[:n] - basis @ fit)) / max(len(basis) - basis.shape[1], 1)))
+        error = max(missed, sigma) * float(np.linalg.norm(np.linalg.pinv(basis)[1])) / s
+        if error < least:
+            best, least = (float(fit[0]), float(fit[1]) / s), error
+        if missed <= sigma:  # a shorter span tells less
+            break
+    return best
 
 
 def at_rest(problem: Problem, guess: Floats) -> Floats:
