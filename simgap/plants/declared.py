@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from simgap.config.plant import PlantSection, SymbolicCoordinate, SymbolicPlant
+from simgap.config.plant import PlantSection, State, SymbolicCoordinate, SymbolicPlant
 from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.expressions import parse
@@ -198,6 +198,7 @@ def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicMo
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise UserError(f"the names {twice} are used twice", key="plant.symbolic")
+    written = _with_evident_coordinate(section, written, states)
     _check_units(section, written)
     xdot = tuple(_parse(written.dynamics[n], names, f"plant.symbolic.dynamics.{n}") for n in states)
     coordinates = []
@@ -228,6 +229,28 @@ def _from_equations(section: PlantSection, written: SymbolicPlant) -> SymbolicMo
         gravity=_gravity(written),
         wheels=PlanarWheels(**written.wheels.model_dump()) if written.wheels else None,
     )
+
+
+def _with_evident_coordinate(
+    section: PlantSection, written: SymbolicPlant, states: Mapping[str, State]
+) -> SymbolicPlant:
+    """The equations with the one degree of freedom that they show, where they name none.
+
+    A state whose rate is another state is a position. Of a single one no force moves anything else, so that forces are
+    accelerations: the inertia is unknown. With several, only the case can say how they are coupled.
+    """
+    if written.coordinates or written.wheels is not None or written.mass_matrix is not None:
+        return written
+    pairs = [(n, rate.strip()) for n, rate in written.dynamics.items() if rate.strip() in states]
+    if len(pairs) != 1 or pairs[0][0] == pairs[0][1]:
+        return written
+    position, velocity = pairs[0]
+    if dimension(states[velocity].unit) != dimension(_rate_of(states[position].unit)):
+        return written
+    unit = states[position].unit
+    force = "N/kg" if dimension(unit) == dimension("m") else f"{unit}/s^2" if unit not in ("1", "") else "1/s^2"
+    evident = SymbolicCoordinate(position=position, velocity=velocity, force_gain="1", force_unit=force)
+    return written.model_copy(update={"coordinates": {"axis": evident}})
 
 
 def _check_units(section: PlantSection, written: SymbolicPlant) -> None:

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.signal import butter, lfilter
+
+from simgap.config.plant import PlantSection
+from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.folds import split_windows
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.simulation.coarse import SEARCH_ROWS, coarse
-from simgap.diagnosis.simulation.problem import Problem, build_problem
+from simgap.diagnosis.simulation.problem import Memo, Problem, build_problem
 from simgap.diagnosis.simulation.supermodel import cached_supermodel
+from simgap.model.symbolic import SymbolicModel
+from simgap.plants.declared import declared_model
 from tests.diagnosis.plants import point_pendulum
 
 NOISE = np.array([1e-3, 1e-2])
@@ -62,3 +71,56 @@ def test_a_long_record_gives_a_spread_of_its_windows():
     first = np.searchsorted(problem.windows.start, thin.windows.start)
     assert np.all(np.diff(first)[::2] == 1)  # pairs stay together
     assert first[-1] >= len(problem.windows) - 4
+
+
+def test_an_input_that_is_faster_than_blocks_keeps_every_sample():
+    rng, problem = np.random.default_rng(7), _problem(1000.0, 8.0, 0.5)
+    quick = replace(problem, u=10.0 * rng.choice([-1.0, 1.0], problem.u.shape), memo=Memo())
+    thin = coarse(quick)
+    np.testing.assert_allclose(np.diff(thin.t), 0.001, atol=1e-12)  # 10 N m over 2 ms: .08 rad/s of .01 rad/s noise
+
+
+RATE, FAST, DAMPED, CUBIC = 610.0, 251.0, 0.04, 1.5e5  # Hz, rad/s (15 readings a period), 1, 1/(m^2 s^2)
+
+
+def _oscillator() -> Record:
+    """x'' = w^2 u - 2 z w x' - w^2 x - c x^3 under noise to 150 Hz, held between readings, by SciPy's integrator."""
+    rng = np.random.default_rng(11)
+    t = np.arange(9000) / RATE
+    low, high = butter(4, 150.0 / (RATE / 2))
+    u = 0.03 * lfilter(low, high, rng.normal(size=t.size)) / 0.7
+    x, positions = np.zeros(2), np.empty(t.size)
+    for k, held in enumerate(u):
+        positions[k] = x[0]
+
+        def rate(_: float, s: np.ndarray, held: float = held) -> list[float]:
+            return [s[1], FAST**2 * (held - s[0]) - 2 * DAMPED * FAST * s[1] - CUBIC * s[0] ** 3]
+
+        x = solve_ivp(rate, (0.0, 1.0 / RATE), x, method="DOP853", rtol=1e-8, atol=1e-12).y[:, -1]
+    y = positions + 2e-4 * rng.standard_normal(t.size)
+    return Record((Trace("noise", t, y[:, None], u[:, None]),), ("x",), ("u",))
+
+
+def test_an_oscillator_of_fifteen_readings_a_period():
+    """Its velocity is not measured, and turns round within the first guess of a window; its input is as quick."""
+    equations = {
+        "parameters": {"w": {"value": FAST, "unit": "1/s"}, "z": {"value": DAMPED}},
+        "dynamics": {"x": "v", "v": "w^2*u - 2*z*w*v - w^2*x"},
+    }
+    states, inputs = {"x": {"unit": "m"}, "v": {"unit": "m/s"}}, {"u": {"unit": "m"}}
+
+    def plant(acceleration: str) -> SymbolicModel:
+        own = {**equations, "dynamics": {"x": "v", "v": acceleration}}
+        section = PlantSection.model_validate({"symbolic": own, "states": states, "inputs": inputs})
+        return declared_model(section, Path())
+
+    record = _oscillator()
+    whole = diagnose(plant(f"w^2*u - 2*z*w*v - w^2*x - {CUBIC}*x^3"), record)
+    assert whole.verdict == "none"
+    found = diagnose(plant("w^2*u - 2*z*w*v - w^2*x"), record)
+    assert found.verdict == "attributed"
+    (effect,) = found.effects
+    assert (effect.name, effect.on) == ("cubic_spring", "axis")  # the one coordinate that the equations show
+    low, high = effect.parameters["k3"].ci95
+    assert low <= CUBIC <= high
+    assert high - low < 0.02 * CUBIC

@@ -138,6 +138,9 @@ def test_it_is_told_that_no_force_is_sought_where_nothing_says_what_moves(ball):
     content = yaml.safe_load(path.read_text())
     del content["plant"]["symbolic"]["coordinates"]
     path.write_text(yaml.safe_dump(content, sort_keys=False))
+    assert not check.run(path).findings  # one position and its velocity: they show what moves
+    content["plant"]["symbolic"]["dynamics"]["x"] = "1.0*v"
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
     (found,) = check.run(path).findings
     assert found.key == "plant.symbolic.coordinates"
     assert "seeks no friction" in found.problem
