@@ -36,8 +36,8 @@ from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, EXACTLY_COLLINEAR, FAR, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict import answer
+from simgap.diagnosis.verdict.answer import faint_memory, noise_faults
 from simgap.diagnosis.verdict.beyond import beyond
-from simgap.diagnosis.verdict.faults import faint_memory, noise_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,

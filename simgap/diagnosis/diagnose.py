@@ -26,7 +26,7 @@ from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
 from simgap.diagnosis.tiers import Tiers
-from simgap.diagnosis.verdict.faults import filtered_channels
+from simgap.diagnosis.verdict.answer import filtered_channels
 from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel

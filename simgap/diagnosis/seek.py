@@ -20,7 +20,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MOST_COLOURED
-from simgap.diagnosis.verdict.faults import faint_memory
+from simgap.diagnosis.verdict.answer import faint_memory
 from simgap.diagnosis.verdict.judge import chi2_dof
 
 Searched = tuple[Search, Fit, Explanation]

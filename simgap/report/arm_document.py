@@ -8,17 +8,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from simgap.diagnosis.arms.answer import ArmDiagnosis, BaseParameter, FoundPayload
+from simgap.diagnosis.arms.answer import ArmDiagnosis
 from simgap.diagnosis.arms.problem import INERTIAL, TERMS
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
-from simgap.diagnosis.result import Estimate, FoundEffect
 from simgap.effects import effect
 from simgap.effects.quoted import Quoted
 from simgap.io import figure_style as style
 from simgap.io.pages import render
 from simgap.model.tree import Tree
 from simgap.notation import joined
+from simgap.report.diagnosis_document import effect_entry
 from simgap.report.figures.arm import torque_error_figure, torque_figure
 
 Document = Mapping[str, Any]
@@ -128,10 +128,10 @@ def document(
         "verdict": found.verdict,
         "sentence": "",
         "method": "inverse dynamics",
-        "effects": [_effect(e) for e in found.effects],
-        "base_parameters": [_base(b) for b in found.base],
+        "effects": [effect_entry(e) for e in found.effects],
+        "base_parameters": [asdict(b) for b in found.base],
         "consistent": None if found.distance is None else {"distance": found.distance},
-        "payloads": [_payload(p) for p in found.payloads],
+        "payloads": [asdict(p) for p in found.payloads],
         "recording": [asdict(f) for f in found.recording],
         "error": {
             "before": _error(found.before),
@@ -170,25 +170,3 @@ def _error(rms: Mapping[str, float]) -> dict[str, Any]:
 
 def _fold(traces: Sequence[str]) -> dict[str, Any]:
     return {"traces": list(traces), "windows": []}
-
-
-def _estimate(p: Estimate) -> dict[str, Any]:
-    return {"value": p.value, "ci95": list(p.ci95), "unit": p.unit}
-
-
-def _effect(e: FoundEffect) -> dict[str, Any]:
-    parameters = {symbol: _estimate(p) for symbol, p in e.parameters.items()}
-    return {"name": e.name, "on": e.on, "parameters": parameters, "alternatives": []}
-
-
-def _base(b: BaseParameter) -> dict[str, Any]:
-    found = None if b.found is None else _estimate(b.found)
-    return {"name": b.name, "link": b.link, "unit": b.unit, "declared": b.declared, "found": found}
-
-
-def _payload(p: FoundPayload) -> dict[str, Any]:
-    return {
-        "link": p.link,
-        "traces": list(p.traces),
-        "parameters": {symbol: _estimate(e) for symbol, e in p.parameters.items()},
-    }

@@ -14,15 +14,13 @@ from simgap.diagnosis.result import (
     CandidateScore,
     Concentrated,
     Diagnosis,
-    Estimate,
     FoundEffect,
     Judged,
     LeftOver,
     Nearest,
     Stretches,
 )
-from simgap.diagnosis.verdict.remainder import Remainder
-from simgap.diagnosis.verdict.remainder_use import RemainderUse
+from simgap.diagnosis.verdict.remainder import Remainder, RemainderUse
 from simgap.diagnosis.verdict.words import verdict_parts
 
 NUMBER_FROM = {
@@ -61,7 +59,7 @@ def document(
         "verdict": found.verdict,
         "sentence": "",
         "sentences": [],
-        "effects": [_effect(e) for e in found.effects],
+        "effects": [effect_entry(e) for e in found.effects],
         "recording": [asdict(f) for f in found.recording],
         "error": {
             "before": _error(found.before),
@@ -124,7 +122,7 @@ def _nearest(n: Nearest | None) -> dict[str, Any] | None:
     """What comes nearest where nothing is named."""
     if n is None:
         return None
-    return {"effects": [_effect(e) for e in n.effects], "explained_share": n.share, "reasons": list(n.reasons)}
+    return {"effects": [effect_entry(e) for e in n.effects], "explained_share": n.share, "reasons": list(n.reasons)}
 
 
 def _concentrated(c: Concentrated | None) -> dict[str, Any] | None:
@@ -141,7 +139,7 @@ def _concentrated(c: Concentrated | None) -> dict[str, Any] | None:
 
 def _left_over(over: Sequence[LeftOver] | None) -> list[dict[str, Any]] | None:
     """What would take away a part of the rest."""
-    return None if over is None else [_effect(o.effect) | {"share": o.share} for o in over]
+    return None if over is None else [effect_entry(o.effect) | {"share": o.share} for o in over]
 
 
 def _alternative(a: Alternative) -> dict[str, Any]:
@@ -158,17 +156,14 @@ def _key(key: Sequence[str]) -> dict[str, str]:
     return {"name": key[0], "on": key[1]}
 
 
-def _effect(e: FoundEffect) -> dict[str, Any]:
+def effect_entry(e: FoundEffect) -> dict[str, Any]:
+    """An effect with its numbers and what could stand in its place."""
     return {
         "name": e.name,
         "on": e.on,
-        "parameters": {symbol: _estimate(p) for symbol, p in e.parameters.items()},
+        "parameters": {symbol: asdict(p) for symbol, p in e.parameters.items()},
         "alternatives": [[_key(k) for k in alternative] for alternative in e.alternatives],
     }
-
-
-def _estimate(p: Estimate) -> dict[str, Any]:
-    return {"value": p.value, "ci95": list(p.ci95), "unit": p.unit}
 
 
 def _error(j: Judged) -> dict[str, Any]:
