@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import Field, ValidationError
 
 from simgap.config.base import Section
-from simgap.config.load_yaml import read_yaml
+from simgap.config.load import read_yaml
 from simgap.errors import UserError
 
 

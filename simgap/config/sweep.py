@@ -16,8 +16,7 @@ from pydantic import Field, ValidationError
 
 from simgap.config.base import Section
 from simgap.config.case import Case
-from simgap.config.load import case_content, parse_case, problem_and_remedy
-from simgap.config.load_yaml import read_yaml
+from simgap.config.load import case_content, parse_case, problem_and_remedy, read_yaml
 from simgap.errors import UserError
 
 MARK = "--"

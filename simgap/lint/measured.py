@@ -13,7 +13,7 @@ from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.effects import EFFECTS
 from simgap.errors import Finding, UserError
-from simgap.io.recordings.mcap_messages import is_mcap
+from simgap.io.recordings.mcap_file import is_mcap
 from simgap.io.recordings.measured import channels_of, condition_channels, display_name, reading_options
 from simgap.io.recordings.tables import read_header
 from simgap.model.symbolic import SymbolicModel

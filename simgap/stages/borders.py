@@ -6,7 +6,7 @@ from pathlib import Path
 
 from simgap.gap.sampling.border_samples import border_states, parts_of, roll_out_borders
 from simgap.gap.sampling.points import own_point, units
-from simgap.io.samples import write_columns
+from simgap.io.parquet import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes

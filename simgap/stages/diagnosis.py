@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from simgap.config.copied_plugins import plugin_copies
 from simgap.config.measured import MeasuredSection, matching_files
+from simgap.config.model_files import plugin_copies
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.record.record import Record
@@ -26,7 +26,7 @@ from simgap.io.documents import write_json
 from simgap.io.pages import need_template
 from simgap.io.parquet import table, write_parquet
 from simgap.io.recordings.measured import load_reading
-from simgap.io.recordings.parquet_file import rig_record
+from simgap.io.recordings.tables import rig_record
 from simgap.io.rerun.diagnosis import write_recording
 from simgap.lint.measured import check_measured, named_files, refuse_unknown
 from simgap.model.symbolic import SymbolicModel

@@ -10,7 +10,7 @@ import numpy as np
 from simgap.config.gap import HiddenStateSection
 from simgap.gap.memory.histories import fresh_sequences
 from simgap.gap.sampling.points import draw, step_columns, successor_columns, units
-from simgap.io.samples import write_columns
+from simgap.io.parquet import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import joined

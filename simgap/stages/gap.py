@@ -9,7 +9,7 @@ from typing import Annotated
 
 from simgap.gap.whole_bound import Made, gap, seeds
 from simgap.io.documents import write_json
-from simgap.io.samples import write_columns
+from simgap.io.parquet import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log

@@ -11,8 +11,7 @@ from typing import Any, Protocol, overload
 from simgap.errors import UserError, excerpt
 from simgap.gap.sampling.points import Columns, Points, state_names
 from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import read_parquet, record_of
-from simgap.io.samples import read_columns, read_points
+from simgap.io.parquet import read_columns, read_parquet, read_points, record_of
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.provenance import provenance

@@ -17,7 +17,7 @@ from simgap.gap.sampling.points import (
     remembers,
     state_names,
 )
-from simgap.io.samples import write_points
+from simgap.io.parquet import write_points
 from simgap.lint.costs import affordable, costs
 from simgap.plants.context import Context
 from simgap.provenance import provenance

@@ -9,7 +9,7 @@ from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.gap.memory.histories import history_shard
 from simgap.gap.sampling.points import Columns, Points, cut, product, remembers, shard_count, successor_columns, units
-from simgap.io.samples import write_columns
+from simgap.io.parquet import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes

@@ -13,16 +13,15 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.closed_loop import Sensing, batch_loop, closed_loop
-from simgap.config.case import Case
+from simgap.config.case import Case, Trials, ValidationSection
 from simgap.config.reads import CONTROLLED
-from simgap.config.validation import Trials, ValidationSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import points_of_cells
 from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
 from simgap.io.parquet import write_parquet
-from simgap.io.shared_solution import SharedSolution
+from simgap.io.shared_solution import SharedSolution, scratch_folder
 from simgap.io.traces import CAREFUL, MODEL, NOMINAL, ROBUST, SIMULATOR, Trace, to_table
 from simgap.judge import Judge
 from simgap.late import pyarrow as pa
@@ -34,7 +33,6 @@ from simgap.specifications.monitor import Run, Verdict
 from simgap.specifications.space import Space
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Gap, HowMany, NominalController, Option, Out, RobustController, Workers
-from simgap.stages.scratch import scratch_folder
 from simgap.synthesis.controller import Controller
 
 CHUNK = 50  # runs a worker does between two signs of life

@@ -7,8 +7,7 @@ import pytest
 
 from simgap.cli import main
 from simgap.config.case import schema_text
-from simgap.config.load import load_case
-from simgap.config.load_yaml import read_yaml
+from simgap.config.load import load_case, read_yaml
 from simgap.config.measured import MeasuredSection
 from simgap.errors import UserError
 from simgap.stages.reference import reference

@@ -13,14 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from simgap.config.load import load_case, parse_case
-from simgap.config.load_yaml import plain_content
+from simgap.config.load import load_case, parse_case, plain_content
 from simgap.errors import UserError, excerpt
 from simgap.extras.wizard.dry_friction_guess import blocks_along
 from simgap.extras.wizard.joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
 from simgap.extras.wizard.model_file import Asked, NewModel, model_of_mjcf, model_of_urdf, relative
-from simgap.extras.wizard.proposal import SECONDS
-from simgap.extras.wizard.proposal_games import Proposal
+from simgap.extras.wizard.proposal import SECONDS, Proposal
 from simgap.extras.wizard.propose import numbers, shown
 from simgap.io.atomic import write_text
 from simgap.io.pages import text

@@ -11,15 +11,15 @@ import numpy as np
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.diagnosis.record.channels import RawTable, no_time_column
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, placed
+from simgap.io.parquet import checksum_holds, record_of
 from simgap.io.recordings.csv_file import CsvLayout, csv_layout, read_csv_columns
-from simgap.io.recordings.json_file import json_header, read_json_table
-from simgap.io.recordings.json_samples import is_json
-from simgap.io.recordings.mcap_file import mcap_header, read_mcap
-from simgap.io.recordings.mcap_messages import is_mcap
-from simgap.io.recordings.parquet_file import is_parquet, parquet_header, parquet_schema, read_parquet_columns
+from simgap.io.recordings.json_file import is_json, json_header, read_json_table
+from simgap.io.recordings.mcap_file import is_mcap, mcap_header, read_mcap
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_compute as pc
+from simgap.late import pyarrow_parquet as pq
+from simgap.reading import require_room, table_size
 
 _GIVE = "Give the path of a CSV, Parquet, JSON or MCAP file."
 
@@ -195,3 +195,77 @@ def _unit(field: Any, file: str) -> str | None:
         raise UserError(
             f"the unit of column '{field.name}' is not UTF-8 text", file=file, remedy="Write it as text, such as rad."
         ) from None
+
+
+_MAGIC = b"PAR1"
+
+
+def is_parquet(path: Path) -> bool:
+    """Whether a file is named or begins as Parquet files do."""
+    if path.suffix.lower() in (".parquet", ".pq", ".parq"):
+        return True
+    try:
+        with reading.opened(path) as stream:
+            return stream.read(4) == _MAGIC
+    except OSError as error:
+        raise UserError(f"cannot be read: {error.strerror}", file=path) from None
+
+
+def parquet_schema(path: Path) -> Any:
+    """Names, types and units of all columns."""
+    with reading.opened(path) as stream:
+        return pq.read_schema(stream)
+
+
+def parquet_header(path: Path, file: str) -> tuple[str, ...]:
+    """The names of all columns.
+
+    Raises:
+        UserError: a file that is damaged or was changed, or two columns of one name.
+    """
+    if checksum_holds(reading.read_bytes(path)) is False:  # one that simgap wrote; those of others carry none
+        raise UserError(
+            "was changed after it was written: its checksum does not fit", file=file, remedy="Make it again."
+        )
+    try:
+        names = tuple(parquet_schema(path).names)
+    except (pa.ArrowException, OSError, UnicodeDecodeError):
+        raise _damaged(file) from None
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise UserError(f"has two columns named '{excerpt(twice[0], 40)}'", file=file, remedy="Rename one of them.")
+    return names
+
+
+def rig_record(path: Path) -> Any:
+    """What a file that `simgap rig` wrote says of its simulator; None of any other, readable or not."""
+    try:
+        record = record_of(parquet_schema(path)) if is_parquet(path) else None
+    except (pa.ArrowException, OSError, UserError):
+        return None
+    return record if isinstance(record, dict) and record.get("stage") == "rig" else None
+
+
+def read_parquet_columns(path: Path, columns: list[str], file: str) -> Any:
+    """The named columns as an Arrow table.
+
+    Raises:
+        UserError: a file that is damaged or too large.
+    """
+    try:
+        with placed(file=file):
+            with reading.opened(path) as stream:
+                require_room(table_size(pq.read_metadata(stream), len(columns)))
+            kinds = {field.name: field.type for field in parquet_schema(path) if field.name in columns}
+            # A text that every row repeats is read once: a small file may say that it is gigabytes.
+            words = [name for name, kind in kinds.items() if pa.types.is_string(kind) or pa.types.is_large_string(kind)]
+            with reading.opened(path) as stream:
+                return pq.read_table(stream, columns=columns, partitioning=None, read_dictionary=words)
+    except (pa.ArrowException, OSError, UnicodeDecodeError):
+        raise _damaged(file) from None
+
+
+def _damaged(file: str) -> UserError:
+    return UserError(
+        "is not a whole Parquet file: it is truncated, damaged or of another format", file=file, remedy="Copy it again."
+    )
