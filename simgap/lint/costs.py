@@ -10,7 +10,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from simgap.config.case import AuditSection, Case
+from simgap.config.case import Case
+from simgap.config.validation import AuditSection
 from simgap.errors import UserError
 from simgap.gap.sampling.border_samples import checked_at_most
 from simgap.gap.sampling.borders import thinned_count

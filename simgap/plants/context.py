@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from simgap.arrays import Floats
-from simgap.config.case import Case, DomainSection
+from simgap.config.case import Case
+from simgap.config.domain import DomainSection
 from simgap.config.load import load_case
 from simgap.errors import UserError
 from simgap.geometry import Box

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from simgap.config.case import Trials
+from simgap.config.validation import Trials
 from simgap.gap.fitting.acceptance import Outside, clopper_pearson_upper
 from simgap.io.traces import CAREFUL, EVERY_TITLE, NOMINAL, ROBUST, SIMULATOR
 from simgap.report import adversary, tables

@@ -23,8 +23,9 @@ from simgap.attack.points import PointSearch, Question
 from simgap.attack.rules import Scene
 from simgap.attack.share import Searched, share
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
-from simgap.config.case import AuditSection, Case, Trials
+from simgap.config.case import Case
 from simgap.config.reads import CONTROLLED
+from simgap.config.validation import AuditSection, Trials
 from simgap.errors import BrokenPromise
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, GapFunction

@@ -14,7 +14,8 @@ import numpy as np
 import yaml
 
 from simgap import reading
-from simgap.config.case import Case, InputSet
+from simgap.config.case import Case
+from simgap.config.domain import InputSet
 from simgap.config.load import case_content, parse_case
 from simgap.config.model_files import move_files, plugin_copies, with_plugin_copies
 from simgap.config.plant import AddedEffect

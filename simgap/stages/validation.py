@@ -13,8 +13,9 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.closed_loop import Sensing, batch_loop, closed_loop
-from simgap.config.case import Case, Trials, ValidationSection
+from simgap.config.case import Case
 from simgap.config.reads import CONTROLLED
+from simgap.config.validation import Trials, ValidationSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.geometry import points_of_cells
 from simgap.io.controller_file import load_controller_of

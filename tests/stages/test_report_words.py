@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from simgap.config.case import ValidationSection
+from simgap.config.validation import ValidationSection
 from simgap.gap.bounds.tiers import PROVEN, deterministic_tier
 from simgap.report import headline, tables
 from simgap.report.content import unproven

@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 from pydantic import ValidationError
 
-from simgap.config.case import SynthesisSection
+from simgap.config.synthesis import SynthesisSection
 from simgap.errors import UserError
 from simgap.geometry import Box
 from simgap.model.sampled import NominalModel

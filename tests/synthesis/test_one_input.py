@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from simgap.attack.law import Law
-from simgap.config.case import SynthesisSection
+from simgap.config.synthesis import SynthesisSection
 from simgap.errors import UserError
 from simgap.geometry import Box
 from simgap.io.controller_export import export_controller

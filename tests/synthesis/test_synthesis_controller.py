@@ -8,7 +8,7 @@ import sympy as sp
 from pydantic import ValidationError
 
 from simgap.closed_loop import scalar_lookup
-from simgap.config.case import SynthesisSection
+from simgap.config.synthesis import SynthesisSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain

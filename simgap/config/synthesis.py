@@ -1,0 +1,77 @@
+"""The sections `synthesis` and `sensing`: what the controller is asked for, its cells, what it knows of the state."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from simgap.config.base import Section
+from simgap.config.plugged import Plugged
+
+
+class SynthesisSection(Section):
+    """Cells of the abstraction and the specification."""
+
+    cells: tuple[Annotated[int, Field(ge=1)], ...] = Field(
+        min_length=1, max_length=4, description="Cells per state, in order, over the safe set or the arena."
+    )
+    specification: Annotated[Section, Plugged("specifications", "kind")] = Field(
+        description="What the closed loop must do."
+    )
+    nominal_between_samples: bool = Field(
+        False,
+        description="Whether the nominal-only controller also checks what its model does between samples; by "
+        "default, as in the paper, it looks at the sampling instants only.",
+    )
+    record: Literal["all", "one"] = Field(
+        "all",
+        exclude_if=lambda value: value == "all",  # what a case reads that does not ask for it stays what it was
+        description="Whether the controller keeps all admissible inputs of a cell, a bit for each input, or the one "
+        "that `least_effort` picks, two bytes: for very many cells and inputs, where something is to be reached. What "
+        "it applies is the same; the audit, the margins and a certificate are then about that one input.",
+    )
+    layers: int = Field(
+        1, ge=1, le=8,
+        exclude_if=lambda value: value == 1,
+        description="Sizes of cells by which a set to be held is found, the largest of 2^(layers - 1) cells a side: "
+        "large ones are split only where they do not decide. The result is that of one layer, bit for bit; from three "
+        "states on 3 is several times faster. For perfect measurements, states that do not wrap, and a gap that "
+        "depends on few states.",
+    )  # fmt: skip
+    rule: Literal["least_effort", "middle"] = Field(
+        "least_effort", description="Which of the admissible inputs the controller applies."
+    )
+
+
+class SensingSection(Section):
+    """A bounded measurement error and a latency in whole samples."""
+
+    error: dict[str, float] = Field(
+        default_factory=dict, description="For a state, the largest |measured - true|, in its unit; 0 if not given."
+    )
+    latency: int = Field(0, ge=0, le=1, description="Samples between a measurement and the input that uses it.")
+    latency_of: Literal["measurement", "input_delay"] = Field(
+        "measurement",
+        description="measurement: the latency comes on top of the delays that effects declare. input_delay: it is the "
+        "first sample of these delays, so that the controller knows which input is pending; a command that would act "
+        "earlier is held back until then.",
+    )
+    first_input: dict[str, float] = Field(
+        default_factory=dict,
+        description="With a latency, the input that acts in the first sample, before any measurement has arrived: one "
+        "of domain.U. If not given, the one of least effort in U, rest where U holds it.",
+    )
+
+    @property
+    def known_delay(self) -> int:
+        """Samples of the inputs' delay that the controller knows of as its latency."""
+        return self.latency if self.latency_of == "input_delay" else 0
+
+    @field_validator("error")
+    @classmethod
+    def _not_negative(cls, value: dict[str, float]) -> dict[str, float]:
+        bad = [name for name, e in value.items() if e < 0]
+        if bad:
+            raise ValueError(f"the error of {bad} is negative")
+        return value
