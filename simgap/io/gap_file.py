@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +13,8 @@ from simgap.errors import UserError
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.bounds.load import from_json
-from simgap.geometry import Box
 from simgap.io.documents import read_json
+from simgap.plants.context import Context
 
 REMEDY = "Run the gap stage of this case again."
 
@@ -38,23 +37,7 @@ class SavedGap:
     swept_by_class: tuple[Floats, Floats] | None = None
 
 
-class CaseDomain(Protocol):
-    """What a bound must hold for: a stage's context has it."""
-
-    @property
-    def states(self) -> Sequence[str]: ...  # noqa: D102
-    @property
-    def inputs(self) -> Sequence[str]: ...  # noqa: D102
-    @property
-    def periodic(self) -> tuple[int, ...]: ...  # noqa: D102
-    @property
-    def box(self) -> Box: ...  # noqa: D102
-    @property
-    def input_set(self) -> Floats: ...  # noqa: D102
-    def own(self, path: Path | str, record: Any, *stages: str) -> None: ...  # noqa: D102
-
-
-def load_gap(path: Path, case: CaseDomain) -> SavedGap:
+def load_gap(path: Path, case: Context) -> SavedGap:
     """Read the bound of a case.
 
     Raises:
@@ -74,7 +57,7 @@ def load_gap(path: Path, case: CaseDomain) -> SavedGap:
     return saved
 
 
-def _same(found: GapDomain, wanted: CaseDomain) -> None:
+def _same(found: GapDomain, wanted: Context) -> None:
     for what, one, other in (
         ("states", list(found.states), list(wanted.states)),
         ("inputs", list(found.inputs), list(wanted.inputs)),

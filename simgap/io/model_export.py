@@ -17,69 +17,77 @@ import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.load import load_case
 from simgap.effects import AppliedEffect
-from simgap.errors import UserError
+from simgap.errors import UserError, placed
 from simgap.io.atomic import write_text
 from simgap.model.tree import symmetric
 from simgap.plants.plant_model import PlantModel
 from simgap.plants.urdf_checks import loading
+from simgap.simulators.mjcf import require_mujoco
 
 REMEDY = "Use the case itself, or simgap.load_plant(case).drake_system(), which hold every effect."
 Write = Callable[[Any, AppliedEffect], bool]
 
 
-def export_mjcf(case: Path, out: Path) -> None:
-    """Write a MuJoCo model of a case: its URDF, a motor for each input, and the effects that the case adds.
+def export_model(case: Path | str, out: Path | str) -> None:
+    """Write the model of a case with the effects that the case adds to its plant, such as those that a diagnosis found.
 
-    Joint friction of the URDF is left out, as the nominal model leaves it out; `coulomb_friction` is written.
-    Numbers have the six digits that MuJoCo writes.
+    A file that ends in `.xml` or `.mjcf` is a MuJoCo model (extra `mujoco`): its URDF, and a motor for each input.
+    Joint friction of the URDF is left out there, as the nominal model leaves it out, and numbers have the six digits
+    that MuJoCo writes. Any other is a URDF.
+
+    Friction is written as the attribute `friction` of `<dynamics>`, which PyBullet and MuJoCo read and Drake does not;
+    engines act it out each in their own way.
 
     Raises:
-        UserError: a plant of equations, an effect that MJCF cannot hold, or MuJoCo is not installed.
+        UserError: a plant of equations, an effect that the format cannot hold, or MuJoCo is not installed.
     """
+    case, out = Path(case), Path(out)
     section = load_case(case)
     if section.plant.urdf is None:
         raise UserError("the plant is written in equations", file=case, key="plant.urdf", remedy=REMEDY)
-    plant = PlantModel.of(section, case.parent)
+    plant, source = PlantModel.of(section, case.parent), case.parent / section.plant.urdf
     _ = plant.corrected  # refuses what does not fit the plant
-    spec = _from_urdf(case.parent / section.plant.urdf)
-    spec.option.gravity = (0.0, 0.0, -section.plant.gravity)
-    if section.domain is not None:
-        spec.option.timestep = section.domain.tau
-    for joint in spec.joints:
-        joint.frictionloss = 0.0
-    for name, given in section.plant.inputs.items():
-        if given.joint is not None:
-            motor = spec.add_actuator(name=name, target=given.joint, trntype=_mujoco().mjtTrn.mjTRN_JOINT)
-            motor.set_to_motor()
+    in_mjcf = out.suffix in (".xml", ".mjcf")
+    form, writers = ("MJCF", _MJCF_WRITERS) if in_mjcf else ("a URDF", _URDF_WRITERS)
+    model = _mjcf_of(section, source) if in_mjcf else reading.read_xml(source)
     for k, effect in enumerate(plant.effects):
-        write = _MJCF_WRITERS.get(effect.name)
-        if write is None or not write(spec, effect):
+        write = writers.get(effect.name)
+        if write is None or not write(model, effect):
             raise UserError(
-                f"MJCF cannot hold '{effect.name}' on '{effect.on}'", file=case, key=f"plant.effects.{k}", remedy=REMEDY
-            )
-    spec.compile()
-    write_text(out, spec.to_xml())
+                f"{form} cannot hold '{effect.name}' on '{effect.on}'", file=case, key=f"plant.effects.{k}",
+                remedy=REMEDY,
+            )  # fmt: skip
+    if in_mjcf:
+        model.compile()
+        write_text(out, model.to_xml())
+    else:
+        _move_meshes(model, source.parent, out.parent)
+        write_text(out, ElementTree.tostring(model, encoding="unicode", xml_declaration=True) + "\n")
 
 
-def _mujoco() -> Any:
-    try:
-        import mujoco
-    except ImportError:
-        raise UserError("MuJoCo is not installed", key="--out", remedy="Install the extra: simgap[mujoco].") from None
-    return mujoco
-
-
-def _from_urdf(path: Path) -> Any:
-    """The URDF as MuJoCo reads it, meshes by their whole paths.
+def _mjcf_of(case: Case, urdf: Path) -> Any:
+    """The URDF as MuJoCo reads it, meshes by their whole paths, with the motors, gravity and step of a case.
 
     Raises:
-        UserError: a file that MuJoCo does not take.
+        UserError: a file that MuJoCo does not take, or MuJoCo is not installed.
     """
-    mujoco = _mujoco()
-    with loading("MuJoCo", path):
-        return mujoco.MjSpec.from_file(str(reading.real(path)))
+    with placed(key="--out"):
+        mujoco = require_mujoco()
+    with loading("MuJoCo", urdf):
+        spec = mujoco.MjSpec.from_file(str(reading.real(urdf)))
+    spec.option.gravity = (0.0, 0.0, -case.plant.gravity)
+    if case.domain is not None:
+        spec.option.timestep = case.domain.tau
+    for joint in spec.joints:
+        joint.frictionloss = 0.0
+    for name, given in case.plant.inputs.items():
+        if given.joint is not None:
+            motor = spec.add_actuator(name=name, target=given.joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            motor.set_to_motor()
+    return spec
 
 
 def _on_joint(attribute: str, symbol: str, power: int = 0) -> Write:
@@ -135,40 +143,7 @@ _MJCF_WRITERS: Mapping[str, Write] = {
 }
 
 
-def export_model(case: Path | str, out: Path | str) -> None:
-    """Write the URDF of a case with the effects that the case adds to its plant, such as those that a diagnosis found.
-
-    A file that ends in `.xml` or `.mjcf` is a MuJoCo model (extra `mujoco`).
-
-    Friction is written as the attribute `friction` of `<dynamics>`, which PyBullet and MuJoCo read and Drake does not;
-    engines act it out each in their own way.
-
-    Raises:
-        UserError: a plant of equations, or an effect that the format cannot hold.
-    """
-    case, out = Path(case), Path(out)
-    if out.suffix in (".xml", ".mjcf"):
-        export_mjcf(case, out)
-        return
-    section = load_case(case)
-    if section.plant.urdf is None:
-        raise UserError("the plant is written in equations", file=case, key="plant.urdf", remedy=REMEDY)
-    plant = PlantModel.of(section, case.parent)
-    _ = plant.corrected  # refuses what does not fit the plant
-    source = case.parent / section.plant.urdf
-    robot = reading.read_xml(source)
-    for k, effect in enumerate(plant.effects):
-        write = _WRITERS.get(effect.name)
-        if write is None or not write(robot, effect):
-            raise UserError(
-                f"a URDF cannot hold '{effect.name}' on '{effect.on}'", file=case, key=f"plant.effects.{k}",
-                remedy=REMEDY,
-            )  # fmt: skip
-    _move_meshes(robot, source.parent, out.parent)
-    write_text(out, ElementTree.tostring(robot, encoding="unicode", xml_declaration=True) + "\n")
-
-
-def _dynamics(attribute: str, symbol: str) -> Callable[[ElementTree.Element, AppliedEffect], bool]:
+def _dynamics(attribute: str, symbol: str) -> Write:
     """Adds the value of a parameter to an attribute of the joint's `<dynamics>`."""
 
     def write(robot: ElementTree.Element, effect: AppliedEffect) -> bool:
@@ -199,7 +174,7 @@ def _parameter(robot: ElementTree.Element, effect: AppliedEffect) -> bool:
     return True
 
 
-_WRITERS: Mapping[str, Callable[[ElementTree.Element, AppliedEffect], bool]] = {
+_URDF_WRITERS: Mapping[str, Write] = {
     "viscous_friction": _dynamics("damping", "b"),
     "coulomb_friction": _dynamics("friction", "F_c"),
     "parameter_error": _parameter,

@@ -15,9 +15,10 @@ import yaml
 
 from simgap import reading
 from simgap.config.case import Case
+from simgap.config.copied_plugins import plugin_copies, with_plugin_copies
 from simgap.config.domain import InputSet
 from simgap.config.load import case_content, parse_case
-from simgap.config.model_files import move_files, plugin_copies, with_plugin_copies
+from simgap.config.model_files import move_files
 from simgap.config.plant import AddedEffect
 from simgap.diagnosis.verdict.remainder_use import RemainderUse
 from simgap.effects import AppliedEffect, effect

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from simgap.config.copied_plugins import plugin_copies
 from simgap.config.measured import MeasuredSection, matching_files
-from simgap.config.model_files import plugin_copies
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.record.conditions import Known, conditioned, under_conditions
 from simgap.diagnosis.record.record import Record

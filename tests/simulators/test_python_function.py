@@ -5,9 +5,9 @@ import time
 import numpy as np
 import pytest
 
+from simgap.config.copied_plugins import plugin_copies
 from simgap.config.function_file import FunctionFile
 from simgap.config.load import load_case
-from simgap.config.model_files import plugin_copies
 from simgap.errors import SimgapError, UserError
 from simgap.provenance import sections_digest
 from simgap.simulators.build import make_simulator

@@ -21,7 +21,7 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.sampling.points import successor_columns, units
 from simgap.io.controller_file import load_controller, save_controller
 from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import read_parquet, write_columns, write_parquet
+from simgap.io.parquet import read_parquet, write_parquet
 from simgap.io.rerun.closed_loop import read_curves
 from simgap.io.shared_solution import SharedSolution, scratch_folder
 from simgap.plants.context import Context
@@ -29,6 +29,7 @@ from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import audit, replay, synthesis
+from simgap.stages.gap_inputs import write_columns
 from tests.stages.test_sensing_stage import bound
 
 BUDGET = {"evaluations": 6000, "steps": 1500}
