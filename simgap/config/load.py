@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -24,6 +24,7 @@ from simgap.config.case import Case
 from simgap.config.plugged import INNER
 from simgap.errors import UserError, excerpt
 
+M = TypeVar("M", bound=BaseModel)
 LARGEST = 1_000_000
 """Bytes of a YAML file."""
 DEEPEST = 64
@@ -215,12 +216,21 @@ def parse_case(content: Any, path: Path, plugins_beside: Path | None = None) -> 
             "this is no case: it holds no keys", file=path,
             remedy="A case starts with `name:` and `plant:`; `simgap new NAME --urdf FILE` writes one.",
         )  # fmt: skip
+    return validated(Case, content, path, (plugins_beside or path).parent)
+
+
+def validated(model: type[M], content: Any, file: Path | str, folder: Path | None = None) -> M:
+    """Content as a section of that model; plug-in files stand in `folder`.
+
+    Raises:
+        UserError: an unknown, missing or wrong key, the first of them.
+    """
     try:
-        return Case.model_validate(content, context={"folder": (plugins_beside or path).parent})
+        return model.model_validate(content, context={"folder": folder})
     except ValidationError as error:
-        found = [mistake for e in error.errors(include_url=False) for mistake in _unfolded(e)]
+        found = [mistake for e in error.errors(include_url=False) for mistake in _unfolded(e, model)]
         first = next((m for m in found if m.error["type"] == "extra_forbidden"), found[0])  # a typo leaves a gap
-        raise _user_error(first, len(found), path) from None
+        raise _user_error(first, len(found), file) from None
 
 
 @dataclass(frozen=True)
@@ -228,18 +238,18 @@ class _Mistake:
     """A validator's error, where it stands below `model`, and the keys that lead to that model."""
 
     error: Any
-    model: type[BaseModel] = Case
+    model: type[BaseModel]
     above: tuple[Any, ...] = ()
 
 
-def _unfolded(error: Any) -> list[_Mistake]:
+def _unfolded(error: Any, model: type[BaseModel]) -> list[_Mistake]:
     """The errors inside the section of a plug-in, instead of the one that stands for them."""
     if error["type"] != INNER:
-        return [_Mistake(error)]
+        return [_Mistake(error, model)]
     return [_Mistake(e, error["ctx"]["model"], error["loc"]) for e in error["ctx"]["errors"]]
 
 
-def _user_error(mistake: _Mistake, count: int, path: Path) -> UserError:
+def _user_error(mistake: _Mistake, count: int, file: Path | str) -> UserError:
     first = mistake.error
     key = ".".join(str(part) for part in (*mistake.above, *first["loc"])) or None
     kind, problem, remedy = first["type"], str(first["msg"]), None
@@ -253,10 +263,10 @@ def _user_error(mistake: _Mistake, count: int, path: Path) -> UserError:
         problem = f"{excerpt(repr(first['input']))} is no name of a case: results are kept in a folder of that name"
         remedy = "Use lower-case letters a to z, digits, - and _, beginning with a letter; `title` may hold anything."
     else:
-        problem, remedy = problem_and_remedy(first)
+        problem, remedy = _problem_and_remedy(first)
     if count > 1:
         remedy = f"{remedy or ''} ({count - 1} more after this one)".strip()
-    return UserError(problem, file=path, key=key, remedy=remedy)
+    return UserError(problem, file=file, key=key, remedy=remedy)
 
 
 def _suggestion(top: type[BaseModel], loc: tuple[Any, ...]) -> str:
@@ -272,8 +282,6 @@ def _suggestion(top: type[BaseModel], loc: tuple[Any, ...]) -> str:
 
 
 def _inside(model: Any, part: Any) -> Any:
-    from typing import get_args
-
     if not (isinstance(model, type) and issubclass(model, BaseModel)):
         return None
     field = model.model_fields.get(str(part))
@@ -307,7 +315,7 @@ _LIMITS = {
 }
 
 
-def problem_and_remedy(error: Mapping[str, Any]) -> tuple[str, str | None]:
+def _problem_and_remedy(error: Mapping[str, Any]) -> tuple[str, str | None]:
     """Problem and remedy of an error of pydantic; its own words only for what no case file of today can ask."""
     kind, context, got = str(error["type"]), error.get("ctx") or {}, excerpt(repr(error["input"]))
     if kind in _LIMITS:
