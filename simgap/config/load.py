@@ -6,7 +6,6 @@ Scalars follow YAML 1.2: `true` and `false` are the only booleans (`on` is a key
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +21,7 @@ from yaml.scanner import ScannerError
 from simgap import reading
 from simgap.config.case import Case
 from simgap.config.plugged import INNER
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, nearest
 
 M = TypeVar("M", bound=BaseModel)
 LARGEST = 1_000_000
@@ -276,9 +275,7 @@ def _suggestion(top: type[BaseModel], loc: tuple[Any, ...]) -> str:
         model = _inside(model, part)
         if model is None:
             return "Remove it."
-    known = [*model.model_fields, *(["extends"] if model is Case else [])]
-    near = difflib.get_close_matches(str(loc[-1]), known, n=1)
-    return f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(known)}."
+    return nearest(str(loc[-1]), [*model.model_fields, *(["extends"] if model is Case else [])])
 
 
 def _inside(model: Any, part: Any) -> Any:
@@ -334,5 +331,4 @@ def _problem_and_remedy(error: Mapping[str, Any]) -> tuple[str, str | None]:
 
 def _choice(expected: str, given: Any, got: str) -> tuple[str, str]:
     known = [word.strip().strip("'") for part in expected.split(" or ") for word in part.split(",")]
-    near = difflib.get_close_matches(str(given), known, n=1)
-    return f"no choice is called {got}", f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(known)}."
+    return f"no choice is called {got}", nearest(str(given), known)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.errors import UserError
+from simgap.errors import UserError, placed
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.bounds.load import from_json
@@ -44,15 +44,13 @@ def load_gap(path: Path, case: Context) -> SavedGap:
         UserError: a file that is missing, damaged or incomplete, or that belongs to another case.
     """
     content = read_json(path)
-    try:
+    with placed(file=path, remedy=REMEDY):
         function = from_json(content)
         _same(function.domain, case)
         shape = (len(case.input_set), 2)
         count = function.classes.count if isinstance(function, BodyFrameGap) else 1
         by_class = _swept(content, "swept_boxes_by_class", (count, *shape)) if count > 1 else None
         saved = SavedGap(function, _swept(content, "swept_boxes", shape), content, by_class)
-    except UserError as error:
-        raise UserError(error.problem, file=path, key=error.key, remedy=REMEDY) from None
     case.own(path, content.get("provenance"), "gap")
     return saved
 

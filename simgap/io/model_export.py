@@ -20,7 +20,7 @@ from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.load import load_case
 from simgap.effects import AppliedEffect
-from simgap.errors import UserError, placed
+from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.model.tree import symmetric
 from simgap.plants.plant_model import PlantModel
@@ -52,7 +52,7 @@ def export_model(case: Path | str, out: Path | str) -> None:
     _ = plant.corrected  # refuses what does not fit the plant
     in_mjcf = out.suffix in (".xml", ".mjcf")
     form, writers = ("MJCF", _MJCF_WRITERS) if in_mjcf else ("a URDF", _URDF_WRITERS)
-    model = _mjcf_of(section, source) if in_mjcf else reading.read_xml(source)
+    model: Any = _mjcf_of(section, source) if in_mjcf else reading.read_xml(source)
     for k, effect in enumerate(plant.effects):
         write = writers.get(effect.name)
         if write is None or not write(model, effect):
@@ -74,8 +74,7 @@ def _mjcf_of(case: Case, urdf: Path) -> Any:
     Raises:
         UserError: a file that MuJoCo does not take, or MuJoCo is not installed.
     """
-    with placed(key="--out"):
-        mujoco = require_mujoco()
+    mujoco = require_mujoco("--out")
     with loading("MuJoCo", urdf):
         spec = mujoco.MjSpec.from_file(str(reading.real(urdf)))
     spec.option.gravity = (0.0, 0.0, -case.plant.gravity)

@@ -12,7 +12,7 @@ from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
 from simgap.gap.sampling.points import Columns, Points, state_names
 from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import read_parquet, record_of, stack, table, write_parquet
+from simgap.io.parquet import columns_of, read_parquet, record_of, stack, table, write_parquet
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.provenance import provenance
@@ -57,8 +57,7 @@ def read_samples(context: Context, path: Path, *stages: str) -> Columns:
     Raises:
         UserError: a missing or damaged file, or one of another case.
     """
-    content = read_table(context, path, *stages)
-    return {name: content.column(name).to_numpy() for name in content.column_names}
+    return columns_of(read_table(context, path, *stages))
 
 
 def read_result(context: Context, path: Path, stage: str) -> dict[str, Any]:
