@@ -8,20 +8,20 @@ from __future__ import annotations
 
 import codecs
 import json
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
 from typing import Any, Never
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgap import reading
-from simgap.arrays import Floats, Ints
-from simgap.diagnosis.record.channels import RawTable, no_time_column
 from simgap.errors import UserError, excerpt, placed
 from simgap.io.recordings.csv_file import not_text
+from simgap.late import pyarrow as pa
 from simgap.reading import JSON_HELD, require_room
 
 _HELD = 32  # bytes of a number while samples are gathered: the number and its place in a list
@@ -30,41 +30,13 @@ _NUMBERS = frozenset({int, float, bool})
 _MEND = "Write a number there, or leave the sample out."
 
 
-def json_header(path: Path, file: str) -> tuple[str, ...]:
-    """The names of all columns; every sample is read, as any may bring one more.
+def json_cells(path: Path, asked: Iterable[str], file: str) -> tuple[tuple[str, ...], dict[str, list[Any]]]:
+    """The names of all columns, and the cells of those that are asked for.
 
     Raises:
-        UserError: as `read_json_table`, but for what samples hold.
-    """
-    header, _ = _gathered(read_samples(path, file), (), file)
-    return header
-
-
-def read_json_table(path: Path, wanted: Sequence[str], time: str, trace: str, file: str, sha256: str) -> RawTable:
-    """The wanted columns; those that the file lacks are left out. Booleans are 0 and 1.
-
-    Args:
-        path: the file; file: how messages call it; sha256: of its bytes.
-        wanted: names of the columns of states and inputs; time: of the stamps; trace: of what tells traces apart.
-
-    Raises:
-        UserError: a file that is no JSON, holds no samples or no time, and a value that is missing, not finite or not
-            a number (with its row, counted from 1 in the list of samples).
+        UserError: a file that is no JSON, is too large or holds no samples.
     """
     samples = read_samples(path, file)
-    header, cells = _gathered(samples, (time, *wanted, trace), file)
-    if time not in header:
-        raise no_time_column(time, header, file)
-    chosen = [name for name in dict.fromkeys(wanted) if name in header and name != time]
-    labels = _labels(cells[trace], file, trace) if trace in header and trace not in (time, *chosen) else None
-    return RawTable(
-        file=file, header=header, time=_stamps(cells[time], file, time), time_unit=None,
-        columns={name: _numbers(cells[name], file, name) for name in chosen}, labels=labels, sha256=sha256,
-    )  # fmt: skip
-
-
-def _gathered(samples: Samples, asked: Iterable[str], file: str) -> tuple[tuple[str, ...], dict[str, list[Any]]]:
-    """The names of all columns, and the cells of those that are asked for."""
     constants, varying, rows = samples.constants, dict[str, None](), 0
     cells: dict[str, list[Any]] = {name: [] for name in asked}
     for rows, row in enumerate(samples.rows, 1):
@@ -86,42 +58,35 @@ def _gathered(samples: Samples, asked: Iterable[str], file: str) -> tuple[tuple[
     return tuple(_text(name) for name in (*varying, *constants)), cells
 
 
-def _stamps(cells: Sequence[Any], file: str, name: str) -> Floats | Ints:
-    """Whole numbers stay exact: nanoseconds since an epoch have more digits than a float."""
-    if set(map(type, cells)) == {int}:
-        try:
-            return np.array(cells, dtype=np.int64)
-        except OverflowError:
-            pass
-    return _numbers(cells, file, name)
+def json_table(
+    cells: Mapping[str, list[Any]], columns: Sequence[str], time: str, labels: str | None, file: str
+) -> pa.Table:
+    """The columns as Arrow has them: numbers, booleans as 0 and 1; in `labels` the names of traces, as text.
+
+    Raises:
+        UserError: a value that is missing or no number (with its row, counted from 1 in the list of samples).
+    """
+    return pa.table(
+        {n: _labels(cells[n], file, n) if n == labels else _numbers(cells[n], file, n, n == time) for n in columns}
+    )
 
 
-def _numbers(cells: Sequence[Any], file: str, name: str) -> Floats:
-    """A column as finite float64; the first cell that is not one is named."""
-    if _NUMBERS.issuperset(map(type, cells)):
-        try:
-            values = np.array(cells, dtype=np.float64)
-        except OverflowError:
-            pass
-        else:
-            if np.isfinite(values).all():
-                return values
-    row = next(k for k, cell in enumerate(cells) if not _is_number(cell))
+def _numbers(cells: Sequence[Any], file: str, name: str, stamps: bool) -> pa.Array:
+    """A column of numbers; whole stamps stay exact: nanoseconds since an epoch have more digits than a float."""
+    kinds = set(map(type, cells))
+    if kinds <= _NUMBERS:
+        for kind in (np.int64, np.float64) if stamps and kinds == {int} else (np.float64,):
+            with suppress(OverflowError):
+                return pa.array(np.array(cells, dtype=kind))
+    row = next(k for k, cell in enumerate(cells) if type(cell) not in _NUMBERS or abs(cell) > sys.float_info.max)
     raise _bad(file, name, row, cells[row], "not a finite number")
 
 
-def _is_number(cell: Any) -> bool:
-    try:
-        return type(cell) in _NUMBERS and bool(np.isfinite(float(cell)))
-    except OverflowError:
-        return False
-
-
-def _labels(cells: Sequence[Any], file: str, name: str) -> NDArray[np.str_]:
+def _labels(cells: Sequence[Any], file: str, name: str) -> pa.Array:
     for row, cell in enumerate(cells):
         if cell is None or cell is _ABSENT:
             raise _bad(file, name, row, cell, "not the name of a trace")
-    return np.array([_text(str(cell)) for cell in cells], dtype=np.str_)
+    return pa.array([_text(str(cell)) for cell in cells], pa.string())
 
 
 def _bad(file: str, name: str, row: int, cell: Any, what: str) -> UserError:
