@@ -12,8 +12,10 @@ from __future__ import annotations
 
 BIC_GAIN = 12.0
 """An effect is added, or kept, only if BIC falls by at least this much; of sets within it the one with fewest
-parameters is chosen, and what is within it of the answer cannot be told from it. Very strong evidence begins at 10
-(Kass, Raftery (1995), J. Am. Stat. Assoc. 90(430))."""
+parameters is chosen. Very strong evidence begins at 10 (Kass, Raftery (1995), J. Am. Stat. Assoc. 90(430))."""
+
+LISTED = 10.0
+"""Sets that are further from the answer by BIC can be told from it (Kass, Raftery (1995): above 10 "very strong")."""
 
 AS_GOOD = 2.0
 """Sets within this BIC of the chosen one are listed whatever else speaks against them (same source: "not worth more
@@ -29,12 +31,17 @@ BY_CHANCE = 1e-6
 input. Of backlash that was taken for noise (benchmarks/undeclared.py, seeds 1001, 1002, 1004) the regression's F was 8
 to 9, of noise of three laws on three plants 0.4 to 1.2 (benchmarks/noise_colours.py); the limit is about 3."""
 
+TAILS = 4.0
+"""Degrees of freedom of Student's t, by which errors ahead are scored and the usual size of a miss is estimated
+(Lange, Little, Taylor (1989), J. Am. Stat. Assoc. 84, who find 4 for most of their data)."""
+
 FAR = 5.0
 """So many standard deviations are more than noise: of a reading between others that miss by less than half of it, which
 is a stray (what moves is not back at the next reading); of a reading beyond all others or off its prediction; of the
-sum of squares of a window. And so many times `BIC_GAIN` promised beside a set within the noise is asked for: of three
-effects two came within it where the third promised 120 to 600 (benchmarks/undeclared.py, "three effects", seeds 1010,
-1013, 1006), and a gain off by 0.05 %, as a test's rig takes Euler's steps, promised 26."""
+sum of squares of a window. No miss so many usual ones large: nothing stands out. And so many times `BIC_GAIN` promised
+beside a set within the noise is asked for: of three effects two came within it where the third promised 120 to 600
+(benchmarks/undeclared.py, "three effects", seeds 1010, 1013, 1006), and a gain off by 0.05 %, as a test's rig takes
+Euler's steps, promised 26."""
 
 # What is noise.
 
@@ -87,7 +94,8 @@ SAME, SAME_PROMISE = 0.1, 1e-5
 direction, refitted once."""
 
 EQUIVALENT_CHI2 = 1.0
-"""Two fits whose chi^2 differ by less predict the same: an exact equivalence if their sensitivities span the same."""
+"""Two fits whose chi^2 differ by less predict the same: an exact equivalence if their sensitivities span the same, and
+the end of a fit where no initial state still promises more."""
 
 COLLINEAR, EXACTLY_COLLINEAR = 0.99, 1.0 - 1e-6
 """Projected sensitivities with a larger correlation are called hard to tell apart on this excitation; with the second,
@@ -109,7 +117,9 @@ NEAR = 3.0
 """What misses by no more than so many noises comes near it: an elastic joint or play that nobody named after a few
 steps, which is then fitted to the end (`MOTOR_STEPS`); an engine with a set of effects, which then follows. Of those of
 benchmarks/drive_library.py eight steps left 0.93 to 1.24 of the noise, of Dahl friction 980 and more. Of a Furuta
-pendulum in an engine of 10 ms steps 27 noises were left with one of two true effects, 31 with both, 182 with none."""
+pendulum in an engine of 10 ms steps 27 noises were left with one of two true effects, 31 with both, 182 with none. And
+so many times what white noise would show stands out: under dry friction such a window is begun afresh. Windows that had
+ended in a valley of their own stood 1.6 to 6,700 times above their best."""
 
 MOTOR_STEPS = 8
 """Steps of a first try of such a motor."""
@@ -145,14 +155,10 @@ LAGS_REMEMBERED = 5.0
 # When a fit has settled, from the drive with rests in benchmarks/dry_friction.py: ends that a window held up, at a kink
 # where it comes to rest, still promised drops of chi^2 of .4 to 136; begun afresh they ended lower by 20 to 350.
 
-SETTLED_PROMISE, SETTLED_STATES = 0.05, 1.0
+SETTLED_PROMISE = 0.05
 """Largest drop of chi^2 that the linear problem may still promise of the parameters, in units of chi^2/dof where that
-is above 1 (a step of less than a quarter of a standard error), and of the initial state of each window. Under dry
-friction what fitting such windows afresh from several starts gains counts instead of the promise."""
-
-STANDS_OUT = 3.0
-"""Under dry friction a window is begun afresh if its chi^2 exceeds the median window's by so many times what white
-noise would show. Windows that had ended in a valley of their own stood 1.6 to 6,700 times above their best."""
+is above 1 (a step of less than a quarter of a standard error); of the initial state of each window `EQUIVALENT_CHI2`.
+Under dry friction what fitting such windows afresh from several starts gains counts instead of the promise."""
 
 # What a look at the data warns of. Judgement; tests/diagnosis/test_survey.py and test_reading.py hold them against
 # recordings with such faults and without.
