@@ -6,7 +6,6 @@ the library it cannot say, and a file without it would be another model, so it i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +13,13 @@ import numpy as np
 
 from simgap import reading
 from simgap.config.load import load_case
-from simgap.effects import AppliedEffect
+from simgap.effects import EFFECTS, AppliedEffect
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.plants.plant_model import PlantModel
 from simgap.plants.urdf_checks import loading
 
 REMEDY = "Use the case itself, or simgap.load_plant(case).drake_system(), which hold every effect."
-Write = Callable[[Any, AppliedEffect], bool]
 
 
 def export_mjcf(case: Path, out: Path) -> None:
@@ -49,8 +47,7 @@ def export_mjcf(case: Path, out: Path) -> None:
             motor = spec.add_actuator(name=name, target=given.joint, trntype=_mujoco().mjtTrn.mjTRN_JOINT)
             motor.set_to_motor()
     for k, effect in enumerate(plant.effects):
-        write = _WRITERS.get(effect.name)
-        if write is None or not write(spec, effect):
+        if not _is_written(spec, effect):
             raise UserError(
                 f"MJCF cannot hold '{effect.name}' on '{effect.on}'", file=case, key=f"plant.effects.{k}", remedy=REMEDY
             )
@@ -77,54 +74,25 @@ def _from_urdf(path: Path) -> Any:
         return mujoco.MjSpec.from_file(str(reading.real(path)))
 
 
-def _on_joint(attribute: str, symbol: str, power: int = 0) -> Write:
-    """Adds the value of a parameter to an attribute of the joint, a number or the coefficients of a polynomial.
-
-    Coefficient k of a damping is of v |v|^k, of a stiffness of q^(k + 1); an older MuJoCo has the first alone.
-    """
-
-    def write(spec: Any, effect: AppliedEffect) -> bool:
-        joint = spec.joint(effect.on)
-        value = np.array(getattr(joint, attribute), dtype=float) if joint is not None else np.empty(0)
-        if value.size <= power:
+def _is_written(spec: Any, given: AppliedEffect) -> bool:
+    """Whether the effect is in the model now; an older MuJoCo has the first coefficient of a polynomial alone."""
+    effect = EFFECTS[given.name]
+    place = effect.mjcf
+    if place is None:
+        return False
+    owner, _, quantity = given.on.rpartition(".") if place.quantity else (given.on, "", "")
+    element = getattr(spec, place.of)(owner) if owner and quantity == place.quantity else None
+    if element is None or (place.of == "body" and not element.explicitinertial):
+        return False
+    (parameter,) = effect.parameters
+    number = float(given.values[parameter.symbol])
+    for attribute in place.attributes:
+        value = np.array(getattr(element, attribute), dtype=float)
+        if parameter.null == 1.0:
+            value *= number
+        elif place.power < value.size:
+            value.flat[place.power] += number
+        else:
             return False
-        value.flat[power] += float(effect.values[symbol])
-        setattr(joint, attribute, value if value.ndim else float(value))
-        return True
-
-    return write
-
-
-def _denser(spec: Any, effect: AppliedEffect) -> bool:
-    """A denser link of the same shape: its inertia scales along with its mass."""
-    owner, _, quantity = effect.on.rpartition(".")
-    body = spec.body(owner) if owner else None
-    if quantity != "mass" or body is None or not body.explicitinertial:
-        return False
-    ratio = float(effect.values["ratio"])
-    body.mass *= ratio
-    body.inertia = np.asarray(body.inertia) * ratio
-    body.fullinertia = np.asarray(body.fullinertia) * ratio
+        setattr(element, attribute, value if value.ndim else float(value))
     return True
-
-
-def _gain(spec: Any, effect: AppliedEffect) -> bool:
-    motor = spec.actuator(effect.on)
-    if motor is None:
-        return False
-    gear = np.array(motor.gear)
-    gear[0] *= float(effect.values["ratio"])
-    motor.gear = gear
-    return True
-
-
-_WRITERS: Mapping[str, Write] = {
-    "viscous_friction": _on_joint("damping", "b"),
-    "coulomb_friction": _on_joint("frictionloss", "F_c"),
-    "reflected_inertia": _on_joint("armature", "I"),
-    "spring": _on_joint("stiffness", "k"),
-    "quadratic_drag": _on_joint("damping", "c", 1),
-    "cubic_spring": _on_joint("stiffness", "k3", 2),
-    "parameter_error": _denser,
-    "input_gain": _gain,
-}
