@@ -36,10 +36,9 @@ TAILS = 4.0
 (Lange, Little, Taylor (1989), J. Am. Stat. Assoc. 84, who find 4 for most of their data)."""
 
 FAR = 5.0
-"""So many standard deviations are more than noise: of a reading between others that miss by less than half of it, which
-is a stray (what moves is not back at the next reading); of a reading beyond all others or off its prediction; of the
-sum of squares of a window. No miss so many usual ones large: nothing stands out. And so many times `BIC_GAIN` promised
-beside a set within the noise is asked for: of three effects two came within it where the third promised 120 to 600
+"""So many standard deviations are more than noise: of a reading beyond all others or off its prediction; of the sum of
+squares of a window. No miss so many usual ones large: nothing stands out. And so many times `BIC_GAIN` promised beside
+a set within the noise is asked for: of three effects two came within it where the third promised 120 to 600
 (benchmarks/undeclared.py, "three effects", seeds 1010, 1013, 1006), and a gain off by 0.05 %, as a test's rig takes
 Euler's steps, promised 26."""
 
@@ -66,8 +65,8 @@ travels "explained" a push, being as large as its misses there. Of pushes 0.30 t
 (eight records of benchmarks/other_plants.py). Readings 20 ms late accounted for 4 % of the squared error and more."""
 
 A_FEW = 0.05
-"""A small part: of the time (it may be left out where it carries most of the error), of the readings (spikes, strays),
-of the samples at an extreme. The largest 5 % of a Gaussian's draws carry 28 % of the square, of a sine's 10 %."""
+"""A small part: of the readings (spikes, gross errors), of the predictions that carry most of the error, of the samples
+at an extreme. The largest 5 % of a Gaussian's draws carry 28 % of the square, of a sine's 10 %."""
 
 OUT_OF_SIGHT = 100.0
 """A hundredfold: columns under which the declared model misses by so much more are not tried further, and those with
@@ -128,10 +127,9 @@ SEVERAL_TRACES = 3
 """From so many traces on, folds are whole traces (one each at least); fewer are cut into blocks of windows."""
 
 BRIEF_S, LOOK_BACK_SAMPLES = 0.2, 10
-"""So short a time that what a plant lacks all the time hardly shows in it (s): a piece, two cells, in which a push is
-sought, and what the causal start of an h-ahead prediction is estimated from (a window, if that is shorter; at least
-this many samples). Pushes of benchmarks/other_plants.py, a tenth of a second long, made pieces of 20 to 300 times the
-median's chi^2/dof."""
+"""So short a time that what a plant lacks all the time hardly shows in it (s): gross errors within half of it are of one
+push, and what the causal start of an h-ahead prediction is estimated from (a window, if that is shorter; at least this
+many samples). Pushes of benchmarks/other_plants.py last a tenth of a second."""
 
 FEWEST_WINDOWS = 4
 """Both sides of a change in mid-record have so many fitted windows at least: with those that confirm each fills three
