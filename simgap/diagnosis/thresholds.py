@@ -61,8 +61,8 @@ MATTERS = 0.1
 """What is a smaller share matters to nobody: of an error (of its square, the square of it), of the noise that an effect
 adds to the misses, of an excess that is explained but for it, of a step's error. Half the integration step must not
 move the predictions of a fit by more of its misses: a Dahl friction that turned round within a thirtieth of what a step
-travels "explained" a push, being as large as its misses there. Of pushes 0.30 to 0.89 was left by the best effect
-(eight records of benchmarks/other_plants.py). Readings 20 ms late accounted for 4 % of the squared error and more."""
+travels "explained" a push, being as large as its misses there. Readings
+20 ms late accounted for 4 % of the squared error and more."""
 
 A_FEW = 0.05
 """A small part: of the readings (spikes, gross errors), of the predictions that carry most of the error, of the samples
@@ -127,9 +127,9 @@ SEVERAL_TRACES = 3
 """From so many traces on, folds are whole traces (one each at least); fewer are cut into blocks of windows."""
 
 BRIEF_S, LOOK_BACK_SAMPLES = 0.2, 10
-"""So short a time that what a plant lacks all the time hardly shows in it (s): gross errors within half of it are of one
-push, and what the causal start of an h-ahead prediction is estimated from (a window, if that is shorter; at least this
-many samples). Pushes of benchmarks/other_plants.py last a tenth of a second."""
+"""So short a time that what a plant lacks all the time hardly shows in it (s): gross errors within half of it are one
+push, and the causal start of an h-ahead prediction is estimated from it (from a window, if that is shorter; from so
+many samples at least). Pushes of benchmarks/other_plants.py last a tenth of a second."""
 
 FEWEST_WINDOWS = 4
 """Both sides of a change in mid-record have so many fitted windows at least: with those that confirm each fills three
