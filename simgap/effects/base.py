@@ -111,7 +111,7 @@ class Effect(ABC):
     hides_columns: ClassVar[bool] = False
     """Whether it is so common and so large that a column in a wrong unit may not be seen without it."""
     mjcf: ClassVar[MjcfPlace | None] = None
-    """Where MuJoCo's format says it; None if it cannot."""
+    """Where MuJoCo's format says it, and a URDF as far as that can; None if neither does."""
     passes_a_constant: ClassVar[bool] = True
     """Whether a constant added to the command before it arrives as the same constant force behind it."""
     excitation: ClassVar[str] = ""
