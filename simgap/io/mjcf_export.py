@@ -19,6 +19,7 @@ from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.plants.plant_model import PlantModel
 from simgap.plants.urdf_checks import loading
+from simgap.simulators.mjcf import require_mujoco
 
 REMEDY = "Use the case itself, or simgap.load_plant(case).drake_system(), which hold every effect."
 Write = Callable[[Any, AppliedEffect], bool]
@@ -46,7 +47,7 @@ def export_mjcf(case: Path, out: Path) -> None:
         joint.frictionloss = 0.0
     for name, given in section.plant.inputs.items():
         if given.joint is not None:
-            motor = spec.add_actuator(name=name, target=given.joint, trntype=_mujoco().mjtTrn.mjTRN_JOINT)
+            motor = spec.add_actuator(name=name, target=given.joint, trntype=require_mujoco().mjtTrn.mjTRN_JOINT)
             motor.set_to_motor()
     for k, effect in enumerate(plant.effects):
         write = _WRITERS.get(effect.name)
@@ -58,21 +59,13 @@ def export_mjcf(case: Path, out: Path) -> None:
     write_text(out, spec.to_xml())
 
 
-def _mujoco() -> Any:
-    try:
-        import mujoco
-    except ImportError:
-        raise UserError("MuJoCo is not installed", key="--out", remedy="Install the extra: simgap[mujoco].") from None
-    return mujoco
-
-
 def _from_urdf(path: Path) -> Any:
     """The URDF as MuJoCo reads it, meshes by their whole paths.
 
     Raises:
         UserError: a file that MuJoCo does not take.
     """
-    mujoco = _mujoco()
+    mujoco = require_mujoco()
     with loading("MuJoCo", path):
         return mujoco.MjSpec.from_file(str(reading.real(path)))
 

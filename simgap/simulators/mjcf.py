@@ -10,7 +10,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.config.model_files import named_by
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, optional
 from simgap.plants.urdf_checks import TRUST, check_units, loading
 
 if TYPE_CHECKING:
@@ -27,12 +27,8 @@ def require_mujoco() -> Any:
     Raises:
         UserError: it is not there.
     """
-    try:
+    with optional("MuJoCo", "mujoco"):
         import mujoco
-    except ImportError:
-        raise UserError(
-            "MuJoCo is not installed", key="simulator.engine", remedy="Install the extra: simgap[mujoco]."
-        ) from None
     return mujoco
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from zlib import crc32
 
 from simgap import reading
-from simgap.errors import UserError, excerpt, placed
+from simgap.errors import UserError, excerpt, optional, placed
 from simgap.reading import require_room
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -130,14 +130,9 @@ def opened_bag(path: Path, file: str) -> Iterator[Bag]:
     Raises:
         UserError: a damaged file, no topic that is read, or a missing library.
     """
-    try:
+    with optional("the library for MCAP files", "mcap", file=file, key=None):
         import mcap_ros2.decoder  # noqa: F401
         from mcap.reader import make_reader
-    except ImportError:
-        raise UserError(
-            "is an MCAP file, which takes a library that is not installed", file=file,
-            remedy="Install it: pip install 'simgap[mcap]'.",
-        ) from None  # fmt: skip
     try:
         with reading.opened(path) as stream:
             summary = make_reader(stream, validate_crcs=True).get_summary()
