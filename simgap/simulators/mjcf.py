@@ -21,13 +21,13 @@ TRIED = 50
 """States of X at which actuators are asked what they do without a command, and shapes whether they touch."""
 
 
-def require_mujoco() -> Any:
+def require_mujoco(key: str = "simulator.engine") -> Any:
     """The module `mujoco`.
 
     Raises:
         UserError: it is not there.
     """
-    with optional("MuJoCo", "mujoco"):
+    with optional("MuJoCo", "mujoco", key=key):
         import mujoco
     return mujoco
 
