@@ -8,11 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.record.noise import samples_as_one
 from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import FIT_QUALITY, NO_MORE_THAN_NOISE
+from simgap.diagnosis.thresholds import A_FEW, FIT_QUALITY, NO_MORE_THAN_NOISE
 from simgap.distributions import chi2 as chi_squared
 from simgap.distributions import student
 
@@ -20,6 +22,31 @@ from simgap.distributions import student
 def at_noise(chi2: float, free: float) -> bool:
     """Whether a sum of squares with so many degrees of freedom is no more than noise; few numbers tell little."""
     return chi2 <= max(FIT_QUALITY * free, float(chi_squared.ppf(NO_MORE_THAN_NOISE, free)))
+
+
+def misfit(problem: Problem, at: Fit) -> tuple[float, float]:
+    """chi^2 of what is no gross error, and its degrees of freedom; of everything, where gross errors are not few."""
+    chi2, size = at.chi2, float(problem.size)
+    if problem.usual is not None:
+        loss = problem.residuals(at.theta, at.x0)
+        gross = are_gross(loss, problem.spread)
+        share = float(np.mean(gross))
+        if 0.0 < share <= A_FEW:
+            chi2, size = chi2 - float(np.sum(loss[gross] ** 2)), size * (1.0 - share)
+    return chi2, max(size - problem.taken - len(at.slots), 1.0)
+
+
+def chi2_dof(problem: Problem, at: Fit) -> float:
+    """Reduced chi^2 of fitted windows, gross errors apart."""
+    chi2, free = misfit(problem, at)
+    return chi2 / free
+
+
+def independent_share(problem: Problem, at: Fit) -> float:
+    """Samples that one independent sample is worth, by the residuals of all windows and channels together."""
+    residual = problem.residuals(at.theta, at.x0)
+    most = int(np.min(problem.windows.stop - problem.windows.start)) // 2
+    return samples_as_one(np.split(residual, problem.rows[1:-1]), most)
 
 
 def standard_errors(problem: Problem, at: Fit, steps: dict[int, float], reduced: float, at_floor: bool) -> Floats:

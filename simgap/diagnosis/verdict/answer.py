@@ -8,25 +8,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from simgap.diagnosis.record.faults.measurement import FilteredVelocity, effect_or_fault
-from simgap.diagnosis.record.faults.noise import ColouredNoise, FaintMemory
-from simgap.diagnosis.result import (
-    Alternative,
-    CandidateScore,
-    Collinear,
-    Estimate,
-    FoundEffect,
-    Key,
-    RecordingFault,
-    WindowPrediction,
-)
-from simgap.diagnosis.search.confidence import degrees_of_freedom, interval, standard_errors
+from simgap.diagnosis.record.faults.measurement import effect_or_fault
+from simgap.diagnosis.result import Alternative, CandidateScore, Collinear, Estimate, FoundEffect, Key, WindowPrediction
+from simgap.diagnosis.search.confidence import chi2_dof, degrees_of_freedom, interval, standard_errors
 from simgap.diagnosis.search.equivalence import Rival
 from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import AppliedEffect
 from simgap.model.symbolic import SymbolicModel
 
@@ -152,29 +141,3 @@ def predictions(
             WindowPrediction(name, held_out, problem.t[s], problem.y[s], old[a:b], new[a:b], states[a:b], problem.u[s])
         )
     return out
-
-
-def filtered_channels(search: Search, found: Explanation) -> tuple[RecordingFault, ...]:
-    """Velocities that were found to be filtered while their position is measured: they are left out from here on."""
-    model = search.problem.model
-    position = {c.velocity: c.position for c in model.model.coordinates}
-    return tuple(
-        c.effect.left_out(c.on, float(found.fit.theta[c.slots[0]]))
-        for c in found.members
-        if isinstance(c.effect, FilteredVelocity) and position[c.on] in model.measured
-    )
-
-
-def faint_memory(problem: Problem) -> tuple[str, ...]:
-    """Channels of which a part of the noise alone remembers."""
-    shares = () if problem.colour is None else zip(problem.model.measured, problem.colour.shared, strict=True)
-    return tuple(name for name, share in shares if FaintMemory().is_in(float(share)))
-
-
-def noise_faults(problem: Problem) -> list[RecordingFault]:
-    """What is to be said of a noise that remembers."""
-    if problem.colour is None:
-        return []
-    lasts = float(problem.t[problem.windows.stop[0] - 1] - problem.t[problem.windows.start[0]])
-    shared, tau = (map(float, each) for each in (problem.colour.shared, problem.colour.tau))
-    return ColouredNoise().of(zip(problem.model.measured, shared, tau, strict=True), lasts)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.record.noise import samples_as_one
+from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import grow
@@ -25,7 +25,7 @@ from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, PLAUSIBLE_RATIO, WIDTH
-from simgap.diagnosis.verdict.judge import chi2_dof, folds_agree, judge, vanished
+from simgap.diagnosis.verdict.judge import folds_agree, judge, vanished
 from simgap.diagnosis.verdict.score import Errors, gained
 
 
@@ -54,13 +54,6 @@ class Carried:
     agrees: bool
     declared: Floats
     predicted: Floats
-
-
-def independent_share(problem: Problem, at: Fit) -> float:
-    """Samples that one independent sample is worth, by the residuals of all windows and channels together."""
-    residual = problem.residuals(at.theta, at.x0)
-    most = int(np.min(problem.windows.stop - problem.windows.start)) // 2
-    return samples_as_one(np.split(residual, problem.rows[1:-1]), most)
 
 
 def rescaled(search: Search, best: Explanation) -> Search:
