@@ -22,7 +22,7 @@ from simgap.gap.fitting.acceptance import (
     tolerate,
 )
 from simgap.gap.fitting.bound_fit import assemble, fit_from_json
-from simgap.gap.fitting.conformal import Calibration
+from simgap.gap.fitting.dimension_fit import Calibration
 from simgap.gap.fitting.force_reversal import engine_grain, grain_tier
 from simgap.gap.lipschitz.result import DimensionLipschitz
 from simgap.gap.memory.bound import hidden_bound

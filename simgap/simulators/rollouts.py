@@ -11,59 +11,53 @@ import numpy as np
 from simgap.arrays import Floats, Ints
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.simulators.base import PathSimulator
+from simgap.simulators.base import PathSimulator, Simulator
 from simgap.simulators.body_samples import REST, BodySamples, joined
 
 Range = tuple[Floats, Floats]
 
 
-def roll_out(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, str]:
-    """Successors of states (n, nx) under inputs (n, nu), and the engine's name."""
+@contextmanager
+def opened(case: Case, folder: Path) -> Iterator[Simulator]:
+    """The simulator of a case, released at the end; in the process that runs it."""
     from simgap.simulators.build import make_simulator
 
     simulator = make_simulator(case, folder)
     try:
-        return simulator.rollouts(x, u), simulator.engine
+        yield simulator
     finally:
         simulator.close()
+
+
+def roll_out(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, str]:
+    """Successors of states (n, nx) under inputs (n, nu), and the engine's name."""
+    with opened(case, folder) as simulator:
+        return simulator.rollouts(x, u), simulator.engine
 
 
 def roll_out_range(case: Case, folder: Path, x: Floats, u: Floats) -> tuple[Floats, Range | None, str]:
     """`roll_out`, and where delayed or lagged inputs spread the successors their range, two (n, nx)."""
-    from simgap.simulators.build import make_simulator
-
-    simulator = make_simulator(case, folder)
-    try:
+    with opened(case, folder) as simulator:
         spread = simulator.spread(x, u) if simulator.remembers else None
         return simulator.rollouts(x, u), spread, simulator.engine
-    finally:
-        simulator.close()
 
 
 def follow(jobs: Sequence[tuple[Case, Sequence[Floats], Sequence[Floats]]], folder: Path) -> list[list[Floats]]:
     """For each case the paths (k + 1, nx) from its starts (nx,) under its inputs (k, nu)."""
-    from simgap.simulators.build import make_simulator
-
     every = []
     for case, starts, inputs in jobs:
-        simulator = make_simulator(case, folder)
-        try:
+        with opened(case, folder) as simulator:
             paths = []
             for start, u in zip(starts, inputs, strict=True):
                 simulator.reset(start)
                 paths.append(np.stack([start, *(simulator.advance(row) for row in u)]))
             every.append(paths)
-        finally:
-            simulator.close()
     return every
 
 
 @contextmanager
 def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
-    from simgap.simulators.build import make_simulator
-
-    simulator = make_simulator(case, folder)
-    try:
+    with opened(case, folder) as simulator:
         if not isinstance(simulator, PathSimulator):
             raise UserError(
                 "the engine records no poses between samples, which a hidden state needs",
@@ -71,8 +65,6 @@ def _robot(case: Case, folder: Path) -> Iterator[PathSimulator]:
                 remedy="Use one that does, such as pybullet_wheeled.",
             )
         yield simulator
-    finally:
-        simulator.close()
 
 
 def after_previous(case: Case, folder: Path, previous: Floats, inputs: Floats) -> tuple[BodySamples, str]:

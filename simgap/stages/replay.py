@@ -14,7 +14,7 @@ from simgap.attack.witness import SIMULATOR as ON_SIMULATOR
 from simgap.attack.witness import STEP, Witness
 from simgap.config.case import Case
 from simgap.errors import UserError
-from simgap.gap.bounds.body_frame import BodyFrameGap, to_body
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
 from simgap.io.documents import read_json
@@ -22,6 +22,7 @@ from simgap.io.rerun.closed_loop import write_witness
 from simgap.io.traces import MODEL, ROBUST, SIMULATOR, Trace
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context, pose_axes
+from simgap.simulators.body_samples import to_body
 from simgap.simulators.process import run_in_processes
 from simgap.specifications.space import Space
 from simgap.stages import log

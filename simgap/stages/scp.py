@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from simgap.errors import UserError
-from simgap.gap.fitting.bound_fit import DimensionFit, fit_dimension
+from simgap.gap.fitting.bound_fit import fit_dimension
+from simgap.gap.fitting.dimension_fit import DimensionFit
 from simgap.gap.memory.fit import HullFit, fit_hull
 from simgap.gap.sampling.border_samples import MAKE_BORDERS, NO_BORDERS, directed_samples
 from simgap.gap.sampling.gap_samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of

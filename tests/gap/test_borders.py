@@ -8,7 +8,7 @@ import sympy as sp
 
 from simgap.gap.bases import Blocks, Monomials
 from simgap.gap.bounds.function import GapDomain
-from simgap.gap.fitting.fit import fit_gap
+from simgap.gap.fitting.bound_fit import fit_gap
 from simgap.gap.sampling.border_samples import kinks, switching_surfaces
 from simgap.gap.sampling.borders import BESIDE, critical_points, thinned_count
 from simgap.gap.sampling.samples import Directed, GapSamples

@@ -14,7 +14,7 @@ from simgap.gap.bounds.function import GapDomain
 from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.bounds.tiers import Tier
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper, covering_remainder
-from simgap.gap.fitting.envelope import fit_envelope
+from simgap.gap.fitting.cell_fit import NodeFit
 from simgap.gap.lipschitz.grid import estimate
 from simgap.gap.lipschitz.result import GridLipschitz, worse
 from simgap.gap.lipschitz.stencils import bends, steps, to_cells
@@ -223,10 +223,10 @@ def test_an_envelope_starts_from_both_ends_and_the_rounding_of_samples():
     where = SampleGrid(grid, U, ("a", "b"), ("u",))
     low = np.random.default_rng(0).uniform(-1, 0, (16, 2))
     samples = DimensionSamples(where, 0, Held(low), Held(low + 0.5))
-    fit = fit_envelope(samples, GapSettings(bound="envelope"))
+    fit = NodeFit.of(samples, GapSettings(bound="envelope"))
     assert np.all(fit.upper > low + 0.5)
     assert np.all(fit.lower < low)
-    both = fit_envelope(
+    both = NodeFit.of(
         DimensionSamples(where, 0, Held(low), Held(low + 0.5)), GapSettings(bound="envelope", sides="unsigned")
     )
     assert np.all(both.upper >= np.maximum(np.abs(low), np.abs(low + 0.5)))

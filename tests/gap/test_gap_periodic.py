@@ -13,7 +13,7 @@ from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, parts
 from simgap.gap.bounds.load import from_json
 from simgap.gap.bounds.tiers import Tier
-from simgap.gap.fitting.fit import fit_gap
+from simgap.gap.fitting.bound_fit import fit_gap
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box
 from tests.gap.gap_examples import on_grid, smooth

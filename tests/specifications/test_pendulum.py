@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simgap.gap.bases import Expressions
-from simgap.gap.fitting.fit import fit_gap
+from simgap.gap.fitting.bound_fit import fit_gap
 from simgap.gap.sampling.points import product
 from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings

@@ -11,7 +11,7 @@ import yaml
 from simgap.config.load import load_case
 from simgap.gap.bases import Expressions
 from simgap.gap.fitting.acceptance import check_fresh
-from simgap.gap.fitting.fit import fit_gap
+from simgap.gap.fitting.bound_fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid

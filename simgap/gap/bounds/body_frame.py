@@ -27,6 +27,7 @@ from simgap.gap.bounds.tiers import Tier
 from simgap.gap.thresholds import NOMINAL_TOLERANCE
 from simgap.late import njit
 from simgap.model.kept import kept
+from simgap.simulators.body_samples import to_body
 
 _ROTATION_SLACK = 1e-13  # relative: arctan2, cos and hypot are each off by some 1e-16, angles are below 100 rad
 
@@ -57,16 +58,6 @@ def rotated_box(t0, t1, a0, a1, b0, b1):  # type: ignore[no-untyped-def]
         y0, y1 = min(y0, r * low), max(y1, r * high)
     slack = _ROTATION_SLACK * (max(abs(a0), abs(a1)) + max(abs(b0), abs(b1))) * (1.0 + abs(t0) + abs(t1)) + 1e-300
     return x0 - slack, x1 + slack, y0 - slack, y1 + slack
-
-
-def to_body(d: Floats, heading: Floats, pose: tuple[int, int, int] = (0, 1, 2)) -> Floats:
-    """Differences (n, 3) of the world turned into the frames of the given headings (n,): R(-heading) d."""
-    i, j, _ = pose
-    cos, sin = np.cos(heading), np.sin(heading)
-    out = d.copy()
-    out[..., i] = cos * d[..., i] + sin * d[..., j]
-    out[..., j] = -sin * d[..., i] + cos * d[..., j]
-    return out
 
 
 @dataclass(frozen=True, eq=False)

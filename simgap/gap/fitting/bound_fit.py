@@ -1,4 +1,4 @@
-"""The bound of all dimensions from the fits of each: padded, put together and reported, for every kind of bound."""
+"""The bound of all dimensions from the fits of each: padded, put together and reported, for every form of bound."""
 
 from __future__ import annotations
 
@@ -13,18 +13,14 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.function import GapFunction, GapSuprema
 from simgap.gap.fitting.acceptance import remedy
-from simgap.gap.fitting.cell_fit import BlockFit, blocks_gap, fit_blocks
-from simgap.gap.fitting.conformal import Calibration, CentreFit, conformal_gap, fit_centre
-from simgap.gap.fitting.envelope import NodeFit, envelope_gap, fit_envelope
-from simgap.gap.fitting.linear_fit import LinearFit, fit_linear, linear_gap
-from simgap.gap.fitting.padding import PaddedSide
+from simgap.gap.fitting.cell_fit import BlockFit, NodeFit
+from simgap.gap.fitting.dimension_fit import BoundInputs, Calibration, DimensionFit, Sides
+from simgap.gap.fitting.linear_fit import CentreFit, LinearFit
+from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
+from simgap.gap.sampling.samples import DimensionSamples, Directed, GapSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.thresholds import GATE
-
-DimensionFit = LinearFit | BlockFit | NodeFit | CentreFit
-
 
 FITS: Mapping[str, type[DimensionFit]] = {
     "linear": LinearFit,
@@ -40,13 +36,9 @@ def fit_dimension(samples: DimensionSamples, settings: GapSettings) -> Dimension
     Raises:
         UserError: for settings that do not fit the samples.
     """
-    if settings.bound == "conformal":
-        return fit_centre(samples, settings)
-    if settings.bound == "envelope":
-        return fit_envelope(samples, settings)
-    if settings.bound == "scenario" and isinstance(settings.basis, Blocks):
-        return fit_blocks(samples, settings)
-    return fit_linear(samples, settings)
+    scenario = "blocks" if isinstance(settings.basis, Blocks) else "linear"
+    form = {"conformal": "centre", "envelope": "envelope", "scenario": scenario}.get(settings.bound, "linear")
+    return FITS[form].of(samples, settings)
 
 
 def fit_from_json(data: Mapping[str, Any]) -> DimensionFit:
@@ -71,7 +63,7 @@ class DimensionReport:
     mean_size: float
     mean_width: float
     lipschitz: DimensionLipschitz
-    sides: dict[str, PaddedSide] = field(default_factory=dict)
+    sides: Sides = field(default_factory=dict)
 
     @property
     def largest_gap(self) -> float:
@@ -106,6 +98,22 @@ class GapResult:
         }
 
 
+def fit_gap(samples: GapSamples, settings: GapSettings, calibration: Calibration | None = None) -> GapResult:
+    """Fit the bound that the settings ask for in one call, where nothing is kept between the steps.
+
+    A conformal one needs `calibration`, iid samples of its own.
+
+    Raises:
+        UserError: for settings that do not fit the samples.
+        BrokenPromise: when the grid does not resolve the gap, so that no Lipschitz constant can be trusted.
+    """
+    parts = [samples.dimension(i) for i in range(len(samples.states))]
+    lipschitz = [dimension_lipschitz(part, settings) for part in parts]
+    check_resolved(samples.where, settings, lipschitz)
+    fits = [fit_dimension(p, settings) for p in parts]
+    return assemble(samples.where, settings, fits, lipschitz, calibration, samples.directed)
+
+
 def assemble(
     where: SampleGrid, settings: GapSettings, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
     calibration: Calibration | None = None, directed: Sequence[Directed] = (), deviation: Floats | None = None,
@@ -121,17 +129,8 @@ def assemble(
     if len({type(fit) for fit in fits}) != 1:
         raise UserError("the fits of the dimensions are of different kinds", remedy="Run the scp stage again.")
     check_resolved(where, settings, lipschitz)
-    sides: list[dict[str, PaddedSide]] = [{} for _ in fits]
-    function: GapFunction
-    if centres := [fit for fit in fits if isinstance(fit, CentreFit)]:
-        function = conformal_gap(where, settings, centres, calibration)
-    elif nodes := [fit for fit in fits if isinstance(fit, NodeFit)]:
-        function = envelope_gap(where, settings, nodes, lipschitz, directed if where.known is None else ())
-    elif blocks := [fit for fit in fits if isinstance(fit, BlockFit)]:
-        function = blocks_gap(where, settings, blocks, lipschitz)
-    else:
-        linear = [fit for fit in fits if isinstance(fit, LinearFit)]
-        function, sides = linear_gap(where, settings, linear, lipschitz)
+    given = BoundInputs(where, settings, lipschitz, calibration, directed)
+    function, sides = type(fits[0]).bound(fits, given)
     if deviation is not None:
         function = function.raised(deviation, deviation)
     return GapResult(function, _reports(where, settings, function, lipschitz, sides), where.size)
@@ -161,7 +160,7 @@ def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence
 
 def _reports(
     where: SampleGrid, settings: GapSettings, function: GapFunction, lipschitz: Sequence[DimensionLipschitz],
-    sides: Sequence[dict[str, PaddedSide]],
+    sides: Sequence[Sides],
 ) -> tuple[DimensionReport, ...]:  # fmt: skip
     suprema = function.sup()
     size, width = _means(where, function, settings.seed)

@@ -35,6 +35,7 @@ from simgap.gap.lipschitz.grid import REACH, Roughness, moving_axes, roughness
 from simgap.gap.lipschitz.result import GridLipschitz
 from simgap.gap.lipschitz.stencils import Slab, slabs, steps, to_cells, turns, widest
 from simgap.gap.sampling.borders import Borders
+from simgap.gap.sampling.samples import Directed
 from simgap.gap.sampling.values import Combined, Held, Kept, Room, Values
 from simgap.gap.thresholds import GATE
 from simgap.geometry import Grid
@@ -47,6 +48,11 @@ class Beside:
     cells: Ints
     at: Borders
     residual: Floats
+
+    @staticmethod
+    def of(directed: Directed, grid: Grid, residual: Floats) -> Beside:
+        """Samples beside this grid, with the residual there."""
+        return Beside(grid.index(directed.x), directed.at, residual)
 
     def moved(self, j: int, h: float) -> Floats:
         """How far the residual may move along axis j within h on its own sheet, by its own neighbours there: (E, M).
