@@ -12,8 +12,8 @@ from simgap.arrays import Floats
 from simgap.geometry import rows
 from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
+from simgap.model.integrators import RungeKutta
 from simgap.model.kept import kept
-from simgap.model.runge_kutta import RungeKutta
 
 MOST_OPERATIONS = 3_000
 """Of one row of a map: above it, enclosing it on every cell takes longer than any engine would (judgement)."""

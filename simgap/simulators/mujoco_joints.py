@@ -17,7 +17,7 @@ from simgap.plants.urdf_checks import check_urdf, loading
 from simgap.simulators import mjcf, mjcf_findings
 from simgap.simulators.base import FileTraits, Simulator
 from simgap.simulators.joints import JointEngine, JointPlant
-from simgap.simulators.mujoco_model import MuJoCoModel
+from simgap.simulators.mjcf import MuJoCoModel
 
 if TYPE_CHECKING:
     from simgap.config.case import Case

@@ -20,8 +20,7 @@ from simgap.errors import UserError, excerpt
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import loading, root_link
 from simgap.simulators.commands import CommandPath
-from simgap.simulators.mjcf import require_mujoco
-from simgap.simulators.mujoco_model import MuJoCoModel
+from simgap.simulators.mjcf import MuJoCoModel, require_mujoco
 from simgap.simulators.wheeled import WheeledEngine, WheeledPlant, WheeledSettings
 
 IMPRATIO = 10.0

@@ -30,9 +30,8 @@ from simgap.errors import BrokenPromise
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.bounds.load import from_json
-from simgap.gap.sampling.border_samples import switching_surfaces
-from simgap.gap.sampling.borders import critical_points
-from simgap.gap.sampling.gap_samples import motion_of
+from simgap.gap.sampling.borders import critical_points, switching_surfaces
+from simgap.gap.sampling.samples import motion_of
 from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
@@ -43,8 +42,8 @@ from simgap.plants.context import Context, pose_axes
 from simgap.provenance import provenance
 from simgap.simulators.base import PathSimulator, Simulator
 from simgap.simulators.body_samples import BodySamples
-from simgap.simulators.build import make_simulator
 from simgap.simulators.process import engine_pool
+from simgap.simulators.rollouts import make_simulator
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
 from simgap.stages import log

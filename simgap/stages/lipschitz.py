@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.memory.fit import HistoryInfluence
 from simgap.gap.memory.hidden_state import fading
-from simgap.gap.sampling.gap_samples import check_histories, dimension_samples
 from simgap.gap.sampling.points import HISTORY, Columns, Points, remembers
+from simgap.gap.sampling.samples import check_histories, dimension_samples
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.sampling.values import Held, Room
 from simgap.gap.settings import GapSettings

@@ -57,7 +57,7 @@ def run(path: Path, out: Path | None = None, engine_log: Path | None = None) -> 
 
 def simulate(case: Case, folder: Path, witness: Witness) -> Floats:
     """The states of a witness in the simulator, in the engine's process: (k + 1, nx)."""
-    from simgap.simulators.build import make_simulator
+    from simgap.simulators.rollouts import make_simulator
 
     simulator = make_simulator(case, folder)
     try:

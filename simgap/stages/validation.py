@@ -174,7 +174,7 @@ class Shared:
 
 def simulate_chunk(case: Case, folder: Path, shared: Shared, starts: Floats, chunk: int) -> list[Run]:
     """Run in an engine's process, from starts (n, nx)."""
-    from simgap.simulators.build import make_simulator
+    from simgap.simulators.rollouts import make_simulator
 
     space, section = Space.of(case), case.sensing
     sensing = Sensing(space.vector(section.error if section else {}), section.latency if section else 0)

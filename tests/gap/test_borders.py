@@ -9,9 +9,8 @@ import sympy as sp
 from simgap.gap.bases import Blocks, Monomials
 from simgap.gap.bounds.function import GapDomain
 from simgap.gap.fitting.bound_fit import fit_gap
-from simgap.gap.sampling.border_samples import kinks, switching_surfaces
-from simgap.gap.sampling.borders import BESIDE, critical_points, thinned_count
-from simgap.gap.sampling.samples import Directed, GapSamples
+from simgap.gap.sampling.borders import BESIDE, Directed, critical_points, kinks, switching_surfaces, thinned_count
+from simgap.gap.sampling.samples import GapSamples
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.model.symbolic import symbol

@@ -9,9 +9,8 @@ from scipy.stats import weibull_max
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.fitting.bound_fit import check_resolved, fit_dimension
 from simgap.gap.lipschitz.estimates import dimension_lipschitz, fit_reverse_weibull, profile_upper, top_spacing_upper
-from simgap.gap.lipschitz.grid import estimate, roughness
+from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, estimate, roughness
 from simgap.gap.lipschitz.local import Beside, Fit, LocalPadding
-from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz
 from simgap.gap.sampling.borders import Borders
 from simgap.gap.sampling.samples import SampleGrid
 from simgap.gap.sampling.values import Held

@@ -10,9 +10,8 @@ import pytest
 
 from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.bounds.body_frame import BodyFrameGap
-from simgap.gap.bounds.function import GapDomain, parts
+from simgap.gap.bounds.function import GapDomain, Tier, parts
 from simgap.gap.bounds.load import from_json
-from simgap.gap.bounds.tiers import Tier
 from simgap.gap.fitting.bound_fit import fit_gap
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Box

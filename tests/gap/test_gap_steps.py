@@ -10,9 +10,9 @@ from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.fitting.bound_fit import assemble, fit_dimension, fit_from_json, fit_gap
 from simgap.gap.fitting.dimension_fit import Calibration
 from simgap.gap.lipschitz.estimates import dimension_lipschitz
-from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.sampling.gap_samples import check_rows
+from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.points import Points, covering_point, cut, product, radius
+from simgap.gap.sampling.samples import check_rows
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 from tests.gap.gap_examples import PAPER, U, X, off_grid, on_grid, smooth

@@ -6,7 +6,7 @@ import yaml
 
 from simgap.gap.fitting.force_reversal import engine_grain, grain_tier, kick
 from simgap.plants.context import Context
-from simgap.simulators.build import make_simulator
+from simgap.simulators.rollouts import make_simulator
 
 MASS, FRICTION, TAU = 2.0, 0.6, 0.1
 PYBULLET = {"engine": "pybullet", "inertia": "file", "damping": {"linear": 0, "angular": 0, "joint": 0}}

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel, input_index
-from simgap.gap.bounds.tiers import Tier
+from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel, Tier, input_index
 from simgap.late import njit
 from simgap.model.kept import kept
 

@@ -12,8 +12,7 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.errors import UserError
 from simgap.gap.bounds.basis import Basis, Form, difference, make_form, negated, supremum
-from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel
-from simgap.gap.bounds.tiers import Tier
+from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel, Tier
 from simgap.late import sympy as sp
 from simgap.model.compile import compile_kernel
 from simgap.model.kept import kept

@@ -12,9 +12,8 @@ from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.bounds.function import GapDomain, GapFunction
+from simgap.gap.bounds.function import GapDomain, GapFunction, Tier
 from simgap.gap.bounds.linear import LinearGap
-from simgap.gap.bounds.tiers import Tier
 from simgap.geometry import Grid
 
 _POINTS = 1000  # of X, at which the sides of a formula are compared

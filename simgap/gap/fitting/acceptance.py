@@ -16,9 +16,8 @@ from simgap.config.gap import GapSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.bounds.function import GapFunction
-from simgap.gap.bounds.tiers import Tier
-from simgap.gap.lipschitz.result import GridLipschitz
+from simgap.gap.bounds.function import GapFunction, Tier
+from simgap.gap.lipschitz.grid import GridLipschitz
 from simgap.gap.sampling.samples import SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.thresholds import GATE

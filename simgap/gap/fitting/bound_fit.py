@@ -17,8 +17,9 @@ from simgap.gap.fitting.cell_fit import BlockFit, NodeFit
 from simgap.gap.fitting.dimension_fit import BoundInputs, Calibration, DimensionFit, Sides
 from simgap.gap.fitting.linear_fit import CentreFit, LinearFit
 from simgap.gap.lipschitz.estimates import dimension_lipschitz
-from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.sampling.samples import DimensionSamples, Directed, GapSamples, SampleGrid
+from simgap.gap.lipschitz.grid import DimensionLipschitz
+from simgap.gap.sampling.borders import Directed
+from simgap.gap.sampling.samples import DimensionSamples, GapSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 from simgap.gap.thresholds import GATE
 

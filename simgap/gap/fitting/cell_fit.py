@@ -15,12 +15,13 @@ from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.bounds.tiers import directed_words, guarantee
+from simgap.gap.bounds.function import directed_words, guarantee
 from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides
 from simgap.gap.fitting.padding import estimated_padding, local_padding
+from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.lipschitz.local import Beside
-from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
+from simgap.gap.sampling.borders import Directed
+from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.values import Combined, Joined, Values
 from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid

@@ -11,8 +11,9 @@ from simgap.arrays import Floats
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.fitting.padding import PaddedSide
 from simgap.gap.json_record import JsonRecord
-from simgap.gap.lipschitz.result import DimensionLipschitz
-from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
+from simgap.gap.lipschitz.grid import DimensionLipschitz
+from simgap.gap.sampling.borders import Directed
+from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.settings import GapSettings
 
 Sides = dict[str, PaddedSide]

@@ -18,9 +18,8 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.config.plant import AddedEffect
 from simgap.effects import AppliedEffect, apply_effects, effect
-from simgap.gap.bounds.tiers import Tier
-from simgap.gap.sampling.border_samples import switching_surfaces
-from simgap.gap.sampling.borders import BESIDE
+from simgap.gap.bounds.function import Tier
+from simgap.gap.sampling.borders import BESIDE, switching_surfaces
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
 from simgap.plants.context import Context

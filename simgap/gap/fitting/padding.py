@@ -28,9 +28,10 @@ from simgap.arrays import Floats
 from simgap.gap.bounds.basis import Form
 from simgap.gap.fitting.scenario import Design, ScenarioResult, solve_scenario
 from simgap.gap.json_record import JsonRecord
+from simgap.gap.lipschitz.grid import GridLipschitz
 from simgap.gap.lipschitz.local import Beside, EnclosedPadding, Fit, LocalPadding
-from simgap.gap.lipschitz.result import GridLipschitz
-from simgap.gap.sampling.samples import DimensionSamples, Directed, SampleGrid
+from simgap.gap.sampling.borders import Directed
+from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.values import Centres, Combined, Joined, Values, largest_of
 from simgap.gap.settings import GapSettings
 

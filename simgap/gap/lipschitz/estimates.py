@@ -15,9 +15,8 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.distributions import chi2
-from simgap.gap.lipschitz.grid import estimate
+from simgap.gap.lipschitz.grid import DimensionLipschitz, GridLipschitz, LipschitzRow, estimate, worse
 from simgap.gap.lipschitz.local import enclosed_constants
-from simgap.gap.lipschitz.result import DimensionLipschitz, GridLipschitz, LipschitzRow, worse
 from simgap.gap.sampling.samples import DimensionSamples
 from simgap.gap.sampling.values import Rows, Values
 from simgap.gap.settings import GapSettings

@@ -31,11 +31,9 @@ import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
 from simgap.gap.bounds.closed_form import CellRanges
-from simgap.gap.lipschitz.grid import REACH, Roughness, moving_axes, roughness
-from simgap.gap.lipschitz.result import GridLipschitz
+from simgap.gap.lipschitz.grid import REACH, GridLipschitz, Roughness, moving_axes, roughness
 from simgap.gap.lipschitz.stencils import Slab, slabs, steps, to_cells, turns, widest
-from simgap.gap.sampling.borders import Borders
-from simgap.gap.sampling.samples import Directed
+from simgap.gap.sampling.borders import Borders, Directed
 from simgap.gap.sampling.values import Combined, Held, Kept, Room, Values
 from simgap.gap.thresholds import GATE
 from simgap.geometry import Grid

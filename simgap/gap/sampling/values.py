@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
+from simgap.errors import UserError
 from simgap.geometry import Grid
 
 Rows = Ints
@@ -202,3 +203,19 @@ class Centres(Values):
         """See `Values`."""
         places = np.unravel_index(index, self.grid.cells)
         return np.stack([self.grid.axis(j)[k] for j, k in enumerate(places)], axis=-1)
+
+
+def check_numbers(shape: tuple[int, ...], given: dict[str, Floats | None]) -> None:
+    """Refuse gap samples of another shape, and such that are not finite.
+
+    Raises:
+        UserError: with the shape, or how many are not.
+    """
+    for name, own in given.items():
+        if own is not None and own.shape != shape:
+            raise UserError(f"the gap samples {name} have shape {own.shape}, not {shape}")
+        if own is not None and not np.isfinite(own).all():
+            raise UserError(
+                f"{int((~np.isfinite(own)).sum())} gap samples are not finite",
+                remedy="A roll-out diverged: lower tau or add sub-steps.",
+            )

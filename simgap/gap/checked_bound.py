@@ -10,8 +10,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.gap.bounds.function import GapFunction
-from simgap.gap.bounds.tiers import Tier
+from simgap.gap.bounds.function import GapFunction, Tier
 from simgap.gap.fitting.acceptance import (
     BorderCheck,
     FreshCheck,
@@ -24,10 +23,10 @@ from simgap.gap.fitting.acceptance import (
 from simgap.gap.fitting.bound_fit import assemble, fit_from_json
 from simgap.gap.fitting.dimension_fit import Calibration
 from simgap.gap.fitting.force_reversal import engine_grain, grain_tier
-from simgap.gap.lipschitz.result import DimensionLipschitz
+from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.memory.bound import hidden_bound
 from simgap.gap.memory.hidden_state import tolerance_of
-from simgap.gap.sampling.border_samples import (
+from simgap.gap.sampling.borders import (
     CHECK,
     MAKE_BORDERS,
     NO_BORDERS,
@@ -37,7 +36,6 @@ from simgap.gap.sampling.border_samples import (
     directed_samples,
     switching_surfaces,
 )
-from simgap.gap.sampling.gap_samples import check_drawn, motion_of, read_back, sample_grid, steps_of
 from simgap.gap.sampling.points import (
     AFTER_PREVIOUS,
     Columns,
@@ -48,6 +46,7 @@ from simgap.gap.sampling.points import (
     stacked,
     successors,
 )
+from simgap.gap.sampling.samples import check_drawn, motion_of, read_back, sample_grid, steps_of
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.settings import GapSettings
 from simgap.plants.context import Context
