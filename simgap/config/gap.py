@@ -235,6 +235,11 @@ class GapSection(Section):
     conformal: ConformalSection = Field(ConformalSection(), description="Options of the conformal bound.")
     seed: int = Field(1, ge=0, description="Of the fresh samples and of everything random in the fit.")
 
+    @property
+    def signed(self) -> bool:
+        """True if the two sides are fitted separately."""
+        return self.sides == "signed"
+
     @model_validator(mode="after")
     def _remainder_is_outward(self) -> GapSection:
         _refuse_negative(self.remainder)

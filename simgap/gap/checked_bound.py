@@ -48,7 +48,6 @@ from simgap.gap.sampling.points import (
 )
 from simgap.gap.sampling.samples import check_drawn, motion_of, read_back, sample_grid, steps_of
 from simgap.gap.sampling.symmetry import SymmetryDeviation
-from simgap.gap.settings import GapSettings
 from simgap.plants.context import Context
 from simgap.plants.model_file import joint_stops
 from simgap.simulators.findings import to_stop
@@ -124,7 +123,7 @@ def gap(context: Context, made: Made) -> Bound:
     grain = engine_grain(context) if where.known is None else None
     added = [own for own in (grain, shifts.largest if shifts is not None else None) if own is not None]
     deviation = np.sum(added, axis=0) if added else None
-    result = assemble(where, GapSettings.of(section), fits, known, drawn, directed, deviation)
+    result = assemble(where, section, fits, known, drawn, directed, deviation)
     x, u, d = _gaps(context, step, made.fresh)
     check_drawn(context, x, u)
     check = check_fresh(result.function, x, u, d, section.confidence)

@@ -13,7 +13,6 @@ from simgap.gap.sampling.borders import MAKE_BORDERS, NO_BORDERS, directed_sampl
 from simgap.gap.sampling.points import AFTER_PREVIOUS, SEQUENCE, Columns, Points, remembers
 from simgap.gap.sampling.samples import check_histories, dimension_samples, motion_of, previous_classes, steps_of
 from simgap.gap.sampling.values import Held, Room
-from simgap.gap.settings import GapSettings
 from simgap.io.spilled_numbers import room_in
 from simgap.plants.context import Context, pose_axes
 from simgap.stages.arguments import Borders, CasePath, Grid, Out, Shards
@@ -53,4 +52,4 @@ def scp(
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
     samples = dimension_samples(context, points, shards, i, room)
     beside = directed_samples(context, points.name, borders, i)
-    return fit_dimension(replace(samples, directed=beside), GapSettings.of(section))
+    return fit_dimension(replace(samples, directed=beside), section)

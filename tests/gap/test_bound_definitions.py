@@ -21,10 +21,10 @@ from simgap.gap.memory.hidden_state import extrapolated_maximum, fading, hull
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.gap.sampling.values import Held
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Box, Grid
 from simgap.simulators.body_samples import BodySamples
 from simgap.split_conformal import reach
+from tests.gap.gap_examples import gap_section
 
 U = np.array([[-1.0], [0.5]])
 TIER = (Tier(1, "Made up."),)
@@ -220,11 +220,11 @@ def test_an_envelope_starts_from_both_ends_and_the_rounding_of_samples():
     where = SampleGrid(grid, U, ("a", "b"), ("u",))
     low = np.random.default_rng(0).uniform(-1, 0, (16, 2))
     samples = DimensionSamples(where, 0, Held(low), Held(low + 0.5))
-    fit = NodeFit.of(samples, GapSettings(bound="envelope"))
+    fit = NodeFit.of(samples, gap_section(bound="envelope"))
     assert np.all(fit.upper > low + 0.5)
     assert np.all(fit.lower < low)
     both = NodeFit.of(
-        DimensionSamples(where, 0, Held(low), Held(low + 0.5)), GapSettings(bound="envelope", sides="unsigned")
+        DimensionSamples(where, 0, Held(low), Held(low + 0.5)), gap_section(bound="envelope", sides="unsigned")
     )
     assert np.all(both.upper >= np.maximum(np.abs(low), np.abs(low + 0.5)))
 

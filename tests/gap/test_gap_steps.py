@@ -13,9 +13,8 @@ from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.points import Points, covering_point, cut, product, radius
 from simgap.gap.sampling.samples import check_rows
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
-from tests.gap.gap_examples import PAPER, U, X, off_grid, on_grid, smooth
+from tests.gap.gap_examples import PAPER, U, X, gap_section, off_grid, on_grid, smooth
 
 SETTINGS = {
     "inflate": {"rough_limit": 1.0},
@@ -34,7 +33,7 @@ def through_a_file(result):
 
 @pytest.mark.parametrize("name", SETTINGS)
 def test_a_bound_made_of_saved_results_is_the_same(name):
-    settings = GapSettings(**({"basis": Expressions(terms=PAPER)} | SETTINGS[name]))
+    settings = gap_section(**({"basis": Expressions(terms=PAPER)} | SETTINGS[name]))
     samples, drawn = on_grid(smooth, eps=0.04), Calibration(*off_grid(smooth, 500, seed=3))
     parts = [samples.dimension(i) for i in (0, 1)]
     fits = [fit_from_json(through_a_file(fit_dimension(part, settings))) for part in parts]
@@ -51,7 +50,7 @@ def test_a_bound_made_of_saved_results_is_the_same(name):
 def test_no_padding_but_inflate_enters_the_program():
     samples = on_grid(smooth, eps=0.04).dimension(1)
     per_axis, paper, inflate = (
-        through_a_file(fit_dimension(samples, GapSettings(Expressions(terms=PAPER), padding=name)))
+        through_a_file(fit_dimension(samples, gap_section(basis=Expressions(terms=PAPER), padding=name)))
         for name in ("per_axis", "paper", "inflate")
     )
     assert per_axis == paper

@@ -19,7 +19,6 @@ from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.function import GapFunction, Tier
 from simgap.gap.lipschitz.grid import GridLipschitz
 from simgap.gap.sampling.samples import SampleGrid
-from simgap.gap.settings import GapSettings
 from simgap.gap.thresholds import GATE
 from simgap.late import scipy
 
@@ -301,7 +300,7 @@ def _sizes(by: Mapping[str, float]) -> str:
     return ", ".join(f"{value:.3g} for {name}" for name, value in by.items())
 
 
-def remedy(where: SampleGrid, settings: GapSettings, found: GridLipschitz, share: float, residual: bool = False) -> str:
+def remedy(where: SampleGrid, settings: GapSection, found: GridLipschitz, share: float, residual: bool = False) -> str:
     """More samples; or, where something switches, a model that does the same, or a bound that takes the jump in.
 
     Args:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.gap import GapSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.function import GapFunction, GapSuprema
@@ -20,7 +21,6 @@ from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, GapSamples, SampleGrid
-from simgap.gap.settings import GapSettings
 from simgap.gap.thresholds import GATE
 
 FITS: Mapping[str, type[DimensionFit]] = {
@@ -31,7 +31,7 @@ FITS: Mapping[str, type[DimensionFit]] = {
 }
 
 
-def fit_dimension(samples: DimensionSamples, settings: GapSettings) -> DimensionFit:
+def fit_dimension(samples: DimensionSamples, settings: GapSection) -> DimensionFit:
     """Fit one dimension; local slopes of the samples enter where they pad inside the program, no Lipschitz constant.
 
     Raises:
@@ -99,7 +99,7 @@ class GapResult:
         }
 
 
-def fit_gap(samples: GapSamples, settings: GapSettings, calibration: Calibration | None = None) -> GapResult:
+def fit_gap(samples: GapSamples, settings: GapSection, calibration: Calibration | None = None) -> GapResult:
     """Fit the bound that the settings ask for in one call, where nothing is kept between the steps.
 
     A conformal one needs `calibration`, iid samples of its own.
@@ -116,7 +116,7 @@ def fit_gap(samples: GapSamples, settings: GapSettings, calibration: Calibration
 
 
 def assemble(
-    where: SampleGrid, settings: GapSettings, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
+    where: SampleGrid, settings: GapSection, fits: Sequence[DimensionFit], lipschitz: Sequence[DimensionLipschitz],
     calibration: Calibration | None = None, directed: Sequence[Directed] = (), deviation: Floats | None = None,
 ) -> GapResult:  # fmt: skip
     """The gap function of all dimensions, padded; `directed` are those samples of each dimension, for an envelope.
@@ -137,7 +137,7 @@ def assemble(
     return GapResult(function, _reports(where, settings, function, lipschitz, sides), where.size)
 
 
-def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence[DimensionLipschitz]) -> None:
+def check_resolved(where: SampleGrid, settings: GapSection, lipschitz: Sequence[DimensionLipschitz]) -> None:
     """Refuse where the grid does not resolve the gap and the padding has no local jump bound for it.
 
     Raises:
@@ -148,7 +148,7 @@ def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence
     local = settings.padding == "inflate" and settings.bound != "envelope"
     for name, known in zip(where.states, lipschitz, strict=True):
         found = known.grid
-        if local and found.rough_share <= settings.rough_limit:
+        if local and found.rough_share <= settings.lipschitz.rough_limit:
             continue
         if local or not found.resolved:
             raise BrokenPromise(
@@ -160,7 +160,7 @@ def check_resolved(where: SampleGrid, settings: GapSettings, lipschitz: Sequence
 
 
 def _reports(
-    where: SampleGrid, settings: GapSettings, function: GapFunction, lipschitz: Sequence[DimensionLipschitz],
+    where: SampleGrid, settings: GapSection, function: GapFunction, lipschitz: Sequence[DimensionLipschitz],
     sides: Sequence[Sides],
 ) -> tuple[DimensionReport, ...]:  # fmt: skip
     suprema = function.sup()

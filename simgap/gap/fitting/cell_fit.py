@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
+from simgap.config.gap import GapSection
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
@@ -23,7 +24,6 @@ from simgap.gap.lipschitz.local import Beside
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.values import Combined, Joined, Values
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Grid
 
 
@@ -46,7 +46,7 @@ class BlockFit(
     factor: float = 0.0
 
     @classmethod
-    def of(cls, samples: DimensionSamples, settings: GapSettings) -> BlockFit:
+    def of(cls, samples: DimensionSamples, settings: GapSection) -> BlockFit:
         """The scenario program on the basis of indicator functions of blocks, which solves itself: a maximum a block.
 
         Block borders lie on cell borders, so a cell belongs to one block and the padding of its sample covers it.
@@ -101,7 +101,7 @@ class BlockFit(
         return CellGap(where.domain, tiers, edges, nodes, lower, upper, np.zeros((nx, nx))), [{} for _ in fits]
 
 
-def _beside(samples: DimensionSamples, directed: Directed, settings: GapSettings, up: bool) -> tuple[Floats, float]:
+def _beside(samples: DimensionSamples, directed: Directed, settings: GapSection, up: bool) -> tuple[Floats, float]:
     """(E, M) target of a side beside the grid, padded along its surface with `inflate`; the factor of `SideFit`."""
     target, at = samples.side(up), directed.side(up)
     beside = Beside.of(directed, samples.where.grid, at)
@@ -110,7 +110,7 @@ def _beside(samples: DimensionSamples, directed: Directed, settings: GapSettings
     return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
 
 
-def _reach(where: SampleGrid, settings: GapSettings, known: DimensionLipschitz) -> float:
+def _reach(where: SampleGrid, settings: GapSection, known: DimensionLipschitz) -> float:
     """How far the gap may move within a cell, by its Lipschitz constants."""
     h = where.moving_half_widths
     if settings.padding == "per_axis":
@@ -118,7 +118,7 @@ def _reach(where: SampleGrid, settings: GapSettings, known: DimensionLipschitz) 
     return float(known.grid.euclidean * np.linalg.norm(h))
 
 
-def _locally_padded(samples: DimensionSamples, settings: GapSettings, up: bool) -> tuple[Values, float]:
+def _locally_padded(samples: DimensionSamples, settings: GapSection, up: bool) -> tuple[Values, float]:
     """(N, M) target of one side, with its local padding if that is the case's, and the share of rough cells."""
     if settings.padding != "inflate":
         return samples.side(up), 0.0
@@ -126,7 +126,7 @@ def _locally_padded(samples: DimensionSamples, settings: GapSettings, up: bool) 
     return Combined(np.add, (samples.side(up), pad)), share
 
 
-def _counts(where: SampleGrid, settings: GapSettings) -> tuple[tuple[int, ...], bool]:
+def _counts(where: SampleGrid, settings: GapSection) -> tuple[tuple[int, ...], bool]:
     basis = settings.basis
     if not isinstance(basis, Blocks):
         raise UserError(f"the basis '{basis.kind}' has no blocks", key="gap.basis.kind", remedy="Use `blocks`.")
@@ -165,7 +165,7 @@ class NodeFit(DimensionFit, kind="envelope", program="none: an envelope is made 
     upper: Floats
 
     @classmethod
-    def of(cls, samples: DimensionSamples, settings: GapSettings) -> NodeFit:
+    def of(cls, samples: DimensionSamples, settings: GapSection) -> NodeFit:
         """The samples at the nodes."""
         places, cells = _nodes(samples.where, settings), samples.where.grid.cells
         flat = np.ravel_multi_index(tuple(k.ravel() for k in np.meshgrid(*places, indexing="ij")), cells)
@@ -225,7 +225,7 @@ def _raised(
     return raised, float(((short + far[:, None]) / np.maximum(far[:, None], floor)).max(initial=0.0))
 
 
-def _nodes(where: SampleGrid, settings: GapSettings) -> list[Ints]:
+def _nodes(where: SampleGrid, settings: GapSection) -> list[Ints]:
     """The samples along each axis that are nodes: every k-th one where a table would exceed `envelope_nodes`."""
     cells, size, stride = where.grid.cells, len(where.inputs) * len(where.states), 1
     while np.prod([-(-c // stride) for c in cells]) * size > settings.envelope_nodes and stride < max(cells):

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Self
 
 from simgap.arrays import Floats
+from simgap.config.gap import GapSection
 from simgap.gap.bounds.function import GapFunction
 from simgap.gap.fitting.padding import PaddedSide
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
-from simgap.gap.settings import GapSettings
 
 Sides = dict[str, PaddedSide]
 """Fitted sides by name (`upper` and `lower`, or `both`)."""
@@ -39,7 +39,7 @@ class BoundInputs:
     """
 
     where: SampleGrid
-    settings: GapSettings
+    settings: GapSection
     lipschitz: Sequence[DimensionLipschitz]
     calibration: Calibration | None = None
     directed: Sequence[Directed] = ()
@@ -50,7 +50,7 @@ class DimensionFit(JsonRecord, ABC):
 
     @classmethod
     @abstractmethod
-    def of(cls, samples: DimensionSamples, settings: GapSettings) -> Self:
+    def of(cls, samples: DimensionSamples, settings: GapSection) -> Self:
         """Fit one dimension.
 
         Raises:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.config.gap import BasisSection
+from simgap.config.gap import BasisSection, GapSection
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Expressions
 from simgap.gap.bounds.basis import Basis, Form, make_form, negated
@@ -27,12 +27,11 @@ from simgap.gap.fitting.scenario import Design
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.values import Centres, Combined
-from simgap.gap.settings import GapSettings
 from simgap.geometry import Box
 from simgap.split_conformal import fewest, reach
 
 
-def basis_of(where: SampleGrid, settings: GapSettings) -> Basis:
+def basis_of(where: SampleGrid, settings: GapSection) -> Basis:
     """The basis that the settings ask for.
 
     Raises:
@@ -77,7 +76,7 @@ class LinearFit(DimensionFit, kind="linear"):
     sides: Mapping[str, SideFit]
 
     @classmethod
-    def of(cls, samples: DimensionSamples, settings: GapSettings) -> LinearFit:
+    def of(cls, samples: DimensionSamples, settings: GapSection) -> LinearFit:
         """Solve the scenario programs of one dimension: two sides, or one for both."""
         where, _ = samples.where, samples.ranges  # refuses samples that are not those of a known gap
         basis = basis_of(where, settings)
@@ -98,7 +97,7 @@ class LinearFit(DimensionFit, kind="linear"):
                 {name: padded(s, blank, where, floor, known.grid, settings.padding) for name, s in fit.sides.items()}
             )
             rough = max(side.rough_share for side in sides[-1].values())
-            if settings.padding == "inflate" and rough > settings.rough_limit:
+            if settings.padding == "inflate" and rough > settings.lipschitz.rough_limit:
                 raise BrokenPromise(
                     f"the residual of {where.states[i]} is not Lipschitz at this grid: {100 * rough:.2g} % of the "
                     f"cells are rough; {known.grid.place(where.states, where.grid.box.lo, where.grid.box.hi)}",
@@ -122,7 +121,7 @@ def _lifted(function: LinearGap) -> LinearGap:
 
 
 def _tiers(
-    where: SampleGrid, settings: GapSettings, lipschitz: Sequence[DimensionLipschitz], sides: Sequence[Sides]
+    where: SampleGrid, settings: GapSection, lipschitz: Sequence[DimensionLipschitz], sides: Sequence[Sides]
 ) -> tuple[Tier, ...]:
     rough = [max(s.rough_share for s in own.values()) for own in sides]
     extra = ""
@@ -151,7 +150,7 @@ class CentreFit(
     scale: float
 
     @classmethod
-    def of(cls, samples: DimensionSamples, settings: GapSettings) -> CentreFit:
+    def of(cls, samples: DimensionSamples, settings: GapSection) -> CentreFit:
         """The centre of one dimension from the grid samples (0 if unsigned).
 
         Raises:
@@ -191,20 +190,20 @@ class CentreFit(
         scale = np.array([fit.scale for fit in fits])
         centre = np.stack([f.values(calibration.x, calibration.u) for f in forms], axis=1)
         score = (np.abs(calibration.d - centre) / scale).max(axis=1)
-        factor = reach(score, 1.0 - settings.miscoverage)
+        factor = reach(score, 1.0 - settings.conformal.miscoverage)
         if not np.isfinite(factor):
             raise UserError(
-                f"{len(score)} calibration samples are too few for a miscoverage of {settings.miscoverage:g}",
+                f"{len(score)} calibration samples are too few for a miscoverage of {settings.conformal.miscoverage:g}",
                 key="gap.conformal.miscoverage",
-                remedy=f"Use at least {fewest(1.0 - settings.miscoverage)} samples.",
+                remedy=f"Use at least {fewest(1.0 - settings.conformal.miscoverage)} samples.",
             )
         half = factor * scale + where.rounding / 16.0 + np.array([f.rounding for f in forms])
         tier = _conformal_tier(settings, len(score))
         return LinearGap(where.domain, (tier,), forms, forms).raised(half, half), [{} for _ in fits]
 
 
-def _conformal_tier(settings: GapSettings, n: int) -> Tier:
-    cover = f"{100 * (1.0 - settings.miscoverage):g} %"
+def _conformal_tier(settings: GapSection, n: int) -> Tier:
+    cover = f"{100 * (1.0 - settings.conformal.miscoverage):g} %"
     return Tier(
         3,
         "Split conformal: a random state and input drawn from the distribution of the calibration samples lies in the "

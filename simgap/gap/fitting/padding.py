@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.config.gap import GapSection
 from simgap.gap.bounds.basis import Form
 from simgap.gap.fitting.scenario import Design, ScenarioResult, solve_scenario
 from simgap.gap.json_record import JsonRecord
@@ -33,7 +34,6 @@ from simgap.gap.lipschitz.local import Beside, EnclosedPadding, Fit, LocalPaddin
 from simgap.gap.sampling.borders import Directed
 from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.sampling.values import Centres, Combined, Joined, Values, largest_of
-from simgap.gap.settings import GapSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,7 @@ def local_padding(samples: DimensionSamples, upper: bool) -> LocalPadding | Encl
     return EnclosedPadding(samples.side(upper), samples.ranges, upper)
 
 
-def fit_side(problem: SideProblem, settings: GapSettings) -> SideFit:
+def fit_side(problem: SideProblem, settings: GapSection) -> SideFit:
     """Fit one side; with padding `inflate` the local paddings are part of the program."""
     alone, beside = _solved(problem, settings), problem.samples.beside
     if beside is None:
@@ -193,7 +193,7 @@ def fit_side(problem: SideProblem, settings: GapSettings) -> SideFit:
     return replace(fit, directed=len(beside.x), factor=factor)
 
 
-def _solved(problem: SideProblem, settings: GapSettings) -> SideFit:
+def _solved(problem: SideProblem, settings: GapSection) -> SideFit:
     if settings.padding == "inflate":
         return _inflate(problem, settings)
     target = largest_of(tuple(problem.every_target))
@@ -201,7 +201,7 @@ def _solved(problem: SideProblem, settings: GapSettings) -> SideFit:
     return SideFit(result, 0.0, 0.0, result.worst_violation, 1, 0.0)
 
 
-def _shortfall(problem: SideProblem, directed: Directed, settings: GapSettings, fit: SideFit) -> tuple[float, float]:
+def _shortfall(problem: SideProblem, directed: Directed, settings: GapSection, fit: SideFit) -> tuple[float, float]:
     """Shortfall of the grid's bound at the samples beside it, and their rise over the padding of their cells.
 
     The second number: the largest rise of the residual from the centre of a cell to such a sample, over what the slopes
@@ -221,7 +221,7 @@ def _shortfall(problem: SideProblem, directed: Directed, settings: GapSettings, 
     return short, factor
 
 
-def _inflate(problem: SideProblem, settings: GapSettings) -> SideFit:
+def _inflate(problem: SideProblem, settings: GapSection) -> SideFit:
     targets, samples = problem.every_target, problem.samples
     local = [local_padding(samples, up) for up in problem.sides]
     result = solve_scenario(problem.design, largest_of(tuple(targets)), settings.objective, settings.slack)
