@@ -25,7 +25,18 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.errors import UserError
-from simgap.gap.bounds.function import GapDomain, GapFunction, GapSuprema, Kernel, Tier, input_index
+from simgap.gap.bounds.function import (
+    GapDomain,
+    GapFunction,
+    GapSuprema,
+    Kernel,
+    Tier,
+    input_index,
+    require,
+    require_sides,
+    sides_by_state,
+    sides_from,
+)
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.thresholds import NOMINAL_TOLERANCE
 from simgap.late import njit
@@ -213,10 +224,6 @@ class BodyFrameGap(GapFunction):
         own = None if self.by_class is None else (self.by_class[0] - below, self.by_class[1] + above)
         return replace(self, lower=self.lower - below, upper=self.upper + above, by_class=own)
 
-    def with_tiers(self, tiers: Sequence[Tier]) -> BodyFrameGap:
-        """The same bound with other guarantee tiers."""
-        return replace(self, tiers=tuple(tiers))
-
     def _kernel(self) -> Kernel:
         """See `GapFunction._kernel`."""
         inputs, limit_lo, limit_hi, lower, upper, i, j, k = self._tables()
@@ -225,8 +232,7 @@ class BodyFrameGap(GapFunction):
         def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
             _over_box(xlo, xhi, u, lo, hi, inputs, limit_lo, limit_hi, lower, upper, i, j, k)
 
-        result: Kernel = bounds_over_box
-        return result
+        return bounds_over_box
 
     def _tables(self) -> tuple[Any, ...]:
         return self.domain.input_set, *self.domain.limits(), self.lower, self.upper, *self.pose
@@ -237,10 +243,7 @@ class BodyFrameGap(GapFunction):
             "kind": "body_frame",
             "meaning": "lower <= simulator - nominal <= upper in the frame of the robot, one row per input",
             "pose": [states[n] for n in self.pose],
-            "gap": {
-                s: {"lower": self.lower[:, n].tolist(), "upper": self.upper[:, n].tolist()}
-                for n, s in enumerate(states)
-            },
+            "gap": sides_by_state(states, self.lower, self.upper),
         } | self._content_of_classes()
 
     def _content_of_classes(self) -> dict[str, Any]:
@@ -249,19 +252,32 @@ class BodyFrameGap(GapFunction):
         lower, upper = (own.tolist() for own in self.by_class)
         return {"previous_input": self.previous.to_json() | {"lower": lower, "upper": upper}}
 
-    @staticmethod
-    def from_content(data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> BodyFrameGap:
+    @classmethod
+    def from_content(cls, data: Mapping[str, Any], domain: GapDomain, tiers: tuple[Tier, ...]) -> BodyFrameGap:
         """The inverse of `_content`."""
-        names = domain.states
-        lower, upper = (
-            np.stack([np.array(data["gap"][s][side]) for s in names], axis=-1) for side in ("lower", "upper")
-        )
-        x, y, heading = (names.index(s) for s in data["pose"])
+        x, y, heading = (domain.states.index(s) for s in data["pose"])
+        found = cls(domain, tiers, *sides_from(data["gap"], domain.states), (x, y, heading))
         if "previous_input" not in data:
-            return BodyFrameGap(domain, tiers, lower, upper, (x, y, heading))
+            return found
         own = data["previous_input"]
         sides = np.array(own["lower"], dtype=np.float64), np.array(own["upper"], dtype=np.float64)
-        return BodyFrameGap(domain, tiers, lower, upper, (x, y, heading), PreviousClasses.from_json(own), sides)
+        return replace(found, previous=PreviousClasses.from_json(own), by_class=sides)
+
+    def check(self) -> None:
+        """See `GapFunction.check`."""
+        require(sorted(self.pose) == [0, 1, 2] and len(self.domain.states) == 3, "its pose is not x, y and heading")
+        shape = (len(self.domain.input_set), 3)
+        require_sides(self.lower, self.upper, shape)
+        if self.previous is None or self.by_class is None:
+            return
+        kind, count = self.previous.kind, len(self.by_class[0])
+        require(kind.shape == shape[:1] and count > 0, "its classes are not one for each input")
+        require(np.isin(np.append(kind, self.previous.rest), np.arange(count)).all(), "its classes are not numbered")
+        require_sides(*self.by_class, (count, *shape), " after a class")
+        require(
+            (self.lower <= self.by_class[0].min(axis=0)).all() and (self.by_class[1].max(axis=0) <= self.upper).all(),
+            "its bound after any input does not hold those after each class",
+        )
 
 
 @njit(cache=True, error_model="numpy")
