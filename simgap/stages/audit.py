@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -42,7 +41,7 @@ from simgap.plants.context import Context, pose_axes
 from simgap.provenance import provenance
 from simgap.simulators.base import PathSimulator, Simulator
 from simgap.simulators.body_samples import BodySamples
-from simgap.simulators.process import engine_pool
+from simgap.simulators.process import EnginePool, engine_pool
 from simgap.simulators.rollouts import make_simulator
 from simgap.specifications.base import specification_of
 from simgap.specifications.space import Space
@@ -278,7 +277,7 @@ def _remedy(found: Searched) -> str:
     return "The bound held: the fault is in the abstraction or in the specification."
 
 
-def _done(pool: ProcessPoolExecutor, jobs: list[Job]) -> list[tuple[Searched, dict[str, Campaign]]]:
+def _done(pool: EnginePool, jobs: list[Job]) -> list[tuple[Searched, dict[str, Campaign]]]:
     return [job.result() for job in [pool.submit(attack, job) for job in jobs]]
 
 

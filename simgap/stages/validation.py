@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -28,7 +28,7 @@ from simgap.judge import Judge
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.simulators.process import engine_pool
+from simgap.simulators.process import EnginePool, engine_pool
 from simgap.specifications.base import specification_of
 from simgap.specifications.monitor import Run, Verdict
 from simgap.specifications.space import Space
@@ -133,7 +133,7 @@ def _short(figures: dict[str, Any]) -> dict[str, Any]:
 
 
 def _submitted(
-    pool: ProcessPoolExecutor, context: Context, controller: Controller, starts: Floats, folder: Path
+    pool: EnginePool, context: Context, controller: Controller, starts: Floats, folder: Path
 ) -> list[Future[list[Run]]]:
     """Runs of a controller, a chunk a job; its tables go to the folder."""
     folder.mkdir()
