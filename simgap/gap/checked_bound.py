@@ -22,7 +22,7 @@ from simgap.gap.fitting.acceptance import (
 )
 from simgap.gap.fitting.bound_fit import assemble, fit_from_json
 from simgap.gap.fitting.dimension_fit import Calibration
-from simgap.gap.fitting.force_reversal import engine_grain, grain_tier
+from simgap.gap.fitting.force_reversal import staircase_height, staircase_tier
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.memory.bound import hidden_bound
 from simgap.gap.memory.hidden_state import tolerance_of
@@ -120,8 +120,8 @@ def gap(context: Context, made: Made) -> Bound:
         raise UserError(NO_BORDERS, remedy=MAKE_BORDERS)
     directed = tuple(directed_samples(context, made.points.name, made.borders, i) for i in range(len(names)))
     shifts = _shifts(context, made.points.name, made.borders)
-    grain = engine_grain(context) if where.known is None else None
-    added = [own for own in (grain, shifts.largest if shifts is not None else None) if own is not None]
+    stair = staircase_height(context) if where.known is None else None
+    added = [own for own in (stair, shifts.largest if shifts is not None else None) if own is not None]
     deviation = np.sum(added, axis=0) if added else None
     result = assemble(where, section, fits, known, drawn, directed, deviation)
     x, u, d = _gaps(context, step, made.fresh)
@@ -133,8 +133,8 @@ def gap(context: Context, made: Made) -> Bound:
         none_outside(beside)
     memory = (REMEMBERED,) if made.shards and f"least_{names[0]}" in made.shards[0] else ()
     symmetric = (shifts.tier(names),) if shifts is not None else ()
-    blurred = (grain_tier(context, grain),) if grain is not None else ()
-    tiers = [*confirmed(result.function.tiers, check), *memory, *blurred, *symmetric, check.tier, beside.tier]
+    reversing = (staircase_tier(context, stair),) if stair is not None else ()
+    tiers = [*confirmed(result.function.tiers, check), *memory, *reversing, *symmetric, check.tier, beside.tier]
     function = covering_remainder(result.function.with_tiers(tiers), section)
     content = result.to_json() | function.to_json()
     eps = known_radius(made.points.name)

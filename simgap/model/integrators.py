@@ -28,7 +28,7 @@ from simgap.errors import UserError
 from simgap.late import sympy as sp
 from simgap.model.compile import Kernel, compile_interval_kernel, compile_kernel
 from simgap.model.interval import iadd, imul
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
 from simgap.model.symbolic import SymbolicModel, symbol
 
 Exprs: TypeAlias = "tuple[sp.Expr, ...]"
@@ -154,7 +154,7 @@ def _sixth(h: float) -> float:
 def _step(flow: Kernel, n: int, h: float) -> Kernel:
     reach, weight, sixth = h * _REACH, _WEIGHT.copy(), _sixth(h)
 
-    @kept
+    @cached_kernel
     def runge_kutta_step(x, u):  # type: ignore[no-untyped-def]
         at, total = x.copy(), np.zeros(n)
         for s in range(4):
@@ -173,7 +173,7 @@ def _step(flow: Kernel, n: int, h: float) -> Kernel:
 def _interval_step(flow: Kernel, n: int, h: float) -> Kernel:
     reach, weight, sixth = h * _REACH, _WEIGHT.copy(), _sixth(h)
 
-    @kept
+    @cached_kernel
     def runge_kutta_enclosure(xlo, xhi, ulo, uhi):  # type: ignore[no-untyped-def]
         lo, hi, out = xlo.copy(), xhi.copy(), np.zeros((n, 2))
         for s in range(4):
@@ -195,7 +195,7 @@ def _interval_step(flow: Kernel, n: int, h: float) -> Kernel:
 def _interval_slopes(flow: Kernel, slopes: Kernel, there: np.ndarray, n: int, h: float) -> Kernel:
     reach, weight, sixth = h * _REACH, _WEIGHT.copy(), _sixth(h)
 
-    @kept
+    @cached_kernel
     def runge_kutta_slopes(xlo, xhi, ulo, uhi):  # type: ignore[no-untyped-def]
         lo, hi, out = xlo.copy(), xhi.copy(), np.zeros((n * n, 2))
         last, this = np.zeros((n, n, 2)), np.zeros((n, n, 2))

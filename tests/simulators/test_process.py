@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -94,9 +95,13 @@ def test_a_killed_group_leaves_no_semaphore_or_memory_with_a_name(tmp_path):
 
 def children():
     """Processes that this one started and that run."""
-    stats = [path.read_text().rpartition(")") for path in Path("/proc").glob("[0-9]*/stat") if path.exists()]
-    found = {int(head.split()[0]) for head, _, rest in stats if int(rest.split()[1]) == os.getpid()}
-    return {pid for pid in found if runs(pid)}
+    found = set()
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):  # it has ended
+            head, _, rest = path.read_text().rpartition(")")
+            if int(rest.split()[1]) == os.getpid() and rest.split()[0] != "Z":
+                found.add(int(head.split()[0]))
+    return found
 
 
 def interrupted_after(seconds):

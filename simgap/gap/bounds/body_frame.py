@@ -40,7 +40,7 @@ from simgap.gap.bounds.function import (
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.thresholds import NOMINAL_TOLERANCE
 from simgap.late import njit
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
 from simgap.simulators.body_samples import REST, to_body
 
 
@@ -228,7 +228,7 @@ class BodyFrameGap(GapFunction):
         """See `GapFunction._kernel`."""
         inputs, limit_lo, limit_hi, lower, upper, i, j, k = self._tables()
 
-        @kept
+        @cached_kernel
         def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
             _over_box(xlo, xhi, u, lo, hi, inputs, limit_lo, limit_hi, lower, upper, i, j, k)
 

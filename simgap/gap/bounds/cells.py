@@ -27,7 +27,7 @@ from simgap.gap.bounds.function import (
     sides_from,
 )
 from simgap.late import njit
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
 
 _SLACK = 1.0 + 2.0**-48  # outward rounding of the few operations of a bound
 
@@ -88,7 +88,7 @@ class CellGap(GapFunction):
         """See `GapFunction._kernel`; loops over the cells that the box touches."""
         inputs, limit_lo, limit_hi, edges, nodes, counts, slopes, lower, upper = self._tables()
 
-        @kept
+        @cached_kernel
         def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
             _over_box(xlo, xhi, u, lo, hi, inputs, limit_lo, limit_hi, edges, nodes, counts, slopes, lower, upper)
 

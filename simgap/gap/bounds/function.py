@@ -31,7 +31,7 @@ from simgap.gap.bounds.basis import MARGIN
 from simgap.gap.json_record import JsonRecord
 from simgap.geometry import Box, rows
 from simgap.late import njit
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def periodic_kernel(inner, box: Box, axes: tuple[int, ...]):  # type: ignore[no-
     lo, hi, wraps = box.lo.copy(), box.hi.copy(), np.array(axes, dtype=np.int64)
     count = PARTS ** len(axes)
 
-    @kept
+    @cached_kernel
     def bounds_over_box(xlo, xhi, u, lower, upper):  # type: ignore[no-untyped-def]
         if not crosses(xlo, xhi, lo, hi, wraps):
             inner(xlo, xhi, u, lower, upper)

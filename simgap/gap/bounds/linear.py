@@ -25,7 +25,7 @@ from simgap.gap.bounds.function import (
 from simgap.geometry import Grid
 from simgap.late import sympy as sp
 from simgap.model.compile import compile_kernel
-from simgap.model.kept import kept
+from simgap.model.kernel_cache import cached_kernel
 from simgap.model.symbolic import symbol
 
 _POINTS = 1000  # of X, at which the sides of a formula are compared
@@ -87,7 +87,7 @@ class LinearGap(GapFunction):
         halves = np.array([0.5, 0.5 * (1.0 + 2.0**-50)])
         lower_limit, upper_limit = self.domain.limits()
 
-        @kept
+        @cached_kernel
         def bounds_over_box(xlo, xhi, u, lo, hi):  # type: ignore[no-untyped-def]
             inside = True
             for j in range(nx):

@@ -121,7 +121,7 @@ def assemble(
 ) -> GapResult:  # fmt: skip
     """The gap function of all dimensions, padded; `directed` are those samples of each dimension, for an envelope.
 
-    `deviation`, (nx,), is added on both sides: by how much a declared symmetry does not hold, and the engine's grain.
+    `deviation`, (nx,), is added on both sides: by how much a declared symmetry does not hold, and its staircase.
 
     Raises:
         UserError: fits of different kinds, or a conformal bound without calibration samples.
