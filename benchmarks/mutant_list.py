@@ -412,7 +412,7 @@ MUTANTS: list[Mutant] = [
         ("slopes look ahead alone", "return np.maximum(np.abs(ahead), np.abs(behind))", "return np.abs(ahead)"),
     ),
     *_of(
-        "gap/lipschitz/result.py",
+        "gap/lipschitz/grid.py",
         BOUNDS,
         (
             "the first end of a range decides its slopes",
@@ -430,7 +430,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/sampling/samples.py",
+        "gap/sampling/borders.py",
         RANGES,
         (
             "the upper side covers the lower end",
@@ -458,7 +458,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/fitting/envelope.py",
+        "gap/fitting/cell_fit.py",
         BOUNDS,
         (
             "an envelope's upper side starts from the lower end",
