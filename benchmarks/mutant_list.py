@@ -462,8 +462,8 @@ MUTANTS: list[Mutant] = [
         BOUNDS,
         (
             "an envelope's upper side starts from the lower end",
-            "upper = samples.ends[-1].take(flat) + numerical",
-            "upper = samples.d.take(flat) + numerical",
+            "upper = samples.ends[-1][flat] + numerical",
+            "upper = samples.d[flat] + numerical",
         ),
     ),
     *_of(

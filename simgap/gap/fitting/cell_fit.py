@@ -65,9 +65,9 @@ class BlockFit(
                 padded, factor = Joined(padded, beside), max(factor, risen)
                 of_row = np.concatenate([member, member[samples.where.grid.index(directed.x)]])
             tables[up] = np.full((int(np.prod(counts)), padded.shape[1] if per_input else 1), -np.inf)
-            for first, last in padded.blocks():
-                own = padded.rows(first, last)
-                np.maximum.at(tables[up], of_row[first:last], own if per_input else own.max(axis=1, keepdims=True))
+            for block in padded.blocks():
+                own = padded[block]
+                np.maximum.at(tables[up], of_row[block], own if per_input else own.max(axis=1, keepdims=True))
             rough = max(rough, share)
         return cls(tables[True], tables[False], rough, 0 if directed is None else len(directed.x), factor)
 
@@ -106,7 +106,7 @@ def _beside(samples: DimensionSamples, directed: Directed, settings: GapSection,
     target, at = samples.side(up), directed.side(up)
     beside = Beside.of(directed, samples.where.grid, at)
     along, across = estimated_padding(samples, up).along(beside)
-    factor = float(((at - target.take(beside.cells)) / np.maximum(across, samples.floor)).max())
+    factor = float(((at - target[beside.cells]) / np.maximum(across, samples.floor)).max())
     return at + (along if settings.padding == "inflate" else 0.0), max(factor, 0.0)
 
 
@@ -170,8 +170,8 @@ class NodeFit(DimensionFit, kind="envelope", program="none: an envelope is made 
         places, cells = _nodes(samples.where, settings), samples.where.grid.cells
         flat = np.ravel_multi_index(tuple(k.ravel() for k in np.meshgrid(*places, indexing="ij")), cells)
         numerical = samples.floor / 16.0
-        lower = samples.d.take(flat) - numerical
-        upper = samples.ends[-1].take(flat) + numerical
+        lower = samples.d[flat] - numerical
+        upper = samples.ends[-1][flat] + numerical
         if not settings.signed:
             upper = np.maximum(upper, -lower)
             lower = -upper

@@ -216,7 +216,7 @@ def _shortfall(problem: SideProblem, directed: Directed, settings: GapSection, f
         along, across = estimated_padding(samples, up).along(beside, known)
         needed = at + (along if settings.padding == "inflate" else 0.0)
         short = max(short, float((needed - there).max()) - fit.missing - numerical(form, samples.floor))
-        risen = (at - there) - (target.take(beside.cells) - known.values.take(beside.cells))
+        risen = (at - there) - (target[beside.cells] - known.values[beside.cells])
         factor = max(factor, float((risen / np.maximum(across, samples.floor)).max()))
     return short, factor
 
@@ -236,7 +236,7 @@ def _inflate(problem: SideProblem, settings: GapSection) -> SideFit:
         rough = max(share for _, share in pads)
         every = [pad for pad, _ in pads]
         if samples.beside is not None and problem.is_joined:
-            there = values.rows(samples.where.grid.size, problem.design.shape[0])
+            there = values[samples.where.grid.size : problem.design.shape[0]]
             for k, (up, at) in enumerate(zip(problem.sides, problem.beside_targets, strict=True)):
                 beside = Beside.of(samples.beside, samples.where.grid, at - there)
                 every[k] = Joined(every[k], estimated_padding(samples, up).along(beside, known)[0])

@@ -64,7 +64,7 @@ class Design:
 
     def rows(self, index: Rows) -> Floats:
         """Rows by index: (k,) -> (k, z)."""
-        return self.basis.evaluate(self.x.take(index // len(self.u)), self.u[index % len(self.u)])
+        return self.basis.evaluate(self.x[index // len(self.u)], self.u[index % len(self.u)])
 
     def _evaluate(self, function: Term, x: Floats) -> Floats:
         """A term at states (n, nx), in the smallest shape that broadcasts to (n, M)."""
@@ -113,18 +113,18 @@ class Design:
 
         return OfStates(summed, self.x, len(self.u))
 
-    def _blocks(self) -> Iterator[tuple[int, int]]:
-        """As those of values of this shape."""
-        return self._summed(()).blocks()
+    def _parts(self) -> Iterator[tuple[float, list[Floats]]]:
+        """Blocks of states as those of values of this shape: their share of all, and every term there."""
+        for block in self._summed(()).blocks():
+            x = self.x[block]
+            yield len(x) / self.shape[0], self.columns(x)
 
     @cached_property
     def mean(self) -> Floats:
         """(z,) mean row."""
         total = np.zeros(self.basis.size)
-        for first, last in self._blocks():
-            total += (
-                (last - first) / self.shape[0] * np.array([c.mean() for c in self.columns(self.x.rows(first, last))])
-            )
+        for share, columns in self._parts():
+            total += share * np.array([c.mean() for c in columns])
         return total
 
     @cached_property
@@ -132,10 +132,9 @@ class Design:
         """(z, z) mean of p p^T."""
         z = self.basis.size
         gram = np.zeros((z, z))
-        for first, last in self._blocks():
-            columns = self.columns(self.x.rows(first, last))
+        for share, columns in self._parts():
             for a, b in combinations_with_replacement(range(z), 2):
-                gram[a, b] += (last - first) / self.shape[0] * (columns[a] * columns[b]).mean()
+                gram[a, b] += share * (columns[a] * columns[b]).mean()
         return np.triu(gram) + np.triu(gram, 1).T
 
     @cached_property
@@ -155,10 +154,9 @@ class Design:
         w, q = self.whitening, np.zeros(self.basis.size)
         for _ in range(2):
             product, moment = self.product(q), np.zeros(len(q))
-            for first, last in target.blocks():
-                rest = target.rows(first, last) - product.rows(first, last)
-                columns = self.columns(self.x.rows(first, last))
-                moment += (last - first) / self.shape[0] * np.array([_moment(column, rest) for column in columns])
+            for block in target.blocks():
+                rest, columns = target[block] - product[block], self.columns(self.x[block])
+                moment += len(rest) / self.shape[0] * np.array([_moment(column, rest) for column in columns])
             q = q + w @ (w.T @ moment)
         return q
 
@@ -214,7 +212,7 @@ class _Scaled:
         start = design.least_squares(target)
         product, level, largest, residual = design.product(start), 0.0, 0.0, 0.0
         for block in target.blocks():
-            wanted, fitted = target.rows(*block), product.rows(*block)
+            wanted, fitted = target[block], product[block]
             level, largest = max(level, float(np.abs(wanted).max())), max(largest, float(np.abs(fitted).max()))
             residual = max(residual, float(np.abs(wanted - fitted).max()))
         unit = max(residual, 1e-7 * level) or np.finfo(np.float64).eps  # zeros are fitted to rounding
@@ -303,7 +301,7 @@ def _solve_working_set(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[
     a, base, target = (
         p @ design.whitening,
         p @ scaled.start,
-        scaled.target.take(rows // m)[np.arange(len(rows)), rows % m],
+        scaled.target[rows // m][np.arange(len(rows)), rows % m],
     )
     origin = float(base.max())  # eta is measured from here, so that the numbers stay of one size
     n, size = a.shape  # of z = (y, w, eta), where w bounds |y|: one large number in the program and not 2 n of them
@@ -369,15 +367,15 @@ class Most:
 
 def outermost(x: Values) -> Rows:
     """The first rows that are least and largest along each axis, and largest along each diagonal, of states (N, nx)."""
-    lo = np.min([x.rows(*block).min(axis=0) for block in x.blocks()], axis=0)
-    hi = np.max([x.rows(*block).max(axis=0) for block in x.blocks()], axis=0)
+    lo = np.min([x[block].min(axis=0) for block in x.blocks()], axis=0)
+    hi = np.max([x[block].max(axis=0) for block in x.blocks()], axis=0)
     signs = np.array(np.meshgrid(*([[-1.0, 1.0]] * len(lo)), indexing="ij")).reshape(len(lo), -1)
     signs /= np.where(hi > lo, hi - lo, 1.0)[:, None]
     most = Most(2 * len(lo) + signs.shape[1])
-    for first, last in x.blocks():
-        own = x.rows(first, last)
+    for block in x.blocks():
+        own = x[block]
         diagonals = np.sum([own[:, [j]] * row for j, row in enumerate(signs)], axis=0)
-        most.update(np.concatenate([-own, own, diagonals], axis=1), first)
+        most.update(np.concatenate([-own, own, diagonals], axis=1), block.start)
     return most.at
 
 
@@ -422,9 +420,9 @@ def scan(target: Values, product: Values, eta: float | None, most: int) -> Scan:
     ends = np.cumsum([0, *(n // slices + (k < n % slices) for k in range(slices))])
     short, over = (tuple(Most(m) for _ in range(slices)) for _ in range(2))
     for k, (start, stop) in enumerate(pairwise(ends.tolist())):
-        for first, last in product.blocks(start, stop):
-            values = product.rows(first, last)
-            short[k].update(target.rows(first, last) - values, first)
+        for block in product.blocks(start, stop):
+            values = product[block]
+            short[k].update(target[block] - values, block.start)
             if eta is not None:
-                over[k].update(values - eta, first)
+                over[k].update(values - eta, block.start)
     return Scan(Worst(short, most), Worst(over, most))

@@ -179,4 +179,4 @@ def _grid_pair_slopes(samples: DimensionSamples, moving: list[int], settings: Ga
 
 def _picked(d: Values, rows: Rows, m: Rows) -> Floats:
     """Single numbers of (N, M) values, in the shape of `rows` and `m`."""
-    return d.take(rows.ravel())[np.arange(rows.size), m.ravel()].reshape(rows.shape)
+    return d[rows.ravel()][np.arange(rows.size), m.ravel()].reshape(rows.shape)

@@ -318,7 +318,7 @@ class _Found:
         ends = np.stack([self.grid.axis(j)[own] for j, own in enumerate(marked)], axis=1)
         box = ends + np.array([[-1.0], [1.0]]) * self.grid.h
         layers = tuple(o for j in axes if (o := self._layer(j)) is not None)
-        at = Centres(self.grid).take(np.array([self.at]))[0]
+        at = Centres(self.grid)[np.array([self.at])][0]
         return GridLipschitz(
             self.constants, self.slopes, ratio, self.smooth, share, box, self.jump, layers=layers, at=at
         )

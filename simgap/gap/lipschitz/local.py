@@ -163,7 +163,7 @@ class LocalPadding:
         for slab in self._slabs():
             of_slab, own = _Read(slab, self, fit), _rows(slab, self.target)
             rows = own.reshape(-1, self.target.shape[1])
-            rows[:] = pad.rows(slab.first, slab.first + len(rows))
+            rows[:] = pad[slab.first : slab.first + len(rows)]
             for some in slab.inputs:
                 where = of_slab.marks(rough, some)
                 if where.any():

@@ -107,7 +107,7 @@ class DimensionSamples:
             if own.shape != shape:
                 raise UserError(f"the gap samples have shape {own.shape}, not {shape}")
             for block in own.blocks():
-                part = own.rows(*block)
+                part = own[block]
                 check_numbers(part.shape, {"d": part})
 
     @property
@@ -224,7 +224,7 @@ def sample_grid(context: Context, points: Points) -> SampleGrid:
     grid = covering_grid(context.case, context.box, points.name)
     same = points.states.shape == (grid.size, grid.box.size) and np.array_equal(points.inputs, context.input_set)
     centres = Centres(grid)
-    if not same or not all(np.array_equal(points.states[a:b], centres.rows(a, b)) for a, b in centres.blocks()):
+    if not same or not all(np.array_equal(points.states[block], centres[block]) for block in centres.blocks()):
         raise UserError("the grid was made for another case", remedy="Run the grid stage again, and those after it.")
     names = tuple(context.states), tuple(context.inputs)
     free = free_axes(context.case)
