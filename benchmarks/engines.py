@@ -20,7 +20,7 @@ from simgap.config.case import Case
 from simgap.config.gap import LipschitzSection
 from simgap.config.simulator import Damping
 from simgap.gap.fitting.acceptance import check_fresh
-from simgap.gap.fitting.bound_fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import draw, product
 from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Grid

@@ -25,7 +25,8 @@ from simgap.config.gap import GapSection, LipschitzSection
 from simgap.errors import SimgapError, UserError
 from simgap.gap.bases import Blocks, Expressions
 from simgap.gap.fitting.acceptance import check_fresh
-from simgap.gap.fitting.bound_fit import GapResult, fit_gap
+from simgap.gap.fitting.bound_fit import GapResult
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import draw, product
 from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Grid

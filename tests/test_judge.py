@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import sympy as sp
 
-from simgap.gap.bounds.body_frame import BodyFrameGap, PreviousClasses
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.previous import PreviousClasses
 from simgap.geometry import Box, Grid
 from simgap.judge import LEFT, Judge, strays
 from simgap.model.sampled import NominalModel

@@ -8,8 +8,9 @@ import pytest
 
 from simgap.attack.known import worst_histories
 from simgap.attack.points import PointSearch, Question
-from simgap.gap.bounds.body_frame import BodyFrameGap, PreviousClasses
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
+from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.sampling.points import step_columns
 from simgap.geometry import Box, Grid
 from simgap.plants.context import Context

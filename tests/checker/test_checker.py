@@ -19,7 +19,7 @@ from simgap.errors import UserError
 from simgap.extras.certify import Certified, write_certificate
 from simgap.gap.bases import Expressions
 from simgap.gap.bounds.closed_form import ClosedFormGap
-from simgap.gap.fitting.bound_fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse, prefix

@@ -8,7 +8,7 @@ import sympy as sp
 
 from simgap.gap.bases import Blocks, Monomials
 from simgap.gap.bounds.function import GapDomain
-from simgap.gap.fitting.bound_fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.borders import BESIDE, Directed, critical_points, kinks, switching_surfaces, thinned_count
 from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid

@@ -8,9 +8,10 @@ import pytest
 
 from simgap.config.gap import GapSection
 from simgap.errors import UserError
-from simgap.gap.bounds.body_frame import BodyFrameGap, PreviousClasses
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.cells import CellGap
 from simgap.gap.bounds.function import GapDomain, Tier
+from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper, covering_remainder
 from simgap.gap.fitting.cell_fit import NodeFit
 from simgap.gap.lipschitz.grid import GridLipschitz, estimate, worse

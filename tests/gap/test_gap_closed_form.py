@@ -9,7 +9,7 @@ import sympy as sp
 
 from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.closed_form import ClosedFormGap
-from simgap.gap.fitting.bound_fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid
 from simgap.model.expressions import parse

@@ -7,8 +7,8 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bases import Blocks, Expressions, Monomials, Trigonometric
 from simgap.gap.bounds.load import from_json
 from simgap.gap.fitting.acceptance import check_fresh, clopper_pearson_upper
-from simgap.gap.fitting.bound_fit import fit_gap
 from simgap.gap.fitting.dimension_fit import Calibration
+from simgap.gap.fitting.fit import fit_gap
 from tests.gap.gap_examples import PAPER, U, X, coulomb, gap_section, off_grid, on_grid, smooth
 
 KINDS = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from simgap.gap.bases import Blocks, Expressions
-from simgap.gap.fitting.bound_fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Grid
 from tests.gap.gap_examples import PAPER, U, X, gap_section

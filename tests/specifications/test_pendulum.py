@@ -5,7 +5,7 @@ import pytest
 
 from simgap.config.gap import GapSection, LipschitzSection
 from simgap.gap.bases import Expressions
-from simgap.gap.fitting.bound_fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import product
 from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Grid

@@ -12,7 +12,7 @@ from simgap.config.gap import GapSection, LipschitzSection
 from simgap.config.load import load_case
 from simgap.gap.bases import Expressions
 from simgap.gap.fitting.acceptance import check_fresh
-from simgap.gap.fitting.bound_fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid
 from simgap.io.controller_file import save_controller

@@ -12,7 +12,7 @@ from simgap.config.gap import GapSection, LipschitzSection
 from simgap.config.load import load_case, parse_case
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.gap.bases import Expressions
-from simgap.gap.fitting.bound_fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Grid
 from simgap.io.parquet import stack

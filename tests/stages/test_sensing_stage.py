@@ -14,7 +14,7 @@ from simgap.config.load import case_content
 from simgap.gap.bases import Expressions
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
-from simgap.gap.fitting.bound_fit import fit_gap
+from simgap.gap.fitting.fit import fit_gap
 from simgap.gap.sampling.points import product
 from simgap.gap.sampling.samples import GapSamples
 from simgap.geometry import Box, Grid

@@ -17,10 +17,9 @@ from simgap.gap.fitting.acceptance import remedy
 from simgap.gap.fitting.cell_fit import BlockFit, NodeFit
 from simgap.gap.fitting.dimension_fit import BoundInputs, Calibration, DimensionFit, Sides
 from simgap.gap.fitting.linear_fit import CentreFit, LinearFit
-from simgap.gap.lipschitz.estimates import dimension_lipschitz
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.sampling.borders import Directed
-from simgap.gap.sampling.samples import DimensionSamples, GapSamples, SampleGrid
+from simgap.gap.sampling.samples import DimensionSamples, SampleGrid
 from simgap.gap.thresholds import GATE
 
 FITS: Mapping[str, type[DimensionFit]] = {
@@ -97,22 +96,6 @@ class GapResult:
             "samples": self.samples,
             "dimensions": [d.to_json() for d in self.dimensions],
         }
-
-
-def fit_gap(samples: GapSamples, settings: GapSection, calibration: Calibration | None = None) -> GapResult:
-    """Fit the bound that the settings ask for in one call, where nothing is kept between the steps.
-
-    A conformal one needs `calibration`, iid samples of its own.
-
-    Raises:
-        UserError: for settings that do not fit the samples.
-        BrokenPromise: when the grid does not resolve the gap, so that no Lipschitz constant can be trusted.
-    """
-    parts = [samples.dimension(i) for i in range(len(samples.states))]
-    lipschitz = [dimension_lipschitz(part, settings) for part in parts]
-    check_resolved(samples.where, settings, lipschitz)
-    fits = [fit_dimension(p, settings) for p in parts]
-    return assemble(samples.where, settings, fits, lipschitz, calibration, samples.directed)
 
 
 def assemble(

@@ -14,8 +14,9 @@ from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.gap import HiddenStateSection
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bounds.body_frame import BodyFrameGap, PreviousClasses
+from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, Tier
+from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.fitting.acceptance import FreshCheck, check_sequences, confirmed, tolerate
 from simgap.gap.memory.fit import HistoryInfluence, HullFit
 from simgap.gap.memory.hidden_state import TOP, check_fading, tolerance_of

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.gap.bounds.body_frame import PreviousClasses
+from simgap.gap.bounds.previous import PreviousClasses
 from simgap.gap.json_record import JsonRecord
 from simgap.gap.memory.hidden_state import COORDINATES, extrapolated_maximum, hull
 from simgap.simulators.body_samples import BodySamples

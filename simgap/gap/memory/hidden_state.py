@@ -16,7 +16,7 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.errors import BrokenPromise, UserError
-from simgap.gap.bounds.body_frame import intervals
+from simgap.gap.bounds.previous import intervals
 from simgap.gap.thresholds import BEYOND_CONFIDENCE, SMALL_INFLUENCE
 
 TOP = 20
