@@ -34,6 +34,7 @@ from simgap.gap.sampling.borders import (
     border_gaps,
     border_states,
     directed_samples,
+    stops_of,
     switching_surfaces,
 )
 from simgap.gap.sampling.points import (
@@ -49,7 +50,6 @@ from simgap.gap.sampling.points import (
 from simgap.gap.sampling.samples import check_drawn, motion_of, read_back, sample_grid, steps_of
 from simgap.gap.sampling.symmetry import SymmetryDeviation
 from simgap.plants.context import Context
-from simgap.plants.model_file import joint_stops
 from simgap.simulators.findings import to_stop
 
 Step = Callable[[Floats, Floats], Floats]
@@ -214,15 +214,11 @@ def _gaps(context: Context, step: Step, rolled: Columns) -> tuple[Floats, Floats
 
 def reached_stops(context: Context, states: Sequence[str]) -> list[str]:
     """The states that come within a step's travel of a stop, each with its joint and the stops, in words."""
-    plant, simulator, domain = context.case.plant, context.case.simulator, context.domain
-    places = {s.joint: name for name, s in plant.states.items() if s.quantity == "position" and s.joint}
-    files = {f for f in (plant.urdf, simulator.urdf if simulator is not None else None) if f}
     return [
-        f"joint '{joint}' ({name} in [{domain.X[name][0]:g}, {domain.X[name][1]:g}], stops at "
-        f"{' and '.join(f'{end:g}' for end in ends)})"
-        for file in sorted(files)
-        for joint, ends in joint_stops(context.folder / file, list(places)).items()
-        if (name := places[joint]) in states and any(to_stop(context.case, name, end) for end in ends)
+        f"joint '{joint}' ({name} in [{lo:g}, {hi:g}], stops at {' and '.join(f'{end:g}' for end in ends)})"
+        for joint, name, ends in stops_of(context)
+        for lo, hi in [context.domain.X[name]]
+        if name in states and any(to_stop(context.case, name, end) for end in ends)
     ]
 
 

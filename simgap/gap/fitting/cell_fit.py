@@ -16,8 +16,7 @@ from simgap.config.gap import GapSection
 from simgap.errors import UserError
 from simgap.gap.bases import Blocks
 from simgap.gap.bounds.cells import CellGap
-from simgap.gap.bounds.function import directed_words, guarantee
-from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides
+from simgap.gap.fitting.dimension_fit import BoundInputs, DimensionFit, Sides, directed_words, guarantee
 from simgap.gap.fitting.padding import estimated_padding, local_padding
 from simgap.gap.lipschitz.grid import DimensionLipschitz
 from simgap.gap.lipschitz.local import Beside

@@ -273,7 +273,7 @@ def _first_rows(scaled: _Scaled) -> Rows:
     states = np.unique([*outermost(scaled.design.x), n // 2])
     inputs = np.unique([*u.argmin(axis=0), *u.argmax(axis=0), m // 2])
     corners = (states[:, None] * m + inputs).ravel()
-    missed = scan(scaled.target, scaled.design.product(scaled.start), None, _ADD).short
+    missed, _ = scan(scaled.target, scaled.design.product(scaled.start), None, _ADD)
     return np.unique(np.concatenate([corners, missed.rows(-np.inf)]))
 
 
@@ -283,12 +283,12 @@ def _generate(scaled: _Scaled, rows: Rows, cap: float | None) -> tuple[float, Fl
     for count in range(1, _ROUNDS + 1):
         y, eta = _solve_working_set(scaled, rows, cap)
         found = scan(scaled.target, scaled.design.product(scaled.coefficients(y)), eta, _ADD)
-        if found.largest <= scaled.tolerance:
+        largest = max(own.largest for own in found)
+        if largest <= scaled.tolerance:
             return eta, y, rows, count, True
-        more = np.union1d(found.short.rows(scaled.tolerance), found.over.rows(scaled.tolerance))
-        grown = np.union1d(rows, more)
+        grown = np.union1d(rows, np.union1d(*(own.rows(scaled.tolerance) for own in found)))
         if len(grown) == len(rows):  # the solver's own accuracy is the limit
-            return eta, y, rows, count, found.largest <= 1e-6 * scaled.level
+            return eta, y, rows, count, largest <= 1e-6 * scaled.level
         rows = grown
     return eta, y, rows, _ROUNDS, False
 
@@ -400,21 +400,8 @@ class Worst:
         return rows[order][size[order] > tolerance]
 
 
-@dataclass(frozen=True)
-class Scan:
-    """Shortfall of rows below their targets, and their excess over eta."""
-
-    short: Worst
-    over: Worst
-
-    @property
-    def largest(self) -> float:
-        """The largest violation of all."""
-        return max(self.short.largest, self.over.largest)
-
-
-def scan(target: Values, product: Values, eta: float | None, most: int) -> Scan:
-    """Scan rows `target <= product <= eta`, (N, M), and keep `most` of each kind; without `eta` nothing exceeds it."""
+def scan(target: Values, product: Values, eta: float | None, most: int) -> tuple[Worst, Worst]:
+    """Shortfall of rows (N, M) below their targets, and their excess over eta, of which without it there is none."""
     n, m = target.shape
     slices = min(n, max(1, most // m))
     ends = np.cumsum([0, *(n // slices + (k < n % slices) for k in range(slices))])
@@ -425,4 +412,4 @@ def scan(target: Values, product: Values, eta: float | None, most: int) -> Scan:
             short[k].update(target[block] - values, block.start)
             if eta is not None:
                 over[k].update(values - eta, block.start)
-    return Scan(Worst(short, most), Worst(over, most))
+    return Worst(short, most), Worst(over, most)

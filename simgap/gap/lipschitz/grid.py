@@ -133,10 +133,7 @@ class GridLipschitz(
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, with what follows from the constants."""
-        own = super().to_json()
-        constants = {"constants": own.pop("constants"), "euclidean": self.euclidean}
-        slopes = {"slopes": own.pop("slopes"), "ratio": own.pop("ratio"), "resolved": self.resolved}
-        return constants | slopes | own
+        return super().to_json() | {"euclidean": self.euclidean, "resolved": self.resolved}
 
 
 def worse(a: GridLipschitz, b: GridLipschitz) -> GridLipschitz:

@@ -289,7 +289,8 @@ def switching_surfaces(context: Context) -> tuple[sp.Expr, ...]:
     """
     plant, simulator = context.case.plant, context.case.simulator
     declared = context.plant.declared
-    found = [*kinks(context.plant.carried.numeric()), *_stops(context), *switches(context.case, context.folder)]
+    found = [*kinks(context.plant.carried.numeric()), *switches(context.case, context.folder)]
+    found += [symbol(state) - sp.Float(end) for _, state, ends in stops_of(context) for end in ends]
     for added in (*plant.effects, *(simulator.effects if simulator is not None else ())):
         own = effect(added.name)
         if added.on in own.targets(declared):
@@ -311,16 +312,16 @@ def kinks(expressions: Iterable[sp.Expr]) -> list[sp.Expr]:
     return found
 
 
-def _stops(context: Context) -> list[sp.Expr]:
+def stops_of(context: Context) -> list[tuple[str, str, tuple[float, ...]]]:
+    """For each joint of a model file of the case whose position is a state: joint, state, and its end stops."""
     plant, simulator = context.case.plant, context.case.simulator
     places = {s.joint: name for name, s in plant.states.items() if s.quantity == "position" and s.joint}
     files = {f for f in (plant.urdf, simulator.urdf if simulator is not None else None) if f}
     return [
-        symbol(places[joint]) - sp.Float(end)
+        (joint, places[joint], ends)
         for file in sorted(files)
         if reading.is_file(context.folder / file)
         for joint, ends in joint_stops(context.folder / file, list(places)).items()
-        for end in ends
     ]
 
 
