@@ -1,6 +1,6 @@
 """The sections `grid`, `gap`, `symmetry` and `hidden_state`: where the gap is sampled, and how it is bounded.
 
-The built-in bases of `gap.basis` are in `simgap/gap/kinds`, one a file.
+The built-in bases of `gap.basis` are in `simgap/gap/bases.py`.
 """
 
 from __future__ import annotations
