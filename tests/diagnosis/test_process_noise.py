@@ -65,8 +65,8 @@ def test_where_nothing_is_hidden_the_bound_is_below_the_noise_of_two_readings(mo
     rng = np.random.default_rng(8)
     found = bound_forces(windows(forces("none", rng), rng), {"q": NOISE}, model, TAU, 0.95)
     two = norm.ppf(0.975) * np.sqrt(2.0) * NOISE
-    assert found["q"] < 0.5 * two
-    assert found["v"] < 0.5 * two / TAU
+    assert found["q"] < two
+    assert found["v"] < two / TAU
 
 
 def test_readings_that_are_no_measurement_do_not_count(model):
