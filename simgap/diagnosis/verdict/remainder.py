@@ -41,7 +41,6 @@ class Remainder:
         rest_before, rest_after: where the velocity is small a wider bound stands beside these; None: nowhere.
         one_step: "before", "after", "noise_floor" -> state -> RMS of the one-step residual on held-out data; the floor
             is the noise of both ends.
-        noise_only: state -> what the bound would be if measurement noise were all there is.
         inside: share of the held-out transitions inside the bound, for the corrected model.
         estimated: velocity that was derived from its position -> noise of the estimate.
         unbounded: states that were neither measured nor derived.
@@ -60,7 +59,6 @@ class Remainder:
     with_noise: Mapping[str, float]
     rest_before: NearRest | None
     rest_after: NearRest | None
-    noise_only: Mapping[str, float]
     inside: float
     estimated: Mapping[str, float]
     unbounded: tuple[str, ...]
@@ -70,13 +68,12 @@ class Remainder:
 
 @dataclass(frozen=True, eq=False)
 class _Bound:
-    """Of one model: state -> bound, state -> RMS on held-out data, bound near rest, the first as (k,), share inside;
+    """Of one model: state -> bound, state -> RMS on held-out data, bound near rest, share inside;
     how many held-out transitions, independent pieces and runs it rests on, and whether runs are the pieces."""
 
     by: Mapping[str, float]
     rms: Mapping[str, float]
     rest: NearRest | None
-    limit: Floats
     inside: float
     count: int
     pieces: int
@@ -128,7 +125,6 @@ def bound_remainder(
         {} if declared else bound_forces([w for w in windows if w.held_out], sigma, model, step, level)
         for model in (models[0], remembering or models[1])
     ]
-    noise = _noise_only(np.array(list(known.sigma.values())), last.limit, level)
     missing = tuple(n for n in models[0].state_names if n not in names)
     finite = all(math.isfinite(v) for v in last.by.values())
     below = [n for n in names if finite and forces[1].get(n, math.inf) < last.by[n]]
@@ -141,7 +137,7 @@ def bound_remainder(
         step, level, last.count, confidence, last.pieces, last.by_run, last.runs,
         _least(first.by, forces[0]), _least(last.by, forces[1]), last.by,
         _rest_beside(first, forces[0]), rest := _rest_beside(last, forces[1]),
-        dict(zip(names, noise.tolist(), strict=True)), last.inside, {n: known.sigma[n] for n in known.estimated},
+        last.inside, {n: known.sigma[n] for n in known.estimated},
         missing, statement + _derived(known.estimated) + _near_rest(rest, confidence), one_step,
     )  # fmt: skip
 
@@ -168,7 +164,6 @@ def _bound(
         by,
         rms,
         rest,
-        limit,
         float(np.mean(inside)),
         len(plain[1]),
         fresh.count if split is None else split.pieces,
@@ -207,14 +202,6 @@ def _pieces(parts: tuple[Transitions, Transitions], residuals: Sequence[Floats])
 def _speeds(part: Transitions, model: SymbolicModel) -> dict[str, Floats]:
     """Velocity of a coordinate -> its size at the start of each transition."""
     return {c.velocity: np.abs(part.start[:, model.state_names.index(c.velocity)]) for c in model.coordinates}
-
-
-def _noise_only(sigma: Floats, scale: Floats, level: float) -> Floats:
-    """The same bound for residuals that are the difference of two noisy readings and nothing else (seeded draws)."""
-    draws = np.random.default_rng(0).standard_normal((20_000, len(sigma))) * np.sqrt(2.0) * sigma
-    if not np.all(np.isfinite(scale)):
-        return scale
-    return scale * float(np.quantile(np.max(np.abs(draws) / scale, axis=1), level))
 
 
 def _residuals(part: Transitions, names: Sequence[str], model: SymbolicModel) -> Floats:

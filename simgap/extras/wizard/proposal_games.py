@@ -134,6 +134,11 @@ class Search:
         measured = next(group for group in groups if group)
         return np.asarray(self.shape.box * REACH / max(self.shape.box[names.index(n)] for n in measured))
 
+    def pairs(self, cells: tuple[int, ...], share: float) -> int:
+        """How many pairs of cell and input a game has."""
+        box = self.box(share)
+        return math.prod(cells) * math.prod(self.values(share * np.abs(self.shape.gain) @ box, box, cells))
+
     def box(self, share: float) -> Floats:
         """Half-widths of X: as sought, and nothing beyond its room.
 
