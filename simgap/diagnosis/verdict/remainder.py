@@ -127,7 +127,8 @@ def bound_remainder(
     ]
     missing = tuple(n for n in models[0].state_names if n not in names)
     finite = all(math.isfinite(v) for v in last.by.values())
-    below = [n for n in names if finite and forces[1].get(n, math.inf) < last.by[n]]
+    widest = last.by if last.rest is None else last.rest.by
+    below = [n for n in names if finite and forces[1].get(n, math.inf) < widest[n]]
     confidence = max(attained(last.pieces, level) - (1.0 - level if below else 0.0), 0.0) if finite else 0.0
     statement = _statement(level, confidence, last, step, missing, below) if finite else _too_few(last.count, level)
     one_step = {
