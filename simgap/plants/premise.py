@@ -65,9 +65,8 @@ def base_of(robot: ElementTree.Element, driven: Collection[str] | None = None, w
         return Base("limbs", f"{len(limbs)} chains of joints begin at its base ({_named(limbs)}), as legs do")
     base, carried = _masses(robot, joints)
     if world and not anchored and base > carried:
-        return Base(
-            "free", f"its base weighs {base:.3g} kg and all that it carries {carried:.3g} kg, as of a base in flight"
-        )
+        words = f"its base weighs {base:.3g} kg and all that it carries {carried:.3g} kg"
+        return Base("free", f"{words}, as of one that moves freely")
     return Base("fixed", "one chain of joints" if not anchored else "it hangs on a link `world`")
 
 
