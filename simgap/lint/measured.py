@@ -12,9 +12,8 @@ from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.effects import EFFECTS
 from simgap.errors import Finding, UserError, nearest
-from simgap.io.recordings.mcap_file import is_mcap
 from simgap.io.recordings.measured import channels_of, condition_channels, display_name, reading_options
-from simgap.io.recordings.tables import read_header
+from simgap.io.recordings.tables import kind_of, read_header
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.context import Context
 
@@ -141,7 +140,7 @@ def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequen
     """The header of one file against what the case maps."""
     name = display_name(path, context.folder)
     header, units = read_header(path, name)
-    if section.time.column not in header and not is_mcap(path):  # its messages have stamps
+    if section.time.column not in header and kind_of(path) != "mcap":  # its messages have stamps
         listed = ", ".join(f"'{column}'" for column in header)
         raise UserError(
             f"'{name}' has no time column '{section.time.column}', it has {listed}", file=context.path,
