@@ -193,19 +193,8 @@ def simulate_chunk(case: Case, folder: Path, shared: Shared, starts: Floats, chu
 def trace_of(judge: Judge, about: dict[str, str], number: int, verdict: Verdict) -> Trace:
     """One kept run; at the last state there is no input, and its cells are not numbers."""
     run, audit = verdict.run, judge.audit([verdict.run])
-    nan = np.full((1, judge.space.size), np.nan)
-    return Trace(
-        controller=about["controller"],
-        plant=about["plant"],
-        run=number,
-        t=np.asarray(judge.model.tau * np.arange(len(run.x)), dtype=np.float64),
-        x=run.x,
-        u=np.concatenate([judge.inputs[run.inputs], np.full((1, judge.inputs.shape[1]), np.nan)]),
-        d=np.concatenate([audit.d, nan]),
-        lo=np.concatenate([audit.lo, nan]),
-        hi=np.concatenate([audit.hi, nan]),
-        safe=verdict.safe,
-    )
+    which, steps = (about["controller"], about["plant"], number), (audit.d, audit.lo, audit.hi)
+    return Trace.of(which, judge.model.tau, run.x, (judge.inputs[run.inputs], *steps), verdict.safe)
 
 
 class StartStates(NamedTuple):
