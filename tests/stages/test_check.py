@@ -335,7 +335,7 @@ def test_what_an_engine_costs_is_not_what_a_busy_machine_makes_of_it(monkeypatch
         def close(self):
             pass
 
-    monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Slow())
+    monkeypatch.setattr("simgap.simulators.rollouts.make_simulator", lambda case, folder: Slow())
     _, seconds = engine.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert least <= seconds < most
 
@@ -355,7 +355,7 @@ def test_what_an_engine_costs_is_that_of_many_rollouts_at_once(monkeypatch):
         def close(self):
             pass
 
-    monkeypatch.setattr("simgap.simulators.build.make_simulator", lambda case, folder: Vectorised())
+    monkeypatch.setattr("simgap.simulators.rollouts.make_simulator", lambda case, folder: Vectorised())
     _, seconds = engine.ask_engine(None, None, np.zeros((3, 2)), np.zeros((3, 1)))
     assert seconds < 2e-5
 
