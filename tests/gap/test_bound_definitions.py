@@ -103,9 +103,9 @@ def test_more_is_left_near_rest_and_its_tier_says_so():
 @pytest.mark.parametrize(
     ("within", "said"),
     [
-        ([{"where": {"b": [0.5, 0.4]}, "by": {"a": 0.4}}], "is empty"),
-        ([{"where": {}, "by": {"a": 0.4}}], "names a state"),
-        ([{"where": {"b": [0.4, 0.5]}, "by": {"a": -0.4}}], "at least 0"),
+        ([{"where": {"b": [0.5, 0.4]}, "by": {"a": 0.4}}], r"where\.b\n.*upside down"),
+        ([{"where": {}, "by": {"a": 0.4}}], r"where\n.*at least 1 item"),
+        ([{"where": {"b": [0.4, 0.5]}, "by": {"a": -0.4}}], r"by\.a\n.*equal to 0"),
     ],
 )
 def test_a_mistake_in_where_more_is_left_is_refused(within, said):
