@@ -1,7 +1,8 @@
-"""The nominal model of a case with its effects as a URDF, where a URDF can say them; and one with other inertias.
+"""The nominal model of a case with its effects as a URDF or MJCF, where that can say them; one with other inertias.
 
-A URDF states a joint's viscous damping and dry friction, and a link's mass; the rest of the library it cannot say, and
-a file without it would be another model, so it is refused.
+A URDF states a joint's viscous damping and dry friction, and a link's mass. MJCF states damping, dry friction, armature
+and stiffness of a joint, masses of bodies, the gear of a motor. The rest of the library neither can say, and a file
+without it would be another model, so it is refused.
 """
 
 from __future__ import annotations
@@ -9,55 +10,139 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
+from simgap.config.case import Case
 from simgap.config.load import load_case
 from simgap.effects import AppliedEffect
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
-from simgap.io.mjcf_export import REMEDY, export_mjcf
 from simgap.model.tree import symmetric
 from simgap.plants.plant_model import PlantModel
+from simgap.plants.urdf_checks import loading
+from simgap.simulators.mjcf import require_mujoco
+
+REMEDY = "Use the case itself, or simgap.load_plant(case).drake_system(), which hold every effect."
+Write = Callable[[Any, AppliedEffect], bool]
 
 
 def export_model(case: Path | str, out: Path | str) -> None:
-    """Write the URDF of a case with the effects that the case adds to its plant, such as those that a diagnosis found.
+    """Write the model of a case with the effects that the case adds to its plant, such as those that a diagnosis found.
 
-    A file that ends in `.xml` or `.mjcf` is a MuJoCo model (extra `mujoco`).
+    A file that ends in `.xml` or `.mjcf` is a MuJoCo model (extra `mujoco`): its URDF, and a motor for each input.
+    Joint friction of the URDF is left out there, as the nominal model leaves it out, and numbers have the six digits
+    that MuJoCo writes. Any other is a URDF.
 
     Friction is written as the attribute `friction` of `<dynamics>`, which PyBullet and MuJoCo read and Drake does not;
     engines act it out each in their own way.
 
     Raises:
-        UserError: a plant of equations, or an effect that the format cannot hold.
+        UserError: a plant of equations, an effect that the format cannot hold, or MuJoCo is not installed.
     """
     case, out = Path(case), Path(out)
-    if out.suffix in (".xml", ".mjcf"):
-        export_mjcf(case, out)
-        return
     section = load_case(case)
     if section.plant.urdf is None:
         raise UserError("the plant is written in equations", file=case, key="plant.urdf", remedy=REMEDY)
-    plant = PlantModel.of(section, case.parent)
+    plant, source = PlantModel.of(section, case.parent), case.parent / section.plant.urdf
     _ = plant.corrected  # refuses what does not fit the plant
-    source = case.parent / section.plant.urdf
-    robot = reading.read_xml(source)
+    in_mjcf = out.suffix in (".xml", ".mjcf")
+    form, writers = ("MJCF", _MJCF_WRITERS) if in_mjcf else ("a URDF", _URDF_WRITERS)
+    model: Any = _mjcf_of(section, source) if in_mjcf else reading.read_xml(source)
     for k, effect in enumerate(plant.effects):
-        write = _WRITERS.get(effect.name)
-        if write is None or not write(robot, effect):
+        write = writers.get(effect.name)
+        if write is None or not write(model, effect):
             raise UserError(
-                f"a URDF cannot hold '{effect.name}' on '{effect.on}'", file=case, key=f"plant.effects.{k}",
+                f"{form} cannot hold '{effect.name}' on '{effect.on}'", file=case, key=f"plant.effects.{k}",
                 remedy=REMEDY,
             )  # fmt: skip
-    _move_meshes(robot, source.parent, out.parent)
-    write_text(out, ElementTree.tostring(robot, encoding="unicode", xml_declaration=True) + "\n")
+    if in_mjcf:
+        model.compile()
+        write_text(out, model.to_xml())
+    else:
+        _move_meshes(model, source.parent, out.parent)
+        write_text(out, ElementTree.tostring(model, encoding="unicode", xml_declaration=True) + "\n")
 
 
-def _dynamics(attribute: str, symbol: str) -> Callable[[ElementTree.Element, AppliedEffect], bool]:
+def _mjcf_of(case: Case, urdf: Path) -> Any:
+    """The URDF as MuJoCo reads it, meshes by their whole paths, with the motors, gravity and step of a case.
+
+    Raises:
+        UserError: a file that MuJoCo does not take, or MuJoCo is not installed.
+    """
+    mujoco = require_mujoco("--out")
+    with loading("MuJoCo", urdf):
+        spec = mujoco.MjSpec.from_file(str(reading.real(urdf)))
+    spec.option.gravity = (0.0, 0.0, -case.plant.gravity)
+    if case.domain is not None:
+        spec.option.timestep = case.domain.tau
+    for joint in spec.joints:
+        joint.frictionloss = 0.0
+    for name, given in case.plant.inputs.items():
+        if given.joint is not None:
+            motor = spec.add_actuator(name=name, target=given.joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            motor.set_to_motor()
+    return spec
+
+
+def _on_joint(attribute: str, symbol: str, power: int = 0) -> Write:
+    """Adds the value of a parameter to an attribute of the joint, a number or the coefficients of a polynomial.
+
+    Coefficient k of a damping is of v |v|^k, of a stiffness of q^(k + 1); an older MuJoCo has the first alone.
+    """
+
+    def write(spec: Any, effect: AppliedEffect) -> bool:
+        joint = spec.joint(effect.on)
+        value = np.array(getattr(joint, attribute), dtype=float) if joint is not None else np.empty(0)
+        if value.size <= power:
+            return False
+        value.flat[power] += float(effect.values[symbol])
+        setattr(joint, attribute, value if value.ndim else float(value))
+        return True
+
+    return write
+
+
+def _denser(spec: Any, effect: AppliedEffect) -> bool:
+    """A denser link of the same shape: its inertia scales along with its mass."""
+    owner, _, quantity = effect.on.rpartition(".")
+    body = spec.body(owner) if owner else None
+    if quantity != "mass" or body is None or not body.explicitinertial:
+        return False
+    ratio = float(effect.values["ratio"])
+    body.mass *= ratio
+    body.inertia = np.asarray(body.inertia) * ratio
+    body.fullinertia = np.asarray(body.fullinertia) * ratio
+    return True
+
+
+def _gain(spec: Any, effect: AppliedEffect) -> bool:
+    motor = spec.actuator(effect.on)
+    if motor is None:
+        return False
+    gear = np.array(motor.gear)
+    gear[0] *= float(effect.values["ratio"])
+    motor.gear = gear
+    return True
+
+
+_MJCF_WRITERS: Mapping[str, Write] = {
+    "viscous_friction": _on_joint("damping", "b"),
+    "coulomb_friction": _on_joint("frictionloss", "F_c"),
+    "reflected_inertia": _on_joint("armature", "I"),
+    "spring": _on_joint("stiffness", "k"),
+    "quadratic_drag": _on_joint("damping", "c", 1),
+    "cubic_spring": _on_joint("stiffness", "k3", 2),
+    "parameter_error": _denser,
+    "input_gain": _gain,
+}
+
+
+def _dynamics(attribute: str, symbol: str) -> Write:
     """Adds the value of a parameter to an attribute of the joint's `<dynamics>`."""
 
     def write(robot: ElementTree.Element, effect: AppliedEffect) -> bool:
@@ -88,7 +173,7 @@ def _parameter(robot: ElementTree.Element, effect: AppliedEffect) -> bool:
     return True
 
 
-_WRITERS: Mapping[str, Callable[[ElementTree.Element, AppliedEffect], bool]] = {
+_URDF_WRITERS: Mapping[str, Write] = {
     "viscous_friction": _dynamics("damping", "b"),
     "coulomb_friction": _dynamics("friction", "F_c"),
     "parameter_error": _parameter,

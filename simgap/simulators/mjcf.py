@@ -21,7 +21,7 @@ TRIED = 50
 """States of X at which actuators are asked what they do without a command, and shapes whether they touch."""
 
 
-def require_mujoco() -> Any:
+def require_mujoco(key: str = "simulator.engine") -> Any:
     """The module `mujoco`.
 
     Raises:
@@ -30,9 +30,7 @@ def require_mujoco() -> Any:
     try:
         import mujoco
     except ImportError:
-        raise UserError(
-            "MuJoCo is not installed", key="simulator.engine", remedy="Install the extra: simgap[mujoco]."
-        ) from None
+        raise UserError("MuJoCo is not installed", key=key, remedy="Install the extra: simgap[mujoco].") from None
     return mujoco
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from simgap.config.load_yaml import read_yaml
+from simgap.config.load import read_yaml
 from simgap.errors import UserError
 from simgap.gap.bounds.function import GapFunction
 from simgap.io.atomic import write_bytes, write_text
