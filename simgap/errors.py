@@ -61,6 +61,22 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(every)}."
 
 
+@contextmanager
+def optional(
+    product: str, extra: str, *, file: str | Path | None = None, key: str | None = "simulator.engine"
+) -> Iterator[None]:
+    """What is imported within is not installed with every simgap: where it is missing, one line names the extra.
+
+    Raises:
+        UserError: an import failed.
+    """
+    try:
+        yield
+    except ImportError:
+        remedy = f"Install the extra: pip install 'simgap[{extra}]'."
+        raise UserError(f"{product} is not installed", file=file, key=key, remedy=remedy) from None
+
+
 class BrokenPromise(SimgapError):
     """A guarantee that does not hold (gamma fails to cover, a controller leaves its domain): the run fails."""
 

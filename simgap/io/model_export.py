@@ -8,7 +8,7 @@ without it would be another model, so it is refused.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -19,7 +19,7 @@ from simgap import reading
 from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.load import load_case
-from simgap.effects import AppliedEffect
+from simgap.effects import EFFECTS, AppliedEffect
 from simgap.errors import UserError
 from simgap.io.atomic import write_text
 from simgap.model.tree import symmetric
@@ -28,7 +28,8 @@ from simgap.plants.urdf_checks import loading
 from simgap.simulators.mjcf import require_mujoco
 
 REMEDY = "Use the case itself, or simgap.load_plant(case).drake_system(), which hold every effect."
-Write = Callable[[Any, AppliedEffect], bool]
+_DYNAMICS = {"damping": "damping", "frictionloss": "friction"}
+"""Attribute of a joint in MJCF -> that of its `<dynamics>` in a URDF."""
 
 
 def export_model(case: Path | str, out: Path | str) -> None:
@@ -51,11 +52,10 @@ def export_model(case: Path | str, out: Path | str) -> None:
     plant, source = PlantModel.of(section, case.parent), case.parent / section.plant.urdf
     _ = plant.corrected  # refuses what does not fit the plant
     in_mjcf = out.suffix in (".xml", ".mjcf")
-    form, writers = ("MJCF", _MJCF_WRITERS) if in_mjcf else ("a URDF", _URDF_WRITERS)
+    form, is_written = ("MJCF", _is_in_mjcf) if in_mjcf else ("a URDF", _is_in_urdf)
     model: Any = _mjcf_of(section, source) if in_mjcf else reading.read_xml(source)
     for k, effect in enumerate(plant.effects):
-        write = writers.get(effect.name)
-        if write is None or not write(model, effect):
+        if not is_written(model, effect):
             raise UserError(
                 f"{form} cannot hold '{effect.name}' on '{effect.on}'", file=case, key=f"plant.effects.{k}",
                 remedy=REMEDY,
@@ -89,95 +89,62 @@ def _mjcf_of(case: Case, urdf: Path) -> Any:
     return spec
 
 
-def _on_joint(attribute: str, symbol: str, power: int = 0) -> Write:
-    """Adds the value of a parameter to an attribute of the joint, a number or the coefficients of a polynomial.
-
-    Coefficient k of a damping is of v |v|^k, of a stiffness of q^(k + 1); an older MuJoCo has the first alone.
-    """
-
-    def write(spec: Any, effect: AppliedEffect) -> bool:
-        joint = spec.joint(effect.on)
-        value = np.array(getattr(joint, attribute), dtype=float) if joint is not None else np.empty(0)
-        if value.size <= power:
-            return False
-        value.flat[power] += float(effect.values[symbol])
-        setattr(joint, attribute, value if value.ndim else float(value))
-        return True
-
-    return write
-
-
-def _denser(spec: Any, effect: AppliedEffect) -> bool:
-    """A denser link of the same shape: its inertia scales along with its mass."""
-    owner, _, quantity = effect.on.rpartition(".")
-    body = spec.body(owner) if owner else None
-    if quantity != "mass" or body is None or not body.explicitinertial:
+def _is_in_mjcf(spec: Any, given: AppliedEffect) -> bool:
+    """Whether the effect is in the model now; an older MuJoCo has the first coefficient of a polynomial alone."""
+    effect = EFFECTS[given.name]
+    place = effect.mjcf
+    if place is None:
         return False
-    ratio = float(effect.values["ratio"])
-    body.mass *= ratio
-    body.inertia = np.asarray(body.inertia) * ratio
-    body.fullinertia = np.asarray(body.fullinertia) * ratio
+    owner, _, quantity = given.on.rpartition(".") if place.quantity else (given.on, "", "")
+    element = getattr(spec, place.of)(owner) if owner and quantity == place.quantity else None
+    if element is None or (place.of == "body" and not element.explicitinertial):
+        return False
+    (parameter,) = effect.parameters
+    number = float(given.values[parameter.symbol])
+    for attribute in place.attributes:
+        value = np.array(getattr(element, attribute), dtype=float)
+        if parameter.null == 1.0:
+            value *= number
+        elif place.power < value.size:
+            value.flat[place.power] += number
+        else:
+            return False
+        setattr(element, attribute, value if value.ndim else float(value))
     return True
 
 
-def _gain(spec: Any, effect: AppliedEffect) -> bool:
-    motor = spec.actuator(effect.on)
-    if motor is None:
+def _is_in_urdf(robot: ElementTree.Element, given: AppliedEffect) -> bool:
+    """Whether the effect is in the tree now: on `<dynamics>` of a joint, or as a denser link of the same shape."""
+    place = EFFECTS[given.name].mjcf
+    if place is None:
         return False
-    gear = np.array(motor.gear)
-    gear[0] *= float(effect.values["ratio"])
-    motor.gear = gear
+    if place.of == "body":
+        return _is_denser(robot, given)
+    joint = next((j for j in robot.findall("joint") if j.get("name") == given.on), None)
+    attribute = _DYNAMICS.get(place.attributes[0])
+    if joint is None or attribute is None or place.power > 0:
+        return False
+    own = joint.find("dynamics")
+    own = ElementTree.SubElement(joint, "dynamics") if own is None else own
+    (value,) = given.values.values()
+    own.set(attribute, repr(float(own.get(attribute, "0")) + float(value)))
     return True
 
 
-_MJCF_WRITERS: Mapping[str, Write] = {
-    "viscous_friction": _on_joint("damping", "b"),
-    "coulomb_friction": _on_joint("frictionloss", "F_c"),
-    "reflected_inertia": _on_joint("armature", "I"),
-    "spring": _on_joint("stiffness", "k"),
-    "quadratic_drag": _on_joint("damping", "c", 1),
-    "cubic_spring": _on_joint("stiffness", "k3", 2),
-    "parameter_error": _denser,
-    "input_gain": _gain,
-}
-
-
-def _dynamics(attribute: str, symbol: str) -> Write:
-    """Adds the value of a parameter to an attribute of the joint's `<dynamics>`."""
-
-    def write(robot: ElementTree.Element, effect: AppliedEffect) -> bool:
-        joint = next((j for j in robot.findall("joint") if j.get("name") == effect.on), None)
-        if joint is None:
-            return False
-        place = joint.find("dynamics")
-        place = ElementTree.SubElement(joint, "dynamics") if place is None else place
-        place.set(attribute, repr(float(place.get(attribute, "0")) + float(effect.values[symbol])))
-        return True
-
-    return write
-
-
-def _parameter(robot: ElementTree.Element, effect: AppliedEffect) -> bool:
-    """A denser link of the same shape: its inertia scales along with its mass."""
-    owner, _, quantity = effect.on.rpartition(".")
+def _is_denser(robot: ElementTree.Element, given: AppliedEffect) -> bool:
+    """Whether the inertia of the link was scaled along with its mass."""
+    owner, _, quantity = given.on.rpartition(".")
     link = next((e for e in robot.findall("link") if e.get("name") == owner), None)
     if quantity != "mass" or link is None:
         return False
-    ratio = float(effect.values["ratio"])
-    for tag, names in (("mass", ("value",)), ("inertia", ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))):
-        place = link.find(f"inertial/{tag}")
-        if place is None:
+    ratio = float(given.values["ratio"])
+    for tag, names in (("mass", ("value",)), ("inertia", _NAMES)):
+        own = link.find(f"inertial/{tag}")
+        if own is None:
             return False
         for name in names:
-            place.set(name, repr(float(place.get(name, "0")) * ratio))
+            own.set(name, repr(float(own.get(name, "0")) * ratio))
     return True
-
-
-_URDF_WRITERS: Mapping[str, Write] = {
-    "viscous_friction": _dynamics("damping", "b"),
-    "coulomb_friction": _dynamics("friction", "F_c"),
-    "parameter_error": _parameter,
-}
 
 
 _NAMES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

@@ -10,7 +10,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.config.model_files import named_by
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, optional
 from simgap.plants.urdf_checks import TRUST, check_units, loading
 
 if TYPE_CHECKING:
@@ -27,10 +27,8 @@ def require_mujoco(key: str = "simulator.engine") -> Any:
     Raises:
         UserError: it is not there.
     """
-    try:
+    with optional("MuJoCo", "mujoco", key=key):
         import mujoco
-    except ImportError:
-        raise UserError("MuJoCo is not installed", key=key, remedy="Install the extra: simgap[mujoco].") from None
     return mujoco
 
 

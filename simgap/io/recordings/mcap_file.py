@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from simgap import reading
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.channels import RawTable
-from simgap.errors import UserError, excerpt, placed
+from simgap.errors import UserError, excerpt, optional, placed
 from simgap.reading import require_room
 
 _FIELDS = ("position", "velocity", "effort")
@@ -320,14 +320,9 @@ def opened_bag(path: Path, file: str) -> Iterator[Bag]:
     Raises:
         UserError: a damaged file, no topic that is read, or a missing library.
     """
-    try:
+    with optional("the library for MCAP files", "mcap", file=file, key=None):
         import mcap_ros2.decoder  # noqa: F401
         from mcap.reader import make_reader
-    except ImportError:
-        raise UserError(
-            "is an MCAP file, which takes a library that is not installed", file=file,
-            remedy="Install it: pip install 'simgap[mcap]'.",
-        ) from None  # fmt: skip
     try:
         with reading.opened(path) as stream:
             summary = make_reader(stream, validate_crcs=True).get_summary()
