@@ -353,5 +353,5 @@ def reach_by_classes(
             key="hidden_state.classes",
             remedy="Leave the classes out, or use fewer cells",
         )
-    value, mask, _ = reach_by_rows(with_common_sweeps(systems), kind, target, free, threads, masks=True)
+    value, mask, _ = reach_by_rows(with_common_sweeps(systems), kind, target, free, threads)
     return ClassReach(value, mask, int(value.max(initial=0)))

@@ -33,7 +33,7 @@ class Reach:
 
     Attributes:
         value: worst-case steps to the target, (cells,) int32, 0 in the target and -1 where losing.
-        mask: admissible inputs, (cells, ceil(M / 8)) uint8 as in `bits`, none in the target; (cells, 0) if not asked.
+        mask: admissible inputs, (cells, ceil(M / 8)) uint8 as in `bits`, none in the target; (cells, 0) with an order.
         chosen: one admissible input of each cell, (cells,) int16, -1 in the target and where losing; (0,) if not asked.
         steps: the largest value.
         backend: `bit_rows` or `table`.
@@ -57,7 +57,6 @@ def reach_avoid(
     free: Bools,
     threads: int = 1,
     backend: Backend = "auto",
-    masks: bool = True,
     order: Ints | None = None,
 ) -> Reach:
     """Cells from which the target is reached in bounded time through free cells, whatever the disturbance does.
@@ -68,7 +67,6 @@ def reach_avoid(
         free: cells that a run may visit, (cells,).
         threads: rows are shared among this many threads; the result does not depend on it.
         backend: `bit_rows` where some axis allows it and else `table`, unless one is asked for.
-        masks: whether to record all admissible inputs.
         order: all inputs from the one that is liked best, (M,), of which each cell's first admissible one is recorded
             in the place of all: two bytes a cell instead of a bit for each input. A controller whose rule has that
             order (`controller.least_effort`) applies the same inputs.
@@ -89,25 +87,25 @@ def reach_avoid(
         )
     if rows is not None:
         kind = np.zeros(len(abstraction.inputs), np.int64)
-        levels, sets, one = reach_by_rows([rows], kind, target & free, free, threads, masks, order)
+        levels, sets, one = reach_by_rows([rows], kind, target & free, free, threads, order)
         value, mask, chosen = levels[:, 0], sets[:, 0], one[:, :1].reshape(-1)
     else:
         solve = (target & free).astype(np.uint8), free.astype(np.uint8)
-        value, mask = reach_by_table(abstraction, *solve, threads, masks or order is not None)
+        value, mask = reach_by_table(abstraction, *solve, threads)
         chosen = np.empty(0, np.int16) if order is None else preferred(mask, order)
         mask = mask if order is None else mask[:, :0]
     return Reach(value, mask, chosen, int(value.max(initial=0)), "table" if rows is None else "bit_rows")
 
 
 def reach_by_table(
-    abstraction: Abstraction, target: NDArray[np.uint8], free: NDArray[np.uint8], threads: int, masks: bool
+    abstraction: Abstraction, target: NDArray[np.uint8], free: NDArray[np.uint8], threads: int
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Levels and admissible inputs: flags (cells,) -> value (cells,), mask (cells, bytes), (cells, 0) without masks."""
+    """Levels and admissible inputs: flags (cells,) -> value (cells,), mask (cells, bytes)."""
     grid, n, shape = abstraction.grid, abstraction.grid.box.size, abstraction.shape
     row, rows = grid.cells[-1], grid.size // grid.cells[-1]
     model = (abstraction.post, abstraction.meta, abstraction.data, abstraction.table)
     value = np.where(target, 0, -1).astype(np.int32)
-    mask = np.zeros((grid.size, packed_width(len(abstraction.inputs)) if masks else 0), np.uint8)
+    mask = np.zeros((grid.size, packed_width(len(abstraction.inputs))), np.uint8)
     inputs = len(abstraction.inputs)
     reach = np.empty((rows, 2 * n), np.int32)
     over_rows(partial(_reach, *model, shape, n, inputs, row, reach), rows, threads)
@@ -182,7 +180,6 @@ def _level(  # type: ignore[no-untyped-def]
             value[cell] = level
             quiet[cell] = 0
             won += 1
-            if mask.shape[1] > 0:
-                for m in range(inputs):
-                    mask[cell, m >> 3] |= np.uint8(ok[m] << (m & 7))
+            for m in range(inputs):
+                mask[cell, m >> 3] |= np.uint8(ok[m] << (m & 7))
     return won
