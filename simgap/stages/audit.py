@@ -28,7 +28,7 @@ from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.parquet import table, write_parquet
-from simgap.io.shared_solution import SharedSolution
+from simgap.io.shared_solution import SharedSolution, scratch_folder
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.build import make_simulator
@@ -37,7 +37,6 @@ from simgap.stages import log
 from simgap.stages.arguments import CasePath, Gap, HowMany, Option, Out, Shards, Workers
 from simgap.stages.gap_inputs import read_samples
 from simgap.stages.margins import margins_of, summary
-from simgap.stages.scratch import scratch_folder
 from simgap.stages.validation import tolerated_share
 from simgap.synthesis.margins import Margins
 
