@@ -13,7 +13,7 @@ from simgap.config.plugged import Plugged
 class SynthesisSection(Section):
     """Cells of the abstraction and the specification."""
 
-    OPTIONAL = ("record", "layers")
+    OPTIONAL = ("record",)
 
     cells: tuple[Annotated[int, Field(ge=1)], ...] = Field(
         min_length=1, max_length=4, description="Cells per state, in order, over the safe set or the arena."
