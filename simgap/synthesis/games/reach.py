@@ -61,7 +61,6 @@ def reach_avoid(
     free: Bools,
     threads: int = 1,
     backend: Backend = "auto",
-    masks: bool = True,
     order: Ints | None = None,
     kind: Ints | None = None,
 ) -> Reach:
@@ -73,7 +72,6 @@ def reach_avoid(
         free: cells that a run may visit, (cells,).
         threads: rows are shared among this many threads; the result does not depend on it.
         backend: `bit_rows` where some axis allows it and else `table`, unless one is asked for.
-        masks: whether to record all admissible inputs.
         order: all inputs from the one that is liked best, (M,), of which each node's first admissible one is recorded
             in the place of all: two bytes a node instead of a bit for each input. A controller whose rule has that
             order (`controller.least_effort`) applies the same inputs.
@@ -100,25 +98,24 @@ def reach_avoid(
         )
     goal = target & free
     if by_rows:
-        value, sets, chosen = reach_by_rows(with_common_sweeps(rows), kind, goal, free, threads, masks, order)
+        value, sets, chosen = reach_by_rows(with_common_sweeps(rows), kind, goal, free, threads, order)
         mask, chosen = sets.reshape(value.size, sets.shape[2]), chosen.reshape(-1)
     else:
-        value, mask = reach_by_table(every, kind, goal, free, threads, masks or order is not None)
+        value, mask = reach_by_table(every, kind, goal, free, threads)
         chosen = np.empty(0, np.int16) if order is None else preferred(mask, order)
         mask = mask if order is None else mask[:, :0]
     return Reach(value.reshape(-1), mask, chosen, int(value.max(initial=0)), "bit_rows" if by_rows else "table")
 
 
 def reach_by_table(
-    boxes: Sequence[Abstraction], kind: Ints, target: Bools, free: Bools, threads: int, masks: bool
+    boxes: Sequence[Abstraction], kind: Ints, target: Bools, free: Bools, threads: int
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Levels and admissible inputs: sets of cells (cells,) -> value (nodes,), mask (nodes, bytes), (nodes, 0) without
-    masks."""
+    """Levels and admissible inputs: sets of cells (cells,) -> value (nodes,), mask (nodes, bytes)."""
     grid, inputs, shape = boxes[0].grid, len(kind), boxes[0].shape
     n, row, rows = grid.box.size, grid.cells[-1], grid.size // grid.cells[-1]
     classes = len(boxes)
     value = np.tile(np.where(target, 0, -1).astype(np.int32), (classes, 1))
-    mask = np.zeros((classes, grid.size, packed_width(inputs) if masks else 0), np.uint8)
+    mask = np.zeros((classes, grid.size, packed_width(inputs)), np.uint8)
     systems = [(a.post, a.meta, a.data, a.table, shape, n, inputs, row) for a in boxes]
     reach = np.empty((classes, rows, 2 * n), np.int32)
     for own, offsets in zip(systems, reach, strict=True):
@@ -211,7 +208,6 @@ def _level(  # type: ignore[no-untyped-def]
             value[cell] = level
             quiet[cell] = 0
             number += 1
-            if mask.shape[1] > 0:
-                for m in range(inputs):
-                    mask[cell, m >> 3] |= np.uint8(ok[m] << (m & 7))
+            for m in range(inputs):
+                mask[cell, m >> 3] |= np.uint8(ok[m] << (m & 7))
     return number
