@@ -139,7 +139,9 @@ def _swept_offsets(
 
 
 def with_common_sweeps(systems: Sequence[RowSystem]) -> list[RowSystem]:
-    """The systems with sizes of swept boxes that are counted through all of them."""
+    """The systems with sizes of swept boxes that are counted through all of them; one alone is as it was."""
+    if len(systems) == 1:
+        return list(systems)
     own = [s.swept_shapes[s.swept_of] for s in systems]
     shapes, place = np.unique(np.concatenate([o.reshape(-1, 4) for o in own]), axis=0, return_inverse=True)
     each = np.split(place.reshape(-1), np.cumsum([o.size // 4 for o in own])[:-1])
