@@ -38,7 +38,7 @@ include: "rules/paper.smk"
 # Of all that is written around an error its reason is the last that a person reads.
 onerror:
     import atexit
-    from simgap.cli.reasons import reasons
+    from simgap.cli.workflow import reasons
 
     written = [Path(path) for path in log]
     atexit.register(

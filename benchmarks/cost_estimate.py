@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from simgap.gap.sampling.points import own_point
-from simgap.io.job_times import JobTime, job_times
+from simgap.io.runs import JobTime, job_times
 from simgap.lint.costs import costs
 from simgap.lint.engine import of_engine
 from simgap.plants.context import Context

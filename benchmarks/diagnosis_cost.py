@@ -50,7 +50,7 @@ KEYS = (
     "inertia", "weight", "viscous", "forward", "backward", "rough", "lobes", "bias", "push", "push_hz", "K", "R", "L"
 )  # fmt: skip
 NULL = dict.fromkeys(KEYS, 0.0) | {"inertia": 1.0}
-PHASES = ("mended", "begun", "suspected", "searched", "left_out_by", "chosen", "conclude")
+PHASES = ("mended", "begun", "searched", "under_its_law", "chosen", "conclude")
 
 
 @njit

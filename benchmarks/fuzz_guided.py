@@ -23,7 +23,7 @@ from hostile.cases import ROOT
 from hostile.recordings import CSV
 
 RESULT = ROOT / "benchmarks/results/fuzz_guided.json"
-FOLLOWED = ["simgap.config.load", "simgap.config.load_yaml", "simgap.model.expressions", "simgap.model.tree",
+FOLLOWED = ["simgap.config.load", "simgap.config.load", "simgap.model.expressions", "simgap.model.tree",
             "simgap.plants.urdf_checks", "simgap.io.documents", "simgap.io.recordings.csv_file",
             "simgap.io.recordings.tables", "simgap.io.parquet", "simgap.units"]  # fmt: skip
 """Modules whose lines are followed: pure Python, for compiled kernels cannot be."""

@@ -21,7 +21,7 @@ import numpy as np
 import pybullet as p
 from rollouts import bare
 
-from simgap.io.job_times import job_times
+from simgap.io.runs import job_times
 
 OUT = Path(__file__).parent / "results" / "plain_run.json"
 GROUPS = {

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from schedule_stand_in import THEN
 
-from simgap.io.job_times import job_times
+from simgap.io.runs import job_times
 
 ROOT = Path(__file__).parents[1]
 WIDE = ("validation", "audit", "fresh", "synthesis")  # jobs that had two cores each

@@ -5,7 +5,6 @@ import os
 import sys
 from pathlib import Path
 
-from simgap.io.runs import RUN, follow_the_run
 from simgap.cache import machine_code
 from simgap.config.load import load_case
 from simgap.config.reads import READS
@@ -22,8 +21,7 @@ from simgap.gap.sampling.points import (
     shard_count,
 )
 from simgap.io.atomic import host, no_links_below
-from simgap.io.runs import LINKED, join
-from simgap.io.runs import announce
+from simgap.io.runs import LINKED, RUN, announce, follow_the_run, join
 from simgap.reading import is_file
 from simgap.provenance import (
     code_digest,

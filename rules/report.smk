@@ -126,29 +126,19 @@ def twin_file(wildcards):
 
 
 def report_options(wildcards, input):
-    """The files that only some cases have, each with its flag."""
-    flags = {
-        "audit": "--audit",
-        "margins": "--margins",
-        "diagnosis": "--diagnosis",
-        "transitions": "--transitions",
-        "twin": "--twin",
-        "printed": "--printed",
-        "corrected": "--corrected",
-        "corrected_gap": "--corrected-gap",
-        "corrected_summary": "--corrected-summary",
-        "corrected_nominal": "--corrected-nominal",
-        "corrected_robust": "--corrected-robust",
-    }
+    """Every file of the page with its flag, which is its name; files that a case lacks have none."""
     later = flagged("--later", "../report.html") if wildcards.tier == FIRST else []
     return later + [
-        word for name, flag in flags.items() for word in flagged(flag, input.get(name))
+        word
+        for name, files in input.items()
+        if name != "case"
+        for word in flagged(f"--{name.replace('_', '-')}", files)
     ]
 
 
 rule report:
     input:
-        gaps=gap_files,
+        gap=gap_files,
         samples=lambda w: f"{gap_folder(w)}/samples.parquet",
         nominal="results/{case}/synthesis/nominal/controller.npz",
         nominal_summary="results/{case}/synthesis/nominal/synthesis.json",
@@ -197,17 +187,12 @@ rule report:
         reads=reads("report"),
         code=code("report"),
         templates=TEMPLATES,
-        gaps=lambda w, input: flagged("--gap", input.gaps),
-        more=report_options,
+        files=report_options,
         which=lambda w: PAGES[w.tier],
     message:
         "{wildcards.case}: {params.which}"
     shell:
-        "simgap report {params.case:q} {params.gaps:q} --samples {input.samples:q}"
-        " --nominal {input.nominal:q} --nominal-summary {input.nominal_summary:q}"
-        " --robust {input.robust:q} --robust-summary {input.robust_summary:q}"
-        " --validation {input.validation:q} --traces {input.traces:q}"
-        " {params.more:q}"
+        "simgap report {params.case:q} {params.files:q}"
         " --picture {output.picture:q} --figures {output.figures:q}"
         " --out {output.page:q} --summary {output.summary:q} --log {log:q}"
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from simgap.bytecode import keep_bytecode
-from simgap.cache import keep_machine_code_by_sources
+from simgap.cache import keep_bytecode, keep_machine_code_by_sources
 
 if TYPE_CHECKING:
     __version__: str

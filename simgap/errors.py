@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import difflib
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,11 +44,37 @@ class UserError(SimgapError):
 
 @contextmanager
 def placed(*, file: str | Path | None = None, key: str | None = None, remedy: str | None = None) -> Iterator[None]:
-    """Mistakes of what is done within are told with this file and key, and with this remedy if one is given."""
+    """Mistakes of what is done within are told with this file and key where they name none, and with this remedy."""
     try:
         yield
     except UserError as error:
-        raise UserError(error.problem, file=file, key=key, remedy=remedy or error.remedy) from None
+        told = (file if error.file is None else error.file, error.key or key, remedy or error.remedy)
+        if told == (error.file, error.key, error.remedy):
+            raise
+        raise UserError(error.problem, file=told[0], key=told[1], remedy=told[2]) from None
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Remedy for a name that nothing has: the nearest one that is known, else all of them."""
+    every = list(known)
+    near = difflib.get_close_matches(name, every, n=1)
+    return f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(every)}."
+
+
+@contextmanager
+def optional(
+    product: str, extra: str, *, file: str | Path | None = None, key: str | None = "simulator.engine"
+) -> Iterator[None]:
+    """What is imported within is not installed with every simgap: where it is missing, one line names the extra.
+
+    Raises:
+        UserError: an import failed.
+    """
+    try:
+        yield
+    except ImportError:
+        remedy = f"Install the extra: pip install 'simgap[{extra}]'."
+        raise UserError(f"{product} is not installed", file=file, key=key, remedy=remedy) from None
 
 
 class BrokenPromise(SimgapError):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, placed
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,8 @@ def check_unit(unit: str, key: str) -> None:
         UserError: naming the key.
     """
     if unit not in _PLAIN:
-        try:
+        with placed(key=key):
             _parsed(unit)
-        except UserError as error:
-            raise UserError(error.problem, key=key, remedy=error.remedy) from None
 
 
 def require_unit(unit: str, wanted: str, key: str) -> None:

@@ -38,7 +38,7 @@ def read_altered_case(rng: random.Random, folder: Path) -> None:
 
 @cache
 def _parsed(name: str) -> Any:
-    from simgap.config.load_yaml import read_yaml
+    from simgap.config.load import read_yaml
 
     return read_yaml(ROOT / f"configs/cases/{name}.yaml")
 

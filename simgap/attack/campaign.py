@@ -1,7 +1,12 @@
-"""All closed-loop attacks on one plant: every rule in turn from the worst starts, each run judged."""
+"""All closed-loop attacks on one plant: every rule in turn from the worst starts, each run judged.
+
+A rule picks one of the admissible inputs, the worst in some sense: it gives every input a number and the largest is
+taken; equal ones are told apart at random.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,16 +14,95 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
+from simgap.attack.danger import Danger, WorstStarts
 from simgap.attack.law import Law, Options
-from simgap.attack.plants import Plants
-from simgap.attack.rules import Scene, choose
-from simgap.attack.share import KEPT
+from simgap.attack.plants import OneByOne, Plants, RolledOut, WorstDisturbance
+from simgap.attack.share import KEPT, share
+from simgap.gap.bounds.function import GapFunction
 from simgap.judge import Judge, split_by_run
+from simgap.plants.context import Context
+from simgap.simulators.base import Simulator
+from simgap.specifications.base import specification_of
 from simgap.specifications.monitor import Run
+from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 
 LENGTH = 200
 """Samples for which a run is to stay: more starts find more than longer runs, which end in the same few corners."""
+TOGETHER = 32  # runs side by side
+NEAREST, SLOWEST, LARGEST_GAP = "nearest to losing", "slowest", "largest use of gamma"
+REVERSAL, ALTERNATING, ANY = "largest change of input", "alternating extremes", "any admissible"
+_TIE = 1e-6  # of the range of a rule's numbers
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Data that rules rank inputs by.
+
+    Attributes:
+        predict: states (n, nx), input numbers (n,) and those before them (n,), -1 at rest -> where the plant gets to,
+            (n, nx): the middle of what is possible.
+        gap_share: how much of gamma a step uses, (n, nx), (n,) -> (n,); None where asking the simulator costs too much.
+        danger: of states; inputs: U, (M, nu); late: whether an input acts one sample after it is chosen.
+    """
+
+    predict: Callable[[Floats, Ints, Ints], Floats]
+    gap_share: Callable[[Floats, Ints], Floats] | None
+    danger: Danger
+    inputs: Floats
+    late: bool = False
+
+    def rules(self) -> tuple[str, ...]:
+        """Names of all rules that there are here."""
+        own = [NEAREST]
+        own += [SLOWEST] if self.danger.level is not None else []
+        own += [LARGEST_GAP] if self.gap_share is not None else []
+        own += [f"{end} of input {k + 1}" for k in range(self.inputs.shape[1]) for end in ("least", "largest")]
+        return (*own, REVERSAL, ALTERNATING, ANY)
+
+
+def choose(
+    rule: str,
+    scene: Scene,
+    x: Floats,
+    acting: Ints,
+    last: Ints,
+    step: int,
+    admissible: Bools,
+    rng: np.random.Generator,
+) -> Ints:
+    """One of the admissible inputs (n, M) for runs at states x (n, nx), by a rule: -> (n,).
+
+    `last` (n,) is the input that acted last, -1 where there is none, `acting` (n,) the one that acts now where inputs
+    are late, else `last` too; `step` counts the samples. Rows without an admissible input get any number.
+    """
+    row, column = np.nonzero(admissible)
+    score = np.full(admissible.shape, -np.inf)
+    if len(row):
+        values = _scores(rule, scene, x[row], acting[row], last[row], column, step)
+        spread = np.ptp(values) if len(values) > 1 else 0.0
+        score[row, column] = values + _TIE * (spread + 1e-12) * rng.uniform(size=len(row))
+    return np.argmax(score, axis=1).astype(np.int64)
+
+
+def _scores(rule: str, scene: Scene, x: Floats, acting: Ints, last: Ints, m: Ints, step: int) -> Floats:
+    """Numbers for pairs of a run and an input, (k,)."""
+    u, inputs = scene.inputs[m], scene.inputs
+    scale = np.maximum(np.abs(inputs).max(axis=0), 1e-300)
+    if rule in (NEAREST, SLOWEST):
+        at = scene.predict(x, acting, last) if scene.late else x
+        return scene.danger(scene.predict(at, m, acting), rule == SLOWEST)
+    if rule == LARGEST_GAP and scene.gap_share is not None:
+        return scene.gap_share(x, m)
+    if rule == REVERSAL:
+        before = np.where(acting[:, None] >= 0, inputs[acting], 0.0)
+        return np.abs((u - before) / scale).sum(axis=1)
+    if rule == ALTERNATING:
+        return (1.0 if step % 2 else -1.0) * (u / scale).sum(axis=1)
+    if rule == ANY:
+        return np.zeros(len(m))
+    end, axis = rule.split(" of input ")
+    return (1.0 if end == "largest" else -1.0) * u[:, int(axis) - 1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +136,8 @@ class Campaign:
     steps: int = 0
     violations: int = 0
     outside_gamma: int = 0
-    ends: dict[str, int] = field(default_factory=dict)
-    by: dict[str, int] = field(default_factory=dict)
+    ends: Counter[str] = field(default_factory=Counter)
+    by: Counter[str] = field(default_factory=Counter)
     broken: list[BrokenRun] = field(default_factory=list)
 
     def to_json(self) -> dict[str, Any]:
@@ -71,9 +155,8 @@ class Campaign:
         for part in parts:
             for name in ("runs", "steps", "violations", "outside_gamma"):
                 setattr(out, name, getattr(out, name) + getattr(part, name))
-            for name in ("ends", "by"):
-                own, other = getattr(out, name), getattr(part, name)
-                setattr(out, name, {k: own.get(k, 0) + other.get(k, 0) for k in (*own, *other)})
+            out.ends.update(part.ends)
+            out.by.update(part.by)
             out.broken += part.broken[: KEPT - len(out.broken)]
         return out
 
@@ -140,8 +223,8 @@ def _count(out: Campaign, opponent: Opponent, rule: str, runs: list[Run], steps:
         outcome, rows = judge.certified(verdict, count).outcome, slice(ends[i], ends[i + 1])
         out.runs, out.steps = out.runs + 1, out.steps + outcome.steps
         out.outside_gamma += count
-        out.ends[outcome.end] = out.ends.get(outcome.end, 0) + 1
-        out.by[rule] = out.by.get(rule, 0) + outcome.steps
+        out.ends[outcome.end] += 1
+        out.by[rule] += outcome.steps
         if not outcome.kept:
             out.violations += 1
             if len(out.broken) < KEPT:
@@ -222,3 +305,51 @@ class _Record:
             x, seen, known = self.x[: n + 1, i], self.seen[: n + 1, i], self.memory[: n + 1, i]
             out.append(Run(x, self.inputs[:n, i], bool(self.stuck[i]), seen, near, known))
         return out
+
+
+def attack_loops(
+    context: Context,
+    simulator: Simulator,
+    gap: GapFunction,
+    solution: Solution,
+    worst: WorstStarts,
+    steps: int,
+    rng: np.random.Generator,
+) -> dict[str, Campaign]:
+    """Both campaigns, of `steps` each: in the simulator and against the worst disturbance."""
+    case, space = context.case, Space.of(context.case)
+    danger = worst.danger
+    monitor = specification_of(case).monitor(space, solution)
+    error = space.vector(case.sensing.error if case.sensing else {})
+    law = Law(solution, context.input_set, error)
+    model, inputs = context.plant.sampled, context.input_set
+    most = case.validation.steps if case.validation is not None else 2000
+    judge = Judge(space, monitor, most, inputs, model, gap, solution)
+
+    def predict(x: Floats, m: Ints, before: Ints) -> Floats:
+        lo, hi = gap.bounds_after(space.wrapped(x), inputs[m], before)
+        return model.step(x, inputs[m]) + 0.5 * (lo + hi)
+
+    def use(x: Floats, m: Ints) -> Floats:
+        u = inputs[m]
+        d, (lo, hi) = simulator.rollouts(x, u) - model.step(x, u), gap.bounds(x, u)
+        return share(d, d, lo, hi)
+
+    holds = specification_of(case).holds
+    memoryless = case.hidden_state is None and not simulator.remembers
+    plant: Plants = RolledOut(simulator) if memoryless else OneByOne(simulator, monitor)
+    scene = Scene(predict, use if memoryless else None, danger, inputs, solution.late)
+    modelled = Scene(predict, None, danger, inputs, solution.late)
+    disturbed = WorstDisturbance(
+        model.step, lambda x, u, before: gap.bounds_after(space.wrapped(x), u, before), danger, monitor, rng
+    )
+
+    def starts(count: int) -> Floats:
+        return worst.draw(count, rng)
+
+    return {
+        "simulator": campaign(
+            Opponent(plant, judge, True, TOGETHER if memoryless else 1, holds), law, scene, starts, steps, rng
+        ),
+        "disturbance": campaign(Opponent(disturbed, judge, False, TOGETHER, holds), law, modelled, starts, steps, rng),
+    }

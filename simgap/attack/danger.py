@@ -65,19 +65,19 @@ class WorstStarts:
         fields = [danger.edge[cells]]
         fields += [np.nan_to_num(-margin[cells], nan=-np.inf)] if margin is not None else []
         fields += [danger.level[cells]] if danger.level is not None else []
-        self._grid = danger.grid
+        self.danger = danger
         self._pools = [cells, *(_cells_with_largest(cells, field) for field in fields)]
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """States (count, nx): half of them at corners of their cells, a quarter on a face, a quarter inside."""
         turns = rng.integers(0, len(self._pools), count)
         chosen = np.array([rng.choice(self._pools[k]) for k in turns], dtype=np.int64)
-        nx = self._grid.box.size
+        nx = self.danger.grid.box.size
         place, sign = rng.uniform(-0.999, 0.999, (count, nx)), rng.integers(0, 2, (count, nx))
         face = np.arange(nx) == rng.integers(0, nx, count)[:, None]
         where = rng.integers(0, 4, count)[:, None]
         pinned = (where < 2) | ((where == 2) & face)
-        return points_of_cells(self._grid, chosen, np.where(pinned, 2.0 * sign - 1.0, place))
+        return points_of_cells(self.danger.grid, chosen, np.where(pinned, 2.0 * sign - 1.0, place))
 
 
 def beginnings(solution: Solution) -> Ints:

@@ -6,17 +6,25 @@ own frame, and counts. The search is that of the bound itself (`gap.memory.searc
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.attack.share import Searched, Step, share
+from simgap.gap.bounds.body_frame import BodyFrameGap
+from simgap.gap.bounds.function import GapFunction
 from simgap.gap.memory.hidden_state import InputGrid
 from simgap.gap.memory.search import Histories, directed_search
+from simgap.gap.sampling.gap_samples import motion_of
+from simgap.gap.sampling.points import SEQUENCE, Columns, body_samples
+from simgap.plants.context import Context, pose_axes
+from simgap.simulators.base import PathSimulator, Simulator
+from simgap.simulators.body_samples import REST, BodySamples
 
 LINEAGES = 12
+WORST = 200  # known sequences, the worst of each table of samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +43,21 @@ class HistoryQuestion:
     inputs: Floats
     length: int
     heading: int = 2
+
+    @staticmethod
+    def of(context: Context, robot: Simulator, gap: GapFunction, length: int) -> HistoryQuestion:
+        """Of a robot in its own frame."""
+        assert isinstance(robot, PathSimulator)
+        assert isinstance(gap, BodyFrameGap)
+        motion, pose = motion_of(context), pose_axes(context)
+
+        def gaps(m: Ints, heading: float) -> Floats:
+            start = np.zeros(3)
+            start[pose[2]] = heading
+            paths = robot.chain(start, context.input_set[m])[1]
+            return BodySamples.of_paths(m, paths, robot.pose).final - motion[m]
+
+        return HistoryQuestion(gaps, gap.bounds_of_inputs, context.input_set, length, pose[2])
 
 
 def search_histories(question: HistoryQuestion, budget: int, rng: np.random.Generator, known: Ints) -> Searched:
@@ -73,3 +96,24 @@ def _worst(question: HistoryQuestion, m: Ints, heading: float, kind: str, found:
 
     found.see(kind, shares, step)
     return float(shares.max())
+
+
+def worst_histories(context: Context, gap: GapFunction, motion: Floats, tables: Sequence[Columns], length: int) -> Ints:
+    """Input numbers of the worst steps of random sequences, each with the `length` before it: (n, length + 1).
+
+    A table's rows are steps one after the other, of sequences that begin where the input before is `REST`; one without
+    a column `part` holds sequences alone. Steps with less than `length` before them are no beginning.
+    """
+    sequences, shares = np.empty((0, length + 1), np.int64), np.empty(0)
+    for table in tables:
+        own = body_samples(context.case, table, SEQUENCE if "part" in table else None)
+        if len(own.m) == 0 or not isinstance(gap, BodyFrameGap):
+            continue
+        d = own.final - motion[own.m]
+        found, row = share(d, d, *gap.bounds_of_inputs(own.m, own.previous)), np.arange(len(own.m))
+        began = np.maximum.accumulate(np.where(own.previous == REST, row, 0))
+        late = np.flatnonzero(row - began >= length)
+        rows = late[np.argsort(-found[late], kind="stable")[:WORST]]
+        sequences = np.concatenate([sequences, own.m[rows[:, None] + np.arange(-length, 1)]])
+        shares = np.concatenate([shares, found[rows]])
+    return sequences[np.argsort(-shares, kind="stable")[:WORST]]

@@ -14,24 +14,8 @@ from functools import cached_property
 import numpy as np
 
 from simgap.arrays import Bools, Floats, Ints
-from simgap.gap.bounds.body_frame import BodyFrameGap
-from simgap.simulators.body_samples import REST
 from simgap.specifications.solution import Solution
 from simgap.synthesis.input_sets import unpack
-
-__all__ = ["REST", "class_bounds", "stepped"]
-
-
-def stepped(solution: Solution, memory: Ints, decided: Ints) -> tuple[Ints, Ints]:
-    """Which inputs act now, and the memory afterwards: (n,), (n,) -> (n,), (n,)."""
-    now, after = solution.step(memory, decided)
-    return np.asarray(now, np.int64), np.asarray(after, np.int64)
-
-
-def class_bounds(gap: BodyFrameGap, m: Ints, before: Ints) -> tuple[Floats, Floats]:
-    """Body-frame bounds of steps with input numbers (k,) after others (k,), `REST` among them: two (k, 3)."""
-    kind = gap.classes.after(before)
-    return gap.class_lower[kind, m], gap.class_upper[kind, m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +64,8 @@ class Law:
 
     def applied(self, memory: Ints, decided: Ints) -> tuple[Ints, Ints]:
         """Which inputs act now, and the memory afterwards: (n,), (n,) -> (n,), (n,)."""
-        return stepped(self.solution, memory, decided)
+        now, after = self.solution.step(memory, decided)
+        return np.asarray(now, np.int64), np.asarray(after, np.int64)
 
     def options(self, x: Floats, memory: Ints) -> Options:
         """At true states (n, nx) and memories (n,)."""

@@ -8,20 +8,29 @@ cost is that of the simulator.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.attack.known import border, pinned_to_border
 from simgap.attack.share import Searched, Step, share
+from simgap.gap.bounds.function import GapDomain, GapFunction
+from simgap.gap.sampling.border_samples import switching_surfaces
+from simgap.gap.sampling.borders import critical_points
+from simgap.gap.sampling.points import Columns, stacked, successors
 from simgap.geometry import Box
+from simgap.plants.context import Context
+from simgap.simulators.base import Simulator
 
 CLIMBERS = 64
 LARGEST_STEP, SMALLEST_STEP = 0.1, 1e-7  # shares of the width of X
 EVOLVED = 0.15  # share of the budget
 BEGINNING = 0.3  # most of the budget that goes to looking at the places to begin
+BINS = 6  # along each axis of X; known steps of one bin are taken in turns with those of others
+WORST = 2_000  # known steps, the worst of each table of samples
+MOST_PLACES = 2_000  # states on the border of X and beside switching surfaces; a finer lattice is thinned
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +52,20 @@ class Question:
     inputs: Floats
     free: tuple[int, ...] = ()
     places: Floats | None = None
+
+    @staticmethod
+    def of(context: Context, simulator: Simulator, gap: GapFunction) -> Question:
+        """Of a simulator that is a function of state and input, or a range of it where commands are late."""
+
+        def successors(x: Floats, u: Floats) -> tuple[Floats, Floats]:
+            if simulator.remembers:
+                return simulator.spread(x, u)
+            following = simulator.rollouts(x, u)
+            return following, following
+
+        step, domain = context.plant.sampled.step, gap.domain
+        places = places_of_jumps(context, domain)
+        return Question(successors, step, gap.bounds, context.box, context.input_set, domain.free, places)
 
 
 class PointSearch:
@@ -185,3 +208,72 @@ def neighbours(inputs: Floats) -> Ints:
     far = (((inputs[:, None] - inputs[None]) / scale) ** 2).sum(axis=2)
     np.fill_diagonal(far, np.inf)
     return np.argsort(far, axis=1, kind="stable")[:, :count].astype(np.int64)
+
+
+def worst_first(box: Box, x: Floats, shares: Floats, count: int) -> Ints:
+    """Rows of the `count` worst of some steps, the worst of each part of X before the second worst of any.
+
+    A gap is often worst on one ridge; a search that begins on it alone would not see another.
+
+    Args:
+        box: X; x: (n, nx) states; shares: (n,).
+    """
+    place = np.clip((x - box.lo) / (box.hi - box.lo), 0.0, 1.0 - 1e-12)
+    part = np.ravel_multi_index(tuple((place * BINS).astype(np.int64).T), (BINS,) * box.size)
+    order = np.lexsort((-shares, part))
+    first = np.concatenate([[True], part[order][1:] != part[order][:-1]])
+    begins = np.maximum.accumulate(np.where(first, np.arange(len(order)), 0))
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order)) - begins
+    return np.lexsort((-shares, rank))[:count]
+
+
+def border(box: Box, free: tuple[int, ...] = (), between: int = 5) -> Floats:
+    """Corners, edges, faces and centre of X, with `between` points along what each of them leaves free: (n, nx).
+
+    Axes in `free`, on which nothing depends, stay in the middle.
+    """
+    levels = [
+        np.array([0.5 * (lo + hi)]) if j in free else np.linspace(lo, hi, between + 2)
+        for j, (lo, hi) in enumerate(zip(box.lo, box.hi, strict=True))
+    ]
+    points = np.array(list(itertools.product(*levels)))
+    ends = (points == box.lo) | (points == box.hi)
+    middle = np.all(points == 0.5 * (box.lo + box.hi), axis=1)
+    return points[ends.any(axis=1) | middle]
+
+
+def pinned_to_border(box: Box, rng: np.random.Generator, count: int, free: tuple[int, ...] = ()) -> Floats:
+    """Random points with each coordinate at an end of X every third time: (count, nx)."""
+    x = box.sample(rng, count)
+    ends = np.where(rng.integers(0, 2, x.shape) == 1, box.hi, box.lo)
+    pinned = rng.integers(0, 3, x.shape) == 0
+    pinned[:, list(free)] = False
+    return np.where(pinned, ends, x)
+
+
+def places_of_jumps(context: Context, domain: GapDomain) -> Floats:
+    """States where a gap may jump, (n, nx): the border of X, and both sides of the switching surfaces of the case."""
+    beside = critical_points(domain, switching_surfaces(context), most=MOST_PLACES).x
+    return np.unique(np.concatenate([border(context.box, domain.free), beside]), axis=0)
+
+
+def worst_steps(context: Context, gap: GapFunction, tables: Sequence[Columns]) -> tuple[Floats, Ints]:
+    """States (n, nx) and input numbers (n,) of the worst steps of some tables of roll-outs, worst first."""
+    x, u, shares = np.empty((0, len(context.states))), np.empty((0, len(context.inputs))), np.empty(0)
+    for table in tables:
+        own_x, own_u = stacked(table, context.states), stacked(table, context.inputs)
+        ends = [successors(table, name) for name in context.states]
+        predicted = context.plant.sampled.step(own_x, own_u)
+        least, largest = (np.stack([pair[k] for pair in ends], axis=1) - predicted for k in (0, 1))
+        own = share(least, largest, *gap.bounds(own_x, own_u))
+        rows = worst_first(context.box, own_x, own, WORST)
+        x, u = np.concatenate([x, own_x[rows]]), np.concatenate([u, own_u[rows]])
+        shares = np.concatenate([shares, own[rows]])
+    order = worst_first(context.box, x, shares, WORST)
+    return x[order], numbers(context.input_set, u[order])
+
+
+def numbers(inputs: Floats, u: Floats) -> Ints:
+    """Numbers of inputs of U (M, nu): (n, nu) -> (n,)."""
+    return np.argmin(((u[:, None] - inputs[None]) ** 2).sum(axis=2), axis=1).astype(np.int64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -59,12 +60,12 @@ class Searched:
     violations: int = 0
     worst: Step | None = None
     outside: list[Step] = field(default_factory=list)
-    by: dict[str, int] = field(default_factory=dict)
+    by: Counter[str] = field(default_factory=Counter)
 
     def see(self, kind: str, shares: Floats, step: Callable[[int], Step]) -> None:
         """Take note of evaluations, (n,) shares; `step(k)` describes the k-th."""
         self.evaluations += len(shares)
-        self.by[kind] = self.by.get(kind, 0) + len(shares)
+        self.by[kind] += len(shares)
         bad = np.flatnonzero(shares > 0.0)
         self.violations += len(bad)
         self.outside += [step(int(k)) for k in bad[: KEPT - len(self.outside)]]
@@ -83,5 +84,5 @@ class Searched:
             out.outside += part.outside[: KEPT - len(out.outside)]
             if part.worst is not None and (out.worst is None or part.worst.share > out.worst.share):
                 out.worst = part.worst
-            out.by = {k: out.by.get(k, 0) + part.by.get(k, 0) for k in (*out.by, *part.by)}
+            out.by.update(part.by)
         return out

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,14 @@ from simgap.attack.campaign import BrokenRun
 from simgap.attack.share import Step
 from simgap.errors import UserError
 from simgap.gap.fitting.acceptance import worst_outside
+from simgap.gap.json_record import JsonRecord
 
 STEP, RUN = "step outside gamma", "closed-loop run"
 SIMULATOR, DISTURBANCE = "simulator", "disturbance"
 
 
 @dataclass(frozen=True, eq=False)
-class Witness:
+class Witness(JsonRecord):
     """One step outside gamma, or one run that breaks what the controller promises.
 
     Attributes:
@@ -65,24 +66,24 @@ class Witness:
         u, end = inputs[run.inputs], broken.end
         return Witness(RUN, plant, what, broken.rule, end, u, run.x, run.seen, nothing, nothing, nothing)
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return dict(vars(self))
-
-    @staticmethod
-    def from_json(data: dict[str, Any], nx: int, nu: int) -> Witness:
-        """The inverse of `to_json`.
+    @classmethod
+    def read(cls, data: Mapping[str, Any], nx: int, nu: int) -> Witness:
+        """From the content of a witness.json.
 
         Raises:
             UserError: a file that is no witness of a case with that many states and inputs.
         """
         try:
-            kind, plant, what, rule, end = (str(data[name]) for name in ("kind", "plant", "what", "rule", "end"))
-            inputs = np.array(data["inputs"], dtype=np.float64).reshape(-1, nu)
-            states, measured = (np.array(data[n], dtype=np.float64).reshape(-1, nx) for n in ("states", "measured"))
-            d, lo, hi = (np.array(data[n], dtype=np.float64) for n in ("d", "lo", "hi"))
+            own = cls.from_json(data)
+            states, measured = own.states.reshape(-1, nx), own.measured.reshape(-1, nx)
+            own = replace(own, inputs=own.inputs.reshape(-1, nu), states=states, measured=measured)
         except (KeyError, TypeError, ValueError):
-            kind = ""
-        if kind not in (STEP, RUN) or (len(inputs) == 0 and kind == STEP) or len(states) == 0:
+            own = None
+        if (
+            own is None
+            or own.kind not in (STEP, RUN)
+            or not len(own.states)
+            or (own.kind == STEP and not len(own.inputs))
+        ):
             raise UserError("not a witness of this case", remedy="Give a witness.json that the audit wrote.")
-        return Witness(kind, plant, what, rule, end, inputs, states, measured, d, lo, hi)
+        return own

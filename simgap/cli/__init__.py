@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simgap.cli.quiet import imported
+from simgap.cli.process import imported
 
 # isort: split
 import errno
@@ -15,12 +15,11 @@ from typing import Any
 import typer
 
 from simgap.cli.commands import app
-from simgap.cli.lean import without_pandas, without_searching
+from simgap.cli.process import without_pandas, without_searching
 from simgap.cli.terminal import announce_code, say
 from simgap.errors import SimgapError, UserError, excerpt
 from simgap.io.atomic import not_linked
-from simgap.io.job_times import COST_LINE, cpu_seconds
-from simgap.io.runs import follow_the_run
+from simgap.io.runs import COST_LINE, cpu_seconds, follow_the_run
 from simgap.notation import one_line
 
 __all__ = ["app", "main"]

@@ -69,7 +69,7 @@ GROUPS: Mapping[str, Mapping[str, Command]] = {
         "effects": Command("simgap.cli.measured:effects"),
     },
     "Results": {
-        "view": Command("simgap.cli.view:view"),
+        "view": Command("simgap.cli.tools:view"),
         "times": Command("simgap.cli.tools:times"),
         "replay": Command("simgap.cli.tools:replay"),
     },

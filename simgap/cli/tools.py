@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -10,11 +17,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from simgap import reading
 from simgap.cli.options import AsJson, Log, Out, new_file, start_log
 from simgap.cli.terminal import console, say, say_json
+from simgap.errors import UserError
 
 if TYPE_CHECKING:
-    from simgap.io.job_times import JobTime
+    from simgap.io.runs import JobTime
 
 
 def times(
@@ -22,7 +31,7 @@ def times(
     as_json: AsJson = False,
 ) -> None:
     """Show where the time of a run went: every job with its wall time, CPU time and memory, the costliest first."""
-    from simgap.io.job_times import job_times
+    from simgap.io.runs import job_times
 
     jobs = job_times(results)
     if as_json:
@@ -94,3 +103,110 @@ def reference(
 
     for name, text in pages().items():
         write_text(out / name, text)
+
+
+RECORDINGS = ("trace/trace.rrd", "trace.rrd", "residual.rrd", "diagnosis/residual.rrd")
+"""Where recordings stand in a folder of results, the first that is there is meant."""
+SIZE, LONGEST = "1600x1000", 180.0  # of a picture, and how long the viewer may take for it, s
+LOOPBACK = "127.0.0.1"  # Rerun's own default is every network that the machine is on
+
+
+def view(
+    what: Annotated[
+        Path, typer.Argument(help="results/CASE, the folder of a diagnosis, or a recording.", show_default=False)
+    ],
+    web: Annotated[bool, typer.Option("--web", help="In the browser, the default without a display.")] = False,
+    only_print: Annotated[bool, typer.Option("--print", help="Print the command and stop.")] = False,
+    picture: Annotated[
+        Path | None, typer.Option(help="Write what the viewer shows as PNG and stop.", callback=new_file)
+    ] = None,
+) -> None:
+    """Open a recording in Rerun's viewer, which no other machine can reach."""
+    file = recording_of(what)
+    words = command(file, web or not displayed()) if picture is None else pictured(file, picture)
+    if only_print:
+        say(shlex.join(words))
+        return
+    if picture is not None:
+        _take(words, picture)
+        return
+    others = [str(p) for p in (what / name for name in RECORDINGS) if reading.is_file(p) and p != file]
+    say(f"Opening {file}" + (f" (there is also {', '.join(others)})" if others else ""))
+    raise typer.Exit(_until_closed(words))
+
+
+def recording_of(what: Path) -> Path:
+    """The recording that is meant by a file or a folder of results.
+
+    Raises:
+        UserError: none is there.
+    """
+    if what.suffix == ".rrd" and reading.is_file(what):
+        return what
+    folder = what if what.is_dir() else what.parent
+    found = next((folder / name for name in RECORDINGS if reading.is_file(folder / name)), None)
+    if found is None or not what.exists():
+        raise UserError(
+            "no recording here" if what.exists() else "does not exist", file=what,
+            remedy="Give results/CASE of a case that has run to its end, the --out of a diagnosis, or a .rrd file.",
+        )  # fmt: skip
+    return found
+
+
+def displayed() -> bool:
+    """True if a window can be opened here."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def command(file: Path, web: bool) -> Sequence[str]:
+    """Words of a command that opens a recording, in a window or in the browser."""
+    viewer = Path(sys.executable).with_name("rerun")
+    shown = [str(viewer) if reading.is_file(viewer) else "rerun", str(file), "--bind", LOOPBACK, "--port", "auto"]
+    return [*shown, "--web-viewer"] if web else shown
+
+
+def pictured(file: Path, picture: Path) -> Sequence[str]:
+    """Words of a command that writes a picture of a recording, on a display in memory where there is no other.
+
+    Raises:
+        UserError: there is no display and nothing to make one with.
+    """
+    shown = [*command(file, web=False), "--window-size", SIZE, "--screenshot-to", str(picture)]
+    if displayed():
+        return shown
+    if shutil.which("xvfb-run") is None:
+        raise UserError(
+            "there is no display here, nor Xvfb to make one in memory", key="--picture",
+            remedy="Debian and Ubuntu: apt install xvfb xauth mesa-vulkan-drivers.",
+        )  # fmt: skip
+    # The pointer stands in the middle of the screen: outside the window, so that it hovers over nothing.
+    return ["env", "WGPU_BACKEND=vulkan", "xvfb-run", "-a", "-s", "-screen 0 3600x2400x24", *shown]
+
+
+def _take(words: Sequence[str], picture: Path) -> None:
+    """Write a picture.
+
+    Raises:
+        UserError: the viewer has written none.
+    """
+    before = picture.stat().st_mtime_ns if picture.exists() else None
+    _until_closed(words, LONGEST)
+    if not picture.exists() or picture.stat().st_mtime_ns == before:
+        raise UserError(
+            "the viewer has written no picture", file=picture, remedy=f"See what it says: {shlex.join(words)}"
+        )
+
+
+def _until_closed(words: Sequence[str], longest: float | None = None) -> int:
+    """Run the viewer to its end, or for so many seconds: -> its status. A wrapper starts it, so its group is ended."""
+    try:
+        viewer = subprocess.Popen(words, start_new_session=True)
+    except FileNotFoundError:
+        raise UserError("Rerun's viewer is not installed", key=words[0], remedy="pip install rerun-sdk") from None
+    try:
+        return viewer.wait(longest)
+    except (KeyboardInterrupt, subprocess.TimeoutExpired):
+        return 0
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(viewer.pid, signal.SIGTERM)

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Annotated, Any, ClassVar
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Field,
     SerializerFunctionWrapHandler,
     WithJsonSchema,
     model_serializer,
@@ -54,6 +56,16 @@ def _to(unit: str) -> BeforeValidator:
     return BeforeValidator(read)
 
 
+def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] < ends[1]:
+        raise ValueError(f"it is upside down: {ends[0]} is not below {ends[1]}. Give the lower end first")
+    return ends
+
+
+Interval = Annotated[tuple[float, float], AfterValidator(_ordered)]
+"""Lower and upper end."""
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 _NUMBER_OR_TEXT: dict[str, Any] = {"anyOf": [{"type": "number"}, {"type": "string"}]}
 Seconds = Annotated[float, _to("s"), WithJsonSchema(_NUMBER_OR_TEXT)]
 Hours = Annotated[float, _to("h"), WithJsonSchema(_NUMBER_OR_TEXT)]

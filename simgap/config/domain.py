@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from simgap.arrays import Floats
-from simgap.config.base import Seconds, Section
+from simgap.config.base import Interval, Seconds, Section
 
 
 class InputSet(Section):
@@ -54,7 +54,7 @@ class DomainSection(Section):
     """Where the model is compared with the simulator and where the controller works."""
 
     tau: Seconds = Field(gt=0, description="Sampling time, in seconds or with a unit ('5 ms').")
-    X: dict[str, tuple[float, float]] = Field(
+    X: dict[str, Interval] = Field(
         description="For each state its lower and upper end, in its unit; angles in rad, not degrees."
     )
     U: dict[str, InputSet] = Field(description="For each input the values that it may take.")
@@ -63,10 +63,7 @@ class DomainSection(Section):
     )
 
     @model_validator(mode="after")
-    def _upright(self) -> DomainSection:
-        for name, (lo, hi) in self.X.items():
-            if not lo < hi:
-                raise ValueError(f"the box is upside down for {name}: {lo} is not below {hi}. Give the lower end first")
+    def _periodic_states(self) -> DomainSection:
         unknown = [name for name in self.periodic if name not in self.X]
         if unknown:
             raise ValueError(f"periodic names {unknown}, which are not states of X")

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from simgap.config.base import Section
+from simgap.config.base import Interval, NotNegative, Positive, Section
 from simgap.config.plugged import Plugged
 from simgap.geometry import Box
 
@@ -42,7 +42,7 @@ class GridSection(Section):
     eps: float | None = Field(
         None, gt=0, description="Radius of the balls around samples: no cell's half-diagonal is longer."
     )
-    half_widths: dict[str, float] = Field(
+    half_widths: dict[str, Positive] = Field(
         default_factory=dict,
         description="Instead of eps: for each state half the width of a cell, in its unit; states along which a "
         "translation is declared (`symmetry`) need none.",
@@ -53,9 +53,6 @@ class GridSection(Section):
     def _one_of_both(self) -> GridSection:
         if (self.eps is None) == (not self.half_widths):
             raise ValueError("a grid has either eps or half_widths: give one of them")
-        bad = [name for name, value in self.half_widths.items() if not value > 0]
-        if bad:
-            raise ValueError(f"the half-width of {bad} is not positive")
         return self
 
 
@@ -158,27 +155,10 @@ class ConformalSection(Section):
 class RemainderWithin(Section):
     """More is left in a part of X."""
 
-    where: dict[str, tuple[float, float]] = Field(
-        description="For a state, from and to, in its unit; a state that is not named may be anything."
+    where: dict[str, Interval] = Field(
+        min_length=1, description="For a state, from and to, in its unit; a state that is not named may be anything."
     )
-    by: dict[str, float] = Field(description="For a state, what is left there in one step, in its unit.")
-
-    @model_validator(mode="after")
-    def _ordered(self) -> RemainderWithin:
-        if not self.where:
-            raise ValueError("where names a state at least; what holds everywhere is gap.remainder")
-        for name, (lo, hi) in self.where.items():
-            if not lo < hi:
-                raise ValueError(f"the range {[lo, hi]} of {name} is empty: from must be below to")
-        _refuse_negative(self.by)
-        return self
-
-
-def _refuse_negative(remainder: dict[str, float]) -> None:
-    """A remainder moves a bound outward alone."""
-    bad = [name for name, v in remainder.items() if not 0.0 <= v < float("inf")]
-    if bad:
-        raise ValueError(f"what is left of {', '.join(bad)} is no finite number of at least 0")
+    by: dict[str, NotNegative] = Field(description="For a state, what is left there in one step, in its unit.")
 
 
 class GapSection(Section):
@@ -218,7 +198,7 @@ class GapSection(Section):
     fresh_samples: int = Field(
         300_000, ge=1, description="Random off-grid samples for the check, never used in the fit."
     )
-    remainder: dict[str, float] = Field(
+    remainder: dict[str, NotNegative] = Field(
         default_factory=dict,
         description="For a state, what measured data leave unexplained in one step, in its unit; added on both sides "
         "of the bound so that it covers the hardware and not the simulator alone. `simgap diagnose` writes it.",
@@ -234,11 +214,6 @@ class GapSection(Section):
     lipschitz: LipschitzSection = Field(LipschitzSection(), description="How Lipschitz constants are estimated.")
     conformal: ConformalSection = Field(ConformalSection(), description="Options of the conformal bound.")
     seed: int = Field(1, ge=0, description="Of the fresh samples and of everything random in the fit.")
-
-    @model_validator(mode="after")
-    def _remainder_is_outward(self) -> GapSection:
-        _refuse_negative(self.remainder)
-        return self
 
     @model_validator(mode="after")
     def _conformal_is_tolerated(self) -> GapSection:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from simgap.config.base import Section
-from simgap.config.load_yaml import read_yaml
-from simgap.errors import UserError
+from simgap.config.load import read_yaml, validated
 
 
 class Excitation(Section):
@@ -53,9 +52,4 @@ def load_rig(path: Path) -> Rig:
     Raises:
         UserError: missing file, unknown, missing or wrong key.
     """
-    try:
-        return Rig.model_validate(read_yaml(path))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"]) or None
-        raise UserError(str(first["msg"]), file=path, key=key, remedy="See configs/rigs/pendulum.yaml.") from None
+    return validated(Rig, read_yaml(path), path)

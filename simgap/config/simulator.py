@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
-from simgap.config.base import Section
+from simgap.config.base import NotNegative, Section
 from simgap.config.plant import AddedEffect
 from simgap.config.plugged import Plugged
 from simgap.errors import UserError
@@ -59,16 +59,8 @@ class TwinSection(Section):
     of: Annotated[EngineSection, Plugged("engines", "engine")] = Field(
         description="The engine it stands for, with its keys, as in `simulator`."
     )
-    tolerance: dict[str, float] = Field(
+    tolerance: dict[str, NotNegative] = Field(
         default_factory=dict,
         description="For a state, the largest difference after one step that is taken, in its unit; more fails the "
         "run. States that are not named are measured and not judged.",
     )
-
-    @field_validator("tolerance")
-    @classmethod
-    def _not_negative(cls, value: dict[str, float]) -> dict[str, float]:
-        bad = [name for name, limit in value.items() if limit < 0]
-        if bad:
-            raise ValueError(f"the tolerance of {bad} is negative")
-        return value

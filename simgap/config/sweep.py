@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from simgap.config.base import Section
 from simgap.config.case import Case
-from simgap.config.load import case_content, parse_case, problem_and_remedy
-from simgap.config.load_yaml import read_yaml
+from simgap.config.load import case_content, parse_case, read_yaml, validated
 from simgap.errors import UserError
 
 MARK = "--"
@@ -62,17 +61,7 @@ def load_sweep(path: Path) -> Sweep:
     Raises:
         UserError: a file that is missing or no YAML, an unknown or wrong key.
     """
-    try:
-        return Sweep.model_validate(read_yaml(path))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"]) or None
-        if first["type"] in ("extra_forbidden", "missing"):
-            known = ", ".join(Sweep.model_fields)
-            problem = "unknown key" if first["type"] == "extra_forbidden" else "this key is missing"
-            raise UserError(problem, file=path, key=key, remedy=f"A sweep has: {known}.") from None
-        problem, remedy = problem_and_remedy(first)
-        raise UserError(problem, file=path, key=key, remedy=remedy) from None
+    return validated(Sweep, read_yaml(path), path)
 
 
 def base_of(path: Path) -> Path:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
-from simgap.config.base import Section
+from simgap.config.base import NotNegative, Section
 from simgap.config.plugged import Plugged
 
 
 class SynthesisSection(Section):
     """Cells of the abstraction and the specification."""
+
+    OPTIONAL = ("record", "layers")
 
     cells: tuple[Annotated[int, Field(ge=1)], ...] = Field(
         min_length=1, max_length=4, description="Cells per state, in order, over the safe set or the arena."
@@ -26,14 +28,12 @@ class SynthesisSection(Section):
     )
     record: Literal["all", "one"] = Field(
         "all",
-        exclude_if=lambda value: value == "all",  # what a case reads that does not ask for it stays what it was
         description="Whether the controller keeps all admissible inputs of a cell, a bit for each input, or the one "
         "that `least_effort` picks, two bytes: for very many cells and inputs, where something is to be reached. What "
         "it applies is the same; the audit, the margins and a certificate are then about that one input.",
     )
     layers: int = Field(
         1, ge=1, le=8,
-        exclude_if=lambda value: value == 1,
         description="Sizes of cells by which a set to be held is found, the largest of 2^(layers - 1) cells a side: "
         "large ones are split only where they do not decide. The result is that of one layer, bit for bit; from three "
         "states on 3 is several times faster. For perfect measurements, states that do not wrap, and a gap that "
@@ -47,7 +47,7 @@ class SynthesisSection(Section):
 class SensingSection(Section):
     """A bounded measurement error and a latency in whole samples."""
 
-    error: dict[str, float] = Field(
+    error: dict[str, NotNegative] = Field(
         default_factory=dict, description="For a state, the largest |measured - true|, in its unit; 0 if not given."
     )
     latency: int = Field(0, ge=0, le=1, description="Samples between a measurement and the input that uses it.")
@@ -67,11 +67,3 @@ class SensingSection(Section):
     def known_delay(self) -> int:
         """Samples of the inputs' delay that the controller knows of as its latency."""
         return self.latency if self.latency_of == "input_delay" else 0
-
-    @field_validator("error")
-    @classmethod
-    def _not_negative(cls, value: dict[str, float]) -> dict[str, float]:
-        bad = [name for name, e in value.items() if e < 0]
-        if bad:
-            raise ValueError(f"the error of {bad} is negative")
-        return value

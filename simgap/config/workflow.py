@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field, field_validator
 
 from simgap.config.base import Section
-from simgap.config.load import problem_and_remedy
-from simgap.errors import UserError
+from simgap.config.load import validated
 
 
 class EpsSweep(Section):
@@ -29,6 +28,13 @@ class WorkflowConfig(Section):
         default_factory=dict, description="More points, by case, for the table of eps of a full run."
     )
 
+    @field_validator("cases", mode="before")
+    @classmethod
+    def _names(cls, value: object) -> object:
+        if isinstance(value, str):
+            raise ValueError(f"a list of names is needed, got '{value}'. Write `cases: [{value}]`.")
+        return value
+
 
 def workflow_config(content: Mapping[str, Any]) -> WorkflowConfig:
     """The checked settings of a run.
@@ -36,19 +42,4 @@ def workflow_config(content: Mapping[str, Any]) -> WorkflowConfig:
     Raises:
         UserError: an unknown or wrong key, named.
     """
-    try:
-        return WorkflowConfig.model_validate(dict(content))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"])
-        if key == "cases" and isinstance(first.get("input"), str):
-            name = first["input"]
-            problem, remedy = f"a list of names is needed, got '{name}'", f"Write `cases: [{name}]`."
-        elif first["type"] == "extra_forbidden":
-            problem, remedy = "unknown key", f"Known: {', '.join(WorkflowConfig.model_fields)}."
-        elif first["type"] == "missing":
-            problem, remedy = "this key is missing", "Add it."
-        else:
-            problem, said = problem_and_remedy(first)
-            remedy = said or "Correct it."
-        raise UserError(problem, file="the run's config", key=key, remedy=remedy) from None
+    return validated(WorkflowConfig, dict(content), "the run's config")

@@ -11,11 +11,11 @@ from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.noise import PlantChanged
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Estimate, FoundEffect, RecordingFault
+from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
 from simgap.diagnosis.thresholds import FEWEST_WINDOWS, FIT_QUALITY, MIN_SAMPLES, MOST, RAMP_ENDS, SIDES_ALIKE
-from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS
 from simgap.effects.quoted import Quoted
 from simgap.errors import UserError
@@ -95,7 +95,7 @@ def _cut(record: Record, change: Change, window_s: float) -> tuple[Record | None
             side.insert(at, split.part(which))
     if change.begin == change.end:  # between two traces
         before, after = list(record.traces[: change.trace]), list(record.traces[change.trace :])
-    return tuple(replace(record, traces=tuple(s), left_out=()) if s else None for s in (before, after))
+    return tuple(replace(record, traces=tuple(s)) if s else None for s in (before, after))
 
 
 def _fault(change: Change, record: Record, sides: tuple[Diagnosis, Diagnosis], about: str) -> RecordingFault | None:

@@ -8,15 +8,17 @@ from dataclasses import dataclass, replace
 from functools import reduce
 
 from simgap.diagnosis.result import DiagnosisSettings, Key
+from simgap.diagnosis.search.confidence import chi2_dof
+from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
-from simgap.diagnosis.search.selection import on_all
+from simgap.diagnosis.search.selection import by_place, on_all
 from simgap.diagnosis.search.watch import Stopped
 from simgap.diagnosis.seek import Searched
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.thresholds import FIT_QUALITY
-from simgap.diagnosis.verdict.judge import chi2_dof, real
+from simgap.diagnosis.verdict.judge import real
 from simgap.diagnosis.verdict.transfer import Carried, transferable, trials
 
 
@@ -72,6 +74,8 @@ def chosen(parts: Parts, ends: Searched, settings: DiagnosisSettings, not_tried:
         agree = carried is not None and carried.agrees
         if carried is not None:
             search, found = carried.search, carried.chosen
+            same = [r.explanation for r in rivals(search, found) if r.exact]
+            found = min((found, *same), key=by_place)
             kept = on_all(full, search, found, base)
     search.watch.over = full.watch.over = True
     return Chosen(search, sparse, found, real(full, kept, at_floor), full, base, carried, at_floor, agree, not_tried)

@@ -9,7 +9,7 @@ from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.confirming import confirmed
 from simgap.diagnosis.record.faults.measurement import is_fault
 from simgap.diagnosis.record.faults.registry import fitted_faults, gain_faults
-from simgap.diagnosis.record.folds import stretches
+from simgap.diagnosis.record.folds import Span, stretches
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import (
     Alternative,
@@ -26,22 +26,24 @@ from simgap.diagnosis.result import (
     Step,
     Verdict,
 )
+from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.equivalence import Rival, as_good, collinear_pairs, once, rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.scoring import places
 from simgap.diagnosis.search.watch import Watch
+from simgap.diagnosis.simulation.gross_errors import LIMIT
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, EXACTLY_COLLINEAR, FAR, FIT_QUALITY, MATTERS, NARROW
+from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN, EXACTLY_COLLINEAR, FIT_QUALITY, MATTERS, NARROW
 from simgap.diagnosis.verdict import answer
 from simgap.diagnosis.verdict.beyond import beyond
-from simgap.diagnosis.verdict.faults import faint_memory, noise_faults
+from simgap.diagnosis.verdict.faults import faint_memory, noise_faults, push_faults
 from simgap.diagnosis.verdict.judge import (
     Evidence,
     HeldOut,
-    chi2_dof,
     excess_share,
     judge,
     judged,
@@ -65,22 +67,28 @@ def conclude(
     seen = confirmed(parts, put, names, horizon)
     chosen, old = seen.chosen, seen.old
     search, full, base = chosen.search, chosen.full, chosen.base
-    verdict_is = _worded(record, known, confirm, chosen, seen.evidence)
+    verdict_is = _worded(record, parts.left_out, known, confirm, chosen, seen.evidence)
     word, named = verdict_is.word, verdict_is.named
-    kept, held = (chosen.kept, seen.new) if named else (full.empty(base), old)
-    short = nearest(full, chosen.kept, seen.evidence, chosen.at_floor, model) if word == "unexplained" else None
-    tested = word in ("partial", "unexplained") and short is None
     empty = search.empty(chosen.sparse)
+    path = steps(search, empty, chosen.kept)
+    put_forward = in_order(chosen.kept, path)
+    kept, held = (put_forward, seen.new) if named else (full.empty(base), old)
+    short = nearest(full, put_forward, seen.evidence, chosen.at_floor, model) if word == "unexplained" else None
+    tested = word in ("partial", "unexplained") and short is None
     left = second_look(search, chosen.found if named else empty, confirm, held, horizon, model) if tested else None
+    pushes = push_faults(parts.left_out, known, names)
+    plain = replace(known, usual=None)
+    declared = fit(plain, base.theta, base.x0, [], {})
     told_of = _told(model, record, known, chosen, kept, verdict_is.others)
     windows = answer.predictions(known, names, (base, base.x0), (kept.fit, kept.fit.x0), False)
     windows += answer.predictions(confirm, names, (base, old.states), (kept.fit, held.states), True)
-    most = settings.max_effects
+    most, usual = settings.max_effects, DiagnosisSettings()
+    limited = (most, settings.most_off_floor) != (usual.max_effects, usual.most_off_floor)  # by a person
     return Diagnosis(
         verdict=word,
         effects=told_of.effects,
         alternatives=told_of.listed,
-        before=judged(known, base, old, horizon),
+        before=judged(plain, declared, old, horizon),
         after=judged(known, kept.fit, held, horizon),
         floor=_floor(confirm, held, horizon),
         excess_share=seen.evidence.share if named else 1.0,
@@ -92,15 +100,15 @@ def conclude(
         warnings=(*said, *told_of.slight, *_warnings(search.watch, held, kept, horizon), *verdict_is.fitter),
         unconfirmed=verdict_is.further,
         faint_memory=verdict_is.faint,
-        at_most=most if len(chosen.kept.members) >= most else None,
+        at_most=most if limited and len(chosen.kept.members) >= most else None,
         applied=answer.applied(kept),
         corrected=apply_effects(model, answer.applied(kept)),
         windows=tuple(windows),
         nearest=short,
         left_over=left,
         concentrated=seen.where,
-        recording=(*faults, *told_of.faults, *noise_faults(known)),
-        steps=steps(search, empty, chosen.kept),
+        recording=(*faults, *pushes, *told_of.faults, *noise_faults(known)),
+        steps=path,
     )
 
 
@@ -143,12 +151,13 @@ class _Worded:
     fitter: tuple[str, ...]
 
 
-def _worded(record: Record, known: Problem, confirm: Problem, chosen: Chosen, evidence: Evidence) -> _Worded:
+def _worded(
+    record: Record, left_out: tuple[Span, ...], known: Problem, confirm: Problem, chosen: Chosen, evidence: Evidence
+) -> _Worded:
     """The verdict by the evidence, held back where something else may have acted or fits better."""
     word, members = verdict(chosen.kept, evidence), chosen.kept.members
-    further = (
-        beyond(record, known, chosen.kept.fit, confirm) if word in ("attributed", "none") and record.left_out else ()
-    )
+    asked = left_out and word in ("attributed", "none")
+    further = beyond(record, left_out, known, chosen.kept.fit, confirm) if asked else ()
     word = "partial" if further and members else word
     named = word in ("attributed", "partial") or (word == "none" and evidence.needed)
     others = _rivals(chosen) if named else []
@@ -166,7 +175,7 @@ def _rivals(chosen: Chosen) -> list[Rival]:
     others = rivals(search, found)
     if chosen.carried is not None:  # what fits as well need not carry over as well
         others = [r for r in others if r.exact] + [Rival(e, False) for e in chosen.carried.rivals]
-    return once([*others, *as_good(search, found)])
+    return [r for r in once([*others, *as_good(search, found)]) if r.explanation.keys != found.keys]
 
 
 def _floor(problem: Problem, held: HeldOut, horizon_s: float) -> Judged:
@@ -188,10 +197,10 @@ def _warnings(watch: Watch, held: HeldOut, kept: Explanation, horizon_s: float) 
         said.append(f"{watch.stopped}: the answer is the best of {watch.sets} sets of effects that were fitted.")
     if not kept.fit.converged:
         said.append("The last fit had not settled: take its numbers with care.")
-    if held.stray:
+    if held.stray and held.at_noise:
         said.append(
-            f"Single readings of the fold that confirms ({held.stray}) miss by more than {FAR:g} noises between "
-            "neighbours that do not: noise with heavy tails, or bad readings. They are not counted in RMSE/sigma."
+            f"Readings of the fold that confirms ({held.stray}) are gross errors, {LIMIT:.2g} noises off and more: "
+            "noise with heavy tails, or bad readings."
         )
     if horizon_s > 0 and held.horizon is None:
         said.append("No stretch of the fold that confirms is as long as the horizon: the errors are within windows.")
@@ -214,6 +223,13 @@ def steps(search: Search, empty: Explanation, answer: Explanation) -> tuple[Step
         if best is None:
             return tuple(out)
         here, left = own[best], [c for c in left if c.key != best]
+
+
+def in_order(found: Explanation, path: Sequence[Step]) -> Explanation:
+    """The same with its effects in the order of the steps, by whatever way the search came to them."""
+    taken = [(o.name, o.on) for step in path for o in step.options if o.taken]
+    place = {key: k for k, key in enumerate(taken)}
+    return replace(found, members=tuple(sorted(found.members, key=lambda c: place.get(c.key, len(taken)))))
 
 
 def _with(search: Search, here: Explanation, member: Candidate, answer: Explanation) -> Explanation | None:
@@ -292,10 +308,8 @@ def nearest(
     return Nearest(effects, share, tuple(reason for holds, reason in reasons if holds))
 
 
-def restated(
-    model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]
-) -> list[tuple[Alternative, frozenset[int]]]:
-    """Sets in which one effect of the library stands for some of those found, exactly; with the places of these."""
+def restated(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
+    """Sets in which one effect of the library stands for some of those found, exactly."""
     out = []
     for e in EFFECTS.values():
         for on in e.targets(model):
@@ -303,13 +317,11 @@ def restated(
             if same is not None:
                 kept = tuple(a for k, a in enumerate(found) if k not in same[0])
                 whole = (*kept, AppliedEffect(e.name, on, same[1]))
-                out.append((Alternative(whole, 0.0, True), same[0]))
+                out.append(Alternative(whole, 0.0, True))
     return out + _by_the_sensors(model, found, measured)
 
 
-def _by_the_sensors(
-    model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]
-) -> list[tuple[Alternative, frozenset[int]]]:
+def _by_the_sensors(model: SymbolicModel, found: Sequence[AppliedEffect], measured: Sequence[str]) -> list[Alternative]:
     """Readings that are all as late as the only input was found to act; or a sensor that is as slow, of a linear plant.
 
     Whether a command or a reading is under way for so long, no record of these channels tells; in a closed loop both
@@ -318,7 +330,7 @@ def _by_the_sensors(
     if len(model.inputs) != 1:
         return []
     out = []
-    for k, a in enumerate(found):
+    for a in found:
         kept = tuple(b for b in found if b is not a)
         late: tuple[AppliedEffect, ...] = ()
         if a.name == "input_delay" and not any(b.name == "late_reading" for b in kept):
@@ -326,7 +338,7 @@ def _by_the_sensors(
         elif a.name == "input_lag" and len(measured) == 1 and {b.name for b in kept} <= LINEAR and is_linear(model):
             late = (AppliedEffect("filtered_reading", measured[0], {"lag": a.values["T"]}),)
         if late:
-            out.append((Alternative((*kept, *late), 0.0, True), frozenset({k})))
+            out.append(Alternative((*kept, *late), 0.0, True))
     return out
 
 
@@ -334,16 +346,24 @@ def told(
     effects: Sequence[FoundEffect], alternatives: Sequence[Alternative], model: SymbolicModel,
     found: Sequence[AppliedEffect], measured: Sequence[str],
 ) -> tuple[tuple[FoundEffect, ...], tuple[Alternative, ...]]:  # fmt: skip
-    """The effects and the alternatives with what restates them, each set once."""
-    known = [frozenset((a.name, a.on) for a in other.effects) for other in alternatives]
+    """The effects and the alternatives with what restates them or an equal of theirs, the smallest of nested ones."""
+
+    def keys(whole: Sequence[AppliedEffect]) -> frozenset[Key]:
+        return frozenset((a.name, a.on) for a in whole)
+
     listed, changed = list(alternatives), list(effects)
-    for other, stand_ins in restated(model, found, measured):
-        if frozenset((a.name, a.on) for a in other.effects) in known:
-            continue
-        listed.append(other)
-        new = tuple((a.name, a.on) for a in other.effects if a not in found)
-        for k in stand_ins:
-            changed[k] = replace(changed[k], alternatives=(*changed[k].alternatives, new))
+    known = {keys(found), *(keys(other.effects) for other in alternatives)}
+    exact = [other.effects for other in alternatives if other.exact]
+    equals = (found, *(own for own in exact if not any(is_fault(a.name) for a in own)))
+    for other in sorted((o for e in equals for o in restated(model, e, measured)), key=lambda o: len(o.effects)):
+        mine = keys(other.effects)
+        if not any(whole <= mine for whole in known):
+            known.add(mine)
+            listed.append(other)
+            new = tuple((a.name, a.on) for a in other.effects if (a.name, a.on) not in keys(found))
+            changed = [
+                e if (e.name, e.on) in mine else replace(e, alternatives=(*e.alternatives, new)) for e in changed
+            ]
     return tuple(changed), tuple(listed)
 
 

@@ -10,14 +10,14 @@ import numpy as np
 from simgap.arrays import Bools, Floats
 from simgap.diagnosis.choosing import Chosen
 from simgap.diagnosis.result import Concentrated, Stretches
+from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import A_FEW, FIT_QUALITY, LEAPS_ANYHOW, MOST
 from simgap.diagnosis.verdict.horizon import HorizonError
-from simgap.diagnosis.verdict.judge import Evidence, HeldOut, chi2_dof, excess_share, folds_agree, judge, needed
+from simgap.diagnosis.verdict.judge import Evidence, HeldOut, excess_share, folds_agree, judge, needed
 from simgap.diagnosis.verdict.score import gained
-from simgap.diagnosis.verdict.transfer import independent_share
 
 
 @dataclass(frozen=True, eq=False)

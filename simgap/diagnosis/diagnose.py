@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,23 +11,26 @@ from simgap.diagnosis.change import Answer, sides_apart
 from simgap.diagnosis.choosing import chosen
 from simgap.diagnosis.conclude import conclude
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.push import left_out_by, one_is_enough, push_fault, suspected
 from simgap.diagnosis.record.faults.registry import mended
-from simgap.diagnosis.record.folds import Span
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Key, RecordingFault
 from simgap.diagnosis.search.barred import barred
 from simgap.diagnosis.search.columns import better_columns
-from simgap.diagnosis.search.explanations import Search
-from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.watch import Watch
-from simgap.diagnosis.seek import Searched, begun, fitted_again, searched, under_its_noise
+from simgap.diagnosis.seek import (
+    Searched,
+    begun,
+    explained_by_one,
+    fitted_again,
+    searched,
+    under_its_law,
+    under_its_noise,
+)
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.parts import Parts
-from simgap.diagnosis.thresholds import FIT_QUALITY
 from simgap.diagnosis.tiers import Tiers
 from simgap.diagnosis.verdict.faults import filtered_channels
-from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.errors import UserError
 from simgap.model.symbolic import SymbolicModel
 
@@ -61,80 +64,43 @@ def _answer(
 ) -> Diagnosis:
     """The answer for a record; only of a `whole` one it is asked whether the plant changed in the middle."""
     record, parts, said, faults = ready(model, record, settings)
-    watch, not_tried = Watch(settings.budget_s, tell), barred(model, record, settings.effects, settings.known)
-    before = begun(parts.known, not_tried, watch)
-    aside: tuple[Span, ...] = ()
-    if chi2_dof(before[0].problem, before[1]) > FIT_QUALITY and not one_is_enough(*before):
-        aside = suspected(parts, *before, not_tried, settings.max_effects)
-    sought = not aside  # what stands out under what is found may still be left out, once
-    while True:
-        if aside != record.left_out:
-            record = replace(record, left_out=aside)
-            parts, said = parts_of(model, record, settings)
-            before = begun(parts.known, not_tried, watch)
-        found = _found(model, record, settings, parts, before, not_tried, watch)
-        search, _, best = found.ends
-        aside = left_out_by(model, record, settings, found.parts.known, search, best, sought=sought)
-        if aside == record.left_out or watch.stopped:
-            break
-        sought = False
-    if aside != record.left_out:
-        record = replace(record, left_out=aside)
-        found = found.left_out(model, record, settings)
-    pushes = (push_fault(record, found.parts.known),) if aside else ()
-    louder = under_its_noise(found.parts, found.ends, settings.max_effects, found.not_tried)
+    watch, known_of = Watch(settings.budget_s, tell), barred(model, record, settings.effects, settings.known)
+    parts, ends, filtered, not_tried = _found(model, record, settings, parts, known_of, watch)
+    louder = under_its_noise(parts, ends, settings.max_effects, not_tried)
     if louder is None and whole:
-        search, _, best = found.ends
+        search, _, best = ends
         apart = sides_apart(record, settings, search, best, _part_by(model, watch, tell))
         if apart is not None:
             return replace(apart, recording=(*faults, *apart.recording))
-    parts, ends = louder or (found.parts, found.ends)
+    parts, ends = louder or (parts, ends)
     if watch.stopped:  # what is spent is spent: the answer stands on the samples that it was found on
         parts = replace(parts, known=ends[0].problem)
-    put = chosen(parts, ends, settings, found.not_tried)
-    return conclude(model, record, settings, parts, put, said, (*faults, *pushes, *found.filtered))
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """What a search on a record ended with.
-
-    Attributes:
-        parts: the folds, as far as commands from the record alone act; ends: the search on them.
-        reach, late: how long commands act on, and how late they were logged, s.
-        filtered: velocities that were left out; not_tried: candidates that were not, and why.
-    """
-
-    parts: Parts
-    ends: Searched
-    reach: float
-    late: float
-    filtered: tuple[RecordingFault, ...]
-    not_tried: Mapping[Key, str]
-
-    def left_out(self, model: SymbolicModel, record: Record, settings: DiagnosisSettings) -> _Found:
-        """The same set, fitted with other times of the record left out."""
-        every = self.parts.known.model.candidates
-        second, last = any(c.effect.second for c in every), any(c.effect.last for c in every)
-        parts, _ = parts_of(model, record, settings, second, last)
-        parts = parts.past_the_unknown(self.reach).before_the_end(self.late)
-        search, _, found = self.ends
-        return replace(self, parts=parts, ends=fitted_again(parts.known, search, found, self.not_tried))
+    put = chosen(parts, ends, settings, not_tried)
+    return conclude(model, record, settings, parts, put, said, (*faults, *filtered))
 
 
 def _found(
-    model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts, before: tuple[Search, Fit],
+    model: SymbolicModel, record: Record, settings: DiagnosisSettings, parts: Parts,
     not_tried: Mapping[Key, str], watch: Watch,
-) -> _Found:  # fmt: skip
-    """Search a record with what it leaves out as it stands."""
-    most = settings.max_effects
-    tiers = Tiers(model, record, settings, not_tried)
+) -> tuple[Parts, Searched, tuple[RecordingFault, ...], Mapping[Key, str]]:  # fmt: skip
+    """Search a record, tier by tier, and again where what was found changes what is known of it.
+
+    The folds, as far as commands from the record alone act, the search on them, velocities that were left out, and
+    candidates that were not tried.
+    """
+    most, before = settings.max_effects, begun(parts.known, not_tried, watch)
+    tiers = Tiers(model, record, settings, not_tried, parts)
     wider, wide = tiers.screened(*before)
     if wider is None:
-        ends = searched(parts.known, most, not_tried, watch, before=before)
+        pushed = None if explained_by_one(*before) else under_its_law(parts, *before, most, not_tried)
+        if pushed is not None:
+            parts, ends = pushed
+            tiers, wide = replace(tiers, like=parts), None
+        else:  # all data by least squares, from the beginning
+            ends = searched(parts.known, most, not_tried, watch, before=before)
         wider = tiers.second(ends[0], ends[2], wide)
+    wider = tiers.motors(*(wider or (parts, ends))[1][::2]) or wider
     parts, ends = wider or (parts, ends)
-    parts, ends = tiers.motors(ends[0], ends[2]) or (parts, ends)
     search, _, found = ends
     reach, late = parts.known.reach(found.fit.theta), parts.known.ahead(found.fit.theta)
     if late > 0.0 or reach > parts.known.reach(search.problem.model.null):  # commands outside the record are unknown
@@ -148,7 +114,7 @@ def _found(
         parts = parts.without(np.isin(record.measured, [f.channel for f in filtered]))
         not_tried = {**not_tried, **{(f.fault, f.channel): "the channel was left out" for f in filtered}}
         ends = searched(parts.known, most, not_tried, watch)
-    return _Found(parts, ends, reach, late, filtered, not_tried)
+    return parts, ends, filtered, not_tried
 
 
 def ready(

@@ -47,6 +47,6 @@ def parts_of(
         said = (*said, _NO_COORDINATES)
     every = settled(build_problem(compiled, record, windows, sigma, readings.weight))
     known = folds.fit | folds.choose
-    parts = Parts(*(every.on(windows.pick(mask)) for mask in (known, folds.fit, folds.choose, folds.confirm)))
-    parts = parts.leaving_out(record.left_out)
+    fit, choose, confirm = (every.on(windows.pick(mask)) for mask in (folds.fit, folds.choose, folds.confirm))
+    parts = Parts(every.on(windows.pick(known)), fit, choose, confirm)
     return parts.past_the_unknown(every.reach(compiled.null)), said  # reach of delays that the model declares

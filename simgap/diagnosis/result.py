@@ -253,7 +253,7 @@ class Diagnosis:
             to their noise, so that there was nothing to test.
         concentrated: where the error is, if a small part of the time carries most of it.
         recording: faults of the data, which the answer accounts for.
-        at_most: the limit on the number of effects, if the answer has as many; None if it has fewer.
+        at_most: the limit on the number of effects, if a person set one and the answer has as many; else None.
         unconfirmed: readings and inputs that go further where times left out begin than in other data.
         faint_memory: channels of which a part of the noise alone remembers, so that the answer is not attributed.
     """

@@ -5,23 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from typing import TypeVar
 
+import numpy as np
+
 from simgap.arrays import Floats
+from simgap.diagnosis.record.folds import Span
 from simgap.diagnosis.result import Key
+from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.equivalence import rivals
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.noise_colour import noise_colour
 from simgap.diagnosis.search.scoring import list_starts
-from simgap.diagnosis.search.selection import best_so_far, carried_over, on_all, preferred, select
+from simgap.diagnosis.search.selection import best_so_far, carried_over, grow, on_all, preferred, select
 from simgap.diagnosis.search.watch import Stopped, Watch
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.colour import Colour
+from simgap.diagnosis.simulation.gross_errors import usual_size
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.parts import Parts
 from simgap.diagnosis.simulation.problem import Problem
-from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MOST_COLOURED
-from simgap.diagnosis.verdict.faults import faint_memory
-from simgap.diagnosis.verdict.judge import chi2_dof
+from simgap.diagnosis.thresholds import BRIEF_S, FAR, FIT_QUALITY, LEAPS_ANYHOW, MOST, MOST_COLOURED
+from simgap.diagnosis.verdict.faults import faint_memory, gross_spans
 
 Searched = tuple[Search, Fit, Explanation]
 """The search, the model as declared on it, and what explains it best."""
@@ -89,6 +93,71 @@ def fitted_again(problem: Problem, search: Search, found: Explanation, not_tried
     base = fit(sought, sought.model.null, initial_states(sought), [], {})
     again = Search(sought, list_starts(sought, not_tried), watch=search.watch)
     return again, base, on_all(again, search, found, base)
+
+
+def explained_by_one(search: Search, base: Fit) -> bool:
+    """Whether the model as declared or with one effect more is down to the noise."""
+    empty = search.empty(base)
+    if search.reached(empty):
+        return True
+    return bool(looked_again(search.watch, lambda: any(search.reached(e) for e in search.joined(empty)) or None))
+
+
+def under_its_law(
+    parts: Parts, plain: Search, base: Fit, most: int, not_tried: Collection[Key]
+) -> tuple[Parts, Searched] | None:
+    """The search on without pushes; None where nobody pushed.
+
+    Misses far beyond the usual ones are gross errors, and usual ones get smaller. What the model misses all the time
+    says first what is usual, so that nothing it lacks is a gross error; what is worth its parameters at that size
+    joins, and leaves smaller ones. Where one effect more explains everything down to the noise, nothing was a gross
+    error. The search that it begins with is as it was.
+    """
+    search, start, found, problem = plain, base, plain.empty(base), plain.problem
+    spans: tuple[Span, ...] = ()
+    last, smaller = np.full(len(problem.sigma), np.inf), True
+    while not (search.watch.stopped or search.reached(found)):
+        misses = problem.misses(found.fit.theta, found.fit.x0)
+        size = np.maximum(usual_size(misses), 1.0)
+        usual = size * problem.sigma
+        smaller, before = bool(np.any(usual < MOST * last)), smaller
+        if not (smaller or before):  # once more after the last: windows are cut where the errors end by then
+            break
+        if search is not plain and np.all(np.abs(misses) <= FAR * size):  # nothing stands out
+            break
+        last, problem = usual, coarse(parts.with_gross_errors(usual, spans).known)
+        start = fit(problem, base.theta, base.begin(problem), [], {})
+        scale = float(np.mean(problem.spread**2)) * independent_share(problem, start)
+        search = Search(problem, plain.starts, scale, watch=search.watch)
+        found = _grown_from(search, start, found, min(most, LEAPS_ANYHOW))
+        spans = gross_spans(problem, found.fit)
+    if not spans or search.watch.stopped or not search.reached(found):
+        return None
+    if looked_again(plain.watch, lambda: _is_explained(plain, found)):
+        return None
+    around = tuple((k, a - 0.25 * BRIEF_S, b + 0.25 * BRIEF_S) for k, a, b in spans)
+    kept = parts.leaving_out(around).with_gross_errors(last, ())
+    return kept, searched(kept.known, most, not_tried, search.watch, (found, chi2_dof(problem, found.fit)))
+
+
+def _is_explained(plain: Search, found: Explanation) -> bool:
+    """Whether what was found, or it with one effect more, explains what looked like gross errors too."""
+    apart = Search(plain.problem, plain.starts, plain.scale, ends=plain.ends, watch=plain.watch)
+    known = apart.explain(found.members, found.fit.theta, found.fit)
+    return apart.reached(known) or any(apart.reached(e) for e in apart.joined(known))
+
+
+def _grown_from(search: Search, base: Fit, found: Explanation, most: int) -> Explanation:
+    """The best that a search finds from what another one found."""
+
+    def look() -> Explanation:
+        known = search.explain(found.members, found.fit.theta, found.fit) if found.members else search.empty(base)
+        for c in known.members:
+            if c.effect.contains is not None:
+                search.coarser(known, c)
+        return preferred(search, grow(search, known, most), most)
+
+    return looked_again(search.watch, look) or best_so_far(search, base, most)
 
 
 def under_its_noise(

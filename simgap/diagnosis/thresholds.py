@@ -12,8 +12,10 @@ from __future__ import annotations
 
 BIC_GAIN = 12.0
 """An effect is added, or kept, only if BIC falls by at least this much; of sets within it the one with fewest
-parameters is chosen, and what is within it of the answer cannot be told from it. Very strong evidence begins at 10
-(Kass, Raftery (1995), J. Am. Stat. Assoc. 90(430))."""
+parameters is chosen. Very strong evidence begins at 10 (Kass, Raftery (1995), J. Am. Stat. Assoc. 90(430))."""
+
+LISTED = 10.0
+"""Sets that are further from the answer by BIC can be told from it (Kass, Raftery (1995): above 10 "very strong")."""
 
 AS_GOOD = 2.0
 """Sets within this BIC of the chosen one are listed whatever else speaks against them (same source: "not worth more
@@ -29,12 +31,16 @@ BY_CHANCE = 1e-6
 input. Of backlash that was taken for noise (benchmarks/undeclared.py, seeds 1001, 1002, 1004) the regression's F was 8
 to 9, of noise of three laws on three plants 0.4 to 1.2 (benchmarks/noise_colours.py); the limit is about 3."""
 
+TAILS = 4.0
+"""Degrees of freedom of Student's t, by which errors ahead are scored and the usual size of a miss is estimated
+(Lange, Little, Taylor (1989), J. Am. Stat. Assoc. 84, who find 4 for most of their data)."""
+
 FAR = 5.0
-"""So many standard deviations are more than noise: of a reading between others that miss by less than half of it, which
-is a stray (what moves is not back at the next reading); of a reading beyond all others or off its prediction; of the
-sum of squares of a window. And so many times `BIC_GAIN` promised beside a set within the noise is asked for: of three
-effects two came within it where the third promised 120 to 600 (benchmarks/undeclared.py, "three effects", seeds 1010,
-1013, 1006), and a gain off by 0.05 %, as a test's rig takes Euler's steps, promised 26."""
+"""So many standard deviations are more than noise: of a reading beyond all others or off its prediction; of the sum of
+squares of a window. No miss so many usual ones large: nothing stands out. And so many times `BIC_GAIN` promised beside
+a set within the noise is asked for: of three effects two came within it where the third promised 120 to 600
+(benchmarks/undeclared.py, "three effects", seeds 1010, 1013, 1006), and a gain off by 0.05 %, as a test's rig takes
+Euler's steps, promised 26."""
 
 # What is noise.
 
@@ -55,12 +61,12 @@ MATTERS = 0.1
 """What is a smaller share matters to nobody: of an error (of its square, the square of it), of the noise that an effect
 adds to the misses, of an excess that is explained but for it, of a step's error. Half the integration step must not
 move the predictions of a fit by more of its misses: a Dahl friction that turned round within a thirtieth of what a step
-travels "explained" a push, being as large as its misses there. Of pushes 0.30 to 0.89 was left by the best effect
-(eight records of benchmarks/other_plants.py). Readings 20 ms late accounted for 4 % of the squared error and more."""
+travels "explained" a push, being as large as its misses there. Readings
+20 ms late accounted for 4 % of the squared error and more."""
 
 A_FEW = 0.05
-"""A small part: of the time (it may be left out where it carries most of the error), of the readings (spikes, strays),
-of the samples at an extreme. The largest 5 % of a Gaussian's draws carry 28 % of the square, of a sine's 10 %."""
+"""A small part: of the readings (spikes, gross errors), of the predictions that carry most of the error, of the samples
+at an extreme. The largest 5 % of a Gaussian's draws carry 28 % of the square, of a sine's 10 %."""
 
 OUT_OF_SIGHT = 100.0
 """A hundredfold: columns under which the declared model misses by so much more are not tried further, and those with
@@ -87,7 +93,8 @@ SAME, SAME_PROMISE = 0.1, 1e-5
 direction, refitted once."""
 
 EQUIVALENT_CHI2 = 1.0
-"""Two fits whose chi^2 differ by less predict the same: an exact equivalence if their sensitivities span the same."""
+"""Two fits whose chi^2 differ by less predict the same: an exact equivalence if their sensitivities span the same, and
+the end of a fit where no initial state still promises more."""
 
 COLLINEAR, EXACTLY_COLLINEAR = 0.99, 1.0 - 1e-6
 """Projected sensitivities with a larger correlation are called hard to tell apart on this excitation; with the second,
@@ -109,7 +116,9 @@ NEAR = 3.0
 """What misses by no more than so many noises comes near it: an elastic joint or play that nobody named after a few
 steps, which is then fitted to the end (`MOTOR_STEPS`); an engine with a set of effects, which then follows. Of those of
 benchmarks/drive_library.py eight steps left 0.93 to 1.24 of the noise, of Dahl friction 980 and more. Of a Furuta
-pendulum in an engine of 10 ms steps 27 noises were left with one of two true effects, 31 with both, 182 with none."""
+pendulum in an engine of 10 ms steps 27 noises were left with one of two true effects, 31 with both, 182 with none. And
+so many times what white noise would show stands out: under dry friction such a window is begun afresh. Windows that had
+ended in a valley of their own stood 1.6 to 6,700 times above their best."""
 
 MOTOR_STEPS = 8
 """Steps of a first try of such a motor."""
@@ -118,10 +127,9 @@ SEVERAL_TRACES = 3
 """From so many traces on, folds are whole traces (one each at least); fewer are cut into blocks of windows."""
 
 BRIEF_S, LOOK_BACK_SAMPLES = 0.2, 10
-"""So short a time that what a plant lacks all the time hardly shows in it (s): a piece, two cells, in which a push is
-sought, and what the causal start of an h-ahead prediction is estimated from (a window, if that is shorter; at least
-this many samples). Pushes of benchmarks/other_plants.py, a tenth of a second long, made pieces of 20 to 300 times the
-median's chi^2/dof."""
+"""So short a time that what a plant lacks all the time hardly shows in it (s): gross errors within half of it are one
+push, and the causal start of an h-ahead prediction is estimated from it (from a window, if that is shorter; from so
+many samples at least). Pushes of benchmarks/other_plants.py last a tenth of a second."""
 
 FEWEST_WINDOWS = 4
 """Both sides of a change in mid-record have so many fitted windows at least: with those that confirm each fills three
@@ -145,14 +153,10 @@ LAGS_REMEMBERED = 5.0
 # When a fit has settled, from the drive with rests in benchmarks/dry_friction.py: ends that a window held up, at a kink
 # where it comes to rest, still promised drops of chi^2 of .4 to 136; begun afresh they ended lower by 20 to 350.
 
-SETTLED_PROMISE, SETTLED_STATES = 0.05, 1.0
+SETTLED_PROMISE = 0.05
 """Largest drop of chi^2 that the linear problem may still promise of the parameters, in units of chi^2/dof where that
-is above 1 (a step of less than a quarter of a standard error), and of the initial state of each window. Under dry
-friction what fitting such windows afresh from several starts gains counts instead of the promise."""
-
-STANDS_OUT = 3.0
-"""Under dry friction a window is begun afresh if its chi^2 exceeds the median window's by so many times what white
-noise would show. Windows that had ended in a valley of their own stood 1.6 to 6,700 times above their best."""
+is above 1 (a step of less than a quarter of a standard error); of the initial state of each window `EQUIVALENT_CHI2`.
+Under dry friction what fitting such windows afresh from several starts gains counts instead of the promise."""
 
 # What a look at the data warns of. Judgement; tests/diagnosis/test_survey.py and test_reading.py hold them against
 # recordings with such faults and without.

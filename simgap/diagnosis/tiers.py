@@ -18,6 +18,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.parts_of import parts_of
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.result import DiagnosisSettings, Key
+from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import Starts
@@ -30,7 +31,6 @@ from simgap.diagnosis.simulation.refit import refit
 from simgap.diagnosis.simulation.sensitivity import choose_step, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate
 from simgap.diagnosis.thresholds import BIC_GAIN, FIT_QUALITY, LEAPS_ANYHOW, MOST, MOTOR_STEPS, NARROW, NEAR
-from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS
 from simgap.model.symbolic import SymbolicModel
 
@@ -46,16 +46,19 @@ class Tiers:
 
     Attributes:
         model, record, settings: of the diagnosis; not_tried: candidates that are barred.
+        like: the folds of the first tier, whose law of gross errors holds for all.
     """
 
     model: SymbolicModel
     record: Record
     settings: DiagnosisSettings
     not_tried: Mapping[Key, str]
+    like: Parts
 
     def _begun(self, first: Search, last: bool = False, few: Collection[str] = ()) -> Begun:
         settings = replace(self.settings, effects=tuple(few)) if few else self.settings
         parts, _ = parts_of(self.model, self.record, settings, not few or last, last)
+        parts = parts.under_the_law_of(self.like)
         return parts, *begun(parts.known, self.not_tried, first.watch)
 
     def screened(self, search: Search, base: Fit) -> tuple[tuple[Parts, Searched] | None, Begun | None]:

@@ -63,6 +63,21 @@ class EffectParameter:
         return lo, hi * self.times if hi > 0.0 else hi
 
 
+@dataclass(frozen=True)
+class MjcfPlace:
+    """Where MuJoCo's format says an effect of one parameter: attributes of a joint, a body or an actuator.
+
+    A parameter that is 1 at its null multiplies them. Another adds to them, to coefficient `power` where they are those
+    of a polynomial: of v |v|^power for a damping, of q^(power + 1) for a stiffness. `quantity` is the one of the body
+    that is meant, where the effect acts on several.
+    """
+
+    of: Literal["joint", "body", "actuator"]
+    attributes: tuple[str, ...]
+    power: int = 0
+    quantity: str = ""
+
+
 class Effect(ABC):
     """A physical term that a model may lack; subclasses are final, one a file, and hold no state."""
 
@@ -93,6 +108,10 @@ class Effect(ABC):
     It bends to whatever is left a little, so that it is an answer only where nothing is left."""
     pulls_to_a_place: ClassVar[bool] = False
     """Whether it pulls a coordinate back to one place: on an angle that winds on it is tried only if it is named."""
+    hides_columns: ClassVar[bool] = False
+    """Whether it is so common and so large that a column in a wrong unit may not be seen without it."""
+    mjcf: ClassVar[MjcfPlace | None] = None
+    """Where MuJoCo's format says it, and a URDF as far as that can; None if neither does."""
     passes_a_constant: ClassVar[bool] = True
     """Whether a constant added to the command before it arrives as the same constant force behind it."""
     excitation: ClassVar[str] = ""

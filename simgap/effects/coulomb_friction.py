@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.base import CoordinateEffect, EffectParameter, MjcfPlace, Values
 from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -18,6 +18,8 @@ class CoulombFriction(CoordinateEffect):
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
     excitation = "vary the speed, slow ones too"
     parameters = (EffectParameter("F_c", "{force}", "Coulomb friction force", null=0.0, lower=0.0),)
+    hides_columns = True
+    mjcf = MjcfPlace("joint", ("frictionloss",))
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-F_c sign(v)."""

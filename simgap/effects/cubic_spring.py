@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.base import CoordinateEffect, EffectParameter, MjcfPlace, Values
 from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 
@@ -16,6 +16,7 @@ class CubicSpring(CoordinateEffect):
     pulls_to_a_place = True
     excitation = "swing wider: these differ with the angle"
     parameters = (EffectParameter("k3", "{force}/{position}^3", "cubic stiffness", null=0.0),)
+    mjcf = MjcfPlace("joint", ("stiffness",), power=2)
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-k3 q^3."""

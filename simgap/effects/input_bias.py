@@ -16,6 +16,7 @@ class InputBias(StaticInputEffect):
     source = "Ljung (1999), System Identification, sec. 4.2"
     rank = COMMAND + 30
     parameters = (EffectParameter("bias", "{input}", "offset of the input", null=0.0),)
+    hides_columns = True
 
     def applied(self, command: sp.Expr, values: Values) -> sp.Expr:
         """u + bias."""

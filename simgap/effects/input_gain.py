@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simgap.effects.base import COMMAND, EffectParameter, Values
+from simgap.effects.base import COMMAND, EffectParameter, MjcfPlace, Values
 from simgap.effects.commands import StaticInputEffect
 from simgap.effects.quoted import Quoted
 from simgap.effects.start import Scales, Start
@@ -17,6 +17,8 @@ class InputGain(StaticInputEffect):
     source = "Ljung (1999), System Identification, sec. 4.2"
     rank = COMMAND + 40
     parameters = (EffectParameter("ratio", "1", "true over declared gain", null=1.0),)
+    hides_columns = True
+    mjcf = MjcfPlace("actuator", ("gear",))
     several_valleys = True
 
     def starts(self, scales: Scales) -> tuple[Start, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simgap.effects.base import PLANT, Effect, EffectParameter, Values
+from simgap.effects.base import PLANT, Effect, EffectParameter, MjcfPlace, Values
 from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel, symbol
@@ -19,6 +19,7 @@ class ParameterError(Effect):
     rank = PLANT
     excitation = "swing wider: these differ with the angle"
     parameters = (EffectParameter("ratio", "1", "true over declared value", null=1.0, lower=1e-3, upper=1e3),)
+    mjcf = MjcfPlace("body", ("mass", "inertia", "fullinertia"), quantity="mass")
 
     def targets(self, model: SymbolicModel) -> tuple[str, ...]:
         """Every named parameter of the plant."""

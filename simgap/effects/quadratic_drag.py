@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.base import CoordinateEffect, EffectParameter, MjcfPlace, Values
 from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 
@@ -15,6 +15,7 @@ class QuadraticDrag(CoordinateEffect):
     source = "Batchelor (1967), An Introduction to Fluid Dynamics, sec. 5.11"
     excitation = "vary the speed, slow ones too"
     parameters = (EffectParameter("c", "{force}*s^2/{position}^2", "drag coefficient", null=0.0, lower=0.0),)
+    mjcf = MjcfPlace("joint", ("damping",), power=1)
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-c v |v|."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TypeAlias
 
-from simgap.effects.base import PLANT, CoordinateTarget, EffectParameter, Values
+from simgap.effects.base import PLANT, CoordinateTarget, EffectParameter, MjcfPlace, Values
 from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
@@ -26,6 +26,7 @@ class ReflectedInertia(CoordinateTarget):
     rank = PLANT + 40
     excitation = "vary the speed, and add faster changes of the input"
     parameters = (EffectParameter("I", "{force}*s^2/{position}", "reflected inertia", null=0.0, lower=0.0),)
+    mjcf = MjcfPlace("joint", ("armature",))
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Change the accelerations and what every force does to them."""

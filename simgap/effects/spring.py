@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.base import CoordinateEffect, EffectParameter, MjcfPlace, Values
 from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 
@@ -16,6 +16,7 @@ class Spring(CoordinateEffect):
     pulls_to_a_place = True
     excitation = "swing wider: these differ with the angle"
     parameters = (EffectParameter("k", "{force}/{position}", "stiffness", null=0.0, lower=0.0),)
+    mjcf = MjcfPlace("joint", ("stiffness",))
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-k q."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simgap.effects.base import CoordinateEffect, EffectParameter, Values
+from simgap.effects.base import CoordinateEffect, EffectParameter, MjcfPlace, Values
 from simgap.effects.quoted import Quoted
 from simgap.late import sympy as sp
 
@@ -15,6 +15,8 @@ class ViscousFriction(CoordinateEffect):
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), sec. 2"
     excitation = "vary the speed, slow ones too"
     parameters = (EffectParameter("b", "{force}*s/{position}", "viscous coefficient", null=0.0, lower=0.0),)
+    hides_columns = True
+    mjcf = MjcfPlace("joint", ("damping",))
 
     def force(self, position: sp.Expr, velocity: sp.Expr, values: Values) -> sp.Expr:
         """-b v."""

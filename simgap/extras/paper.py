@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.config.load import load_case
-from simgap.config.load_yaml import read_yaml
+from simgap.config.load import load_case, read_yaml
 from simgap.errors import UserError
 from simgap.gap.bounds.basis import Basis, Form, make_form, negated, supremum
 from simgap.gap.bounds.function import GapDomain

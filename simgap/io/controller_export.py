@@ -34,7 +34,7 @@ def export_controller(controller: Controller, path: Path | str) -> None:
     name = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     if not re.match(r"[A-Za-z]", name):
         raise UserError("begins with no letter, but names in it do", file=path, remedy="Give another file name.")
-    write_text(path, _c(controller, name) if path.suffix == ".h" else _python(controller, name))
+    write_text(path, text(f"controller{path.suffix}.j2", **_content(controller, name)))
 
 
 def _about(c: Controller) -> list[str]:
@@ -59,48 +59,12 @@ def _table(values: np.ndarray) -> str:
     return ",\n".join(",".join(numbers[k : k + 40]) for k in range(0, len(numbers), 40))
 
 
-def _kinds(c: Controller) -> np.ndarray:
-    return np.zeros(len(c.input_set), dtype=np.int64) if c.kind is None else c.kind
-
-
-def _c(c: Controller, name: str) -> str:
-    kinds, nx = _kinds(c).tolist(), c.grid.box.size
-    classes = max(kinds) + 1
-    return text(
-        "controller.h.j2",
-        **_common(c, name),
-        big=name.upper(),
-        about="\n".join(f" * {line}" for line in _about(c)),
-        cells=", ".join(map(str, c.grid.cells)),
-        wraps=", ".join(str(int(j in c.grid.periodic)) for j in range(nx)),
-        nested=",\n  ".join("{" + _numbers(row) + "}" for row in c.input_set),
-        kinds=", ".join(map(str, kinds)),
-        acting=f"memory / {classes}" if c.late else "chosen",
-        following=f"chosen * {classes} + {name}_kind[memory / {classes}]" if c.late else f"{name}_kind[chosen]",
-    )
-
-
-def _python(c: Controller, name: str) -> str:
-    kinds, nx = _kinds(c).tolist(), c.grid.box.size
-    classes = max(kinds) + 1
-    return text(
-        "controller.py.j2",
-        **_common(c, name),
-        about="\n".join(_about(c)),
-        states=list(c.states),
-        input_names=list(c.input_names),
-        cells=list(c.grid.cells),
-        wraps=[j in c.grid.periodic for j in range(nx)],
-        inputs=c.input_set.tolist(),
-        kinds=kinds,
-        acting=f"memory // {classes}" if c.late else "chosen",
-        following=f"chosen * {classes} + KIND[memory // {classes}]" if c.late else "KIND[chosen]",
-    )
-
-
-def _common(c: Controller, name: str) -> dict[str, Any]:
+def _content(c: Controller, name: str) -> dict[str, Any]:
+    """What both templates fill in."""
+    kinds, box = np.zeros(len(c.input_set), dtype=np.int64) if c.kind is None else c.kind, c.grid.box
     return {
-        "c": c, "name": name, "nx": c.grid.box.size, "nu": c.input_set.shape[1], "m": len(c.input_set),
-        "low": _numbers(c.grid.box.lo), "high": _numbers(c.grid.box.hi), "width": _numbers(2.0 * c.grid.h),
-        "table": _table(c.choice),
+        "c": c, "name": name, "about": _about(c), "nx": box.size, "nu": c.input_set.shape[1], "m": len(c.input_set),
+        "low": _numbers(box.lo), "high": _numbers(box.hi), "width": _numbers(2.0 * c.grid.h),
+        "wraps": [j in c.grid.periodic for j in range(box.size)], "inputs": [_numbers(row) for row in c.input_set],
+        "kinds": kinds.tolist(), "classes": int(kinds.max()) + 1, "table": _table(c.choice),
     }  # fmt: skip

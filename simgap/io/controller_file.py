@@ -9,17 +9,17 @@ import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simgap import reading
-from simgap.arrays import Bools, Floats, Ints
-from simgap.config.case import Case
+from simgap.arrays import Bools, Ints
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.io.atomic import atomic
+from simgap.plants.context import Context
 from simgap.reading import TooLarge, require_room
 from simgap.specifications.solution import Solution
 from simgap.synthesis.controller import Controller
@@ -242,20 +242,6 @@ def _load(path: Path | str, whole: bool) -> Controller:
         raise UserError(f"not a controller file ({error!s:.120})", file=path, remedy=REMEDY) from None
 
 
-class CaseNames(Protocol):
-    """Case that a controller must be made for: a stage's context has it."""
-
-    @property
-    def case(self) -> Case: ...  # noqa: D102
-    @property
-    def states(self) -> Sequence[str]: ...  # noqa: D102
-    @property
-    def inputs(self) -> Sequence[str]: ...  # noqa: D102
-    @property
-    def input_set(self) -> Floats: ...  # noqa: D102
-    def own(self, path: Path | str, record: Any, *stages: str) -> None: ...  # noqa: D102
-
-
 def load_domain(path: Path | str) -> Controller:
     """Read a controller but for its admissible inputs, nearly all of its bytes; it refuses to be asked for one.
 
@@ -265,7 +251,7 @@ def load_domain(path: Path | str) -> Controller:
     return _load(path, whole=False)
 
 
-def load_domain_of(path: Path | str, wanted: CaseNames) -> Controller:
+def load_domain_of(path: Path | str, wanted: Context) -> Controller:
     """`load_domain` of the controller of a case.
 
     Raises:
@@ -274,7 +260,7 @@ def load_domain_of(path: Path | str, wanted: CaseNames) -> Controller:
     return _made_for(wanted, load_domain(path), path)
 
 
-def load_controller_of(path: Path | str, wanted: CaseNames) -> Controller:
+def load_controller_of(path: Path | str, wanted: Context) -> Controller:
     """Read the controller of a case.
 
     Raises:
@@ -283,7 +269,7 @@ def load_controller_of(path: Path | str, wanted: CaseNames) -> Controller:
     return _made_for(wanted, load_controller(path), path)
 
 
-def _made_for(wanted: CaseNames, found: Controller, path: Path | str) -> Controller:
+def _made_for(wanted: Context, found: Controller, path: Path | str) -> Controller:
     made_for = found.metadata.get("case")
     for what, one, other in (
         ("case", made_for, wanted.case.name),

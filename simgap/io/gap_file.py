@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.errors import UserError
+from simgap.errors import UserError, placed
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain, GapFunction
 from simgap.gap.bounds.load import from_json
-from simgap.geometry import Box
 from simgap.io.documents import read_json
+from simgap.plants.context import Context
 
 REMEDY = "Run the gap stage of this case again."
 
@@ -38,43 +37,25 @@ class SavedGap:
     swept_by_class: tuple[Floats, Floats] | None = None
 
 
-class CaseDomain(Protocol):
-    """What a bound must hold for: a stage's context has it."""
-
-    @property
-    def states(self) -> Sequence[str]: ...  # noqa: D102
-    @property
-    def inputs(self) -> Sequence[str]: ...  # noqa: D102
-    @property
-    def periodic(self) -> tuple[int, ...]: ...  # noqa: D102
-    @property
-    def box(self) -> Box: ...  # noqa: D102
-    @property
-    def input_set(self) -> Floats: ...  # noqa: D102
-    def own(self, path: Path | str, record: Any, *stages: str) -> None: ...  # noqa: D102
-
-
-def load_gap(path: Path, case: CaseDomain) -> SavedGap:
+def load_gap(path: Path, case: Context) -> SavedGap:
     """Read the bound of a case.
 
     Raises:
         UserError: a file that is missing, damaged or incomplete, or that belongs to another case.
     """
     content = read_json(path)
-    try:
+    with placed(file=path, remedy=REMEDY):
         function = from_json(content)
         _same(function.domain, case)
         shape = (len(case.input_set), 2)
         count = function.classes.count if isinstance(function, BodyFrameGap) else 1
         by_class = _swept(content, "swept_boxes_by_class", (count, *shape)) if count > 1 else None
         saved = SavedGap(function, _swept(content, "swept_boxes", shape), content, by_class)
-    except UserError as error:
-        raise UserError(error.problem, file=path, key=error.key, remedy=REMEDY) from None
     case.own(path, content.get("provenance"), "gap")
     return saved
 
 
-def _same(found: GapDomain, wanted: CaseDomain) -> None:
+def _same(found: GapDomain, wanted: Context) -> None:
     for what, one, other in (
         ("states", list(found.states), list(wanted.states)),
         ("inputs", list(found.inputs), list(wanted.inputs)),

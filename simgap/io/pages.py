@@ -5,6 +5,7 @@ The templates stand in `reports/` of a checkout; a wheel carries them as `simgap
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,20 @@ def described(picture: str, alt: str) -> str:
     return Markup(text.replace("<svg", f'<svg role="img" aria-label="{escape(alt)}"', 1))
 
 
+def script_data(content: Any) -> str:
+    """Plain data as JSON that can stand in a script element."""
+    from markupsafe import Markup
+
+    return Markup(json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
+
+
+def library(name: str) -> str:
+    """A script of `reports/`, whole, to stand in a page."""
+    from markupsafe import Markup
+
+    return Markup(reading.read_text(folder() / name))
+
+
 def render(template: str, **content: Any) -> str:
     """A page from a template, printable; figures given as SVG text are put in as they are, all else is escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -59,6 +74,7 @@ def render(template: str, **content: Any) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "unit": pretty_unit, "phrase": phrase, "described": described}
+    environment.globals["library"] = library
     style = Markup(reading.read_text(folder() / STYLE))  # quotes of font names must stay quotes
     return printable(environment.get_template(template).render(style=style, **content))
 

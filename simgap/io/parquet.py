@@ -95,6 +95,11 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         ) from None
 
 
+def columns_of(content: pa.Table) -> dict[str, Any]:
+    """All columns as arrays, (rows,) each."""
+    return {name: content.column(name).to_numpy() for name in content.column_names}
+
+
 def stack(content: pa.Table, names: Sequence[str]) -> Floats:
     """Columns side by side: -> (rows, len(names)) float64."""
     return np.stack([content.column(n).to_numpy() for n in names], axis=-1)

@@ -9,7 +9,7 @@ from simgap.config.plant import AddedEffect
 from simgap.effects import effect
 from simgap.effects.base import CoordinateEffect
 from simgap.effects.commands import DriveEffect
-from simgap.errors import Finding, UserError
+from simgap.errors import Finding, UserError, placed
 from simgap.gap.bases import Blocks
 from simgap.gap.lipschitz.grid import FEWEST
 from simgap.gap.sampling.points import covering_grid, free_axes, own_point
@@ -51,12 +51,10 @@ def refuse_basis(context: Context) -> None:
     from simgap.gap.bounds.basis import widened
     from simgap.gap.fitting.linear_fit import listed_basis  # takes a second: only paid by cases that get this far
 
-    try:
+    with placed(key="gap.basis"):
         free = free_axes(context.case)
         basis = listed_basis(section.basis, context.states, context.inputs, context.box, free)
         _ = basis.ranges(widened(context.box), context.input_set)
-    except UserError as error:
-        raise UserError(error.problem, key=error.key or "gap.basis", remedy=error.remedy) from None
 
 
 _BESIDE, _SAME = 1e-9, 1e-3

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -12,8 +11,8 @@ from simgap.diagnosis.record.channels import Channel, measured_columns
 from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.effects import EFFECTS
-from simgap.errors import Finding, UserError
-from simgap.io.recordings.mcap_messages import is_mcap
+from simgap.errors import Finding, UserError, nearest
+from simgap.io.recordings.mcap_file import is_mcap
 from simgap.io.recordings.measured import channels_of, condition_channels, display_name, reading_options
 from simgap.io.recordings.tables import read_header
 from simgap.model.symbolic import SymbolicModel
@@ -79,9 +78,7 @@ def named_files(context: Context, section: MeasuredSection) -> list[Path]:
 def _refuse_effects(section: MeasuredSection) -> None:
     for k, name in enumerate(section.effects):
         if name not in EFFECTS:
-            near = difflib.get_close_matches(name, list(EFFECTS), n=1)
-            remedy = f"Did you mean '{near[0]}'?" if near else f"Known: {', '.join(EFFECTS)}."
-            raise UserError(f"no effect is called '{name}'", key=f"measured.effects.{k}", remedy=remedy)
+            raise UserError(f"no effect is called '{name}'", key=f"measured.effects.{k}", remedy=nearest(name, EFFECTS))
 
 
 def refuse_unknown(section: MeasuredSection, model: SymbolicModel) -> None:

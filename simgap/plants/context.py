@@ -13,7 +13,7 @@ from simgap.arrays import Floats
 from simgap.config.case import Case
 from simgap.config.domain import DomainSection
 from simgap.config.load import load_case
-from simgap.errors import UserError
+from simgap.errors import UserError, placed
 from simgap.geometry import Box
 from simgap.plants.plant_model import PlantModel
 from simgap.provenance import require_own
@@ -92,12 +92,8 @@ class Context:
     @contextmanager
     def blame(self) -> Iterator[None]:
         """Name the case file in mistakes that surface deeper down without a file."""
-        try:
+        with placed(file=self.path):
             yield
-        except UserError as error:
-            if error.file is None:
-                raise UserError(error.problem, file=self.path, key=error.key, remedy=error.remedy) from None
-            raise
 
     @cached_property
     def plant(self) -> PlantModel:

@@ -15,7 +15,7 @@ from typing import TypeAlias
 import numpy as np
 
 from simgap.config.plant import PlantSection, State, SymbolicCoordinate, SymbolicPlant
-from simgap.errors import UserError
+from simgap.errors import UserError, placed
 from simgap.late import sympy as sp
 from simgap.model.expressions import parse
 from simgap.model.symbolic import (
@@ -295,7 +295,5 @@ def _gravity(written: SymbolicPlant) -> tuple[str, str, str] | None:
 
 
 def _parse(text: str, names: list[str], key: str) -> sp.Expr:
-    try:
+    with placed(key=key, remedy="Correct the expression."):
         return parse(text, names)
-    except UserError as error:
-        raise UserError(error.problem, key=key, remedy="Correct the expression.") from None

@@ -20,7 +20,14 @@ INTEGRATORS = {
     "rk4": "Runge-Kutta step of order 4",
     "exact_arc": "exact arc of a unicycle",
 }
-ENGINES = {"pybullet": "PyBullet", "mujoco": "MuJoCo", "drake": "Drake", "fmu": "FMU", "equations": "equations"}
+ENGINES = {
+    "pybullet": "PyBullet",
+    "pybullet_wheeled": "PyBullet with wheels",
+    "mujoco": "MuJoCo",
+    "mujoco_wheeled": "MuJoCo with wheels",
+    "drake": "Drake",
+    "fmu": "FMU",
+}
 INERTIAS = {"engine": "inertia computed by the engine, not the file's", "file": "inertia of the file"}
 
 SAID = ("plain", "little", "robust", "nominal", "careful", "arrival", "winning")

@@ -10,7 +10,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.config.model_files import named_by
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, optional
 from simgap.plants.urdf_checks import TRUST, check_units, loading
 
 if TYPE_CHECKING:
@@ -21,18 +21,14 @@ TRIED = 50
 """States of X at which actuators are asked what they do without a command, and shapes whether they touch."""
 
 
-def require_mujoco() -> Any:
+def require_mujoco(key: str = "simulator.engine") -> Any:
     """The module `mujoco`.
 
     Raises:
         UserError: it is not there.
     """
-    try:
+    with optional("MuJoCo", "mujoco", key=key):
         import mujoco
-    except ImportError:
-        raise UserError(
-            "MuJoCo is not installed", key="simulator.engine", remedy="Install the extra: simgap[mujoco]."
-        ) from None
     return mujoco
 
 

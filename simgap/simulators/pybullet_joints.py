@@ -11,7 +11,7 @@ from pydantic import Field
 
 from simgap.arrays import Floats
 from simgap.config.simulator import Damping, EngineSection
-from simgap.errors import UserError
+from simgap.errors import UserError, optional
 from simgap.plants.model_file import Link, read_model_file
 from simgap.plants.urdf_checks import check_urdf, loading
 from simgap.simulators.base import FileTraits
@@ -36,7 +36,8 @@ class PyBulletJoints(JointEngine):
     file_traits = FileTraits(stops=True, damps_links=True, fastest=100.0)
 
     def __init__(self, plant: JointPlant, section: PyBulletSettings) -> None:
-        import pybullet as p
+        with optional("PyBullet", "pybullet"):
+            import pybullet as p
 
         check_urdf(plant.file)
         self.nx, self.nu = plant.nx, plant.nu

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.errors import UserError
+from simgap.errors import UserError, optional
 from simgap.plants.model_file import Link
 from simgap.plants.urdf_checks import loading
 from simgap.simulators.commands import CommandPath
@@ -43,8 +43,9 @@ class PyBulletWheeled(WheeledEngine):
     distributions = ("pybullet",)
 
     def __init__(self, plant: WheeledPlant, section: WheeledSettings, paths: Sequence[CommandPath] = ()) -> None:
-        import pybullet as p
-        from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
+        with optional("PyBullet", "pybullet"):
+            import pybullet as p
+            from pybullet_utils.bullet_client import BulletClient  # type: ignore[import-untyped]
 
         super().__init__(plant, section, paths)
         self._section = section

@@ -7,14 +7,15 @@ from functools import cached_property
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from simgap.arrays import Bools, Floats
+from simgap.config.base import Interval
 from simgap.geometry import Box
 from simgap.specifications.base import Game, Specification, Words
 from simgap.specifications.monitor import Always, Monitor
 from simgap.specifications.picture import Look, projected, rectangle
-from simgap.specifications.regions import Interval, inner_box, unbounded, upright
+from simgap.specifications.regions import inner_box, unbounded
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
 
@@ -39,12 +40,6 @@ class Invariance(Specification):
         failed="left the safe set",
         limits="safe set",
     )
-
-    @field_validator("safe")
-    @classmethod
-    def _check(cls, value: dict[str, Interval]) -> dict[str, Interval]:
-        upright(value, "safe")
-        return value
 
     def region(self, space: Space) -> Box:
         """The safe set."""

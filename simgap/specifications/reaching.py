@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from simgap.arrays import Bools, Floats
+from simgap.config.base import Interval, NotNegative
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 from simgap.specifications.base import Game, Specification
 from simgap.specifications.picture import Look, Plane, projected, rectangle
 from simgap.specifications.regions import (
     KEY,
-    Interval,
     cells_meeting,
     cells_within,
     covered,
@@ -23,7 +23,6 @@ from simgap.specifications.regions import (
     known,
     partial_box,
     unbounded,
-    upright,
 )
 from simgap.specifications.space import Space
 from simgap.specifications.toward import on_floor
@@ -43,7 +42,7 @@ class Reaching(Specification):
         (), description="Boxes to avoid; an obstacle holds for all values of the states it does not name."
     )
     target: dict[str, Interval] = Field(min_length=1, description="The box to reach; states not named are free.")
-    clearance: dict[str, float] = Field(
+    clearance: dict[str, NotNegative] = Field(
         default_factory=dict,
         description="For a state, how far to keep from walls and obstacles (half the footprint), in its unit.",
     )
@@ -51,17 +50,6 @@ class Reaching(Specification):
     between_samples: ClassVar[bool] = True
     then: ClassVar[str] = ""
     """What its sentence says of the target after naming it."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Reaching:
-        upright(self.arena, "arena")
-        upright(self.target, "target")
-        for number, obstacle in enumerate(self.obstacles):
-            upright(obstacle, f"obstacles[{number}]")
-        negative = [name for name, value in self.clearance.items() if value < 0]
-        if negative:
-            raise ValueError(f"the clearance of {negative} is negative")
-        return self
 
     def region(self, space: Space) -> Box:
         """The arena; obstacles and target must lie in it."""

@@ -14,24 +14,13 @@ from functools import reduce
 import numpy as np
 
 from simgap.arrays import Bools, Floats
+from simgap.config.base import Interval
 from simgap.errors import UserError
 from simgap.geometry import Box, Grid
 
-Interval = tuple[float, float]
 SHRINK = 1e-9
 MOST_PARTS = 100_000
 KEY = "synthesis.specification"
-
-
-def upright(named: Mapping[str, Interval], key: str) -> None:
-    """Refuse intervals that end before they begin.
-
-    Raises:
-        ValueError: with the key and the state, for the check of a section.
-    """
-    for name, (lo, hi) in named.items():
-        if not lo < hi:
-            raise ValueError(f"{key} is upside down for {name}: {lo} is not below {hi}. Give the lower end first")
 
 
 def known(named: Mapping[str, object], states: tuple[str, ...], key: str) -> None:

@@ -44,12 +44,14 @@ class ActedOut:
         tried: sets of effects, by (name, on), and how far the simulator strays from the recordings with each, in
             standard deviations of the noise; empty where that was not measured.
         rest: what the engine cannot act out, as a sentence; empty where it can act out everything.
+        able: effects that it can act out, where recordings may decide between them.
     """
 
     effects: Effects
     reason: str
     tried: tuple[tuple[tuple[tuple[str, str], ...], float], ...] = ()
     rest: str = ""
+    able: Effects = ()
 
     def document(self) -> dict[str, Any]:
         """As `diagnosis.json` holds it."""
@@ -74,7 +76,8 @@ def acted_out(context: Context, section: MeasuredSection, applied: Sequence[Appl
         return None
     if section.rig == "simulator":
         return ActedOut((), "The recordings are of the case's own simulator, which has the effects as it is.")
-    kind = _engine(context)
+    engine = plugins.find("engines", case.simulator.engine, context.folder)
+    kind = engine if issubclass(engine, Engine) else None
     able = tuple(e for e in moving if kind is not None and kind.acts_out(effect(e.name)))
     unable = joined([e.name.replace("_", " ") for e in moving if e not in able] or [""])
     rest = (
@@ -91,8 +94,9 @@ def acted_out(context: Context, section: MeasuredSection, applied: Sequence[Appl
         )
     if kind is None or kind.of_its_own(case):
         reason = "The simulator is a model of its own and stays as it is: whether it lacks the effects was not measured"
-        return ActedOut((), f"{reason} (measured.into_simulator: true adds them).{rest}", rest=rest)
-    return ActedOut(able, f"The simulator is made of the nominal model and lacks what that lacks.{rest}", rest=rest)
+        return ActedOut((), f"{reason} (measured.into_simulator: true adds them).{rest}", rest=rest, able=able)
+    made = "The simulator is made of the nominal model and lacks what that lacks."
+    return ActedOut(able, f"{made}{rest}", rest=rest, able=able)
 
 
 def measured_out(
@@ -109,29 +113,21 @@ def measured_out(
         EngineCrash: a simulator whose process died.
     """
     told, case = acted_out(context, section, found.applied), context.case
-    if told is None or section.rig == "simulator" or section.into_simulator is not None:
+    if (
+        told is None
+        or not told.able
+        or case.domain is None
+        or case.hidden_state is not None
+        or len(names[1]) > len(context.inputs)
+    ):
         return told
-    able = tuple(e for e in found.applied if _can(context, e))
-    if not able or case.domain is None or case.hidden_state is not None or len(names[1]) > len(context.inputs):
-        return told
-    sets = _sets(able, told.effects)
+    sets = _sets(told.able, told.effects)
     try:
         errors = _errors(context, found, names[0], sets, engine_log)
     except UserError as error:  # a process that died is no answer
         log.warning("the simulator cannot follow the recordings: %s", error)
         return told
     return _judged(told, sets, errors) if errors else told
-
-
-def _engine(context: Context) -> type[Engine] | None:
-    assert context.case.simulator is not None
-    kind = plugins.find("engines", context.case.simulator.engine, context.folder)
-    return kind if issubclass(kind, Engine) else None
-
-
-def _can(context: Context, e: AppliedEffect) -> bool:
-    kind = _engine(context)
-    return kind is not None and not effect(e.name).reading_remedy and kind.acts_out(effect(e.name))
 
 
 def _sets(able: Effects, told: Effects) -> list[Effects]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,51 +11,34 @@ from typing import Annotated, Any
 import numpy as np
 
 from simgap import reading
-from simgap.arrays import Floats
-from simgap.attack.campaign import Campaign, Opponent, campaign
+from simgap.attack.campaign import Campaign, attack_loops
 from simgap.attack.danger import Danger, WorstStarts, beginnings
-from simgap.attack.histories import HistoryQuestion, search_histories
-from simgap.attack.known import border, worst_histories, worst_steps
-from simgap.attack.law import Law, class_bounds
-from simgap.attack.plants import OneByOne, RolledOut, WorstDisturbance
-from simgap.attack.points import PointSearch, Question
-from simgap.attack.rules import Scene
-from simgap.attack.share import Searched, share
+from simgap.attack.histories import HistoryQuestion, search_histories, worst_histories
+from simgap.attack.points import PointSearch, Question, worst_steps
+from simgap.attack.share import Searched
 from simgap.attack.witness import DISTURBANCE, SIMULATOR, Witness
 from simgap.config.case import Case
 from simgap.config.reads import CONTROLLED
 from simgap.config.validation import AuditSection, Trials
 from simgap.errors import BrokenPromise
-from simgap.gap.bounds.body_frame import BodyFrameGap
-from simgap.gap.bounds.function import GapDomain, GapFunction
+from simgap.gap.bounds.function import GapFunction
 from simgap.gap.bounds.load import from_json
-from simgap.gap.sampling.border_samples import switching_surfaces
-from simgap.gap.sampling.borders import critical_points
 from simgap.gap.sampling.gap_samples import motion_of
 from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import SavedGap, load_gap
 from simgap.io.parquet import table, write_parquet
-from simgap.io.shared_solution import SharedSolution
-from simgap.judge import Judge
-from simgap.plants.context import Context, pose_axes
+from simgap.io.shared_solution import SharedSolution, scratch_folder
+from simgap.plants.context import Context
 from simgap.provenance import provenance
-from simgap.simulators.base import PathSimulator, Simulator
-from simgap.simulators.body_samples import BodySamples
 from simgap.simulators.build import make_simulator
 from simgap.simulators.process import engine_pool
-from simgap.specifications.base import specification_of
-from simgap.specifications.space import Space
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Gap, HowMany, Option, Out, Shards, Workers
 from simgap.stages.gap_inputs import read_samples
 from simgap.stages.margins import margins_of, summary
-from simgap.stages.scratch import scratch_folder
 from simgap.stages.validation import tolerated_share
 from simgap.synthesis.margins import Margins
-
-TOGETHER = 32  # runs side by side
-MOST_PLACES = 2_000  # states on the border of X and beside switching surfaces; a finer lattice is thinned
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +47,7 @@ class Job:
 
     Attributes:
         case, path: the case and its file. gap: content of gap.json. seed: of this part alone.
-        solution: the controller's. danger, beginnings: over its cells. margin: (cells,) of those that win, or None
-            where it is not known.
+        solution: the controller's. starts: of runs, by what makes its cells narrow.
         evaluations, steps: of this part.
         known: where searches over the gap begin, worst first: states (n, nx) and input numbers (n,), or sequences of
             input numbers (n, length + 1).
@@ -77,9 +58,7 @@ class Job:
     gap: dict[str, Any]
     seed: tuple[int, int]
     solution: SharedSolution
-    danger: Danger
-    beginnings: Any
-    margin: Any
+    starts: WorstStarts
     evaluations: int
     steps: int
     known: tuple[Any, ...]
@@ -89,104 +68,16 @@ def attack(job: Job) -> tuple[Searched, dict[str, Campaign]]:
     """Everything that one part does: the gap, then the closed loop in the simulator and against the disturbance."""
     context = Context(job.case, job.path)
     simulator, gap = make_simulator(job.case, context.folder), from_json(job.gap)
-    rng = np.random.default_rng(job.seed)
+    rng, hidden = np.random.default_rng(job.seed), job.case.hidden_state
     try:
-        if job.case.hidden_state is not None:
-            found = _histories(context, simulator, gap, job, rng)
+        if hidden is not None:
+            asked = HistoryQuestion.of(context, simulator, gap, hidden.length)
+            found = search_histories(asked, job.evaluations, rng, *job.known)
         else:
-            found = PointSearch(question(context, simulator, gap), job.evaluations, rng).run(*job.known)
-        return found, _loops(context, simulator, gap, job, found, rng)
+            found = PointSearch(Question.of(context, simulator, gap), job.evaluations, rng).run(*job.known)
+        return found, attack_loops(context, simulator, gap, job.solution.read(), job.starts, job.steps, rng)
     finally:
         simulator.close()
-
-
-def question(context: Context, simulator: Simulator, gap: GapFunction) -> Question:
-    """The gap of a simulator that is a function of state and input, or a range of it where commands are late."""
-
-    def successors(x: Floats, u: Floats) -> tuple[Floats, Floats]:
-        if simulator.remembers:
-            return simulator.spread(x, u)
-        following = simulator.rollouts(x, u)
-        return following, following
-
-    step, domain = context.plant.sampled.step, gap.domain
-    at = places(context, domain)
-    return Question(successors, step, gap.bounds, context.box, context.input_set, domain.free, at)
-
-
-def places(context: Context, domain: GapDomain) -> Floats:
-    """Where a gap may jump, (n, nx): the border of X, and both sides of the switching surfaces of the case."""
-    beside = critical_points(domain, switching_surfaces(context), most=MOST_PLACES).x
-    return np.unique(np.concatenate([border(context.box, domain.free), beside]), axis=0)
-
-
-def _histories(context: Context, robot: Simulator, gap: GapFunction, job: Job, rng: np.random.Generator) -> Searched:
-    hidden = context.need(context.case.hidden_state, "hidden_state")
-    return search_histories(history_question(context, robot, gap, hidden.length), job.evaluations, rng, *job.known)
-
-
-def history_question(context: Context, robot: Simulator, gap: GapFunction, length: int) -> HistoryQuestion:
-    """The gap of a robot in its own frame."""
-    assert isinstance(robot, PathSimulator)
-    assert isinstance(gap, BodyFrameGap)
-    motion, pose = motion_of(context), pose_axes(context)
-
-    def gaps(m: Any, heading: float) -> Floats:
-        start = np.zeros(3)
-        start[pose[2]] = heading
-        paths = robot.chain(start, context.input_set[m])[1]
-        return BodySamples.of_paths(m, paths, robot.pose).final - motion[m]
-
-    def bounds(m: Any, before: Any) -> tuple[Floats, Floats]:
-        return class_bounds(gap, m, before)
-
-    return HistoryQuestion(gaps, bounds, context.input_set, length, pose[2])
-
-
-def _loops(
-    context: Context, simulator: Simulator, gap: GapFunction, job: Job, found: Searched, rng: np.random.Generator
-) -> dict[str, Campaign]:
-    """Both campaigns: in the simulator and against the worst disturbance."""
-    case, space = context.case, Space.of(context.case)
-    solution, danger = job.solution.read(), job.danger
-    monitor = specification_of(case).monitor(space, solution)
-    error = space.vector(case.sensing.error if case.sensing else {})
-    law = Law(solution, context.input_set, error)
-    model, inputs = context.plant.sampled, context.input_set
-    most = case.validation.steps if case.validation is not None else 2000
-    judge = Judge(space, monitor, most, inputs, model, gap, solution)
-
-    def predict(x: Floats, m: Any, before: Any) -> Floats:
-        lo, hi = gap.bounds_after(space.wrapped(x), inputs[m], before)
-        return model.step(x, inputs[m]) + 0.5 * (lo + hi)
-
-    def use(x: Floats, m: Any) -> Floats:
-        u = inputs[m]
-        d, (lo, hi) = simulator.rollouts(x, u) - model.step(x, u), gap.bounds(x, u)
-        return share(d, d, lo, hi)
-
-    holds = specification_of(case).holds
-    memoryless = case.hidden_state is None and not simulator.remembers
-    plant: Any = RolledOut(simulator) if memoryless else OneByOne(simulator, monitor)
-    scene = Scene(predict, use if memoryless else None, danger, inputs, solution.late)
-    modelled = Scene(predict, None, danger, inputs, solution.late)
-    disturbed = WorstDisturbance(
-        model.step, lambda x, u, before: gap.bounds_after(space.wrapped(x), u, before), danger, monitor, rng
-    )
-
-    worst = WorstStarts(danger, job.margin, job.beginnings)
-
-    def starts(count: int) -> Floats:
-        return worst.draw(count, rng)
-
-    return {
-        "simulator": campaign(
-            Opponent(plant, judge, True, TOGETHER if memoryless else 1, holds), law, scene, starts, job.steps, rng
-        ),
-        "disturbance": campaign(
-            Opponent(disturbed, judge, False, TOGETHER, holds), law, modelled, starts, job.steps, rng
-        ),
-    }
 
 
 TABLES = ".tables"  # folder beside the counts
@@ -236,10 +127,17 @@ def run(
     # A robot's table of inputs is a gigabyte: it is read and checked here, and the workers map what they look at.
     with scratch_folder(out.counts.parent / TABLES) as folder:
         with context.blame():
-            shared, margins = _shared(context, bound.function, inputs.controller, folder)
-        jobs = _jobs(context, section, bound, shared, known, trials)
+            solution, starts, margins = _shared(context, bound.function, inputs.controller, folder)
+        evaluations, steps = (-(-n // PARTS) for n in section.budget(context.case.hidden_state is not None, trials))
+        about = context.case, context.path, bound.content
+        jobs = [
+            Job(
+                *about, (section.seed, part), solution, starts, evaluations, steps, tuple(a[part::PARTS] for a in known)
+            )
+            for part in range(PARTS)
+        ]
         with engine_pool(workers, engine_log) as pool:
-            parts = _done(pool, jobs)
+            parts = [job.result() for job in [pool.submit(attack, job) for job in jobs]]
     found = Searched.joined([part for part, _ in parts])
     loops = {name: Campaign.joined([own[name] for _, own in parts]) for name in (SIMULATOR, DISTURBANCE)}
     record = provenance("audit", context.case, context.folder, {"audit": section.seed}, CONTROLLED)
@@ -279,29 +177,15 @@ def _remedy(found: Searched) -> str:
     return "The bound held: the fault is in the abstraction or in the specification."
 
 
-def _done(pool: ProcessPoolExecutor, jobs: list[Job]) -> list[tuple[Searched, dict[str, Campaign]]]:
-    return [job.result() for job in [pool.submit(attack, job) for job in jobs]]
-
-
-@dataclass(frozen=True, eq=False)
-class _Ground:
-    """Common ground of all parts: the solution, and what makes its cells narrow."""
-
-    solution: SharedSolution
-    danger: Danger
-    beginnings: Any
-    margin: Any
-
-
 def _shared(
     context: Context, gap: GapFunction, controller: Path, scratch_folder: Path
-) -> tuple[_Ground, Margins | str]:
+) -> tuple[SharedSolution, WorstStarts, Margins | str]:
     """Read the controller, look at all of its cells once, and leave its tables in a folder."""
     solution = load_controller_of(controller, context).solution
     margins = margins_of(context, gap, solution)
     factor = None if isinstance(margins, str) else margins.factor
-    shared = SharedSolution.of(solution, scratch_folder)
-    return _Ground(shared, Danger.of(solution), beginnings(solution), factor), margins
+    starts = WorstStarts(Danger.of(solution), factor, beginnings(solution))
+    return SharedSolution.of(solution, scratch_folder), starts, margins
 
 
 def _known(context: Context, bound: SavedGap, inputs: AuditFiles) -> tuple[Any, ...]:
@@ -312,29 +196,6 @@ def _known(context: Context, bound: SavedGap, inputs: AuditFiles) -> tuple[Any, 
     if hidden is None:
         return worst_steps(context, bound.function, tables)
     return (worst_histories(context, bound.function, motion_of(context), tables, hidden.length),)
-
-
-def _jobs(
-    context: Context, section: AuditSection, bound: SavedGap, ground: _Ground, known: tuple[Any, ...], trials: Trials
-) -> list[Job]:
-    """The parts; what is known goes to them in turns."""
-    evaluations, steps = section.budget(context.case.hidden_state is not None, trials)
-    return [
-        Job(
-            case=context.case,
-            path=context.path,
-            gap=bound.content,
-            seed=(section.seed, part),
-            solution=ground.solution,
-            danger=ground.danger,
-            beginnings=ground.beginnings,
-            margin=ground.margin,
-            evaluations=-(-evaluations // PARTS),
-            steps=-(-steps // PARTS),
-            known=tuple(a[part::PARTS] for a in known),
-        )
-        for part in range(PARTS)
-    ]
 
 
 def counts(found: Searched, loops: Mapping[str, Campaign], states: Sequence[str]) -> dict[str, Any]:

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from simgap.gap.sampling.border_samples import border_states, parts_of, roll_out_borders
 from simgap.gap.sampling.points import own_point, units
-from simgap.io.samples import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Out, Point
+from simgap.stages.gap_inputs import write_columns
 
 
 def run(case_path: CasePath, point: Point, out: Out, engine_log: Path | None = None) -> None:

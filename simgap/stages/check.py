@@ -14,15 +14,46 @@ from pathlib import Path
 from simgap.errors import Finding
 from simgap.gap.sampling.points import covering_grid, own_point
 from simgap.io.documents import write_json
-from simgap.lint.angles import affordable_or_degrees, find_degrees
-from simgap.lint.checks import OF_CASE, OF_NUMBERS, run_checks
+from simgap.lint.angles import affordable_or_degrees, find_degrees, refuse_seams
+from simgap.lint.controller import refuse_free_path, refuse_specification
 from simgap.lint.costs import StageCost, affordable, costs, duration, size
 from simgap.lint.engine import model_file, of_engine
-from simgap.lint.measured import check_measured
-from simgap.lint.wheels import BOLTED
+from simgap.lint.equations import (
+    find_heavy_steps,
+    find_long_steps,
+    find_mixed_units,
+    find_wrong_dimensions,
+    refuse_prefixes,
+)
+from simgap.lint.gap import find_jumps_at_rest, find_stuck_joints, refuse_basis, refuse_few_cells
+from simgap.lint.measured import check_measured, find_missing_coordinates
+from simgap.lint.wheels import BOLTED, find_bolted_base, find_other_wheel_sizes
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
+
+Check = Callable[[Context], list[Finding] | None]
+"""What is odd about a case; what no stage could use raises UserError with the key and the remedy."""
+
+OF_CASE: tuple[Check, ...] = (
+    refuse_prefixes, refuse_few_cells, refuse_seams, refuse_specification, refuse_basis, refuse_free_path,
+)  # fmt: skip
+"""What takes no engine; asked first, since starting one takes seconds."""
+
+OF_NUMBERS: tuple[Check, ...] = (
+    find_mixed_units, find_wrong_dimensions, find_heavy_steps, find_long_steps, find_bolted_base,
+    find_other_wheel_sizes, find_jumps_at_rest, find_stuck_joints, find_missing_coordinates,
+)  # fmt: skip
+"""What is asked once the engine has loaded its model file: its reasons come before those that follow from them."""
+
+
+def run_checks(checks: tuple[Check, ...], context: Context) -> list[Finding]:
+    """All that these checks find.
+
+    Raises:
+        UserError: the first refusal.
+    """
+    return [finding for check in checks for finding in check(context) or ()]
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from simgap.io.documents import write_json
 from simgap.io.pages import need_template
 from simgap.io.parquet import table, write_parquet
 from simgap.io.recordings.measured import load_reading
-from simgap.io.recordings.parquet_file import rig_record
+from simgap.io.recordings.tables import rig_record
 from simgap.io.rerun.diagnosis import write_recording
 from simgap.lint.measured import check_measured, named_files, refuse_unknown
 from simgap.model.symbolic import SymbolicModel

@@ -10,7 +10,6 @@ import numpy as np
 from simgap.config.gap import HiddenStateSection
 from simgap.gap.memory.histories import fresh_sequences
 from simgap.gap.sampling.points import draw, step_columns, successor_columns, units
-from simgap.io.samples import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import joined
@@ -18,6 +17,7 @@ from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import along_sequences, roll_out
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Out, Workers
+from simgap.stages.gap_inputs import write_columns
 
 
 def run(case_path: CasePath, out: Out, engine_log: Path | None = None, workers: Workers = 2) -> None:

@@ -9,12 +9,11 @@ from typing import Annotated
 
 from simgap.gap.whole_bound import Made, gap, seeds
 from simgap.io.documents import write_json
-from simgap.io.samples import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
 from simgap.stages.arguments import Borders, CasePath, Grid, Option, Out, Shards
-from simgap.stages.gap_inputs import Rolled, blame_shards, points_of_case, read_dimensions, read_samples
+from simgap.stages.gap_inputs import Rolled, blame_shards, points_of_case, read_dimensions, read_samples, write_columns
 
 
 @dataclass(frozen=True)

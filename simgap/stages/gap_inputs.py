@@ -1,22 +1,41 @@
-"""What the stages from `rollouts` to `gap` read of those before them."""
+"""Files between the stages from `grid` to `gap`: what one writes and those after it read, of this case alone."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, overload
 
+from simgap.arrays import Floats
 from simgap.errors import UserError, excerpt
 from simgap.gap.sampling.points import Columns, Points, state_names
 from simgap.io.documents import read_json, write_json
-from simgap.io.parquet import read_parquet, record_of
-from simgap.io.samples import read_columns, read_points
+from simgap.io.parquet import columns_of, read_parquet, record_of, stack, table, write_parquet
 from simgap.late import pyarrow as pa
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
+
+STATES, INPUTS = "states.parquet", "inputs.parquet"
+
+
+def write_points(
+    folder: Path, points: Points, names: tuple[Sequence[str], Sequence[str]], units: Mapping[str, str],
+    record: Mapping[str, Any],
+) -> None:  # fmt: skip
+    """Two files in `folder`: the states (or earlier inputs) of a point, and the inputs; `names` of their columns."""
+    for name, values, own in ((STATES, points.states, names[0]), (INPUTS, points.inputs, names[1])):
+        columns = {n: values[:, k] for k, n in enumerate(own)}
+        write_parquet(folder / name, table(columns, units, {"point": points.name}, record))
+
+
+def write_columns(
+    path: Path, columns: Columns, units: Mapping[str, str], constants: Mapping[str, Any], record: Mapping[str, Any]
+) -> None:
+    """A table from arrays by column, with columns that hold one value throughout."""
+    write_parquet(path, table(columns, units, constants, record))
 
 
 def points_of_case(context: Context, grid: Path) -> Points:
@@ -25,17 +44,20 @@ def points_of_case(context: Context, grid: Path) -> Points:
     Raises:
         UserError: a missing or damaged file, or one of another case.
     """
-    names = state_names(context.case), context.inputs
-    return read_points(grid, names, lambda path, record: context.own(path, record, "grid"))
+    found: list[Floats] = []
+    for name, columns in ((STATES, state_names(context.case)), (INPUTS, context.inputs)):
+        content = read_table(context, grid / name, "grid", columns=[*columns, "point"])
+        found.append(stack(content, columns))
+    return Points(str(content.column("point")[0]), *found)
 
 
 def read_samples(context: Context, path: Path, *stages: str) -> Columns:
-    """Samples that one of these stages made of this case.
+    """Samples that one of these stages made of this case, as arrays by column.
 
     Raises:
         UserError: a missing or damaged file, or one of another case.
     """
-    return read_columns(path, lambda own, record: context.own(own, record, *stages))
+    return columns_of(read_table(context, path, *stages))
 
 
 def read_result(context: Context, path: Path, stage: str) -> dict[str, Any]:
@@ -49,14 +71,14 @@ def read_result(context: Context, path: Path, stage: str) -> dict[str, Any]:
     return content
 
 
-def read_table(context: Context, path: Path, stage: str) -> pa.Table:
-    """A table that a stage made of this case.
+def read_table(context: Context, path: Path, *stages: str, columns: Sequence[str] | None = None) -> pa.Table:
+    """A table, or some of its columns, that one of these stages made of this case.
 
     Raises:
         UserError: a missing or damaged file, or one of another case.
     """
-    content = read_parquet(path)
-    context.own(path, record_of(content.schema), stage)
+    content = read_parquet(path, columns)
+    context.own(path, record_of(content.schema), *stages)
     return content
 
 

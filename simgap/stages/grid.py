@@ -17,12 +17,12 @@ from simgap.gap.sampling.points import (
     remembers,
     state_names,
 )
-from simgap.io.samples import write_points
 from simgap.lint.costs import affordable, costs
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Option
+from simgap.stages.gap_inputs import write_points
 
 
 def run(

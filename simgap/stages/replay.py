@@ -9,7 +9,6 @@ import numpy as np
 
 from simgap import reading
 from simgap.arrays import Floats
-from simgap.attack.law import REST, class_bounds
 from simgap.attack.witness import SIMULATOR as ON_SIMULATOR
 from simgap.attack.witness import STEP, Witness
 from simgap.config.case import Case
@@ -22,6 +21,7 @@ from simgap.io.rerun.closed_loop import write_witness
 from simgap.io.traces import MODEL, ROBUST, SIMULATOR, Trace
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context, pose_axes
+from simgap.simulators.body_samples import REST
 from simgap.simulators.process import run_in_processes
 from simgap.specifications.space import Space
 from simgap.stages import log
@@ -40,7 +40,7 @@ def run(path: Path, out: Path | None = None, engine_log: Path | None = None) -> 
         raise UserError("not a witness", file=path, remedy="Give a witness.json that the audit wrote.")
     context = Context.load(reading.real(path.parent / str(data["case"])))
     context.own(path, data.get("provenance"), "audit")
-    witness = Witness.from_json(data, len(context.states), len(context.inputs))
+    witness = Witness.read(data, len(context.states), len(context.inputs))
     gap = from_json(data["gap"])
     states = witness.states
     if witness.plant == ON_SIMULATOR:
@@ -78,7 +78,7 @@ def _trace(context: Context, gap: GapFunction, witness: Witness, states: Floats)
     if isinstance(gap, BodyFrameGap):
         pose = pose_axes(context)
         m = np.argmin(((u[:, None] - gap.domain.input_set[None]) ** 2).sum(axis=2), axis=1)
-        lo, hi = class_bounds(gap, m, np.append(REST, m)[: len(m)].astype(np.int64))
+        lo, hi = gap.bounds_of_inputs(m, np.append(REST, m)[: len(m)].astype(np.int64))
         d = to_body(d, x[:, pose[2]], pose)
     else:
         lo, hi = gap.bounds(x, u)

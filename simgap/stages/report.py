@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from simgap.config.load_yaml import read_yaml
+from simgap.config.load import read_yaml
 from simgap.errors import UserError
 from simgap.gap.bounds.function import GapFunction
 from simgap.io.atomic import write_bytes, write_text
 from simgap.io.controller_file import load_domain_of
 from simgap.io.documents import read_json, write_json
 from simgap.io.gap_file import SavedGap, load_gap
-from simgap.io.pages import need_template, render
+from simgap.io.pages import need_template, render, script_data
 from simgap.io.parquet import read_parquet
 from simgap.io.traces import NOMINAL, ROBUST, split
 from simgap.lint.costs import costs, duration
@@ -23,6 +23,7 @@ from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.report.case_figures import draw
 from simgap.report.content import content, summary
+from simgap.report.explorer import runs_figure
 from simgap.report.material import Corrected, Material
 from simgap.report.measured_share import share_inside
 from simgap.stages import log
@@ -81,7 +82,10 @@ def run(
     said = content(material)
     write_json(figures_out, summary(material, said) | {"provenance": record})
     drawn = draw(material)
-    page = render(TEMPLATE, figures=drawn.markup, notes=drawn.notes, later=later, provenance=record, **said)
+    explorer = script_data(runs_figure(material))
+    page = render(
+        TEMPLATE, figures=drawn.markup, notes=drawn.notes, later=later, provenance=record, explorer=explorer, **said
+    )
     if folder is not None:
         for name, data in drawn.files.items():
             write_bytes(folder / name, data)

@@ -9,14 +9,13 @@ from simgap.config.case import Case
 from simgap.errors import UserError
 from simgap.gap.memory.histories import history_shard
 from simgap.gap.sampling.points import Columns, Points, cut, product, remembers, shard_count, successor_columns, units
-from simgap.io.samples import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out_range
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Grid, Option, Out
-from simgap.stages.gap_inputs import points_of_case
+from simgap.stages.gap_inputs import points_of_case, write_columns
 
 
 def run(

@@ -22,7 +22,7 @@ from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
 from simgap.io.parquet import write_parquet
-from simgap.io.shared_solution import SharedSolution
+from simgap.io.shared_solution import SharedSolution, scratch_folder
 from simgap.io.traces import CAREFUL, MODEL, NOMINAL, ROBUST, SIMULATOR, Trace, to_table
 from simgap.judge import Judge
 from simgap.late import pyarrow as pa
@@ -34,7 +34,6 @@ from simgap.specifications.monitor import Run, Verdict
 from simgap.specifications.space import Space
 from simgap.stages import log
 from simgap.stages.arguments import CasePath, Gap, HowMany, NominalController, Option, Out, RobustController, Workers
-from simgap.stages.scratch import scratch_folder
 from simgap.synthesis.controller import Controller
 
 CHUNK = 50  # runs a worker does between two signs of life

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from simgap.attack.known import worst_histories
+from simgap.attack.histories import worst_histories
 from simgap.attack.points import PointSearch, Question
 from simgap.gap.bounds.body_frame import BodyFrameGap
 from simgap.gap.bounds.function import GapDomain
@@ -17,7 +17,6 @@ from simgap.plants.context import Context
 from simgap.simulators.body_samples import REST, BodySamples
 from simgap.specifications.solution import Solution
 from simgap.stages import margins
-from simgap.stages.audit import question
 from simgap.stages.margins import margins_of
 
 FRICTION = [{"name": "coulomb_friction", "on": "hinge", "parameters": {"F_c": 0.01}}]
@@ -37,7 +36,7 @@ def asked(context, jump):
         return np.full(x.shape, -1e-3), np.full(x.shape, 1e-3)
 
     simulator = SimpleNamespace(remembers=False, rollouts=rollouts)
-    return question(context, simulator, SimpleNamespace(bounds=bounds, domain=domain_of(context)))
+    return Question.of(context, simulator, SimpleNamespace(bounds=bounds, domain=domain_of(context)))
 
 
 def test_a_jump_at_rest_is_found_where_a_case_switches_there(vary):

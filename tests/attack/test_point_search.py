@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from simgap.attack.known import border, worst_first
-from simgap.attack.points import PointSearch, Question
+from simgap.attack.points import PointSearch, Question, border, worst_first
 from simgap.attack.share import share
 from simgap.geometry import Box
 

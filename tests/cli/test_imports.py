@@ -45,7 +45,7 @@ OTHERS = {
 TABLE = """
 import sys
 import numpy as np
-from simgap.cli.lean import without_pandas
+from simgap.cli.process import without_pandas
 without_pandas()
 from simgap.io.parquet import read_parquet, stack, table, write_parquet
 from pathlib import Path

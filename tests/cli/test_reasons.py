@@ -1,6 +1,6 @@
 """What is told last of a run that failed: the reason of each job, from its own log."""
 
-from simgap.cli.reasons import reasons
+from simgap.cli.workflow import reasons
 
 RUN = """Error in rule check:
     message: None

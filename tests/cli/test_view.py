@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from simgap.cli import main, view
+from simgap.cli import main, tools
 from simgap.errors import UserError
 
 
@@ -50,7 +50,7 @@ def test_the_browser_where_there_is_no_display(results, capsys, monkeypatch):
 def test_a_place_without_a_recording(results, asked, words):
     (results / "empty").mkdir()
     with pytest.raises(UserError, match=words):
-        view.recording_of(results / asked)
+        tools.recording_of(results / asked)
 
 
 def test_a_picture_on_a_display_in_memory(results, tmp_path, capsys, monkeypatch):
@@ -78,13 +78,13 @@ def test_a_picture_on_a_display_in_memory(results, tmp_path, capsys, monkeypatch
 
 def test_a_viewer_that_writes_no_picture_is_told(tmp_path):
     with pytest.raises(UserError, match="written no picture"):
-        view._take(["true"], tmp_path / "seen.png")
+        tools._take(["true"], tmp_path / "seen.png")
 
 
 def test_what_the_wrapper_started_ends_with_it(tmp_path):
     """The `rerun` on the path starts the viewer and may end before it."""
     told = tmp_path / "process"
-    assert view._until_closed(["sh", "-c", f"sleep 60 & echo $! > {told}; exit 3"]) == 3
+    assert tools._until_closed(["sh", "-c", f"sleep 60 & echo $! > {told}; exit 3"]) == 3
     process, until = int(told.read_text()), time.monotonic() + 10
     while _runs(process) and time.monotonic() < until:
         time.sleep(0.05)

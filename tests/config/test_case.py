@@ -7,8 +7,7 @@ import pytest
 
 from simgap.cli import main
 from simgap.config.case import schema_text
-from simgap.config.load import load_case
-from simgap.config.load_yaml import read_yaml
+from simgap.config.load import load_case, read_yaml
 from simgap.config.measured import MeasuredSection
 from simgap.errors import UserError
 from simgap.stages.reference import reference
@@ -97,7 +96,7 @@ MISTAKES = {
     "missing key": ({}, ("simulator.inertia",), "inertia", "missing"),
     "wrong unit": ({"domain.tau": "0.005 kg"}, (), "domain.tau", "kg"),
     "not a number": ({"domain.tau": "soon"}, (), "domain.tau", "soon"),
-    "box upside down": ({"domain.X.x1": [0.2, -0.2]}, (), "domain", "upside down"),
+    "box upside down": ({"domain.X.x1": [0.2, -0.2]}, (), "domain.X.x1", "upside down"),
     "eps not positive": ({"grid.eps": 0}, (), "grid.eps", "must be above 0"),
     "empty U": ({"domain.U.u": {"values": []}}, (), "domain.U.u", "empty"),
     "U upside down": ({"domain.U.u": {"min": 1, "max": -1, "step": 0.1}}, (), "domain.U.u", "empty"),

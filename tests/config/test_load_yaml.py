@@ -3,8 +3,7 @@
 import pytest
 
 from simgap.cli import main
-from simgap.config.load import load_case
-from simgap.config.load_yaml import DEEPEST, LARGEST, read_yaml
+from simgap.config.load import DEEPEST, LARGEST, load_case, read_yaml
 from simgap.config.rig import load_rig
 from simgap.errors import UserError
 

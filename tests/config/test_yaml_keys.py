@@ -1,6 +1,6 @@
 """A case is YAML with the booleans of version 1.2: `on` is a key like any other."""
 
-from simgap.config.load_yaml import read_yaml
+from simgap.config.load import read_yaml
 
 
 def test_on_and_y_are_words(tmp_path):

@@ -1,18 +1,22 @@
-"""A push in the data that are fitted: told, left out, and nothing else is left out in its name."""
+"""A push in the data that are fitted: it weighs nothing, is told, and nothing else is taken for one."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from simgap.diagnosis.diagnose import diagnose
 from simgap.diagnosis.parts_of import parts_of
-from simgap.diagnosis.push import stands_out, suspected
-from simgap.diagnosis.record.folds import Windows, left_out
+from simgap.diagnosis.record.folds import Windows, cut_at, left_out
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
+from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.search.watch import Watch
-from simgap.diagnosis.seek import begun
+from simgap.diagnosis.seek import begun, under_its_law
+from simgap.diagnosis.simulation.initial import initial_states
+from simgap.diagnosis.verdict.faults import gross_spans
 from simgap.diagnosis.verdict.words import verdict_parts
 from tests.diagnosis.plants import block
 
@@ -48,7 +52,7 @@ def _answer(*traces: Trace, effects: tuple[str, ...] = ("coulomb_friction", "vis
 
 @pytest.mark.parametrize("where", [0, 1])
 @pytest.mark.parametrize("force", [20.0, -6.0])
-def test_a_push_in_a_window_that_fits_or_chooses_is_left_out_and_told(where, force):
+def test_a_push_in_a_window_that_fits_or_chooses_weighs_nothing_and_is_told(where, force):
     runs = [_run(1), _run(2), _run(4)]  # the last one confirms, and goes where the pushed ones do
     runs[where] = _run(where + 1, ((4.23, force),))
     d = _answer(*runs)
@@ -63,7 +67,7 @@ def test_a_push_in_a_window_that_fits_or_chooses_is_left_out_and_told(where, for
     assert f"s of run{where + 1} (a push?)" in told.sentence
     spans = (*d.folds.fit, *d.folds.choose)
     assert not any(name == f"run{where + 1}" and a < 4.25 < b for name, a, b in spans)
-    assert any(name == "run4" and b - a > 9.9 for name, a, b in d.folds.confirm)  # nothing is left out there
+    assert any(name == "run4" and b - a > 9.9 for name, a, b in d.folds.confirm)
 
 
 def test_a_push_that_began_where_other_data_were_is_one_wherever_it_went():
@@ -82,21 +86,23 @@ def test_a_push_at_the_start_or_end_of_a_run_is_one(at):
     assert (d.verdict, d.unconfirmed) == ("attributed", ())
 
 
-def test_a_push_that_two_missing_effects_hide_is_suspected():
+def test_a_push_that_two_missing_effects_hide_is_found():
     """Under the declared model friction misses by far more everywhere than the push does where it acts."""
     runs = (_run(1, ((4.23, 3.0),), drag=3.0, sigma=2e-5), *(_run(k, drag=3.0, sigma=2e-5) for k in (2, 4)))
     few = ("coulomb_friction", "viscous_friction", "input_dead_zone", "spring")
     settings = DiagnosisSettings(noise={"q": 2e-5}, held_out_traces=("run4",), effects=few)
     parts, _ = parts_of(block(), Record(runs, ("q",), ("u",)), settings)
-    before = begun(parts.known, {}, Watch())
-    assert not any(a < 4.25 < b for _, a, b in stands_out(parts.known, parts.known.model.null))
-    ((trace, begin, end),) = suspected(parts, *before, {}, 3)
+    search, base = begun(parts.known, {}, Watch())
+    under, (last, _, found) = under_its_law(parts, search, base, 3, {})
+    assert {c.effect.name for c in found.members} == {"coulomb_friction", "viscous_friction"}
+    assert last.reached(found)
+    ((trace, begin, end),) = under.left_out
     assert trace == 0
     assert 4.0 < begin < 4.23
     assert 4.33 < end < 4.6
 
 
-def test_without_a_push_nothing_is_left_out():
+def test_without_a_push_nothing_is_told_of_one():
     d = _answer(_run(1), _run(2), _run(3))
     assert (d.verdict, d.recording) == ("attributed", ())
     assert sum(b - a for _, a, b in (*d.folds.fit, *d.folds.choose)) > 19.9
@@ -109,26 +115,20 @@ def test_what_a_drive_that_saturates_now_and_then_misses_is_no_push():
     assert not d.recording
 
 
-def test_a_push_in_every_other_second_is_more_than_may_be_left_out():
+def test_a_push_in_every_other_second_is_no_gross_error():
     often = tuple((0.5 + k, 15.0 * (-1) ** k) for k in range(9))
     d = _answer(_run(1, often), _run(2, often), _run(3), effects=("coulomb_friction",))
     assert not any(f.fault == "push" for f in d.recording)
     assert d.verdict != "attributed"
 
 
-@pytest.mark.parametrize("pushes", [((4.23, 20.0),), ()])
-def test_a_budget_that_ends_it_does_not_leave_out_what_was_not_borne_out(pushes, monkeypatch):
-    """Whatever stands out, a search that was stopped says `push` only of what still stands out under its answer."""
-    if not pushes:  # as if a time had stood out that does not
-        monkeypatch.setattr("simgap.diagnosis.diagnose.suspected", lambda *a: ((0, 4.0, 4.3),))
-    record = Record((_run(1, pushes), _run(2), _run(3)), ("q",), ("u",))
+def test_a_budget_that_ends_it_tells_of_no_push():
+    """Whatever stands out under the model as declared may be what it lacks."""
+    record = Record((_run(1), _run(2), _run(3)), ("q",), ("u",))
     settings = DiagnosisSettings(
         noise={"q": 5e-4}, effects=("coulomb_friction",), held_out_traces=("run3",), budget_s=1e-3
     )
-    d = diagnose(block(), record, settings)
-    assert [f.fault for f in d.recording] == ["push"] * len(pushes)
-    left = 19.9 - 0.5 * len(pushes)
-    assert sum(b - a for _, a, b in (*d.folds.fit, *d.folds.choose)) > left
+    assert not diagnose(block(), record, settings).recording
 
 
 def test_the_sentence_says_why_a_push_may_be_a_stop():
@@ -137,7 +137,7 @@ def test_the_sentence_says_why_a_push_may_be_a_stop():
     text = " ".join(
         verdict_parts({"verdict": "partial", "effects": [effect], "explained_share": 1.0, "unconfirmed": ["q"]})
     )
-    assert "where times were left out begin q goes further than in other data" in text
+    assert "where gross errors begin q goes further than in other data" in text
     assert "is left" not in text
 
 
@@ -158,7 +158,8 @@ def test_where_a_late_log_ends_before_what_acted_nobody_pushed():
     theta[list(model.find("coulomb_friction", "slide").slots)] = FRICTION
     theta[list(model.find("late_log", "u").slots)] = late * DT
     assert parts.known.ahead(theta) == pytest.approx(late * DT)
-    assert stands_out(parts.known, theta) == ()
+    seen = replace(parts.known.before_the_end(late * DT), usual=parts.known.sigma)
+    assert gross_spans(seen, fit(seen, theta, initial_states(seen), [], {})) == ()
     for part in (parts.known, parts.confirm):
         w = part.before_the_end(late * DT).windows
         ends = {k: part.t[w.stop[w.trace == k].max() - 1] for k in set(w.trace.tolist())}
@@ -174,6 +175,15 @@ def test_windows_are_cut_around_what_is_left_out():
     assert cut.start.tolist() == [0, 41, 100, 152]
     assert cut.stop.tolist() == [30, 100, 147, 200]
     assert cut.trace.tolist() == [0, 0, 1, 1]
+
+
+def test_windows_are_cut_where_a_push_begins():
+    t = np.concatenate([np.arange(100) * 0.01, np.arange(100) * 0.01])
+    at = (np.array(a) for a in ([0, 100, 150], [100, 150, 200], [0, 100, 100], [0, 1, 1]))
+    cut = cut_at(Windows(*at), t, ((0, 0.295, 0.405), (1, 0.47, 0.9)))  # too near an edge
+    assert cut.start.tolist() == [0, 30, 41, 100, 150, 190]
+    assert cut.stop.tolist() == [30, 41, 100, 150, 190, 200]
+    assert cut.trace.tolist() == [0, 0, 0, 1, 1, 1]
 
 
 def _stopped(seed: int, stop: float, force: float = 3000.0) -> Trace:

@@ -78,7 +78,7 @@ def test_a_false_symmetry_is_measured_at_its_worst_and_refused(tmp_path):
     [
         ({"grid": {"half_widths": {"v": 0.1}}}, "it needs"),
         ({"grid": {"half_widths": {"v": 0.1, "z": 0.1}, "eps": 0.1}}, "one of them"),
-        ({"grid": {"half_widths": {"v": 0.1, "z": -1}}}, "not positive"),
+        ({"grid": {"half_widths": {"v": 0.1, "z": -1}}}, "z: the number must be above 0"),
         ({"symmetry": {"group": "translation", "tolerance": {}}}, "name them"),
         ({"symmetry": {"group": "translation", "along": ["y"], "tolerance": {}}}, "symmetry.along"),
     ],

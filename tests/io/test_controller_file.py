@@ -99,7 +99,7 @@ def test_the_package_offers_it_without_costing_anything_before(saved):
     assert simgap.load_controller(saved).input([0.9, 0.0]).tolist() == [-1.0]
     rooms = "{name for name in sys.modules if name.startswith(('numpy', 'numba', 'simgap.'))}"
     # The two that say where machine code and byte code is kept.
-    code = f"import sys, simgap; sys.exit({rooms} != {{'simgap.cache', 'simgap.bytecode'}})"
+    code = f"import sys, simgap; sys.exit({rooms} != {{'simgap.cache', 'simgap.cache'}})"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     with pytest.raises(AttributeError, match="no attribute 'load_everything'"):
         simgap.load_everything  # noqa: B018

@@ -6,10 +6,10 @@ import numpy as np
 
 from simgap.gap.sampling.border_samples import CHECK, FIT, border_columns, border_states
 from simgap.gap.sampling.points import own_point, product, remembers, shard_count, successor_columns, units
-from simgap.io.samples import write_columns
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.stages import borders, gap, grid, lipschitz, rollouts, scp
+from simgap.stages.gap_inputs import write_columns
 
 
 def roll_out(case: Path, folder: Path, point: str | None = None) -> list[Path]:

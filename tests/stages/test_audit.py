@@ -23,14 +23,13 @@ from simgap.io.controller_file import load_controller, save_controller
 from simgap.io.documents import read_json, write_json
 from simgap.io.parquet import read_parquet, write_parquet
 from simgap.io.rerun.closed_loop import read_curves
-from simgap.io.samples import write_columns
-from simgap.io.shared_solution import SharedSolution
+from simgap.io.shared_solution import SharedSolution, scratch_folder
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.process import run_in_processes
 from simgap.simulators.rollouts import roll_out
 from simgap.stages import audit, replay, synthesis
-from simgap.stages.scratch import scratch_folder
+from simgap.stages.gap_inputs import write_columns
 from tests.stages.test_sensing_stage import bound
 
 BUDGET = {"evaluations": 6000, "steps": 1500}

@@ -9,10 +9,10 @@ from simgap.errors import BrokenPromise, UserError
 from simgap.gap.bounds.load import from_json
 from simgap.gap.sampling.points import Points, step_columns
 from simgap.io.documents import read_json
-from simgap.io.samples import write_columns, write_points
 from simgap.plants.context import Context
 from simgap.provenance import provenance
 from simgap.simulators.body_samples import REST, BodySamples
+from simgap.stages.gap_inputs import write_columns, write_points
 from tests.stages import road
 
 ROOT = Path(__file__).parents[2]

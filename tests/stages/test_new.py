@@ -14,7 +14,7 @@ from simgap.errors import UserError
 from simgap.extras.wizard import new_case as new
 from simgap.extras.wizard.dry_friction_guess import blocks_along
 from simgap.extras.wizard.joints import axes_of, centre_of, drives, needed_inputs
-from simgap.extras.wizard.proposal_games import Proposal
+from simgap.extras.wizard.proposal import Proposal
 from simgap.extras.wizard.propose import Numbers
 from simgap.io.controller_file import load_controller
 from simgap.io.wheeled_urdf import wheels_of

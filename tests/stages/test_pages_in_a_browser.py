@@ -29,6 +29,7 @@ frame.onload = () => {
       !f.querySelector("[aria-label], img[alt]:not([alt=''])")).concat(
     [...page.querySelectorAll("img:not([alt]), img[alt='']")]);
   const found = {over, unsaid: unsaid.length, figures: page.querySelectorAll("figure").length,
+    explored: page.querySelectorAll("#explorer .subplot").length,
     ground: getComputedStyle(page.body).backgroundColor, scroll: page.documentElement.scrollWidth - wide};
   document.body.innerHTML = "<pre>" + JSON.stringify(found) + "</pre>";
 };
@@ -65,7 +66,19 @@ def test_nothing_overflows_and_every_figure_is_described(page, width):
     assert found["scroll"] <= 0
     assert found["figures"] >= 4
     assert found["unsaid"] == 0
+    assert found["explored"] == 4, "two states and their gaps, drawn by the script of the page"
     assert console == ""
+
+
+def test_what_is_explored_is_plain_data_without_numbers_that_json_lacks(page):
+    text = (page / "report.html").read_text()
+    given = re.search(r'<script type="application/json" id="explorer-data">(.*?)</script>', text, flags=re.S)
+    runs = json.loads(given[1], parse_constant=pytest.fail)
+    assert [line["yaxis"] for line in runs["data"] if line["name"] == "gap"] == ["y2", "y4"]
+    for low, high, gap in zip(
+        *[iter([r for r in runs["data"] if "only" not in r["name"] and "aware" not in r["name"]])] * 3, strict=True
+    ):
+        assert all(a <= d <= b for a, d, b in zip(low["y"], gap["y"], high["y"], strict=True))
 
 
 @pytest.mark.parametrize("width", [1100, 390])

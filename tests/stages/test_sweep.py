@@ -63,7 +63,7 @@ def test_every_combination_or_one_after_the_other(write):
         ({"gap.slack": []}, {}, "axes: there is no point"),
         ({"gap.slack": 3}, {}, "axes.gap.slack: a list is needed, got 3"),
         ({"gap.seed": list(range(50)), "audit.seed": list(range(50))}, {}, "axes: there are more than 1000 points"),
-        ({"gap.slack": [1]}, {"axis": {}}, "axis: unknown key. A sweep has: case, title, mode, axes, points."),
+        ({"gap.slack": [1]}, {"axis": {}}, "axis: unknown key. Did you mean 'axes'?"),
         ({"gap.slack": [1]}, {"mode": "list"}, "mode: mode list has points and no axes"),
         ({"gap.slack": [1]}, {"points": [{"gap.slack": 2}]}, "mode: mode grid has axes and no points"),
         ({}, {}, "mode: mode grid has axes and no points"),

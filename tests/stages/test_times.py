@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from simgap.errors import UserError
-from simgap.io.job_times import cpu_seconds_in_log, job_times
+from simgap.io.runs import cpu_seconds_in_log, job_times
 
 HEAD = "s\th:m:s\tmax_rss\tmax_vms\tmax_uss\tmax_pss\tio_in\tio_out\tmean_load\tcpu_time\n"
 

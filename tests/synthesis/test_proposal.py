@@ -6,10 +6,8 @@ import sympy as sp
 
 from simgap.errors import UserError
 from simgap.extras.wizard.driven_arm import rounded
-from simgap.extras.wizard.posture import posture_of
-from simgap.extras.wizard.proportions import proportions
-from simgap.extras.wizard.proposal import HELD, WINS, _held, propose
-from simgap.extras.wizard.proposal_games import Search, Tried
+from simgap.extras.wizard.posture import posture_of, proportions
+from simgap.extras.wizard.proposal import HELD, WINS, Search, Tried, _held, propose
 from simgap.extras.wizard.propose import Numbers
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import Coordinate, SymbolicModel, Variable, symbol

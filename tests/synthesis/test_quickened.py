@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from simgap.errors import UserError
-from simgap.extras.wizard.faster_proposal import TIMES, quickened
-from simgap.extras.wizard.proposal_games import Proposal
+from simgap.extras.wizard.proposal import Proposal
+from simgap.extras.wizard.propose import TIMES, quickened
 
 SLOW = Proposal(
     0.1, {"q": (-0.2, 0.2), "v": (-0.5, 0.5)}, {"u": (-0.2, 0.2, 0.1)}, (37, 37), 0.4, (), (), 1.0,

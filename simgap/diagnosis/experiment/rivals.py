@@ -24,6 +24,7 @@ from simgap.diagnosis.record.folds import Windows
 from simgap.diagnosis.record.noise import weights
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.diagnosis.result import DiagnosisSettings, Key
+from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.coarse import coarse
 from simgap.diagnosis.simulation.initial import initial_states
@@ -31,7 +32,6 @@ from simgap.diagnosis.simulation.problem import Problem, build_problem
 from simgap.diagnosis.simulation.sensitivity import choose_step, linearise, slot_direction, with_values
 from simgap.diagnosis.simulation.supermodel import Candidate, SuperModel
 from simgap.diagnosis.thresholds import BIC_GAIN
-from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import EFFECTS, AppliedEffect
 from simgap.errors import UserError
 from simgap.geometry import Box

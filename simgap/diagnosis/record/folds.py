@@ -115,6 +115,20 @@ def left_out(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
     return Windows(*np.ascontiguousarray(np.array(rows, dtype=np.int64).T))
 
 
+def cut_at(windows: Windows, t: Floats, spans: tuple[Span, ...]) -> Windows:
+    """The windows, cut where a time begins and where it ends if the parts are long enough; t: (n,) s."""
+    rows = []
+    for a, b, first, trace in zip(windows.start, windows.stop, windows.first, windows.trace, strict=True):
+        edges = [int(a)]
+        ends = sorted(end for k, *both in spans if k == trace for end in both)
+        for cut in (a + np.searchsorted(t[a:b], ends)).tolist():
+            if min(cut - edges[-1], b - cut) >= MIN_SAMPLES:
+                edges.append(cut)
+        rows += [(i, j, first, trace) for i, j in itertools.pairwise([*edges, int(b)])]
+    table = np.array(rows, dtype=np.int64)
+    return Windows(*(np.ascontiguousarray(table[:, j]) for j in range(4)))
+
+
 def joined(windows: Windows) -> Windows:
     """Neighbouring windows of a trace as one."""
     a, b = windows.start, windows.stop

@@ -62,13 +62,11 @@ class Record:
         traces: the stretches of data.
         measured: state names of the columns of `Trace.y`.
         inputs: input names of the columns of `Trace.u`, in the order of the model.
-        left_out: (trace, from, to) s: times in which nothing is fitted, as somebody may have pushed.
     """
 
     traces: tuple[Trace, ...]
     measured: tuple[str, ...]
     inputs: tuple[str, ...]
-    left_out: tuple[tuple[int, float, float], ...] = ()
 
     @property
     def rows(self) -> int:

@@ -29,7 +29,6 @@ from simgap.notation import joined
 
 _WINDOWS = 8
 _LIKE = 0.7  # a later possibility must miss by less than this share of the best before it
-_FORCES, _GAIN = ("viscous_friction", "coulomb_friction", "input_bias"), "input_gain"
 _OWN_GAIN = np.sqrt(2.0 * np.pi)  # half the way, as a ratio, to the nearest other unit: turns for radians
 _DESCENTS = 10  # linearisations of a fit that need not settle
 _FIRST_DESCENTS, _HOPELESS = 3, 20.0  # after so many, what misses by so many times what may be missed is given up
@@ -147,26 +146,27 @@ def _missed_beside_effects(part: Problem, hopeless: float, far: float = _OWN_GAI
     """
     part = settled(part)
     at = fit(part, part.model.null, initial_states(part), [], {})
-    kinds = {c.key: c for c in part.model.candidates if c.effect.name in (*_FORCES, _GAIN)}
-    for names in ((*_FORCES, _GAIN), _FORCES):
-        slots = [k for key, c in kinds.items() if key[0] in names for k in c.slots]
+    every = [c for c in part.model.candidates if c.effect.hides_columns]
+    gains = [c for c in every if c.effect.parameters[0].null == 1.0]
+    for free in (every, [c for c in every if c not in gains]):
+        slots = [k for c in free for k in c.slots]
         steps = {k: choose_step(part, at.theta, at.x0, k, 1e-4) for k in slots}
         if np.isfinite(hopeless):
             soon = fit(part, at.theta, at.x0, slots, steps, _FIRST_DESCENTS, rounds=1)
-            if not _near_declared(kinds, soon, far):
+            if not _near_declared(gains, soon, far):
                 continue
             if not _per_number(part, soon) <= hopeless:
                 return min(_per_number(part, soon), _per_number(part, at))
         beside = fit(part, at.theta, at.x0, slots, steps, _DESCENTS)
-        if _near_declared(kinds, beside, far):
+        if _near_declared(gains, beside, far):
             return min(_per_number(part, beside), _per_number(part, at))
     return _per_number(part, at)
 
 
-def _near_declared(kinds: Mapping[tuple[str, str], Candidate], at: Fit, far: float) -> bool:
+def _near_declared(gains: Sequence[Candidate], at: Fit, far: float) -> bool:
     """Whether each gain is so near to what is declared; one that may be far may be reversed too."""
-    gains = [float(at.theta[c.slots[0]]) for key, c in kinds.items() if key[0] == _GAIN]
-    return all(1.0 / far <= (g if far <= _OWN_GAIN else abs(g)) <= far for g in gains)
+    values = [float(at.theta[c.slots[0]]) for c in gains]
+    return all(1.0 / far <= (g if far <= _OWN_GAIN else abs(g)) <= far for g in values)
 
 
 def _per_number(part: Problem, at: Fit) -> float:

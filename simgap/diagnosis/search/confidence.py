@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -9,10 +10,11 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import linearise, slot_direction
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import FIT_QUALITY, NO_MORE_THAN_NOISE
+from simgap.diagnosis.thresholds import A_FEW, FIT_QUALITY, NO_MORE_THAN_NOISE
 from simgap.distributions import chi2 as chi_squared
 from simgap.distributions import student
 
@@ -20,6 +22,43 @@ from simgap.distributions import student
 def at_noise(chi2: float, free: float) -> bool:
     """Whether a sum of squares with so many degrees of freedom is no more than noise; few numbers tell little."""
     return chi2 <= max(FIT_QUALITY * free, float(chi_squared.ppf(NO_MORE_THAN_NOISE, free)))
+
+
+def misfit(problem: Problem, at: Fit) -> tuple[float, float]:
+    """chi^2 of what is no gross error, and its degrees of freedom; of everything, where gross errors are not few."""
+    chi2, size = at.chi2, float(problem.size)
+    if problem.usual is not None:
+        loss = problem.residuals(at.theta, at.x0)
+        gross = are_gross(loss, problem.spread)
+        share = float(np.mean(gross))
+        if 0.0 < share <= A_FEW:
+            chi2, size = chi2 - float(np.sum(loss[gross] ** 2)), size * (1.0 - share)
+    return chi2, max(size - problem.taken - len(at.slots), 1.0)
+
+
+def chi2_dof(problem: Problem, at: Fit) -> float:
+    """Reduced chi^2 of fitted windows, gross errors apart."""
+    chi2, free = misfit(problem, at)
+    return chi2 / free
+
+
+def independent_share(problem: Problem, at: Fit) -> float:
+    """Samples that one independent sample is worth: 1 + 2 sum of the residuals' autocorrelation, at least 1.
+
+    The sum stops where the autocorrelation first turns negative (Geyer (1992), Statistical Science 7(4)).
+    """
+    residual = problem.residuals(at.theta, at.x0)
+    most = int(np.min(problem.windows.stop - problem.windows.start)) // 2
+    sums = np.zeros(most)
+    for a, b in itertools.pairwise(problem.rows.tolist()):
+        part = residual[a:b]
+        size = 1 << (2 * len(part) - 1).bit_length()
+        power = np.abs(np.fft.rfft(part, size, axis=0)) ** 2
+        sums += np.fft.irfft(power, size, axis=0).sum(axis=1)[:most]
+    rho = sums / max(float(sums[0]), 1e-300)
+    negative = np.flatnonzero(rho <= 0.0)
+    last = int(negative[0]) if negative.size else most
+    return max(1.0, 1.0 + 2.0 * float(rho[1:last].sum()))
 
 
 def standard_errors(problem: Problem, at: Fit, steps: dict[int, float], reduced: float, at_floor: bool) -> Floats:

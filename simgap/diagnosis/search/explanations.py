@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from simgap.arrays import Floats
-from simgap.diagnosis.search.confidence import at_noise
+from simgap.diagnosis.search.confidence import at_noise, misfit
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.scoring import Score, Screen, Starts, best_of_each, score, screen
 from simgap.diagnosis.search.watch import Watch
@@ -208,8 +208,7 @@ class Search:
         return self._at_noise(e.fit)
 
     def _at_noise(self, at: Fit) -> bool:
-        free = self.problem.size - self.problem.taken - len(at.slots)
-        return at_noise(at.chi2, max(free, 1))
+        return at_noise(*misfit(self.problem, at))
 
     def surely(self, e: Explanation, member: Candidate) -> bool:
         """Whether an effect of one parameter is worth more than any doubt: its square over its variance (Wald 1943)."""

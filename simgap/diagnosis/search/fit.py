@@ -14,7 +14,7 @@ from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.refit import Refit, refit, refit_from_all, window_chi2
 from simgap.diagnosis.simulation.sensitivity import Linearised, linearise, slot_direction
-from simgap.diagnosis.thresholds import SETTLED_PROMISE, SETTLED_STATES, STANDS_OUT
+from simgap.diagnosis.thresholds import EQUIVALENT_CHI2, NEAR, SETTLED_PROMISE
 
 _MAX_ITERATIONS = 30
 _SOFTEST, _STIFFEST = 1e-9, 1e8  # damping
@@ -33,7 +33,7 @@ class Fit:
         chi2: sum of squared residuals over the noise.
         covariance: (p, p) of the free parameters for the assumed noise, (projected J^T J)^-1.
         at_limit: slots that ended on a physical limit.
-        converged: whether what the linear problem still promises is within `SETTLED_PROMISE` and `SETTLED_STATES`.
+        converged: whether what the linear problem still promises is within `SETTLED_PROMISE` and `EQUIVALENT_CHI2`.
         windows: that the initial states are of.
     """
 
@@ -104,9 +104,9 @@ def fit(
             break
         still = at.chi2 - linear.window_rest  # what the initial states still promise, by the linear problem
         mended = _begun_afresh(problem, at, still)
-        if mended.total > at.total - SETTLED_STATES * max(1.0, at.total / problem.size):
+        if mended.total > at.total - EQUIVALENT_CHI2 * max(1.0, at.total / problem.size):
             scale = np.maximum(1.0, at.chi2 / problem.counts)
-            converged = settled and (problem.model.rubs(at.theta) or bool(np.all(still <= SETTLED_STATES * scale)))
+            converged = settled and (problem.model.rubs(at.theta) or bool(np.all(still <= EQUIVALENT_CHI2 * scale)))
             break
         at = mended
     limit = tuple(k for k in free if at.theta[k] in (problem.model.lower[k], problem.model.upper[k]))
@@ -184,8 +184,8 @@ def _begun_afresh(problem: Problem, at: _Point, promise: Floats) -> _Point:
     if not problem.model.rubs(at.theta):
         return at
     size = at.chi2 / problem.counts
-    out = size > np.median(size) * (1.0 + STANDS_OUT * np.sqrt(2.0 / problem.counts))
-    lost = np.flatnonzero(out | (promise > SETTLED_STATES * np.maximum(1.0, size)))
+    out = size > np.median(size) * (1.0 + NEAR * np.sqrt(2.0 / problem.counts))
+    lost = np.flatnonzero(out | (promise > EQUIVALENT_CHI2 * np.maximum(1.0, size)))
     if not lost.size:
         return at
     ends = refit_from_all(problem.on(problem.windows.pick(lost)), at.theta, at.x0[lost])
@@ -196,7 +196,7 @@ def _begun_afresh(problem: Problem, at: _Point, promise: Floats) -> _Point:
 
 
 def _all_settled(ends: Refit, problem: Problem) -> bool:
-    return bool(np.all(ends.promise <= SETTLED_STATES * np.maximum(1.0, ends.chi2 / problem.counts)))
+    return bool(np.all(ends.promise <= EQUIVALENT_CHI2 * np.maximum(1.0, ends.chi2 / problem.counts)))
 
 
 def _clipped(problem: Problem, at: _Point, free: list[int], step: Floats) -> Floats:

@@ -22,10 +22,10 @@ def choose(options: Iterable[Explanation]) -> Explanation | None:
     best = min(e.bic for e in listed)
     first = min((e for e in listed if e.bic - best < BIC_GAIN), key=lambda e: (e.count, e.bic))
     same = [e for e in listed if e.count == first.count and e.bic - first.bic < SAME]
-    return min(same, key=_place)
+    return min(same, key=by_place)
 
 
-def _place(e: Explanation) -> tuple[object, ...]:
+def by_place(e: Explanation) -> tuple[object, ...]:
     """Of sets that predict the same: what stands first in the library, then ratios nearest to what is declared."""
     slots = sorted((c.slots[0] for c in e.members), reverse=True)
     return slots[:1], _departure(e), slots, e.bic

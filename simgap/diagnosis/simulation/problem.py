@@ -13,6 +13,7 @@ from simgap.arrays import Floats, Ints
 from simgap.diagnosis.record.folds import Windows, left_out, past_the_unknown
 from simgap.diagnosis.record.record import Record
 from simgap.diagnosis.simulation.colour import Colour, whiten
+from simgap.diagnosis.simulation.gross_errors import limited
 from simgap.diagnosis.simulation.past import measured_link, measured_speeds, memories
 from simgap.diagnosis.simulation.simulate import simulate
 from simgap.diagnosis.simulation.supermodel import SuperModel
@@ -62,6 +63,7 @@ class Problem:
         heard: (k,) 1 for channels that are fitted, 0 for one that was left out.
         weight: (n, k) what each reading is worth, in (0, 1]; less than 1 where several share one error of rounding.
         colour: law of the noise; None if it is white.
+        usual: (k,) size of a miss that is no gross error, in the unit of the channel; None: none is one.
     """
 
     model: SuperModel
@@ -76,6 +78,7 @@ class Problem:
     heard: Floats
     weight: Floats
     colour: Colour | None = None
+    usual: Floats | None = None
     memo: Memo = field(default_factory=lambda: Memo())
 
     def on(self, windows: Windows) -> Problem:
@@ -280,7 +283,14 @@ class Problem:
             whiten(residual, self.rows, *self.colour.predictors)
         if self._root_weight.size:
             residual *= self._root_weight
-        return residual if self.heard.all() else residual * self.heard
+        if not self.heard.all():
+            residual *= self.heard
+        return residual if self.usual is None else limited(residual, self.spread)
+
+    @property
+    def spread(self) -> Floats:
+        """Size of a usual miss in units of the noise, (k,); at least 1."""
+        return np.ones(len(self.sigma)) if self.usual is None else np.maximum(self.usual / self.sigma, 1.0)
 
     def _drive(self, theta: Floats) -> Drive:
         """Level, excess, delay and lag of the inputs; kept while the parameters of the inputs stay the same."""

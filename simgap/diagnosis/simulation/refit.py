@@ -6,16 +6,18 @@ Source: Levenberg (1944); Marquardt (1963), J. SIAM 11(2), window by window.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from simgap.arrays import Floats, Ints
+from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.initial import at_rest, initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.sensitivity import chunks, state_steps
 
 _MOST = 20  # linearisations
+_LADDER = (1000.0, 100.0, 10.0)  # sizes of a miss that count as usual, over what is
 _SOFTEST, _SOFT, _STIFF = 1e-10, 1e-6, 1e6  # damping of a step: least, first, and where a window gives up
 
 
@@ -47,14 +49,34 @@ def refit_from_all(problem: Problem, theta: Floats, x0: Floats) -> Refit:
     """The best end of each window: from x0 (w, nx), under dry friction also from the data's own guess and from rest.
 
     Dry friction makes chi^2 of a window a function with several valleys: a window that begins stuck has one at rest.
+    Where misses may be gross errors all of them are at a bad start: there what counts as usual shrinks step by step.
     """
     best = refit(problem, theta, x0)
+    if problem.usual is not None:
+        best = _from_afar(problem, theta, x0, best)
     if not problem.model.rubs(theta):
         return best
     guess = initial_states(problem)
     for start in (guess, at_rest(problem, guess)):
         best = better(best, refit(problem, theta, start))
     return best
+
+
+def _from_afar(problem: Problem, theta: Floats, x0: Floats, best: Refit) -> Refit:
+    """Windows that hold gross errors, from where nothing is one and then by steps from where fewer and fewer are."""
+    gross = are_gross(problem.residuals(theta, best.x0), problem.spread).any(axis=1)
+    bad = np.flatnonzero(np.logical_or.reduceat(gross, problem.rows[:-1]))
+    if not bad.size:
+        return best
+    part = _pick(problem, bad)
+    at = refit(replace(part, usual=None), theta, x0[bad]).x0
+    for times in _LADDER:
+        at = refit(replace(part, usual=times * part.spread * part.sigma), theta, at).x0
+    ends = refit(part, theta, at)
+    x0, chi2, promise = best.x0.copy(), best.chi2.copy(), best.promise.copy()
+    won = ends.chi2 < chi2[bad]
+    x0[bad[won]], chi2[bad[won]], promise[bad[won]] = ends.x0[won], ends.chi2[won], ends.promise[won]
+    return Refit(x0, chi2, promise)
 
 
 def better(a: Refit, b: Refit) -> Refit:

@@ -10,13 +10,12 @@ import numpy as np
 
 from simgap.diagnosis.record.faults.measurement import effect_or_fault
 from simgap.diagnosis.result import Alternative, CandidateScore, Collinear, Estimate, FoundEffect, Key, WindowPrediction
-from simgap.diagnosis.search.confidence import degrees_of_freedom, interval, standard_errors
+from simgap.diagnosis.search.confidence import chi2_dof, degrees_of_freedom, interval, standard_errors
 from simgap.diagnosis.search.equivalence import Rival
 from simgap.diagnosis.search.explanations import Explanation, Search, sound
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.verdict.judge import chi2_dof
 from simgap.effects import AppliedEffect
 from simgap.model.symbolic import SymbolicModel
 

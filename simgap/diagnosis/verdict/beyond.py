@@ -21,7 +21,7 @@ from simgap.diagnosis.thresholds import BRIEF_S, FAR
 _SPAN = 0.25 * BRIEF_S  # s over which a rate is taken
 
 
-def beyond(record: Record, known: Problem, at: Fit, confirm: Problem) -> tuple[str, ...]:
+def beyond(record: Record, spans: tuple[Span, ...], known: Problem, at: Fit, confirm: Problem) -> tuple[str, ...]:
     """Readings and inputs that are, where a time left out begins, where nothing else in the record was, by name.
 
     It begins until a reading leaves the prediction from the window before; where there is none, all of it counts. A
@@ -29,7 +29,7 @@ def beyond(record: Record, known: Problem, at: Fit, confirm: Problem) -> tuple[s
     before as they still act. In one piece of data everything between its least and its largest number was visited.
 
     Args:
-        record: with the times left out; known: the windows without them.
+        record: the data; spans: the times left out; known: the windows without them.
         at: the answer, fitted to these; confirm: the windows that confirm.
     """
     k, reach = len(record.measured), known.reach(at.theta)
@@ -37,7 +37,7 @@ def beyond(record: Record, known: Problem, at: Fit, confirm: Problem) -> tuple[s
     slack = FAR * noise
     low, high = (np.concatenate(each) for each in zip(_ranges(confirm, slack), _ranges(known, -slack), strict=True))
     further = np.zeros(len(slack), dtype=bool)
-    for left in record.left_out:
+    for left in spans:
         trace, begin, end = record.traces[left[0]], left[1], _leaves(known, at, left)
         for columns, values in (
             (slice(0, k), trace.y[_between(trace, begin, end)]),

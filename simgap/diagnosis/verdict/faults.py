@@ -1,12 +1,52 @@
-"""What a search says of faults of the recording: velocities to be left out, and noise that remembers."""
+"""What a search says of faults of the recording: pushes, velocities to be left out, noise that remembers."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from simgap.diagnosis.record.faults.measurement import FilteredVelocity
-from simgap.diagnosis.record.faults.noise import ColouredNoise, FaintMemory
+from simgap.diagnosis.record.faults.noise import ColouredNoise, FaintMemory, Push
+from simgap.diagnosis.record.folds import Span
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.search.explanations import Explanation, Search
+from simgap.diagnosis.search.fit import Fit
+from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.problem import Problem
+from simgap.diagnosis.thresholds import BRIEF_S
+from simgap.notation import joined
+
+_SEVERAL = 3  # gross errors in a row are no stray readings
+
+
+def gross_spans(known: Problem, at: Fit) -> tuple[Span, ...]:
+    """Times of fitted windows in which gross errors follow one another: a push, a contact, a lost signal."""
+    if known.usual is None:
+        return ()
+    gross = are_gross(known.residuals(at.theta, at.x0), known.spread).any(axis=1)
+    t, trace = known.t[known.samples], np.repeat(known.windows.trace, np.diff(known.rows))
+    found: list[list[float]] = []
+    for k, s in sorted(zip(trace[gross].tolist(), t[gross].tolist(), strict=True)):
+        if found and found[-1][0] == k and s - found[-1][2] <= 0.5 * BRIEF_S:
+            found[-1][2:] = [s, found[-1][3] + 1]
+        else:
+            found.append([k, s, s, 1])
+    return tuple((int(k), a, b) for k, a, b, count in found if count >= _SEVERAL)
+
+
+def push_faults(spans: Sequence[Span], known: Problem, names: Sequence[str]) -> tuple[RecordingFault, ...]:
+    """What weighed nothing in a fit to the known windows, in words."""
+    if not spans:
+        return ()
+    places, lasts = [f"{a:.2f} to {b:.2f} s of {names[k]}" for k, a, b in spans], sum(b - a for _, a, b in spans)
+    kept = float(np.sum(known.t[known.windows.stop - 1] - known.t[known.windows.start]))
+    where = joined(places if len(places) <= 3 else [*places[:3], f"{len(places) - 3} more"])
+    sentence = (
+        f"{where[0].upper()}{where[1:]} (a push?): {100 * lasts / (lasts + kept):.2g} % of the fitted time weighs "
+        "nothing, as it stands out and no effect that was tried explains it."
+    )
+    return (Push().told("", lasts, sentence),)
 
 
 def filtered_channels(search: Search, found: Explanation) -> tuple[RecordingFault, ...]:

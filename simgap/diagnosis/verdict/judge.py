@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simgap.arrays import Bools, Floats, Ints
+from simgap.arrays import Floats
 from simgap.diagnosis.result import Judged, Key, Verdict
-from simgap.diagnosis.search.confidence import at_noise, degrees_of_freedom, standard_errors, undetermined, vanishing
+from simgap.diagnosis.search.confidence import (
+    at_noise,
+    chi2_dof,
+    degrees_of_freedom,
+    standard_errors,
+    undetermined,
+    vanishing,
+)
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
+from simgap.diagnosis.simulation.gross_errors import are_gross, limited
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.simulation.supermodel import Candidate
-from simgap.diagnosis.thresholds import A_FEW, FAR, FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST, SURE
+from simgap.diagnosis.thresholds import FIT_QUALITY, LEAPS_ANYHOW, MATTERS, MOST, SURE
 from simgap.diagnosis.verdict.horizon import HorizonError, horizon_error, look_back
 from simgap.diagnosis.verdict.score import Errors, Gain
 
@@ -30,7 +38,7 @@ class HeldOut:
         heard: (k,) 1 for channels that are fitted.
         horizon: the causal error ahead; None if it was not asked for, or no stretch is long enough.
         errors: what it is scored by: the errors ahead, of the windows where there are none.
-        stray: readings that stand alone, which `ratio`, `chi2` and `free` leave out.
+        stray: readings that are gross errors: `chi2` limits what one of them counts.
     """
 
     states: Floats
@@ -51,37 +59,20 @@ class HeldOut:
 
 def judge(held: Problem, theta: Floats, horizon_s: float) -> HeldOut:
     """Refit only the initial states (w, nx) of held-out windows at theta (q,), and predict ahead causally."""
+    held = replace(held, usual=None)
     at = fit(held, theta, initial_states(held), [], {})
-    residual = held.residuals(theta, at.x0)
-    alone = strays(residual, held.rows)
-    residual[alone] = 0.0
-    count, chi2 = held.size - int(alone.sum()), float(np.sum(residual**2))
+    plain = held.residuals(theta, at.x0)
+    noise = np.ones(len(held.sigma))
+    loss = limited(plain, noise)
+    count, chi2 = held.size, float(np.sum(loss**2))
     unbiased = math.sqrt(max(1.0 - held.taken / count, 0.1))  # the initial states took some degrees of freedom
     each = np.maximum(np.sum(held.used[held.samples], axis=0), 1.0)
     rmse = np.sqrt(np.sum(held.misses(theta, at.x0) ** 2, axis=0) / each) * held.sigma / unbiased
-    ratio = math.sqrt(chi2 / count) / unbiased
+    ratio = math.sqrt(float(np.sum(plain**2)) / count) / unbiased
     free = max(round(count - held.taken), 1)
     ahead = horizon_error(held, theta, horizon_s) if horizon_s > 0.0 else None
     errors = _scored(held, ahead, held.misses(theta, at.x0))
-    return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, errors, int(alone.sum()))
-
-
-def strays(residual: Floats, rows: Ints) -> Bools:
-    """Readings that miss by far between neighbours that do not, (n, k); none of a channel that has many.
-
-    What moves cannot jump away for one reading and be back at the next.
-
-    Args:
-        residual: white, of size 1 for a perfect model, (n, k), windows one after another.
-        rows: (w + 1,) where windows begin and end; a reading at an end has one neighbour.
-    """
-    size = np.abs(residual)
-    before, after = np.zeros_like(size), np.zeros_like(size)
-    before[1:], after[:-1] = size[:-1], size[1:]
-    before[rows[:-1]] = 0.0
-    after[rows[1:] - 1] = 0.0
-    found = (size > FAR) & (before < MOST * FAR) & (after < MOST * FAR)
-    return found & (np.mean(found, axis=0) <= A_FEW)
+    return HeldOut(at.x0, rmse, ratio, chi2, free, held.heard, ahead, errors, int(np.sum(are_gross(loss, noise))))
 
 
 def _scored(held: Problem, ahead: HorizonError | None, misses: Floats) -> Errors:
@@ -94,11 +85,6 @@ def _scored(held: Problem, ahead: HorizonError | None, misses: Floats) -> Errors
     length = float(np.max(ends)) + look_back(held)
     place = np.stack([trace, since // length], axis=1)
     return Errors((ahead.error / held.sigma)[:, heard], np.unique(place, axis=0, return_inverse=True)[1].ravel())
-
-
-def chi2_dof(problem: Problem, at: Fit) -> float:
-    """Reduced chi^2 of fitted windows."""
-    return at.chi2 / max(problem.size - problem.taken - len(at.slots), 1)
 
 
 def judged(problem: Problem, at: Fit, held: HeldOut, horizon_s: float) -> Judged:

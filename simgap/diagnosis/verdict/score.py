@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.thresholds import MATTERS
+from simgap.diagnosis.simulation.gross_errors import usual_size
+from simgap.diagnosis.thresholds import MATTERS, TAILS
 from simgap.distributions import student
 
-_TAILS = 4.0  # degrees of freedom of the law
 _PARTS = 10  # the data are scored by so many parts, each under the scale of the others
 
 
@@ -45,8 +45,8 @@ class Errors:
         for p in np.unique(part):
             own = part == p
             if not own.all():
-                scale = _scale(self.size[~own])
-                logs[own] = student.logpdf(self.size[own] / scale, _TAILS) - np.log(scale)
+                scale = usual_size(self.size[~own])
+                logs[own] = student.logpdf(self.size[own] / scale, TAILS) - np.log(scale)
         return np.bincount(at, logs.mean(axis=1)) / np.bincount(at)
 
 
@@ -86,11 +86,3 @@ def gained(before: Floats, after: Floats) -> Gain:
     each, n = after - before, len(before)
     half = float(student.ppf(0.975, n - 1)) * float(np.std(each, ddof=1)) / math.sqrt(n)
     return Gain(float(np.mean(each)), half)
-
-
-def _scale(size: Floats) -> Floats:
-    """Scale of Student's t by maximum likelihood, (n, k) -> (k,)."""
-    s = 1.4826 * np.median(np.abs(size), axis=0) + 1e-9
-    for _ in range(20):
-        s = np.sqrt(np.mean((_TAILS + 1.0) / (_TAILS + (size / s) ** 2) * size**2, axis=0)) + 1e-12
-    return np.asarray(s)

@@ -10,7 +10,6 @@ inertia and dry friction can stand for each other within one trace, but only the
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.search.confidence import chi2_dof, independent_share
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.fit import Fit, fit
 from simgap.diagnosis.search.selection import grow
@@ -25,7 +25,7 @@ from simgap.diagnosis.simulation.coarse import JUDGED_ROWS, coarse
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem
 from simgap.diagnosis.thresholds import BIC_GAIN, MATTERS, MOST, PLAUSIBLE_RATIO, WIDTH
-from simgap.diagnosis.verdict.judge import chi2_dof, folds_agree, judge, vanished
+from simgap.diagnosis.verdict.judge import folds_agree, judge, vanished
 from simgap.diagnosis.verdict.score import Errors, gained
 
 
@@ -54,25 +54,6 @@ class Carried:
     agrees: bool
     declared: Floats
     predicted: Floats
-
-
-def independent_share(problem: Problem, at: Fit) -> float:
-    """Samples that one independent sample is worth: 1 + 2 sum of the residuals' autocorrelation, at least 1.
-
-    The sum stops where the autocorrelation first turns negative (Geyer (1992), Statistical Science 7(4)).
-    """
-    residual = problem.residuals(at.theta, at.x0)
-    most = int(np.min(problem.windows.stop - problem.windows.start)) // 2
-    sums = np.zeros(most)
-    for a, b in itertools.pairwise(problem.rows.tolist()):
-        part = residual[a:b]
-        size = 1 << (2 * len(part) - 1).bit_length()
-        power = np.abs(np.fft.rfft(part, size, axis=0)) ** 2
-        sums += np.fft.irfft(power, size, axis=0).sum(axis=1)[:most]
-    rho = sums / max(float(sums[0]), 1e-300)
-    negative = np.flatnonzero(rho <= 0.0)
-    last = int(negative[0]) if negative.size else most
-    return max(1.0, 1.0 + 2.0 * float(rho[1:last].sum()))
 
 
 def rescaled(search: Search, best: Explanation) -> Search:

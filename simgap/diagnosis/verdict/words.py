@@ -96,7 +96,7 @@ def _unconfirmed(names: Sequence[str]) -> str:
     """Why an answer that is down to the noise is not attributed."""
     go = "goes" if len(names) == 1 else "go"
     return (
-        f"What was kept is down to its noise; but where times were left out begin {joined(list(names))} {go} further "
+        f"What was kept is down to its noise; but where gross errors begin {joined(list(names))} {go} further "
         "than in other data, and a stop, a collision or a limit there would look like a push: record a run that "
         "goes there, and keep it for confirming (measured.held_out)."
     )

@@ -21,7 +21,7 @@ from pydantic import Field, ValidationInfo, model_validator
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.config.simulator import EngineSection
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, optional
 from simgap.simulators.base import Engine
 from simgap.units import check_unit, require_unit
 
@@ -104,14 +104,10 @@ class Unit:
         Raises:
             UserError: FMPy is not installed, no such file, or one that is no FMU for co-simulation of this machine.
         """
-        try:
+        with optional("FMPy", "fmu"):
             import fmpy
             from fmpy.fmi2 import FMU2Slave
             from fmpy.fmi3 import FMU3Slave
-        except ImportError:
-            raise UserError(
-                "FMPy is not installed", key="simulator.engine", remedy="Install the extra: simgap[fmu]."
-            ) from None
         if not reading.is_file(path):
             raise UserError("the FMU does not exist", file=path, key=KEY, remedy="Correct its path.")
         _check_archive(path)

@@ -19,8 +19,7 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise, UserError
-from simgap.extras.wizard.no_proposal import check_room, check_strength
-from simgap.extras.wizard.posture import Posture
+from simgap.extras.wizard.posture import Posture, check_room, check_strength
 from simgap.geometry import Box
 from simgap.late import numba
 from simgap.model.sampled import NominalModel

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,13 +56,7 @@ def drives(file: ModelFile, named: Sequence[str] | None, derived: bool) -> tuple
     """
     joints = file.joints
     if named is not None:
-        unknown = [n for n in named if n not in joints]
-        if unknown or not named:
-            raise UserError(
-                f"no moving joint is called {', '.join(map(repr, unknown))}" if unknown else "no joint is named",
-                key="--inputs", remedy=f"Moving joints: {', '.join(joints)}.",
-            )  # fmt: skip
-        return tuple(n for n in joints if n in named), "as asked"
+        return named_joints(named, joints, "--inputs"), "as asked"
     if file.driven is not None:
         return file.driven, f"the file has a drive for {'it' if len(file.driven) == 1 else 'them'}"
     stated = tuple(n for n, joint in joints.items() if joint.effort)
@@ -74,6 +68,21 @@ def drives(file: ModelFile, named: Sequence[str] | None, derived: bool) -> tuple
         "does not say which joints have a drive", file=file.path, key="<transmission>",
         remedy=f"Name them: --inputs {next(iter(joints))}, or --inputs {','.join(joints)} for all.",
     )  # fmt: skip
+
+
+def named_joints(names: Collection[str], joints: Mapping[str, FileJoint], key: str) -> tuple[str, ...]:
+    """The moving joints of these names, in the order of the file.
+
+    Raises:
+        UserError: no name, or one that is no moving joint's.
+    """
+    unknown = [n for n in names if n not in joints]
+    if unknown or not names:
+        raise UserError(
+            f"no moving joint is called {', '.join(map(repr, unknown))}" if unknown else "no joint is named",
+            key=key, remedy=f"Moving joints: {', '.join(joints)}.",
+        )  # fmt: skip
+    return tuple(n for n in joints if n in names)
 
 
 def axes_of(urdf: Path, joints: Mapping[str, FileJoint], at: Mapping[str, float]) -> list[Axis]:
@@ -116,12 +125,8 @@ def check_positions(joints: Mapping[str, FileJoint], at: Mapping[str, float]) ->
     Raises:
         UserError: either.
     """
-    unknown = [n for n in at if n not in joints]
-    if unknown:
-        raise UserError(
-            f"no moving joint is called {', '.join(map(repr, unknown))}", key="--at",
-            remedy=f"Moving joints: {', '.join(joints)}.",
-        )  # fmt: skip
+    if at:
+        named_joints(at, joints, "--at")
     for name, position in at.items():
         lower, upper = joints[name].range or (-math.inf, math.inf)
         if not lower <= position <= upper:

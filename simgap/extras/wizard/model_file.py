@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 from simgap import reading
 from simgap.config.model_files import places_of
 from simgap.errors import UserError, excerpt
-from simgap.extras.wizard.joints import centre_of, check_positions
+from simgap.extras.wizard.joints import centre_of, check_positions, named_joints
 from simgap.extras.wizard.mjcf_as_urdf import compiled, origin_of, written
 from simgap.io.atomic import write_text
 from simgap.io.model_export import write_inertial
@@ -243,10 +243,4 @@ def _kept(joints: Mapping[str, FileJoint], asked: Asked) -> tuple[str, ...]:
     if asked.joints is None:
         bolted = asked.base == "fixed"
         return tuple(n for n, joint in joints.items() if not bolted or joint.kind in _MOVING)
-    unknown = [n for n in asked.joints if n not in joints]
-    if unknown or not asked.joints:
-        raise UserError(
-            f"no moving joint is called {', '.join(map(repr, unknown))}" if unknown else "no joint is named",
-            key="--joints", remedy=f"Moving joints: {', '.join(joints)}.",
-        )  # fmt: skip
-    return tuple(n for n in joints if n in asked.joints)
+    return named_joints(asked.joints, joints, "--joints")

@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from simgap.config.load import load_case, parse_case
-from simgap.config.load_yaml import plain_content
+from simgap.config.load import load_case, parse_case, plain_content
 from simgap.errors import UserError, excerpt
+from simgap.extras.wizard.driven_arm import rounded
 from simgap.extras.wizard.dry_friction_guess import blocks_along
 from simgap.extras.wizard.joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
 from simgap.extras.wizard.model_file import Asked, NewModel, model_of_mjcf, model_of_urdf, relative
-from simgap.extras.wizard.proposal import SECONDS
-from simgap.extras.wizard.proposal_games import Proposal
+from simgap.extras.wizard.proposal import SECONDS, Proposal
 from simgap.extras.wizard.propose import numbers, shown
 from simgap.io.atomic import write_text
 from simgap.io.pages import text
@@ -254,15 +253,13 @@ def _step(needed: float, effort: float | None, values: int) -> float:
     step = _round_up(2 * needed / (values - 1))
     if effort is None or step * (values - 1) / 2 <= effort:
         return step
-    most = 2 * effort / (values - 1)
-    rounded = _round(most)
-    return rounded if rounded <= most else _round(rounded - 10.0 ** (math.floor(math.log10(most)) - 1))
+    return rounded(2 * effort / (values - 1), down=True)
 
 
 def _round_up(value: float) -> float:
     """At least the value, in two digits."""
-    rounded = _round(value)
-    return rounded if rounded >= value else _round(rounded + 10.0 ** (math.floor(math.log10(value)) - 1))
+    near = _round(value)
+    return near if near >= value else _round(near + 10.0 ** (math.floor(math.log10(value)) - 1))
 
 
 def _round(value: float) -> float:

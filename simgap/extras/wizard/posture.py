@@ -1,14 +1,16 @@
-"""A plant around a posture: what rests there, the linear model, and natural sizes of states and inputs."""
+"""A plant around a posture: what rests there, the linear model, natural sizes, and why nothing may be proposed."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.late import scipy
 from simgap.late import sympy as sp
 from simgap.model.symbolic import SymbolicModel
 
@@ -99,3 +101,172 @@ def _numbers(rows: list[list[sp.Expr]], at: Mapping[sp.Symbol, float]) -> Floats
     if not np.isfinite(found).all():
         raise UserError("the model is no finite number at this posture", key="--at", remedy="Name another one.")
     return found.reshape(len(rows), -1)
+
+
+TURNS = (0.45, 0.6, 0.8)
+"""Sampling times looked at: shares of 1 / the fastest rate of the linear model. Judgement: at most an eighth turn, and
+not so short that X takes speeds at which it is crossed in a few steps."""
+ENOUGH = 2.0
+"""Times the fewest cells of all sampling times: the shortest sampling time within that is taken. Judgement."""
+EVALUATIONS = 120
+"""Of the search over r and K, for each of their unknowns."""
+EVEN = 0.01
+"""Weight of boxes that are alike along all axes: parts of a plant that do not touch each other may have any sizes."""
+_LARGEST, _ROUNDS, _SETTLED = 0.999, 400, 1e-4
+_FAILED = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Proportions:
+    """What one sampling time needs.
+
+    Attributes:
+        tau: s. cells: (n,) along each axis. box: (n,) half-widths, up to one factor for all of them.
+        gain: (m, n) of the feedback.
+    """
+
+    tau: float
+    cells: Floats
+    box: Floats
+    gain: Floats
+
+    @property
+    def size(self) -> float:
+        """Cells in all."""
+        return float(np.prod(self.cells))
+
+
+def proportions(a: Floats, b: Floats, rate: float, taus: Sequence[float] | None = None) -> Proportions | None:
+    """The proportions that need few cells at a short sampling time.
+
+    Args:
+        a, b: dx/dt = a x + b u, (n, n) and (n, m), in units in which states and inputs are of like size.
+        rate: what `TURNS` are shares of, 1/s.
+        taus: sampling times to look at, s; those of `TURNS` if not given.
+
+    Returns:
+        None where no feedback holds the plant.
+    """
+    tried = [_at(a, b, tau) for tau in (taus or [share / rate for share in TURNS])]
+    found = [p for p in tried if p is not None]
+    if not found:
+        return None
+    fewest = min(p.size for p in found)
+    return min((p for p in found if p.size <= ENOUGH * fewest), key=lambda p: p.tau)
+
+
+def _at(a: Floats, b: Floats, tau: float) -> Proportions | None:
+    n, m = b.shape
+    both = scipy.linalg.expm(np.block([[a, b], [np.zeros((m, n + m))]]) * tau)
+    ad, bd = both[:n, :n], both[:n, n:]
+
+    def of(unknown: Floats) -> tuple[Floats, Floats, Floats] | None:
+        weights, r = np.exp(np.clip(unknown[:n], -12, 12)), np.exp(np.clip(unknown[n:], -12, 12))
+        try:
+            cost = scipy.linalg.solve_discrete_are(ad, bd, np.diag(weights), np.eye(m))
+        except (np.linalg.LinAlgError, ValueError):
+            return None
+        gain = np.linalg.solve(np.eye(m) + bd.T @ cost @ bd, bd.T @ cost @ ad)
+        spread = _spread(ad, ad - bd @ gain)
+        return None if spread is None else (spread @ r / r, spread @ r, gain)
+
+    def size(unknown: Floats) -> float:
+        found = of(unknown)
+        return _FAILED if found is None else float(np.log(found[0]).sum() + EVEN * np.var(np.log(found[1])))
+
+    start = np.zeros(2 * n)
+    options = {"maxfev": EVALUATIONS * 2 * n, "adaptive": True}
+    for _ in range(2):  # begun again where it stopped: Nelder and Mead's simplex may have collapsed
+        start = scipy.optimize.minimize(size, start, method="Nelder-Mead", options=options).x
+    found = of(start)
+    return None if found is None else Proportions(tau, *found)
+
+
+def _spread(ad: Floats, closed: Floats) -> Floats | None:
+    """M of this module's head; None where the closed loop does not settle."""
+    if np.abs(np.linalg.eigvals(closed)).max() > _LARGEST:
+        return None
+    power, total, step = np.eye(len(ad)), np.zeros_like(ad), np.abs(ad)
+    for _ in range(_ROUNDS):
+        total += np.abs(power) @ step
+        power = closed @ power
+        if np.abs(power).max() < _SETTLED:
+            return total
+    return None
+
+
+NOTHING = 1e-3
+"""Share of what is natural, or of the X that is sought, that is next to nothing: slips of units are of factors of a
+thousand and more. Judgement."""
+_MOVED, _STABLE, _PART = 1e-9, -1e-9, 0.1
+
+
+def check_moved(model: SymbolicModel, posture: Posture) -> None:
+    """Refuse inputs that move nothing at the posture, and a plant that changes by nothing.
+
+    Raises:
+        UserError: with the input, or the size of the rates.
+    """
+    idle = [n for n, own in zip(model.input_names, posture.b.T, strict=True) if not own.any()]
+    if idle:
+        words = f"{' and '.join(idle)} {'moves' if len(idle) == 1 else 'move'} nothing"
+        raise UserError(
+            f"{words} at this posture: no rate of change there depends on it", key=f"plant.inputs.{idle[0]}",
+            remedy="Look at the equations' terms in it, leave it out, or name another posture (--at).",
+        )  # fmt: skip
+    largest = float(np.abs(posture.a * posture.scale / posture.scale[:, None]).max(initial=0.0))
+    if 0.0 < largest < NOTHING * posture.rate:
+        raise UserError(
+            f"left to itself the plant all but stands still: within a second no state moves another by more than "
+            f"{largest:.2g} of its natural size", key="plant",
+            remedy="Look at the units of its equations and parameters: rates are a second, angles in rad.",
+        )  # fmt: skip
+
+
+def unmoved(model: SymbolicModel, posture: Posture) -> str:
+    """What of the plant grows and is moved by no input, as a clause: by the left eigenvectors of its linear model.
+
+    (Hautus 1969: an unstable eigenvalue whose left eigenvector the inputs do not see.)
+    """
+    b = posture.b * posture.strength / posture.scale[:, None]
+    values, vectors = np.linalg.eig((posture.a * posture.scale / posture.scale[:, None]).T)
+    for value, w in zip(values, vectors.T, strict=True):
+        if value.real > _STABLE * posture.rate and np.abs(w @ b).max(initial=0.0) < _MOVED * posture.rate:
+            share = np.abs(w) / np.abs(w).max()
+            names = [n for n, own in zip(model.state_names, share, strict=True) if own > _PART]
+            does = "does" if len(names) == 1 else "do together"
+            return f"what {' and '.join(names)} {does} is moved by no input"
+    return "its inputs do not move all of what is unstable"
+
+
+def check_room(names: Sequence[str], sought: Floats, room: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse a state whose room is next to nothing of the X that is sought, half-widths (n,).
+
+    Raises:
+        UserError: with the room's ends.
+    """
+    for n, aim in zip(names, sought, strict=True):
+        lo, hi = room.get(n, (-math.inf, math.inf))
+        if hi - lo < 2.0 * NOTHING * aim:
+            raise UserError(
+                f"{n} has no room: its limits are {lo:g} and {hi:g}, where +-{aim:.2g} is sought", key=f"domain.X.{n}",
+                remedy="Look at the joint's <limit> in the URDF and its unit.",
+            )  # fmt: skip
+
+
+def check_strength(names: Sequence[str], most: Floats, wanted: Floats) -> None:
+    """Refuse inputs of which all can be next to nothing of what would keep the X that is sought, both (m,).
+
+    Raises:
+        UserError: with both.
+    """
+    share = float((most / np.where(wanted > 0, wanted, math.inf)).max(initial=0.0)) if len(most) else 1.0
+    if share >= NOTHING:
+        return
+    given = ", ".join(f"{n} +-{v:.2g}" for n, v in zip(names, most, strict=True))
+    needed = ", ".join(f"{n} +-{v:.2g}" for n, v in zip(names, wanted, strict=True))
+    raise UserError(
+        f"the inputs move next to nothing: {given} is allowed where {needed} would be sought", key="domain.U",
+        remedy="Allow larger ones (domain.U, or <limit effort> in the URDF), or look at the units of the equations' "
+        "terms in them.",
+    )  # fmt: skip

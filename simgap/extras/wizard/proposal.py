@@ -1,7 +1,7 @@
 """Sampling time, X, U and cells with which the nominal model of a plant wins something.
 
-The linear model around a posture says how they have to be to each other (`proportions`); how strong the inputs have to
-be for a box is found by solving the nominal model's own game on coarse cells, a few seconds each.
+The linear model around a posture says how they have to be to each other (`posture`); how strong the inputs have to be
+for a box is found by solving the nominal model's own game on coarse cells, a few seconds each.
 """
 
 from __future__ import annotations
@@ -9,18 +9,234 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from simgap.arrays import Floats
 from simgap.errors import UserError
-from simgap.extras.wizard.driven_arm import GUESS, Driven, driven, is_driven, rounded
-from simgap.extras.wizard.dry_friction_guess import rubbing
-from simgap.extras.wizard.no_proposal import check_moved, unmoved
-from simgap.extras.wizard.posture import Posture, posture_of
-from simgap.extras.wizard.proportions import Proportions, proportions
-from simgap.extras.wizard.proposal_games import REACH, SHARES, Proposal, Search, Tried, beside
+from simgap.extras.wizard.driven_arm import GUESS, Driven, changed, constant, driven, is_driven, rounded
+from simgap.extras.wizard.dry_friction_guess import Rubbing, rubbing
+from simgap.extras.wizard.posture import (
+    Posture,
+    Proportions,
+    check_moved,
+    check_room,
+    check_strength,
+    posture_of,
+    proportions,
+    unmoved,
+)
+from simgap.geometry import Box
 from simgap.model.sampled import NominalModel
 from simgap.model.symbolic import SymbolicModel
+from simgap.specifications.invariance import Invariance
+from simgap.specifications.space import Space
+from simgap.synthesis.synthesise import Problem
+
+REACH = 0.25
+"""Half-width of X for the largest angle, rad, on which the motion depends, and where there is none for the largest
+position, in its unit. Judgement: the sine of it differs from it by a hundredth."""
+SHARES = (0.1, 0.2, 0.4)
+"""Of the input that a linear feedback takes at the worst corner of the box: what is tried, and the first that wins is
+taken. A pole on a cart wins .18 of its box with .09 of it. Stronger ones are farther apart, which costs cells."""
+TRAVEL = 1.2
+"""Times what a step travels by the linear model, kept free before the stops of a joint: an engine brakes a bit before
+them, and the model is not linear. Judgement."""
+GROWTH = 2.5
+"""Times as many cells from one round to the next."""
+PAIRS = 60_000_000
+"""Most pairs of cell and input of one try: half a minute of CPU."""
+VALUES = {1: 15, 2: 5}
+"""Values of each of one or two inputs at least, and `FEWER` of more; the posture's own is among them."""
+FEWER, MOST, FEWEST = 3, 15, 10
+"""Values of an input at least, and at most where strong ones have to lie close; cells along an axis at least."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One game: its cells, the largest inputs beyond those at rest, how far apart, half-widths of X, what share won."""
+
+    cells: tuple[int, ...]
+    inputs: tuple[float, ...]
+    steps: tuple[float, ...]
+    box: tuple[float, ...]
+    wins: float
+    against: float = 0.0
+    """What share of what the inputs do in a step was played against, as a gap."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Numbers for a case.
+
+    Attributes:
+        tau: s. X: for each state its ends. U: for each input its least and largest value and their distance.
+        cells: along each axis. wins: share of them that the nominal model alone wins.
+        free: states on which the motion does not depend. tried: the games that were solved.
+        part: of the X that is sought (`REACH`), the share along each axis that stops and the largest inputs leave.
+        target: the box to reach, by state, where each joint has a motor. None for an X to stay in.
+        against: the gap that was played against, as a share of what the largest inputs do in a step; 0 for none.
+        rubs: whether what the joints' dry friction leaves as a gap was played against as well.
+    """
+
+    tau: float
+    X: Mapping[str, tuple[float, float]]
+    U: Mapping[str, tuple[float, float, float]]
+    cells: tuple[int, ...]
+    wins: float
+    free: tuple[str, ...]
+    tried: tuple[Tried, ...]
+    part: float
+    target: Mapping[str, tuple[float, float]] | None = None
+    against: float = 0.0
+    rubs: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The games of a plant at one posture; `limits` and `room` as `propose` has them, `rubs` where joints do."""
+
+    model: SymbolicModel
+    sampled: NominalModel
+    posture: Posture
+    shape: Proportions
+    limits: Mapping[str, float]
+    room: Mapping[str, tuple[float, float]]
+    rubs: Rubbing | None = None
+
+    def check(self) -> None:
+        """Refuse what leaves X next to no size.
+
+        Raises:
+            UserError: a state without room, or inputs that are far too weak.
+        """
+        sought = self.sought()
+        check_room(self.model.state_names, sought, self.room)
+        rest = np.abs(self.posture.u)
+        most = np.array([self.limits.get(n, math.inf) for n in self.model.input_names]) - rest
+        check_strength(self.model.input_names, most, SHARES[0] * np.abs(self.shape.gain) @ sought)
+
+    def rounds(self) -> Iterator[tuple[int, ...]]:
+        """Cells along each axis: as the linear model asks, then more while they are affordable."""
+        for k in itertools.count():
+            more = GROWTH ** (k / len(self.shape.cells))
+            cells = tuple(max(FEWEST, math.ceil(n * more)) for n in self.shape.cells)
+            if k and math.prod(cells) * VALUES.get(len(self.model.inputs), FEWER) ** len(self.model.inputs) > PAIRS:
+                return
+            yield cells
+
+    def values(self, needed: Floats, box: Floats, cells: tuple[int, ...]) -> list[int]:
+        """How many of each input: neighbours no farther apart than what the feedback makes of a cell."""
+        apart = 2.0 * np.abs(self.shape.gain) @ (box / np.array(cells))
+        least = VALUES.get(len(self.model.inputs), FEWER)
+        return [
+            min(MOST, max(least, 1 + 2 * math.ceil(n / max(a, 1e-300)))) for n, a in zip(needed, apart, strict=True)
+        ]
+
+    def sought(self) -> Floats:
+        """Half-widths of X where nothing limits it: an angle on which the motion depends goes to REACH."""
+        names, unit = self.model.state_names, {v.name: v.unit for v in self.model.states}
+        groups = (
+            [n for n in names if unit[n] == "rad" and n not in self.posture.free],
+            [c.position for c in self.model.coordinates],
+            list(names),
+        )
+        measured = next(group for group in groups if group)
+        return np.asarray(self.shape.box * REACH / max(self.shape.box[names.index(n)] for n in measured))
+
+    def box(self, share: float) -> Floats:
+        """Half-widths of X: as sought, and nothing beyond its room.
+
+        Positions with a room keep out of its last step: the engine's stops are no part of the model. `share` is that
+        of the inputs of a linear feedback.
+        """
+        names, box = self.model.state_names, self.sought()
+        fits, needed = 1.0, self._travelled(box, share)
+        for j, n in enumerate(names):
+            lo, hi = self.room.get(n, (-math.inf, math.inf))
+            there = min(hi - self.posture.x[j], self.posture.x[j] - lo)
+            if there <= 0:
+                raise UserError(
+                    f"the posture is outside the room of {n}, [{lo:g}, {hi:g}]", key="--at",
+                    remedy="Name a posture inside.",
+                )  # fmt: skip
+            fits = min(fits, there / (box[j] + needed[j]))
+        return box * fits
+
+    def _travelled(self, box: Floats, share: float) -> Floats:
+        """How far positions go in one step from anywhere in the box, and a margin; 0 for velocities, (n,)."""
+        names, tau, posture = self.model.state_names, self.shape.tau, self.posture
+        gained = np.abs(posture.a) @ box + np.abs(posture.b) @ (share * np.abs(self.shape.gain) @ box)
+        travel = np.zeros(len(names))
+        for c in self.model.coordinates:
+            v = names.index(c.velocity)
+            travel[names.index(c.position)] = TRAVEL * tau * (box[v] + 0.5 * tau * gained[v])
+        return travel
+
+    def play(self, cells: tuple[int, ...], share: float, against: float = 0.0) -> Tried:
+        """The game on these cells with this share of the inputs of a linear feedback, X smaller where they are weak.
+
+        `against` is the gap, as a share of what the largest inputs do in a step; beside it stands what friction leaves.
+        """
+        box, names = self.box(share), self.model.input_names
+        needed = share * np.abs(self.shape.gain) @ box
+        fits = 1.0
+        for n, rest, most in zip(names, self.posture.u, needed, strict=True):
+            left = self.limits.get(n, math.inf) - abs(rest)
+            if left <= 0:
+                raise UserError(
+                    f"to hold the posture takes {abs(rest):.3g} of {n}, its limit is {self.limits[n]:g}", key="--at",
+                    remedy="Name a posture that takes less, or a stronger drive.",
+                )  # fmt: skip
+            fits = min(fits, left / most if most > 0 else 1.0)
+        half = [rounded(v, down=True) for v in box * fits]
+        counts = self.values(needed, box, cells)
+        steps = [self._step(*own, fits < 1.0) for own in zip(range(len(counts)), needed * fits, counts, strict=True)]
+        x = self.posture.x
+        space = Space(self.model.state_names, Box(x - half, x + half))
+        every = [
+            beside(u, s) + s * (np.arange(c) - c // 2) for u, s, c in zip(self.posture.u, steps, counts, strict=True)
+        ]
+        ends = dict(zip(space.states, zip(x - half, x + half, strict=True), strict=True))
+        specification = Invariance(kind="invariance", safe=ends)
+        problem = Problem(self.sampled, specification, space, cells, np.array(list(itertools.product(*every))))
+        inputs = tuple(s * (c // 2) for s, c in zip(steps, counts, strict=True))
+        if against:
+            spread = against * changed(self.sampled, self.posture, np.array(inputs))
+            if self.rubs is None:
+                problem = replace(problem, gap=constant(spread), gap_axes=[])
+            else:
+                kept = [j for j, n in enumerate(self.model.state_names) if n not in self.posture.free]
+                problem = replace(problem, gap=self.rubs.gap(np.array(half), spread), gap_axes=kept)
+        solution = specification.solve(problem.game())
+        return Tried(cells, inputs, tuple(steps), tuple(half), solution.fraction if solution.useful else 0.0, against)
+
+    def _step(self, k: int, half: float, count: int, down: bool) -> float:
+        """Between values of input k that reach `half` from rest, rounded without passing what its drive gives."""
+        step = rounded(2 * half / (count - 1), down=down)
+        left = self.limits.get(self.model.input_names[k], math.inf) - abs(self.posture.u[k])
+        return step if step * (count // 2) <= left else rounded(2 * half / (count - 1), down=True)
+
+    def proposal(self, best: Tried, tried: list[Tried]) -> Proposal:
+        """The case in which that game is played."""
+        x = self.posture.x
+        X = {n: (float(x[j]) - best.box[j], float(x[j]) + best.box[j]) for j, n in enumerate(self.model.state_names)}
+        U = {}
+        for n, rest, most, step in zip(self.model.input_names, self.posture.u, best.inputs, best.steps, strict=True):
+            at = beside(rest, step)
+            U[n] = (round(at - most, 12), round(at + most, 12), step)
+        part = float((np.array(best.box) / self.sought()).min())
+        about = self.posture.free, tuple(tried), part
+        rubs = self.rubs is not None and best.against > 0.0
+        return Proposal(self.shape.tau, X, U, best.cells, best.wins, *about, against=best.against, rubs=rubs)
+
+
+def beside(rest: float, step: float) -> float:
+    """An input at rest, with two digits more than the distance of its neighbours."""
+    return 0.0 if rest == 0.0 else round(float(rest), max(0, 3 - math.floor(math.log10(step))))
+
 
 HELD = 0.02
 """Of what the largest inputs do in a step: the gap against which the cells are to win as well, where time allows. On a

@@ -116,6 +116,11 @@ class BodyFrameGap(GapFunction):
             self, lower=self.class_lower[number], upper=self.class_upper[number], previous=None, by_class=None
         )
 
+    def bounds_of_inputs(self, m: Ints, before: Ints) -> tuple[Floats, Floats]:
+        """Body-frame bounds of steps with input numbers (k,) after others (k,), `REST` among them: two (k, 3)."""
+        kind = self.classes.after(before)
+        return self.class_lower[kind, m], self.class_upper[kind, m]
+
     def bounds_after(self, x: Floats, u: Floats, previous: Ints) -> tuple[Floats, Floats]:
         """See `GapFunction.bounds_after`."""
         if self.previous is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,17 @@ import numpy as np
 from simgap import reading
 from simgap.arrays import Floats
 from simgap.diagnosis.record.channels import RawTable, no_time_column
-from simgap.errors import UserError, excerpt
+from simgap.errors import UserError, excerpt, placed
+from simgap.io.parquet import checksum_holds, record_of
 from simgap.io.recordings.csv_file import CsvLayout, csv_layout, read_csv_columns
-from simgap.io.recordings.json_file import json_header, read_json_table
-from simgap.io.recordings.json_samples import is_json
-from simgap.io.recordings.mcap_file import mcap_header, read_mcap
-from simgap.io.recordings.mcap_messages import is_mcap
-from simgap.io.recordings.parquet_file import is_parquet, parquet_header, parquet_schema, read_parquet_columns
+from simgap.io.recordings.json_file import is_json, json_cells, json_table
+from simgap.io.recordings.mcap_file import is_mcap, mcap_header, read_mcap
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_compute as pc
+from simgap.late import pyarrow_parquet as pq
+from simgap.reading import require_room, table_size
 
+_Source = tuple[tuple[str, ...], Callable[[list[str]], Any], str]
 _GIVE = "Give the path of a CSV, Parquet, JSON or MCAP file."
 
 
@@ -42,35 +43,45 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
     _refuse_no_file(path, file)
     if is_mcap(path):
         return _whole(read_mcap(path, list(wanted), file, reading.sha256(path)), path, file)
-    if not (parquet := is_parquet(path)):
+    if not is_parquet(path):
         reading.checked(path, 4 * reading.MOST)  # its columns are held: none is hashed that is larger than the memory
-    if is_json(path):
-        return _whole(read_json_table(path, list(wanted), time, trace, file, reading.sha256(path)), path, file)
-    sha256 = reading.sha256(path)
-    layout = None if parquet else csv_layout(path, file)
-    header = parquet_header(path, file) if layout is None else layout.header
+    sha256, wanted = reading.sha256(path), list(wanted)
+    labels = None if trace in (time, *wanted) else trace
+    header, read, word = _source(path, file, time, labels, (time, *wanted, trace))
     if time not in header:
         raise no_time_column(time, header, file)
     chosen = [c for c in dict.fromkeys(wanted) if c in header and c != time]
-    columns = [time, *chosen, *([trace] if trace in header and trace not in (time, *chosen) else [])]
-    if layout is None:
-        table = read_parquet_columns(path, columns, file)
-    else:
-        table = _read_csv(path, layout, columns, time, trace, file)
+    labels = labels if labels in header else None
+    table = read([time, *chosen, *([labels] if labels is not None else [])])
     if table.num_rows == 0:
         raise UserError("has a header and no rows", file=file, remedy="Check the recording.")
-    stamps, time_unit = _stamps(table.column(time), file, time)
+    stamps, time_unit = _stamps(table.column(time), file, f"{word} '{time}'")
     raw = RawTable(
         file=file,
         header=header,
         time=stamps,
         time_unit=time_unit or _unit(table.schema.field(time), file),
-        columns={c: _numbers(table.column(c), file, c) for c in chosen},
-        labels=_labels(table.column(trace), file, trace) if columns[-1] == trace else None,
+        columns={c: _numbers(table.column(c), file, f"{word} '{c}'") for c in chosen},
+        labels=None if labels is None else _labels(table.column(labels), file, f"{word} '{labels}'"),
         units={c: unit for c in chosen if (unit := _unit(table.schema.field(c), file)) is not None},
         sha256=sha256,
     )
     return _whole(raw, path, file)
+
+
+def _source(path: Path, file: str, time: str = "", labels: str | None = None, asked: Sequence[str] = ()) -> _Source:
+    """The names of all columns, what reads some of those asked for as an Arrow table, how messages call a column.
+
+    Args:
+        time: the column of stamps; labels: that of text.
+    """
+    if is_json(path):
+        names, cells = json_cells(path, asked, file)
+        return names, lambda columns: json_table(cells, columns, time, labels, file), "key"
+    if is_parquet(path):
+        return parquet_header(path, file), lambda columns: read_parquet_columns(path, columns, file), "column"
+    layout = csv_layout(path, file)
+    return layout.header, lambda columns: _read_csv(path, layout, columns, time, labels, file), "column"
 
 
 def _whole(raw: RawTable, path: Path, file: str) -> RawTable:
@@ -93,11 +104,10 @@ def read_header(path: Path, file: str) -> tuple[tuple[str, ...], dict[str, str]]
     _refuse_no_file(path, file)
     if is_mcap(path):
         return tuple(mcap_header(path, file)), {}
-    if is_json(path):
-        return json_header(path, file), {}
-    if not is_parquet(path):
-        return csv_layout(path, file).header, {}
-    header, schema = parquet_header(path, file), parquet_schema(path)
+    header, _, _ = _source(path, file)
+    if is_json(path) or not is_parquet(path):
+        return header, {}
+    schema = parquet_schema(path)
     return header, {n: unit for n in header if (unit := _unit(schema.field(n), file)) is not None}
 
 
@@ -110,10 +120,8 @@ def _refuse_no_file(path: Path, file: str) -> None:
         raise UserError("no such file", file=file, remedy=_GIVE)
 
 
-def _read_csv(path: Path, layout: CsvLayout, columns: list[str], time: str, trace: str, file: str) -> pa.Table:
-    types = {c: pa.float64() for c in columns if c not in (time, trace)}
-    if trace in columns:
-        types[trace] = pa.string()
+def _read_csv(path: Path, layout: CsvLayout, columns: list[str], time: str, labels: str | None, file: str) -> pa.Table:
+    types = {c: pa.string() if c == labels else pa.float64() for c in columns if c != time}
     return read_csv_columns(path, layout, columns, types, file)
 
 
@@ -138,7 +146,7 @@ def _numbers(column: Any, file: str, name: str) -> Floats:
         values = np.ascontiguousarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
     except pa.ArrowException:
         raise UserError(
-            f"column '{name}' holds {excerpt(column.type)}, not numbers", file=file, remedy="Write plain numbers."
+            f"{name} holds {excerpt(column.type)}, not numbers", file=file, remedy="Write plain numbers."
         ) from None
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
@@ -172,9 +180,7 @@ def _no_nulls(column: Any, file: str, name: str) -> None:
 
 def _bad_cell(file: str, name: str, row: int, cell: str) -> UserError:
     what = f"'{cell[:40]}' is not a finite number" if cell else "the cell is empty or not a number"
-    return UserError(
-        f"row {row + 1}, column '{name}': {what}", file=file, remedy="Remove the row or drop its time with a mask."
-    )
+    return UserError(f"row {row + 1}, {name}: {what}", file=file, remedy="Remove the row or drop its time with a mask.")
 
 
 def _labels(column: Any, file: str, name: str) -> Any:
@@ -183,7 +189,7 @@ def _labels(column: Any, file: str, name: str) -> Any:
         return np.asarray(column.cast(pa.string()).to_pylist(), dtype=np.str_)
     except (pa.ArrowException, UnicodeDecodeError):
         raise UserError(
-            f"column '{name}' holds {excerpt(column.type)}, not names of traces", file=file, remedy="Write plain text."
+            f"{name} holds {excerpt(column.type)}, not names of traces", file=file, remedy="Write plain text."
         ) from None
 
 
@@ -195,3 +201,77 @@ def _unit(field: Any, file: str) -> str | None:
         raise UserError(
             f"the unit of column '{field.name}' is not UTF-8 text", file=file, remedy="Write it as text, such as rad."
         ) from None
+
+
+_MAGIC = b"PAR1"
+
+
+def is_parquet(path: Path) -> bool:
+    """Whether a file is named or begins as Parquet files do."""
+    if path.suffix.lower() in (".parquet", ".pq", ".parq"):
+        return True
+    try:
+        with reading.opened(path) as stream:
+            return stream.read(4) == _MAGIC
+    except OSError as error:
+        raise UserError(f"cannot be read: {error.strerror}", file=path) from None
+
+
+def parquet_schema(path: Path) -> Any:
+    """Names, types and units of all columns."""
+    with reading.opened(path) as stream:
+        return pq.read_schema(stream)
+
+
+def parquet_header(path: Path, file: str) -> tuple[str, ...]:
+    """The names of all columns.
+
+    Raises:
+        UserError: a file that is damaged or was changed, or two columns of one name.
+    """
+    if checksum_holds(reading.read_bytes(path)) is False:  # one that simgap wrote; those of others carry none
+        raise UserError(
+            "was changed after it was written: its checksum does not fit", file=file, remedy="Make it again."
+        )
+    try:
+        names = tuple(parquet_schema(path).names)
+    except (pa.ArrowException, OSError, UnicodeDecodeError):
+        raise _damaged(file) from None
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise UserError(f"has two columns named '{excerpt(twice[0], 40)}'", file=file, remedy="Rename one of them.")
+    return names
+
+
+def rig_record(path: Path) -> Any:
+    """What a file that `simgap rig` wrote says of its simulator; None of any other, readable or not."""
+    try:
+        record = record_of(parquet_schema(path)) if is_parquet(path) else None
+    except (pa.ArrowException, OSError, UserError):
+        return None
+    return record if isinstance(record, dict) and record.get("stage") == "rig" else None
+
+
+def read_parquet_columns(path: Path, columns: list[str], file: str) -> Any:
+    """The named columns as an Arrow table.
+
+    Raises:
+        UserError: a file that is damaged or too large.
+    """
+    try:
+        with placed(file=file):
+            with reading.opened(path) as stream:
+                require_room(table_size(pq.read_metadata(stream), len(columns)))
+            kinds = {field.name: field.type for field in parquet_schema(path) if field.name in columns}
+            # A text that every row repeats is read once: a small file may say that it is gigabytes.
+            words = [name for name, kind in kinds.items() if pa.types.is_string(kind) or pa.types.is_large_string(kind)]
+            with reading.opened(path) as stream:
+                return pq.read_table(stream, columns=columns, partitioning=None, read_dictionary=words)
+    except (pa.ArrowException, OSError, UnicodeDecodeError):
+        raise _damaged(file) from None
+
+
+def _damaged(file: str) -> UserError:
+    return UserError(
+        "is not a whole Parquet file: it is truncated, damaged or of another format", file=file, remedy="Copy it again."
+    )

@@ -16,7 +16,6 @@ from simgap.synthesis.margins import LARGEST_FACTOR, shown_layers
 MAP = "cividis"  # one hue after another in order of lightness, alike to all kinds of colour vision
 FACTOR = "gamma may grow by a factor of"
 REACHED = 1e-5  # a margin this near to the largest that is looked for is that one: margins are rounded down
-APART = 0.25  # of a colour bar that is kept free of ticks beside a label of its end
 
 
 def plane_figure(grid: Grid, factor: Floats, extra: Floats, states: Sequence[str], units: Mapping[str, str]) -> Any:
@@ -79,21 +78,15 @@ def _ends(bar: Any, values: Floats, most: float) -> None:
     bar.ax.minorticks_off()
     low, high = bar.norm.vmin, bar.norm.vmax
     known = values[values > 0]
-    ticks = [tick for tick in bar.get_ticks() if low < tick < high]
-    names = [number(float(tick), 3) for tick in ticks]
+    ticks = {float(tick): number(float(tick), 3) for tick in bar.get_ticks() if low < tick < high}
+    row = "\n" if bar.orientation == "horizontal" else ""  # the ends have a row of their own, below the other ticks
     if len(known) and known.max() >= most * (1.0 - REACHED):
-        apart = [k for k, tick in enumerate(ticks) if tick < high * (low / high) ** APART]
-        ticks, names = (
-            [*(ticks[k] for k in apart), high],
-            [*(names[k] for k in apart), f"\u2265 {number(float(high), 3)}"],
-        )
+        ticks[high] = f"{row}\u2265 {number(float(high), 3)}"
     if len(known) and known.min() < low:
-        apart = [k for k, tick in enumerate(ticks) if tick > low * (high / low) ** APART]
-        ticks, names = [low, *(ticks[k] for k in apart)], [f"\u2264 {low:.3g}", *(names[k] for k in apart)]
-    bar.set_ticks(ticks, labels=names)
-    if bar.orientation == "horizontal" and names:  # what stands at an end stays beside its own bar
-        labels = bar.ax.get_xticklabels()
-        for label, tick in zip(labels, ticks, strict=True):
+        ticks[low] = f"{row}\u2264 {low:.3g}"
+    bar.set_ticks(list(ticks), labels=list(ticks.values()))
+    if row:  # what stands at an end stays beside its own bar
+        for label, tick in zip(bar.ax.get_xticklabels(), ticks, strict=True):
             label.set_ha("left" if tick == low else "right" if tick == high else "center")
 
 

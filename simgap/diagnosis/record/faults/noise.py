@@ -54,7 +54,7 @@ class FaintMemory(Fault):
 class Push(Fault):
     """Something acted on the plant for a moment.
 
-    Detected: short intervals carry most of the error, and no effect explains them; excluded from the fit, see
+    Detected: gross errors follow one another, and no effect explains them; excluded from the fit, see
     [disturbances](../explanation/diagnosis.md#disturbances).
     """
 

@@ -1,17 +1,28 @@
-"""What a command leaves out: pandas, which pyarrow would import at its first conversion, and most searches for garbage.
-
-Snakemake brings pandas along; no stage hands data of pandas to pyarrow. What a plug-in imports is not touched, and
-neither is a program that uses simgap as a library: only the command line calls this.
-"""
+"""What a command does to its own process: Ctrl-C while it is imported, pandas left out, few searches for garbage."""
 
 from __future__ import annotations
 
 import atexit
 import gc
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
 from typing import Any
+
+_OURS = threading.current_thread() is threading.main_thread()
+_BEFORE = signal.getsignal(signal.SIGINT)
+
+if _OURS and _BEFORE is signal.default_int_handler:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def imported() -> None:
+    """From here on it is told as everywhere."""
+    if _OURS:
+        signal.signal(signal.SIGINT, _BEFORE)
+
 
 _ROOMS = ("simgap.io.", "pyarrow.dataset")
 

@@ -1,0 +1,39 @@
+"""The law of misses with gross errors, by hand."""
+
+import numpy as np
+import pytest
+
+from simgap.diagnosis.simulation.gross_errors import LIMIT, are_gross, limited, usual_size
+
+RNG = np.random.default_rng(20)
+
+
+def test_noise_keeps_its_sum_of_squares():
+    noise = RNG.standard_normal((200_000, 1))
+    assert np.mean(limited(noise, np.ones(1)) ** 2) == pytest.approx(1.0, abs=0.01)
+
+
+def test_what_a_reading_counts_is_limited_whatever_it_misses_by():
+    misses = np.array([[5.0], [1e3], [-1e9]])
+    counts = limited(misses, np.ones(1)) ** 2
+    assert np.all(counts < 2.0 * np.log(1001.0) + 1e-9)
+    assert np.sign(limited(misses, np.ones(1))).ravel().tolist() == [1.0, 1.0, -1.0]
+
+
+@pytest.mark.parametrize("size", [1.0, 7.0])
+def test_beyond_the_limit_a_miss_is_a_gross_error(size):
+    misses = size * LIMIT * np.array([[0.99], [1.01], [-1.01]])
+    assert are_gross(limited(misses, np.array([size])), np.array([size])).ravel().tolist() == [False, True, True]
+
+
+def test_the_loss_is_that_of_the_mixture():
+    z, own, any_ = np.linspace(-6, 6, 41)[:, None], 1.0, 1e-3
+    loss = -2.0 * np.log((own * np.exp(-0.5 * z**2) + any_) / (own + any_))
+    assert np.allclose(limited(z, np.ones(1)) ** 2, loss)
+
+
+def test_the_usual_size_hardly_sees_a_push():
+    misses = RNG.standard_normal((4000, 1))
+    clean = float(usual_size(misses)[0])
+    misses[1000:1200] += 500.0
+    assert clean < float(usual_size(misses)[0]) < 1.25 * clean
