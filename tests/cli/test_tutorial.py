@@ -30,7 +30,7 @@ def done(tmp_path_factory):
 
 
 def test_all_steps_are_there():
-    assert [command.split()[1] for command in COMMANDS] == ["tutorial", "check", "run", "new", "check", "diagnose"]
+    assert [command.split()[1] for command in COMMANDS] == ["tutorial", "check", "run", "new", "check", "run", "diagnose"]
 
 
 def test_what_it_says_is_found(done):
