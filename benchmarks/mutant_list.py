@@ -82,22 +82,10 @@ MUTANTS: list[Mutant] = [
             "return lo - (abs(lo) * _LIBM + _TINY), hi + (abs(hi) * _LIBM + _TINY)",
             "return lo, hi",
         ),
-        (
-            "a sine misses its top",
-            "if _holds(a, 0.5 * _PI):\n        hi = 1.0",
-            "if _holds(a, 1.5 * _PI):\n        hi = 1.0",
-        ),
-        (
-            "a sine misses its bottom",
-            "if _holds(a, -0.5 * _PI):\n        lo = -1.0",
-            "if _holds(a, 0.5 * _PI):\n        lo = -1.0",
-        ),
-        ("a cosine misses its top", "if _holds(a, 0.0):\n        hi = 1.0", "if _holds(a, _PI):\n        hi = 1.0"),
-        (
-            "a cosine misses its bottom",
-            "if _holds(a, _PI):\n        lo = -1.0",
-            "if _holds(a, 0.0):\n        lo = -1.0",
-        ),
+        ("a sine misses its top", "-0.5 * _PI, 0.5 * _PI)", "-0.5 * _PI, 1.5 * _PI)"),
+        ("a sine misses its bottom", "-0.5 * _PI, 0.5 * _PI)", "0.5 * _PI, 0.5 * _PI)"),
+        ("a cosine misses its top", "_PI, 0.0)", "_PI, _PI)"),
+        ("a cosine misses its bottom", "_PI, 0.0)", "0.0, 0.0)"),
         ("sin(x)/x is not negative enough", "return -0.2173,", "return -0.21,"),
         ("a tangent misses one pole", "_holds(a, 0.5 * _PI) or ", ""),
         ("a size forgets the negative end", "return 0.0, max(-a[0], a[1])", "return 0.0, a[1]"),
@@ -229,12 +217,12 @@ MUTANTS: list[Mutant] = [
             "boxes[at], boxes[at + n] = 0, cells - 2",
         ),
         ("flat boxes miss their last row", "np.uint64(boxes[at + 2] + 1) * s0", "np.uint64(boxes[at + 2]) * s0"),
-        ("solid boxes miss their last layer", "np.uint64(boxes[at + 5] + 1)", "np.uint64(boxes[at + 5])"),
         (
-            "boxes of four axes miss their last cells",
-            "else boxes[at + n + j] + 1) * shape[3, j]",
-            "else boxes[at + n + j]) * shape[3, j]",
+            "solid boxes miss their last layer",
+            "e, f = np.uint64(boxes[at + 2]), np.uint64(boxes[at + 5] + 1)",
+            "e, f = np.uint64(boxes[at + 2]), np.uint64(boxes[at + 5])",
         ),
+        ("boxes of four axes miss their last cells", "np.uint64(boxes[at + 7] + 1)", "np.uint64(boxes[at + 7])"),
     ),
     *_of(
         "synthesis/abstraction/swept.py",
@@ -412,7 +400,7 @@ MUTANTS: list[Mutant] = [
         ("slopes look ahead alone", "return np.maximum(np.abs(ahead), np.abs(behind))", "return np.abs(ahead)"),
     ),
     *_of(
-        "gap/lipschitz/result.py",
+        "gap/lipschitz/grid.py",
         BOUNDS,
         (
             "the first end of a range decides its slopes",
@@ -430,7 +418,7 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/sampling/samples.py",
+        "gap/sampling/borders.py",
         RANGES,
         (
             "the upper side covers the lower end",
@@ -458,12 +446,12 @@ MUTANTS: list[Mutant] = [
         ),
     ),
     *_of(
-        "gap/fitting/envelope.py",
+        "gap/fitting/cell_fit.py",
         BOUNDS,
         (
             "an envelope's upper side starts from the lower end",
-            "upper = samples.ends[-1].take(flat) + numerical",
-            "upper = samples.d.take(flat) + numerical",
+            "upper = samples.ends[-1][flat] + numerical",
+            "upper = samples.d[flat] + numerical",
         ),
     ),
     *_of(

@@ -1,4 +1,4 @@
-"""Stage `trace`: the closed loop as a recording to look at, held against the table of traces it was made from."""
+"""Stage `trace`: the closed loop as a recording to look at, compared with the table of traces that it was made from."""
 
 from __future__ import annotations
 

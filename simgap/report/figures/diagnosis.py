@@ -12,7 +12,7 @@ from simgap.arrays import Floats
 from simgap.diagnosis.verdict.missing import Binned, Missing
 from simgap.diagnosis.verdict.words import phrase
 from simgap.io import figure_style as style
-from simgap.notation import axis_label, pretty_unit
+from simgap.notation import axis_label, number, pretty_unit
 
 MOST_POINTS = 1500
 NO_LESS = 0.5  # of chi^2/dof that is shown
@@ -116,7 +116,7 @@ def _errorbars(axis: Any, b: Binned, colour: str, marker: str, label: str) -> No
 
 def _gain(value: float) -> str:
     """Whole numbers as far as they leave room for what stands beside them."""
-    return (f"{value:,.0f}" if abs(value) < 1e7 else f"{value:.3g}").replace("-", "\u2212")
+    return (f"{value:,.0f}" if abs(value) < 1e7 else number(value, 3)).replace("-", "\u2212")
 
 
 def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
@@ -141,7 +141,7 @@ def steps_figure(steps: Sequence[Mapping[str, Any]]) -> Any:
         axis.plot(ends, [y, y], color=colour, lw=width, solid_capstyle="butt", zorder=2)
         axis.plot(ends[1], y, "o", color=colour, ms=size, zorder=3)
         for x, said in (
-            (0.38, f"{option['chi2_dof']:.4g}"),
+            (0.38, number(option["chi2_dof"])),
             (1.0, _gain(float(option["bic_gain"]))),
         ):
             numbers.text(x, y, said, va="center", ha="right", fontsize=11)
@@ -167,7 +167,7 @@ def _rows_of(k: int, step: Mapping[str, Any]) -> list[tuple[str, float, Mapping[
     """A title without an option, then the options: label, chi^2/dof before, and the option."""
     before, options = float(step["chi2_dof"]), step["options"][:MOST_OPTIONS]
     taken = any(o["taken"] for o in options)
-    title = f"step {k + 1}, from {before:.4g}" if taken else "nothing more taken" if k else "nothing taken"
+    title = f"step {k + 1}, from {number(before)}" if taken else "nothing more taken" if k else "nothing taken"
     return [(title, before, None), *((phrase(o), before, o) for o in options)]
 
 
@@ -186,7 +186,7 @@ def error_figure(error: Mapping[str, Any], units: Mapping[str, str]) -> Any:
         for y, (which, colour, _) in enumerate(rows):
             value = float(error[which]["horizon_rmse"][state])
             axis.barh(y, value, color=colour, height=0.66)
-            axis.annotate(f" {value:.3g}", (value, y), va="center", fontsize=11)
+            axis.annotate(f" {number(value, 3)}", (value, y), va="center", fontsize=11)
         axis.set_yticks(range(3), [label for _, _, label in rows])
         axis.set_xlabel(f"RMS error {error['before']['horizon_s']:g} s ahead, {axis_label(state, units)}")
         axis.margins(x=0.18)
