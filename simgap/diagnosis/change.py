@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,14 +10,13 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.record.faults.noise import PlantChanged
 from simgap.diagnosis.record.record import Record
-from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, Estimate, FoundEffect, RecordingFault
+from simgap.diagnosis.result import Diagnosis, DiagnosisSettings, FoundEffect, RecordingFault
 from simgap.diagnosis.search.confidence import chi2_dof
 from simgap.diagnosis.search.explanations import Explanation, Search
 from simgap.diagnosis.search.scoring import column, small_amplitude
 from simgap.diagnosis.simulation.sensitivity import Direction, linearise, slot_direction
 from simgap.diagnosis.thresholds import FEWEST_WINDOWS, FIT_QUALITY, MIN_SAMPLES, MOST, RAMP_ENDS, SIDES_ALIKE
 from simgap.effects import EFFECTS
-from simgap.effects.quoted import Quoted
 from simgap.errors import UserError
 from simgap.notation import joined
 
@@ -137,11 +136,7 @@ def _said(found: FoundEffect | None, key: tuple[str, str]) -> str:
     effect = EFFECTS[key[0]]
     if found is None:
         return f"{effect.phrase(key[1])} as declared"
-    return effect.describe(key[1], Quoted(_quoted(found.parameters)))
-
-
-def _quoted(parameters: Mapping[str, Estimate]) -> dict[str, dict[str, object]]:
-    return {s: {"value": p.value, "ci95": list(p.ci95), "unit": p.unit} for s, p in parameters.items()}
+    return effect.describe(key[1], found.quoted)
 
 
 @dataclass(frozen=True)

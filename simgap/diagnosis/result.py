@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 from simgap.arrays import Floats
 from simgap.effects import AppliedEffect
+from simgap.effects.quoted import Quoted
 from simgap.model.symbolic import SymbolicModel
 
 Verdict = Literal["none", "attributed", "partial", "unexplained"]
@@ -66,6 +67,11 @@ class FoundEffect:
     on: str
     parameters: Mapping[str, Estimate]
     alternatives: tuple[tuple[Key, ...], ...] = ()
+
+    @property
+    def quoted(self) -> Quoted:
+        """The parameters as a sentence quotes them."""
+        return Quoted({symbol: asdict(p) for symbol, p in self.parameters.items()})
 
 
 @dataclass(frozen=True)

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from simgap.diagnosis.arms.answer import ArmDiagnosis, BaseParameter, FoundPayload
+from pydantic_core import to_jsonable_python
+
+from simgap.diagnosis.arms.answer import ArmDiagnosis
 from simgap.diagnosis.arms.problem import INERTIAL, TERMS
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
-from simgap.diagnosis.result import Estimate, FoundEffect
 from simgap.effects import effect
 from simgap.effects.quoted import Quoted
 from simgap.io import figure_style as style
 from simgap.io.pages import render
 from simgap.model.tree import Tree
 from simgap.notation import joined
+from simgap.report.diagnosis_document import effect_entry
 from simgap.report.figures.arm import torque_error_figure, torque_figure
 
 Document = Mapping[str, Any]
@@ -124,38 +125,38 @@ def document(
     provenance: Mapping[str, Any],
 ) -> dict[str, Any]:  # fmt: skip
     """Everything that is reported, as JSON takes it. The errors are of torques: `fit_rmse` by input, no horizon."""
-    content: dict[str, Any] = {
+    content: dict[str, Any] = to_jsonable_python({
         "verdict": found.verdict,
         "sentence": "",
         "method": "inverse dynamics",
-        "effects": [_effect(e) for e in found.effects],
-        "base_parameters": [_base(b) for b in found.base],
+        "effects": [effect_entry(e) for e in found.effects],
+        "base_parameters": found.base,
         "consistent": None if found.distance is None else {"distance": found.distance},
-        "payloads": [_payload(p) for p in found.payloads],
-        "recording": [asdict(f) for f in found.recording],
+        "payloads": found.payloads,
+        "recording": found.recording,
         "error": {
             "before": _error(found.before),
             "after": _error(found.after),
             "noise_floor": _error(found.floor),
             "by_trace": {
-                t: {"before": dict(a), "after": dict(b), "after_beyond_friction": dict(found.beyond_friction[t])}
+                t: {"before": a, "after": b, "after_beyond_friction": found.beyond_friction[t]}
                 for t, (a, b) in found.per_trace.items()
             },
         },
         "explained_share": 1.0 - found.excess_share,
         "held_out": _fold(found.folds["confirm"]),
         "folds": {name: _fold(traces) for name, traces in found.folds.items()},
-        "data": [asdict(note) for note in reading.files],
-        "candidates": [asdict(s) for s in found.sought],
-        "columns": list(reading.columns),
+        "data": reading.files,
+        "candidates": found.sought,
+        "columns": reading.columns,
         "warnings": [*reading.warnings, *look.warnings, *found.warnings],
         "low_pass_hz": found.cut_hz,
-        "independent_rows": dict(found.independent),
+        "independent_rows": found.independent,
         "joints": [{"joint": j, "input": u, "link": link} for j, u, link in _rows(tree, inputs)],
-        "survey": asdict(look),
-        "units": dict(units),
-        "provenance": dict(provenance),
-    }
+        "survey": look,
+        "units": units,
+        "provenance": provenance,
+    }, fallback=dict)  # fmt: skip
     content["sentence"] = sentence(content)
     return content
 
@@ -165,30 +166,8 @@ def _rows(tree: Tree, inputs: Sequence[str]) -> list[tuple[str, str, str]]:
 
 
 def _error(rms: Mapping[str, float]) -> dict[str, Any]:
-    return {"fit_rmse": dict(rms), "horizon_s": 0.0, "horizon_rmse": {}}
+    return {"fit_rmse": rms, "horizon_s": 0.0, "horizon_rmse": {}}
 
 
 def _fold(traces: Sequence[str]) -> dict[str, Any]:
-    return {"traces": list(traces), "windows": []}
-
-
-def _estimate(p: Estimate) -> dict[str, Any]:
-    return {"value": p.value, "ci95": list(p.ci95), "unit": p.unit}
-
-
-def _effect(e: FoundEffect) -> dict[str, Any]:
-    parameters = {symbol: _estimate(p) for symbol, p in e.parameters.items()}
-    return {"name": e.name, "on": e.on, "parameters": parameters, "alternatives": []}
-
-
-def _base(b: BaseParameter) -> dict[str, Any]:
-    found = None if b.found is None else _estimate(b.found)
-    return {"name": b.name, "link": b.link, "unit": b.unit, "declared": b.declared, "found": found}
-
-
-def _payload(p: FoundPayload) -> dict[str, Any]:
-    return {
-        "link": p.link,
-        "traces": list(p.traces),
-        "parameters": {symbol: _estimate(e) for symbol, e in p.parameters.items()},
-    }
+    return {"traces": traces, "windows": []}

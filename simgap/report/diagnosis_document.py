@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
+
+from pydantic_core import to_jsonable_python
 
 from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
@@ -14,15 +15,13 @@ from simgap.diagnosis.result import (
     CandidateScore,
     Concentrated,
     Diagnosis,
-    Estimate,
     FoundEffect,
     Judged,
     LeftOver,
     Nearest,
     Stretches,
 )
-from simgap.diagnosis.verdict.remainder import Remainder
-from simgap.diagnosis.verdict.remainder_use import RemainderUse
+from simgap.diagnosis.verdict.remainder import Remainder, RemainderUse
 from simgap.diagnosis.verdict.words import verdict_parts
 
 NUMBER_FROM = {
@@ -57,12 +56,12 @@ def document(
     provenance: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Everything that is reported, as JSON takes it."""
-    content: dict[str, Any] = {
+    content: dict[str, Any] = to_jsonable_python({
         "verdict": found.verdict,
         "sentence": "",
         "sentences": [],
-        "effects": [_effect(e) for e in found.effects],
-        "recording": [asdict(f) for f in found.recording],
+        "effects": [effect_entry(e) for e in found.effects],
+        "recording": found.recording,
         "error": {
             "before": _error(found.before),
             "after": _error(found.after),
@@ -70,19 +69,19 @@ def document(
         },
         "held_out": _fold(found.folds.confirm, reading),
         "folds": {name: _fold(getattr(found.folds, name), reading) for name in ("fit", "choose", "confirm")},
-        "number_from": {key: list(folds) for key, folds in NUMBER_FROM.items()},
-        "data": [asdict(note) for note in reading.files],
+        "number_from": NUMBER_FROM,
+        "data": reading.files,
         "candidates": [_candidate(c) for c in found.candidates],
-        "steps": [asdict(s) for s in found.steps],
-        "columns": list(reading.columns),
+        "steps": found.steps,
+        "columns": reading.columns,
         "warnings": [*reading.warnings, *look.warnings, *(w for w in found.warnings if w not in look.warnings)],
         **_judgement(found),
-        "noise": dict(found.sigma),
+        "noise": found.sigma,
         "remainder": _remainder(remainder, use) if remainder is not None else None,
-        "survey": asdict(look),
-        "units": dict(units),
-        "provenance": dict(provenance),
-    }
+        "survey": look,
+        "units": units,
+        "provenance": provenance,
+    }, fallback=dict)  # fmt: skip
     content["sentences"] = verdict_parts(content)
     content["sentence"] = " ".join(content["sentences"])
     return content
@@ -100,8 +99,8 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
         "nearest": _nearest(found.nearest),
         "left_over": _left_over(found.left_over),
         "concentrated": _concentrated(found.concentrated),
-        "unconfirmed": list(found.unconfirmed),
-        "faint_memory": list(found.faint_memory),
+        "unconfirmed": found.unconfirmed,
+        "faint_memory": found.faint_memory,
         "at_most": found.at_most,
         "alternatives": [_alternative(a) for a in found.alternatives],
         "indistinguishable": [
@@ -117,14 +116,14 @@ def _judgement(found: Diagnosis) -> dict[str, Any]:
 
 def _explained(share: tuple[float, float, float] | None) -> dict[str, Any] | None:
     """Off the noise floor: the share of the error's scale that goes, with its interval."""
-    return None if share is None else {"share": share[0], "ci95": list(share[1:])}
+    return None if share is None else {"share": share[0], "ci95": share[1:]}
 
 
 def _nearest(n: Nearest | None) -> dict[str, Any] | None:
     """What comes nearest where nothing is named."""
     if n is None:
         return None
-    return {"effects": [_effect(e) for e in n.effects], "explained_share": n.share, "reasons": list(n.reasons)}
+    return {"effects": [effect_entry(e) for e in n.effects], "explained_share": n.share, "reasons": n.reasons}
 
 
 def _concentrated(c: Concentrated | None) -> dict[str, Any] | None:
@@ -135,44 +134,41 @@ def _concentrated(c: Concentrated | None) -> dict[str, Any] | None:
         "stretches": [{"trace": t, "from": a, "to": b} for t, a, b in c.stretches],
         "error_share": c.error_share,
         "explained_share_without": 1.0 - c.excess_share_without,
-        "median": {"before": dict(c.median_before), "after": dict(c.median_after)},
+        "median": {"before": c.median_before, "after": c.median_after},
     }
 
 
 def _left_over(over: Sequence[LeftOver] | None) -> list[dict[str, Any]] | None:
     """What would take away a part of the rest."""
-    return None if over is None else [_effect(o.effect) | {"share": o.share} for o in over]
+    return None if over is None else [effect_entry(o.effect) | {"share": o.share} for o in over]
 
 
 def _alternative(a: Alternative) -> dict[str, Any]:
-    effects = [{"name": e.name, "on": e.on, "parameters": dict(e.values)} for e in a.effects]
+    effects = [{"name": e.name, "on": e.on, "parameters": e.values} for e in a.effects]
     return {"effects": effects, "bic_excess": a.bic_excess, "exact": a.exact}
 
 
 def _remainder(remainder: Remainder, use: RemainderUse) -> dict[str, Any]:
     """The bounds, and what was really done with them."""
-    return {**asdict(remainder), "bounded": use.bounded, "reason": use.reason}
+    return {**to_jsonable_python(remainder), "bounded": use.bounded, "reason": use.reason}
 
 
 def _key(key: Sequence[str]) -> dict[str, str]:
     return {"name": key[0], "on": key[1]}
 
 
-def _effect(e: FoundEffect) -> dict[str, Any]:
+def effect_entry(e: FoundEffect) -> dict[str, Any]:
+    """An effect with its numbers and what could stand in its place."""
     return {
         "name": e.name,
         "on": e.on,
-        "parameters": {symbol: _estimate(p) for symbol, p in e.parameters.items()},
+        "parameters": e.parameters,
         "alternatives": [[_key(k) for k in alternative] for alternative in e.alternatives],
     }
 
 
-def _estimate(p: Estimate) -> dict[str, Any]:
-    return {"value": p.value, "ci95": list(p.ci95), "unit": p.unit}
-
-
 def _error(j: Judged) -> dict[str, Any]:
-    return {"fit_rmse": dict(j.fit_rmse), "horizon_s": j.horizon_s, "horizon_rmse": dict(j.horizon_rmse)}
+    return {"fit_rmse": j.fit_rmse, "horizon_s": j.horizon_s, "horizon_rmse": j.horizon_rmse}
 
 
 def _fold(stretches: Stretches, reading: Reading) -> dict[str, Any]:
@@ -199,6 +195,6 @@ def _candidate(c: CandidateScore) -> dict[str, Any]:
         "chi2_drop": c.chi2_drop,
         "bic_gain": c.bic_gain,
         "chi2_dof": c.chi2_dof,
-        "parameters": dict(c.parameters),
+        "parameters": c.parameters,
         "rejected": c.rejected,
     }

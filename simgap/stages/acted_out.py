@@ -21,7 +21,7 @@ from simgap.config.measured import MeasuredSection
 from simgap.config.plant import AddedEffect
 from simgap.diagnosis.result import Diagnosis
 from simgap.diagnosis.thresholds import MATTERS, MOST_FOLLOWED, NEAR
-from simgap.diagnosis.verdict.followed import Followed, followed, stray
+from simgap.diagnosis.verdict.transitions import Followed, followed, stray
 from simgap.effects import AppliedEffect, effect
 from simgap.errors import UserError
 from simgap.notation import joined, number

@@ -15,7 +15,7 @@ from simgap.diagnosis.arms.diagnose import ArmSettings, diagnose_arm
 from simgap.diagnosis.arms.motion import columns_of
 from simgap.diagnosis.arms.problem import TERMS, Payload
 from simgap.diagnosis.record.clock import same_file
-from simgap.diagnosis.record.survey import survey
+from simgap.diagnosis.record.survey import Survey
 from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.result import WindowPrediction
 from simgap.errors import UserError
@@ -24,9 +24,7 @@ from simgap.io.documents import write_json
 from simgap.io.model_export import with_inertial
 from simgap.io.pages import need_template
 from simgap.io.parquet import table, write_parquet
-from simgap.io.recordings.measured import load_reading
 from simgap.io.rerun.diagnosis import write_recording
-from simgap.lint.measured import refuse_arm_conditions
 from simgap.model.tree import Tree
 from simgap.plants.context import Context
 from simgap.provenance import provenance
@@ -40,26 +38,20 @@ RECORDING, TRANSITIONS = "residual.rrd", "transitions.parquet"
 
 
 def run(
-    context: Context, tree: Tree, section: MeasuredSection, paths: Sequence[Path], out_dir: Path, strict: bool,
-    tell: Callable[[str], None],
+    context: Context, tree: Tree, section: MeasuredSection, reading: Reading, look: Survey, paths: Sequence[Path],
+    out_dir: Path, tell: Callable[[str], None],
 ) -> dict[str, Any]:  # fmt: skip
-    """Diagnose recordings of an arm and write `diagnosis.json`, `report.html`, `corrected_case.yaml`, `residual.rrd`,
-    pictures, `transitions.parquet` (no rows: no bound could be held against them), and `corrected.urdf` where inertial
-    parameters were found.
+    """Diagnose recordings of an arm, as they were read, and write `diagnosis.json`, `report.html`,
+    `corrected_case.yaml`, `residual.rrd`, pictures, `transitions.parquet` (no rows: no bound could be held against
+    them), and `corrected.urdf` where inertial parameters were found.
 
     Raises:
         UserError: whatever is wrong with the case or the data, naming file, row or key and the remedy.
     """
     need_template(TEMPLATE)
+    record, model = reading.record, context.plant.declared
     with context.blame():
-        refuse_arm_conditions(section)
-        model = context.plant.declared
         inputs = [_drive(context, joint) for joint in tree.joints]
-        tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")
-        reading = load_reading(model, section, paths, context.folder, str(context.path), strict)
-        record = reading.record
-        tell(f"{record.rows} samples in {len(record.traces)} traces; measured: {', '.join(record.measured)}")
-        look = survey(record, model, section.noise)
         ends = [model.coordinate(joint) for joint in tree.joints]
         where = columns_of([c.position for c in ends], [c.velocity for c in ends], inputs, record)
         settings = ArmSettings(

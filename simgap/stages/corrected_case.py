@@ -19,7 +19,7 @@ from simgap.config.domain import InputSet
 from simgap.config.load import case_content, parse_case
 from simgap.config.model_files import move_files
 from simgap.config.plant import AddedEffect
-from simgap.diagnosis.verdict.remainder_use import RemainderUse
+from simgap.diagnosis.verdict.remainder import RemainderUse
 from simgap.effects import AppliedEffect, effect
 from simgap.effects.commands import MemoryInputEffect
 from simgap.geometry import Box, Grid

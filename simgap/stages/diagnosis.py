@@ -18,8 +18,7 @@ from simgap.diagnosis.record.survey import Survey, survey
 from simgap.diagnosis.record.traces import Reading
 from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.verdict.missing import missing_terms
-from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder
-from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
+from simgap.diagnosis.verdict.remainder import Remainder, RemainderUse, bound_remainder, use_of
 from simgap.effects import apply_effects
 from simgap.errors import UserError
 from simgap.io.atomic import atomic, write_text
@@ -29,7 +28,7 @@ from simgap.io.parquet import table, write_parquet
 from simgap.io.recordings.measured import load_reading
 from simgap.io.recordings.tables import rig_record
 from simgap.io.rerun.diagnosis import write_recording
-from simgap.lint.measured import check_measured, named_files, refuse_unknown
+from simgap.lint.measured import check_measured, named_files, refuse_arm_conditions, refuse_unknown
 from simgap.model.symbolic import SymbolicModel
 from simgap.notation import number
 from simgap.plants.context import Context
@@ -119,16 +118,19 @@ def run(
             context.own(path, record, "rig")
     with context.blame():
         tree = None if context.plant.declared.derived else context.plant.tree
-    if tree is not None:
-        return arm_diagnosis.run(context, tree, section, paths, out_dir, not data, tell)
-    with context.blame():
-        model = context.plant.corrected
+        model = context.plant.corrected if tree is None else context.plant.declared
+        if tree is None:
+            refuse_unknown(section, model)
+        else:
+            refuse_arm_conditions(section)
         tell(f"reading {len(paths)} file{'s' if len(paths) != 1 else ''}")
-        refuse_unknown(section, model)
         reading = load_reading(model, section, paths, context.folder, str(case_path), strict=not data)
         record = reading.record
         tell(f"{record.rows} samples in {len(record.traces)} traces; measured: {', '.join(record.measured)}")
         look = survey(record, model, section.noise)
+    if tree is not None:
+        return arm_diagnosis.run(context, tree, section, reading, look, paths, out_dir, tell)
+    with context.blame():
         if (beyond := outside(context, record)) is not None:
             reading = replace(reading, warnings=(*reading.warnings, beyond))
         for warning in (*reading.warnings, *look.warnings):

@@ -5,8 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from simgap.diagnosis.verdict.near_rest import Sizes, bound
-from simgap.diagnosis.verdict.pieces import Left, memory, pieces
+from simgap.diagnosis.verdict.conformal_bound import Left, Sizes, bound, memory, pieces
 from simgap.split_conformal import attained
 
 LEVEL = 0.95

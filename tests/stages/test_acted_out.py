@@ -11,7 +11,7 @@ from simgap.config.load import load_case
 from simgap.config.measured import MeasuredSection
 from simgap.diagnosis.record.survey import survey
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.followed import followed, stray
+from simgap.diagnosis.verdict.transitions import followed, stray
 from simgap.effects import AppliedEffect
 from simgap.plants.context import Context
 from simgap.plants.plant_model import PlantModel

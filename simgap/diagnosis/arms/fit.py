@@ -14,9 +14,15 @@ import numpy as np
 
 from simgap.arrays import Floats
 from simgap.diagnosis.arms.problem import INERTIAL, PAYLOAD, TERMS, Key, Part
-from simgap.diagnosis.arms.thresholds import EXPECTED, SAME_DIRECTION
+from simgap.diagnosis.record.noise import samples_as_one
 from simgap.diagnosis.thresholds import AS_GOOD, BIC_GAIN
 from simgap.effects import effect
+
+SAME_DIRECTION = 1e-3
+"""A term of which less than this share (of its norm) is not what others do is not sought beside them."""
+
+EXPECTED = ("viscous_friction", "coulomb_friction")
+"""What every drive with a gear has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,24 +61,11 @@ def spread(part: Part, theta: Floats) -> Floats:
 
 
 def correlation_rows(part: Part, theta: Floats) -> Floats:
-    """(n,) rows that count as one: the integrated autocorrelation of what is left, up to its first zero.
-
-    Source: Geyer (1992), Statistical Science 7(4), initial positive sequence.
-    """
+    """(n,) rows that count as one, by what is left of each joint."""
     left = residual(part, theta) * part.live
-    out = np.ones(left.shape[1])
-    for j in range(left.shape[1]):
-        r = left[:, j]
-        power = float(r @ r)
-        total = 1.0
-        for lag in range(1, len(r) // 4):
-            same = part.trace[lag:] == part.trace[:-lag]
-            share = float((r[lag:] * r[:-lag])[same].sum()) / max(power, 1e-300)
-            if share <= 0.0:
-                break
-            total += 2.0 * share
-        out[j] = total
-    return out
+    stretches = np.split(left, np.flatnonzero(np.diff(part.trace)) + 1)
+    joints = range(left.shape[1])
+    return np.array([samples_as_one([own[:, [j]] for own in stretches], max(len(left) // 4, 1)) for j in joints])
 
 
 def score(part: Part, theta: Floats, count: int, together: Floats) -> float:

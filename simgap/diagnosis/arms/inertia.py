@@ -18,8 +18,14 @@ from typing import Any
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.arms.thresholds import INDEPENDENT, TOWARDS_DECLARED
 from simgap.model.tree import UNITS, Tree, regressor, symmetric
+
+INDEPENDENT = 1e-8
+"""Columns of the regressor at random motions with a smaller share of their own are combinations of others."""
+
+TOWARDS_DECLARED = 1e-3
+"""Weight, in squared standard errors, with which inertial parameters stay near the declared ones where the motion does
+not show them."""
 
 _DRAWS = 200
 

@@ -12,9 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats
-from simgap.diagnosis.arms.thresholds import BAND, ENERGY, MOST_OF_THE_RATE, REST_SHARE, STILL
 from simgap.diagnosis.record.record import Record, Trace
 from simgap.errors import UserError
+
+ENERGY, BAND = 0.999, 5.0
+"""The low pass cuts at five times the frequency below which this share of the velocities' energy lies. Judgement."""
+
+MOST_OF_THE_RATE = 0.2
+"""The cut is at most this share of the sampling rate, so that central differences are derivatives."""
+
+REST_SHARE = 0.02
+"""A joint below this share of its largest speed counts as at rest. Judgement."""
+
+STILL = 1e-2
+"""A trace whose joints never exceed this speed, rad/s or m/s, is at rest: what moves is noise. Judgement."""
 
 
 @dataclass(frozen=True)

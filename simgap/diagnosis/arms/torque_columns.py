@@ -13,10 +13,16 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.arms.fit import correlation_rows, solve, standard_errors
 from simgap.diagnosis.arms.problem import TERMS, Part
-from simgap.diagnosis.arms.thresholds import CONSTANT, OTHER_SCALE
 from simgap.diagnosis.record.faults.columns import ConstantColumn, SwappedColumns, WrongSign
 from simgap.diagnosis.result import RecordingFault
 from simgap.diagnosis.thresholds import MATTERS, MOST
+
+CONSTANT = 1e-6
+"""A torque that varies less than this share of the declared model's is no reading. Judgement."""
+
+OTHER_SCALE = 3.0
+"""A column is another joint's if that joint's torque leaves less than a tenth of the square that its own leaves, at a
+slope between 1/3 and 3; and a multiple of its own if that leaves less than a tenth of what its own leaves."""
 
 _TAKEN_OUT = "Nothing is fitted to that."
 

@@ -11,6 +11,7 @@ Source: Widrow, Kollar (2008), Quantization Noise, ch. 5, 9; Kish (1965), Survey
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +59,26 @@ def noise_floor(record: Record) -> Floats:
     spread = np.sqrt(np.mean([np.var(trace.y, axis=0) for trace in record.traces], axis=0))
     floor = 1e-7 * np.maximum(spread, 1e-12)  # data without noise: below the accuracy of the simulation
     return np.maximum(np.sqrt(total / np.maximum(count, 1.0)), floor)
+
+
+def samples_as_one(stretches: Sequence[Floats], most: int) -> float:
+    """Samples that one independent sample is worth: 1 + 2 sum of the autocorrelation, at least 1.
+
+    The sum stops where the autocorrelation first turns negative (Geyer (1992), Statistical Science 7(4)).
+
+    Args:
+        stretches: (n, k) each, in which samples follow one another; most: lags that are looked at.
+    """
+    sums = np.zeros(most)
+    for part in stretches:
+        size = 1 << (2 * len(part) - 1).bit_length()
+        power = np.abs(np.fft.rfft(part, size, axis=0)) ** 2
+        own = np.fft.irfft(power, size, axis=0).sum(axis=1)[: min(most, len(part))]
+        sums[: len(own)] += own
+    rho = sums / max(float(sums[0]), 1e-300)
+    negative = np.flatnonzero(rho <= 0.0)
+    last = int(negative[0]) if negative.size else most
+    return max(1.0, 1.0 + 2.0 * float(rho[1:last].sum()))
 
 
 def resolution(record: Record) -> Floats:

@@ -77,18 +77,17 @@ def frozen_stretches(record: Record, still: tuple[Stretch, ...]) -> tuple[Stretc
     return tuple(found)
 
 
-def at_limit(u: Floats) -> tuple[float, float, float]:
-    """Share of samples held at the lowest and highest value, and the larger magnitude of the two: (n,) -> floats.
+def at_limit(u: Floats) -> float:
+    """Share of samples (n,) held at the lowest or highest value.
 
     A sample counts when a neighbour is at the same extreme; inputs of few levels (bang-bang, steps) have no limit.
     """
     lo, hi = float(u.min()), float(u.max())
     levels = np.unique(u[:: max(1, u.size // 20000)])
     if hi == lo or levels.size <= 8:
-        return 0.0, 0.0, max(abs(lo), abs(hi))
+        return 0.0
     slack = 1e-6 * (hi - lo)
-    low, high = (_in_runs(side) for side in (u <= lo + slack, u >= hi - slack))
-    return low, high, max(abs(lo), abs(hi))
+    return sum(_in_runs(side) for side in (u <= lo + slack, u >= hi - slack))
 
 
 def _in_runs(flags: Bools) -> float:
@@ -159,7 +158,7 @@ def survey(record: Record, model: SymbolicModel, noise: Mapping[str, float] | No
     )
     still = still_stretches(clean, sigma, quantum)
     frozen = frozen_stretches(record, still)
-    channels = (*_state_looks(record, model, sigma, quantum), *_input_looks(record, model))
+    channels = tuple(_looks(record, model, sigma, quantum))
     traces = tuple(_timing(record))
     warnings = (
         *_excitation(record, model),
@@ -178,27 +177,19 @@ def _timing(record: Record) -> Iterator[TraceLook]:
         )
 
 
-def _state_looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats) -> Iterator[ChannelLook]:
-    units = {v.name: v.unit for v in model.states}
+def _looks(record: Record, model: SymbolicModel, sigma: Floats, quantum: Floats) -> Iterator[ChannelLook]:
+    """Every state that was measured, then every input."""
+    units = {v.name: v.unit for v in (*model.states, *model.inputs)}
+    read, put = (np.concatenate([getattr(trace, n) for trace in record.traces]) for n in ("y", "u"))
     for k, name in enumerate(record.measured):
-        lo, hi, rms = _range(record, k)
-        yield ChannelLook(name, units[name], lo, hi, rms, float(sigma[k]), float(quantum[k]))
-
-
-def _input_looks(record: Record, model: SymbolicModel) -> Iterator[ChannelLook]:
-    units = {v.name: v.unit for v in model.inputs}
+        yield ChannelLook(name, units[name], *_range(read[:, k]), float(sigma[k]), float(quantum[k]))
     for k, name in enumerate(record.inputs):
-        u = np.concatenate([trace.u[:, k] for trace in record.traces])
-        low, high, _ = at_limit(u)
-        rms = float(np.sqrt(np.mean(u**2)))
-        yield ChannelLook(name, units[name], float(u.min()), float(u.max()), rms, None, 0.0, low + high)
+        yield ChannelLook(name, units[name], *_range(put[:, k]), None, 0.0, at_limit(put[:, k]))
 
 
-def _range(record: Record, k: int) -> tuple[float, float, float]:
-    lo = min(float(trace.y[:, k].min()) for trace in record.traces)
-    hi = max(float(trace.y[:, k].max()) for trace in record.traces)
-    square = sum(float(np.sum(trace.y[:, k] ** 2)) for trace in record.traces) / record.rows
-    return lo, hi, float(np.sqrt(square))
+def _range(x: Floats) -> tuple[float, float, float]:
+    """Lowest, highest, root mean square."""
+    return float(x.min()), float(x.max()), float(np.sqrt(np.mean(x**2)))
 
 
 def _excitation(record: Record, model: SymbolicModel) -> Iterator[str]:

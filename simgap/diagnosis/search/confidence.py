@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from simgap.arrays import Floats
+from simgap.diagnosis.record.noise import samples_as_one
 from simgap.diagnosis.search.fit import Fit
 from simgap.diagnosis.simulation.gross_errors import are_gross
 from simgap.diagnosis.simulation.problem import Problem
@@ -43,22 +43,10 @@ def chi2_dof(problem: Problem, at: Fit) -> float:
 
 
 def independent_share(problem: Problem, at: Fit) -> float:
-    """Samples that one independent sample is worth: 1 + 2 sum of the residuals' autocorrelation, at least 1.
-
-    The sum stops where the autocorrelation first turns negative (Geyer (1992), Statistical Science 7(4)).
-    """
+    """Samples that one independent sample is worth, by the residuals of all windows and channels together."""
     residual = problem.residuals(at.theta, at.x0)
     most = int(np.min(problem.windows.stop - problem.windows.start)) // 2
-    sums = np.zeros(most)
-    for a, b in itertools.pairwise(problem.rows.tolist()):
-        part = residual[a:b]
-        size = 1 << (2 * len(part) - 1).bit_length()
-        power = np.abs(np.fft.rfft(part, size, axis=0)) ** 2
-        sums += np.fft.irfft(power, size, axis=0).sum(axis=1)[:most]
-    rho = sums / max(float(sums[0]), 1e-300)
-    negative = np.flatnonzero(rho <= 0.0)
-    last = int(negative[0]) if negative.size else most
-    return max(1.0, 1.0 + 2.0 * float(rho[1:last].sum()))
+    return samples_as_one(np.split(residual, problem.rows[1:-1]), most)
 
 
 def standard_errors(problem: Problem, at: Fit, steps: dict[int, float], reduced: float, at_floor: bool) -> Floats:

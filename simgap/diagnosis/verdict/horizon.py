@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simgap.arrays import Floats, Ints
-from simgap.diagnosis.record.folds import Windows
+from simgap.diagnosis.record.folds import Windows, joined
 from simgap.diagnosis.search.fit import fit
 from simgap.diagnosis.simulation.initial import initial_states
 from simgap.diagnosis.simulation.problem import Problem, interval
@@ -62,7 +62,8 @@ def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
     """Look-back from, instant (exclusive end of the look-back), and end (exclusive) in samples."""
     rows: list[tuple[int, int, int]] = []
     t, back = problem.t, look_back(problem)
-    for a, b in _stretches(problem.windows):
+    whole = joined(problem.windows)
+    for a, b in zip(whole.start.tolist(), whole.stop.tolist(), strict=True):
         k = a
         while True:
             middle = max(int(np.searchsorted(t[a:b], t[k] + back)) + a, k + LOOK_BACK_SAMPLES)
@@ -75,18 +76,6 @@ def _instants(problem: Problem, horizon: float) -> tuple[Ints, Ints, Ints]:
             k = max(int(np.searchsorted(t[a:b], t[k] + 0.25 * max(horizon, back))) + a, k + 1)
     table = np.array(rows, dtype=np.int64).reshape(-1, 3)
     return table[:, 0].copy(), table[:, 1].copy(), table[:, 2].copy()
-
-
-def _stretches(windows: Windows) -> list[tuple[int, int]]:
-    """Adjacent windows of one trace, joined."""
-    joined: list[list[int]] = []
-    traces = set(windows.first.tolist())
-    for a, b in sorted(zip(windows.start.tolist(), windows.stop.tolist(), strict=True)):
-        if joined and joined[-1][1] == a and a not in traces:
-            joined[-1][1] = b
-        else:
-            joined.append([a, b])
-    return [(a, b) for a, b in joined]
 
 
 def _floor(at: Problem, whole: Problem, theta: Floats, start: Floats) -> Floats:

@@ -6,7 +6,8 @@ The first is split conformal and has the noise of the readings inside; `process_
 The residual of a transition is `y_i(t + tau) - F_i(x(t), u)`, with F the model integrated in fine steps, as the
 simulator of a corrected case is (what the steps of the nominal map miss of that is in the gap already). Under known
 conditions it is divided by what a force does there over what it does under the declared ones: what is left is a force,
-which moves a light arm further than a heavy one. `near_rest` says how far the residuals reach.
+which moves a light arm further than a heavy one. `conformal_bound` says how far the residuals reach, `use_of` whether
+the bound of the gap takes them in.
 """
 
 from __future__ import annotations
@@ -19,8 +20,7 @@ import numpy as np
 
 from simgap.arrays import Floats, Ints
 from simgap.diagnosis.result import WindowPrediction
-from simgap.diagnosis.verdict.near_rest import NearRest, Sizes, bound, slow_and_fast
-from simgap.diagnosis.verdict.pieces import Left, pieces
+from simgap.diagnosis.verdict.conformal_bound import Left, NearRest, Sizes, bound, pieces, slow_and_fast
 from simgap.diagnosis.verdict.process_noise import bound_forces
 from simgap.diagnosis.verdict.transitions import Transitions, force_ratio, held, seen, transitions, within
 from simgap.model.symbolic import SymbolicModel
@@ -262,3 +262,43 @@ def _statement(
         f"are {own.pieces:,} {pieces}; no smaller share of the fitted ones is inside.{one} {noise} "
         f"This is not a bound for every state.{rest}"
     )
+
+
+@dataclass(frozen=True)
+class RemainderUse:
+    """What is done with the remainder.
+
+    Attributes:
+        bounded: whether the corrected case adds it to its gamma; reason: why, or why not.
+        by: state -> how far gamma moves outward; empty if it does not.
+        near_rest: where it moves further; None: nowhere.
+    """
+
+    bounded: bool
+    reason: str
+    by: Mapping[str, float]
+    near_rest: NearRest | None = None
+
+
+def use_of(remainder: Remainder | None, verdict: str, rig: str, has_gap: bool, has_hidden_state: bool) -> RemainderUse:
+    """Decide what the corrected case does with the remainder.
+
+    Args:
+        remainder: one-step bounds; None if nothing was held out.
+        verdict: of the diagnosis.
+        rig: 'hardware' or 'simulator', what the recordings are of.
+        has_gap, has_hidden_state: whether the case has these sections; the bound of a robot with memory adds nothing.
+    """
+    finite = {s: v for s, v in remainder.after.items() if math.isfinite(v)} if remainder is not None else {}
+    obstacles = (
+        (verdict != "partial", "a remainder is added for the verdict 'partial' alone"),
+        (rig == "simulator", "the recordings are of the case's own simulator, whose gap is measured there"),
+        (has_hidden_state, "the bound of a simulator with hidden state does not take measured remainders in"),
+        (not has_gap, "the case has no `gap:` section"),
+        (not finite, "too few transitions were held out"),
+    )
+    for stands, reason in obstacles:
+        if stands:
+            return RemainderUse(False, reason, {})
+    near_rest = remainder.rest_after if remainder is not None else None
+    return RemainderUse(True, "the corrected case adds it to gamma (gap.remainder)", finite, near_rest)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from abc import abstractmethod
 from dataclasses import replace
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -55,8 +55,7 @@ class FittedFault(Fault, Effect):
     def fitted(self, found: FoundEffect) -> RecordingFault:
         """The finding, with its number."""
         (size,) = found.parameters.values()
-        quoted = {s: {"value": p.value, "ci95": list(p.ci95), "unit": p.unit} for s, p in found.parameters.items()}
-        sentence = f"The recording has {self.describe(found.on, Quoted(quoted))}."
+        sentence = f"The recording has {self.describe(found.on, found.quoted)}."
         told = self.told(found.on, size.value, sentence, unit=size.unit)
         return replace(told, fault=self.told_as or self.name)
 
@@ -87,8 +86,16 @@ class ReadingFault(FittedFault):
 
     kind: ClassVar[Kind] = "state"
     rank: ClassVar[int] = SENSOR + 1
+    channels: ClassVar[Literal["every", "position", "velocity"]] = "every"
+    """Which states it may be of: of every coordinate its position or its velocity, or any."""
     stands_for: ClassVar[tuple[str, ...]] = ()
     """Names of effects and faults that it looks as: it is tried in their place alone, and from their number."""
+
+    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
+        """The states whose reading may have it."""
+        if self.channels == "every":
+            return model.state_names
+        return tuple(getattr(c, self.channels) for c in model.coordinates)
 
     def insert(self, model: SymbolicModel, on: str, values: Values) -> SymbolicModel:
         """Nothing changes in the plant."""
@@ -119,10 +126,6 @@ class Drift(ReadingFault):
     source = "Ljung (1999), System Identification, sec. 14.1"
     parameters = (EffectParameter("rate", "{state}/s", "change of the sensor's zero", null=0.0),)
 
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """Every state."""
-        return model.state_names
-
     def units(self, model: SymbolicModel, on: str) -> dict[str, str]:
         """The unit of the state a second."""
         return {"rate": f"{next(v.unit for v in model.states if v.name == on)}/s"}
@@ -140,6 +143,7 @@ class FilteredVelocity(ReadingFault):
     """
 
     name = "filtered_velocity"
+    channels = "velocity"
     short, long = "a filter on {}", "{} that was filtered over {}"
     begin = (1.0, 4.0)
     unit = "s"
@@ -147,10 +151,6 @@ class FilteredVelocity(ReadingFault):
     formula = "lag y' = v - y"
     source = "Oppenheim, Schafer (2010), Discrete-Time Signal Processing, sec. 7.2"
     parameters = (EffectParameter("lag", "s", "time constant of the filter", null=0.0, lower=0.0, upper=1.0),)
-
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """The velocity of every coordinate."""
-        return tuple(c.velocity for c in model.coordinates)
 
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """The filter is exact between samples for a steady change; it begins at what was measured."""
@@ -172,6 +172,7 @@ class FilteredReading(ReadingFault):
     """
 
     name = "filtered_reading"
+    channels = "position"
     short, long = "a slow sensor or a filter of {}", "{} that was filtered over {}"
     begin = ()
     unit = "s"
@@ -180,10 +181,6 @@ class FilteredReading(ReadingFault):
     source = "Oppenheim, Schafer (2010), Discrete-Time Signal Processing, sec. 7.2"
     stands_for = ("input_lag", "late_reading")
     parameters = (EffectParameter("lag", "s", "time constant of the filter", null=0.0, lower=0.0, upper=1.0),)
-
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """The position of every coordinate."""
-        return tuple(c.position for c in model.coordinates)
 
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """Exact between samples for a steady change; it begins as it would trail the parabola of the first samples."""
@@ -217,10 +214,6 @@ class LateReading(ReadingFault):
     formula = "y(t) = x(t - late)"
     source = "Ljung (1999), System Identification, sec. 14.1"
     parameters = (EffectParameter("late", "s", "time from reading to log", null=0.0, lower=0.0, upper=1.0),)
-
-    def targets(self, model: SymbolicModel) -> tuple[str, ...]:
-        """Every state."""
-        return model.state_names
 
     def distort(self, reading: Floats, value: float, t: Floats, measured: Floats, rows: Ints, since: Floats) -> None:
         """Each window as it was a moment before; before its start by the parabola through its beginning."""
