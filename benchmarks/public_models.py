@@ -1,11 +1,12 @@
 """Public robot files as they are: what `simgap new` and `simgap check` make of each, and whether that is right.
 
-    python benchmarks/public_models.py [--packages FOLDER] [--only NAME]
+    python benchmarks/public_models.py [--packages FOLDER] [--only NAME | --missing] [--run]
 
 Files are those of installed packages (`pip install --target FOLDER --no-deps gymnasium dm-control example-robot-data`
 has those that simgap does not need); none is copied here. What is right was written down by hand from the files: a
 case, or a refusal that holds a word. Each is tried in a process of its own with LIMIT seconds of CPU time, SEARCH of
-them for numbers. Rows are in benchmarks/results/public_models.json; docs/evidence/public_models.md shows them.
+them for numbers; --run takes a case that asks for a controller to its closed loop. Rows are in
+benchmarks/results/public_models.json; docs/evidence/public_models.md shows them.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import multiprocessing
 import re
 import resource
 import site
+import subprocess
 import sys
 import tempfile
 import time
@@ -25,7 +27,7 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 OUT, PAGE = ROOT / "benchmarks/results/public_models.json", ROOT / "docs/evidence/public_models.md"
-LIMIT, SEARCH = 120, 2.0
+LIMIT, SEARCH, RUN = 240, 60.0, 1200
 CASE = "case"
 BULLET, DRAKE, GYM, SUITE = (
     "pybullet_data",
@@ -47,7 +49,7 @@ FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
     (BULLET, "kuka_iiwa/model.urdf", {}, CASE),
     (BULLET, "kuka_iiwa/model.urdf", {"joints": ["lbr_iiwa_joint_4"]}, CASE),
     (BULLET, "xarm/xarm6_robot.urdf", {"joints": ["joint3"]}, CASE),
-    (BULLET, "pr2_gripper.urdf", {"joints": ["left_gripper_joint"]}, CASE),
+    (BULLET, "pr2_gripper.urdf", {"joints": ["left_gripper_joint"], "base": "fixed"}, CASE),
     (BULLET, "a1/a1.urdf", {}, LEGS),
     (BULLET, "laikago/laikago_toes.urdf", {}, LEGS),
     (BULLET, "mini_cheetah/mini_cheetah.urdf", {}, LEGS),
@@ -67,9 +69,9 @@ FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
     (DATA, "double_pendulum_description/urdf/double_pendulum.urdf", {}, CASE),
     (DATA, "double_pendulum_description/urdf/double_pendulum_continuous.urdf", {}, "which joints have a drive"),
     (DATA, "asr_twodof_description/urdf/TwoDofs.urdf", {}, CASE),
-    (DATA, "so_arm_description/urdf/so100.urdf", {}, CASE),
+    (DATA, "so_arm_description/urdf/so100.urdf", {"base": "fixed"}, CASE),
     (DATA, "z1_description/urdf/z1.urdf", {"joints": ["joint3"]}, CASE),
-    (DATA, "finger_edu_description/robots/finger_edu.urdf", {}, CASE),
+    (DATA, "finger_edu_description/robots/finger_edu.urdf", {"base": "fixed"}, CASE),
     (DATA, "g1_description/urdf/g1_29dof_rev_1_0.urdf", {}, LEGS),
     (DATA, "solo_description/robots/solo12.urdf", {}, LEGS),
     (DATA, "tiago_pro_description/robots/tiago_pro.urdf", {}, WHEELS),
@@ -91,7 +93,7 @@ FILES: tuple[tuple[str, str, dict[str, Any], str], ...] = (
 )
 
 
-def tried(path: Path, options: dict[str, Any]) -> dict[str, Any]:
+def tried(path: Path, options: dict[str, Any], run: bool) -> dict[str, Any]:
     """What became of a file: `became` (case, refused, traceback), `why`."""
     from simgap.errors import SimgapError
     from simgap.extras.wizard import new_case as new
@@ -108,21 +110,36 @@ def tried(path: Path, options: dict[str, Any]) -> dict[str, Any]:
         except Exception:
             return {"became": "traceback", "why": traceback.format_exc().strip().splitlines()[-1]}
         told = [n for n in notes if n.startswith(("Its base", "No controller", "A robot on"))]
-        return {"became": CASE, "joints": case.read_text().count("quantity: position"), "controller": bool(
+        loop = closed_loop(case) if run and re.search(r"^synthesis:", case.read_text(), re.MULTILINE) else {}
+        return {**loop, "became": CASE, "joints": case.read_text().count("quantity: position"), "controller": bool(
             re.search(r"^synthesis:", case.read_text(), re.MULTILINE)), "in_order": check.conclusion(checked, case)[:80]
             .replace(f"{folder}/", ""), "why": " ".join(told)}  # fmt: skip
 
 
-def _child(path: Path, options: dict[str, Any], pipe: Any) -> None:
-    resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT))
-    pipe.send(tried(path, options))
+def closed_loop(case: Path) -> dict[str, Any]:
+    """What a run of the case ends with: `won`, `violations` of so many `runs`; or its last line."""
+    simgap = Path(sys.executable).with_name("simgap")
+    ended = subprocess.run([simgap, "run", case, "--cores", "1"], capture_output=True, text=True, timeout=4 * RUN)
+    summary = case.parent / f"results/{case.stem}/summary.json"
+    if ended.returncode or not summary.is_file():
+        return {"ran": (ended.stderr or ended.stdout).strip().splitlines()[-1][:300]}
+    found = json.loads(summary.read_text())
+    loop = (found.get("closed_loop") or {}).get("gap", {}).get("simulator", {})
+    return {"won": (found.get("winning_fraction") or {}).get("gap"), "runs": loop.get("runs"),
+            "violations": loop.get("runs_that_violated_it")}  # fmt: skip
 
 
-def row(found: Path, package: str, name: str, options: dict[str, Any], right: str) -> dict[str, Any]:
+def _child(path: Path, options: dict[str, Any], pipe: Any, run: bool) -> None:
+    limit = RUN if run else LIMIT
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+    pipe.send(tried(path, options, run))
+
+
+def row(found: Path, package: str, name: str, options: dict[str, Any], right: str, run: bool) -> dict[str, Any]:
     """One file in a process of its own."""
     here, there = multiprocessing.Pipe(duplex=False)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    process = multiprocessing.get_context("fork").Process(target=_child, args=(found, options, there))
+    process = multiprocessing.get_context("fork").Process(target=_child, args=(found, options, there, run))
     process.start()
     there.close()
     try:
@@ -153,6 +170,9 @@ def counts(rows: list[dict[str, Any]]) -> dict[str, int]:
         "ended": sum(r["became"] == "ended" for r in rows),
         "false in order": sum(r["became"] == CASE and r["right"] != CASE for r in rows),
         "cases that ask for a controller": sum(bool(r.get("controller")) for r in rows),
+        "controllers in closed loop without a violation": sum(
+            bool(r.get("runs")) and not r["violations"] for r in rows
+        ),
     }
 
 
@@ -175,7 +195,8 @@ def page(rows: list[dict[str, Any]]) -> str:
         "",
         "What `simgap new` and `simgap check` make of robot files as packages ship them, none of which was written for "
         "simgap. Right is what was written down by hand from the files: a case, or a refusal for that reason. Made by "
-        f"`python benchmarks/public_models.py` with {SEARCH:g} s for the search of numbers; no run follows here.",
+        f"`python benchmarks/public_models.py` with {SEARCH:g} s for the search of numbers; where a run "
+        "followed (--run), what the controller wins and how often it failed.",
         "",
         ". ".join(f"{name}: {n}" for name, n in counts(rows).items()) + ".",
         "",
@@ -186,6 +207,8 @@ def page(rows: list[dict[str, Any]]) -> str:
         became = r["became"]
         if became == CASE:
             became = f"case of {r['joints']}{', controller asked for' * r['controller']}"
+            if r.get("runs"):
+                became = f"case of {r['joints']}, wins {r['won']:.3f}, {r['violations']} of {r['runs']} runs failed"
         why = re.sub(r"\s+", " ", r["why"]).replace("|", "\\|").replace("<", "&lt;")[:220]
         right = "yes" if r["good"] else "**no**"
         own = [
@@ -206,16 +229,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--packages", type=Path, action="append", default=[])
     parser.add_argument("--only", default="")
+    parser.add_argument("--missing", action="store_true")
+    parser.add_argument("--run", action="store_true")
     asked = parser.parse_args()
 
-    rows: list[dict[str, Any]] = json.loads(OUT.read_text())["rows"] if asked.only and OUT.is_file() else []
+    rows: list[dict[str, Any]] = json.loads(OUT.read_text())["rows"] if OUT.is_file() else []
+    listed = [(package.split("/")[0], name, options) for package, name, options, _ in FILES]
+    rows = [r for r in rows if (r["package"], r["file"], r["options"]) in listed]
     for package, name, options, right in sorted(FILES, key=lambda file: file[3] == CASE):  # refusals take no time
         places = [Path(folder) / package / name for folder in (*asked.packages, *site.getsitepackages())]
         found = next((p for p in places if p.is_file()), None)
-        if found is None or asked.only not in name:
+        there = any((r["package"], r["file"], r["options"]) == (package.split("/")[0], name, options) for r in rows)
+        if found is None or asked.only not in name or (asked.missing and there):
             continue
         began = time.perf_counter()
-        own = row(found, package, name, options, right)
+        own = row(found, package, name, options, right, asked.run)
         rows = [r for r in rows if (r["package"], r["file"], r["options"]) != (own["package"], name, options)] + [own]
         print(rows[-1]["good"], name, rows[-1]["became"], rows[-1]["why"][:160], f"{time.perf_counter() - began:.0f} s",
               file=sys.stderr, flush=True)  # fmt: skip

@@ -156,6 +156,18 @@ class Grid:
         return find
 
 
+def drawn_in_cells(grid: Grid, cells: Ints, rng: np.random.Generator, corners: tuple[int, ...]) -> Floats:
+    """A point of each flat cell (n,): (n, nx). One of four is on a face, one for each of `corners` at a corner.
+
+    `corners` are some of the numbers 0, 1 and 3; with the others a point is inside.
+    """
+    count, nx = len(cells), grid.box.size
+    place, end = rng.uniform(-0.999, 0.999, (count, nx)), 2.0 * rng.integers(0, 2, (count, nx)) - 1.0
+    face = np.arange(nx) == rng.integers(0, nx, count)[:, None]
+    where = rng.integers(0, 4, count)[:, None]
+    return points_of_cells(grid, cells, np.where(np.isin(where, corners) | ((where == 2) & face), end, place))
+
+
 LARGEST_NUDGE = 16
 """Rounds in which a point on a face is moved into its cell by ever more units in the last place; it takes two."""
 

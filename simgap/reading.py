@@ -180,6 +180,11 @@ def real(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
+def relative(path: Path, folder: Path) -> str:
+    """The path from a folder, without links: how files and results name it, the same on every machine."""
+    return Path(os.path.relpath(real(path), real(folder))).as_posix()
+
+
 def _regular(path: Path) -> bool:
     """False for a folder."""
     try:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simgap.arrays import Floats, Ints
-from simgap.geometry import Grid, points_of_cells
+from simgap.geometry import Grid, drawn_in_cells
 from simgap.specifications.solution import Solution
 
 NOWHERE = 1e9  # outside the grid: nothing is nearer to losing
@@ -55,13 +55,14 @@ NARROWEST = 0.02  # share of the cells, or all of the same number, from which na
 
 
 class WorstStarts:
-    """Winning cells in which a run does not end at once (`beginnings`), by what makes them narrow.
+    """Cells in which a run does not end at once, by what makes them narrow; the `danger` is of the solution's cells.
 
     A quarter of the starts each come from cells of the smallest `margin` (cells,) if it is known, from those at the
-    edge of the winning domain, from those of the greatest level, and from all `cells` (k,).
+    edge of the winning domain, from those of the greatest level, and from all of them.
     """
 
-    def __init__(self, danger: Danger, margin: NDArray[np.float32] | None, cells: Ints) -> None:
+    def __init__(self, solution: Solution, margin: NDArray[np.float32] | None = None) -> None:
+        danger, cells = Danger.of(solution), solution.beginnings
         fields = [danger.edge[cells]]
         fields += [np.nan_to_num(-margin[cells], nan=-np.inf)] if margin is not None else []
         fields += [danger.level[cells]] if danger.level is not None else []
@@ -72,19 +73,7 @@ class WorstStarts:
         """States (count, nx): half of them at corners of their cells, a quarter on a face, a quarter inside."""
         turns = rng.integers(0, len(self._pools), count)
         chosen = np.array([rng.choice(self._pools[k]) for k in turns], dtype=np.int64)
-        nx = self.danger.grid.box.size
-        place, sign = rng.uniform(-0.999, 0.999, (count, nx)), rng.integers(0, 2, (count, nx))
-        face = np.arange(nx) == rng.integers(0, nx, count)[:, None]
-        where = rng.integers(0, 4, count)[:, None]
-        pinned = (where < 2) | ((where == 2) & face)
-        return points_of_cells(self.danger.grid, chosen, np.where(pinned, 2.0 * sign - 1.0, place))
-
-
-def beginnings(solution: Solution) -> Ints:
-    """Winning cells in which a run does not end at once, (k,)."""
-    every = np.ones(solution.grid.size, np.bool_)
-    begin = every if solution.target is None else solution.at_first(solution.served)
-    return np.flatnonzero(solution.winning & begin)
+        return drawn_in_cells(self.danger.grid, chosen, rng, (0, 1))
 
 
 def _cells_with_largest(cells: Ints, field: NDArray[np.float32]) -> Ints:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from simgap.io.atomic import atomic, write_text
+from simgap.io.pages import folder
 from simgap.io.traces import CAREFUL, NOMINAL, ROBUST
 from simgap.notation import one_line, printable, superscript
 from simgap.specifications.picture import Look
@@ -31,32 +32,7 @@ _POWER = re.compile(rf"\$\\mathdefault\{{(-?\d*(?:{re.escape(_TIMES)})?)(10)\^\{
 
 log = logging.getLogger(__name__)
 
-_RC: dict[str, Any] = {
-    "figure.dpi": 100,
-    "savefig.dpi": 150,
-    "font.size": 12,
-    "font.family": "DejaVu Sans",
-    "axes.titlesize": 12,
-    "axes.titlelocation": "left",
-    "axes.titleweight": "bold",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#55595F",
-    "axes.labelcolor": "#22252A",
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#E3E6EA",
-    "grid.linewidth": 0.8,
-    "xtick.color": "#22252A",
-    "ytick.color": "#22252A",
-    "lines.linewidth": 1.8,
-    "legend.frameon": False,
-    "legend.fontsize": 11,
-    "svg.hashsalt": "simgap",
-    "svg.fonttype": "path",
-    "figure.constrained_layout.use": True,
-    "text.parse_math": False,  # names of states, columns and files are text, whatever signs they have
-}
+STYLE = "figures.mplstyle"
 
 
 @contextmanager
@@ -65,8 +41,7 @@ def figure_style() -> Iterator[None]:
     import matplotlib
 
     matplotlib.use("Agg", force=False)
-    parameters: Any = _RC  # its own type lists every key
-    with matplotlib.rc_context(parameters):
+    with matplotlib.rc_context(fname=str(folder() / STYLE)):
         yield
 
 

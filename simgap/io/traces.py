@@ -42,6 +42,20 @@ class Trace:
     hi: Floats
     safe: Bools
 
+    @staticmethod
+    def of(about: tuple[str, str, int], tau: float, x: Floats, steps: Sequence[Floats], safe: Bools) -> Trace:
+        """A run of a controller on a plant from a start: samples x (k + 1, nx) and safe (k + 1,) every `tau` s.
+
+        `steps` are u (k, nu), d, lo and hi (k, nx) of the steps between them.
+        """
+
+        def padded(values: Floats) -> Floats:
+            return np.concatenate([values, np.full((1, values.shape[1]), np.nan)])
+
+        t = np.asarray(tau * np.arange(len(x)), dtype=np.float64)
+        u, d, lo, hi = map(padded, steps)
+        return Trace(*about, t, x, u, d, lo, hi, safe)
+
     @property
     def violates(self) -> bool:
         """True if some sample is unsafe."""

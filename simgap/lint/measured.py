@@ -12,9 +12,8 @@ from simgap.diagnosis.record.clock import same_file
 from simgap.diagnosis.record.conditions import conditioned
 from simgap.effects import EFFECTS
 from simgap.errors import Finding, UserError, nearest
-from simgap.io.recordings.mcap_file import is_mcap
-from simgap.io.recordings.measured import channels_of, condition_channels, display_name, reading_options
-from simgap.io.recordings.tables import read_header
+from simgap.io.recordings.measured import channels_of, condition_channels, reading_options
+from simgap.io.recordings.tables import kind_of, read_header
 from simgap.model.symbolic import SymbolicModel
 from simgap.plants.context import Context
 
@@ -41,7 +40,7 @@ def check_measured(context: Context) -> None:
             paths = named_files(context, section)
             for path in paths:
                 _refuse_columns(context, section, (*channels, *told), path)
-            _refuse_other_files(section, [display_name(path, context.folder) for path in paths])
+            _refuse_other_files(section, [reading.relative(path, context.folder) for path in paths])
 
 
 def find_missing_coordinates(context: Context) -> list[Finding]:
@@ -139,9 +138,9 @@ def refuse_arm_conditions(section: MeasuredSection) -> None:
 
 def _refuse_columns(context: Context, section: MeasuredSection, channels: Sequence[Channel], path: Path) -> None:
     """The header of one file against what the case maps."""
-    name = display_name(path, context.folder)
+    name = reading.relative(path, context.folder)
     header, units = read_header(path, name)
-    if section.time.column not in header and not is_mcap(path):  # its messages have stamps
+    if section.time.column not in header and kind_of(path) != "mcap":  # its messages have stamps
         listed = ", ".join(f"'{column}'" for column in header)
         raise UserError(
             f"'{name}' has no time column '{section.time.column}', it has {listed}", file=context.path,

@@ -36,7 +36,8 @@ def base_of(robot: ElementTree.Element, driven: Collection[str] | None = None, w
     """The base of a robot, whose file `urdf_checks.check_urdf` has taken.
 
     One chain of joints from the root, such as an arm with its gripper, is taken for bolted, as is what hangs on a link
-    `world`. Several chains that begin at the root are legs, arms or fingers: of those the file does not tell.
+    `world`; but not if the base outweighs all that it carries, as one that flies does. Several chains that begin at the
+    root are legs, arms or fingers: of those the file does not tell.
 
     Args:
         driven: its joints that have a drive, where the file says so. world: whether a link `world` was meant as an
@@ -62,7 +63,27 @@ def base_of(robot: ElementTree.Element, driven: Collection[str] | None = None, w
         return Base("wheels", f"it has wheels ({_named(wheels)})")
     if not anchored and (not trunk or len(slides) > 1) and (len(limbs) > 2 or sum(j.below > 1 for j in limbs) > 1):
         return Base("limbs", f"{len(limbs)} chains of joints begin at its base ({_named(limbs)}), as legs do")
+    base, carried = _masses(robot, joints)
+    if world and not anchored and base > carried:
+        words = f"its base weighs {base:.3g} kg and all that it carries {carried:.3g} kg"
+        return Base("free", f"{words}, as of one that moves freely")
     return Base("fixed", "one chain of joints" if not anchored else "it hangs on a link `world`")
+
+
+def _masses(robot: ElementTree.Element, joints: list[_Joint]) -> tuple[float, float]:
+    """Mass of the root with what is fixed to it, and of all that it carries, kg."""
+    above = {
+        j.find("child").get("link", ""): j.find("parent").get("link", "")  # type: ignore[union-attr]
+        for j in robot.findall("joint")
+    }
+    moved, base, carried = {j.child for j in joints}, 0.0, 0.0
+    for link in robot.findall("link"):
+        mass, at = link.find("inertial/mass"), link.get("name", "")
+        own = float(mass.get("value", "0")) if mass is not None else 0.0
+        while at not in moved and at in above:
+            at = above[at]
+        base, carried = (base, carried + own) if at in moved else (base + own, carried)
+    return base, carried
 
 
 def _moving(robot: ElementTree.Element) -> list[_Joint]:

@@ -77,12 +77,12 @@ class Monitor(ABC):
     """Whether a path between samples matters; a run then ends where `clearance` is no longer positive."""
 
     @abstractmethod
-    def over(self, x: Floats, seen: Floats) -> bool:
-        """True if a run ends at a sample, from its state (nx,) and what is measured of it (nx,)."""
-
-    @abstractmethod
     def over_each(self, x: Floats, seen: Floats) -> Bools:
-        """The same for samples of many runs: (n, nx), (n, nx) -> (n,)."""
+        """True where runs end at a sample, from states (n, nx) and what is measured of them (n, nx): -> (n,)."""
+
+    def over(self, x: Floats, seen: Floats) -> bool:
+        """The same for one run: (nx,), (nx,). It is asked at every sample, so that a kind may have a faster answer."""
+        return bool(self.over_each(x[None], seen[None])[0])
 
     @abstractmethod
     def judge(self, run: Run, steps: int) -> Verdict:
@@ -107,12 +107,8 @@ class Always(Monitor):
     def satisfied(self, x: Floats) -> Bools:
         """True where states satisfy the condition: (n, nx) -> (n,)."""
 
-    def over(self, x: Floats, seen: Floats) -> bool:
-        """A run ends where the condition does not hold: (nx,), (nx,)."""
-        return not self.satisfied(x[None])[0]
-
     def over_each(self, x: Floats, seen: Floats) -> Bools:
-        """The same for many runs: (n, nx), (n, nx) -> (n,)."""
+        """Runs end where the condition does not hold: (n, nx), (n, nx) -> (n,)."""
         return ~self.satisfied(x)
 
     def judge(self, run: Run, steps: int) -> Verdict:

@@ -19,7 +19,7 @@ from simgap.specifications.monitor import EARLY, STUCK, Monitor, Run
 from simgap.specifications.reaching import Reaching
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.specifications.toward import LATE, Surroundings, Toward
+from simgap.specifications.toward import LATE, Toward
 
 STAYED, LEFT = "reached the target and stayed", "left the target again"
 
@@ -49,20 +49,14 @@ class ReachAndStay(Reaching):
 
     def monitor(self, space: Space, solution: Solution) -> Monitor:
         """Monitor of arrival in the held part of the target, of staying in the target and touching nothing."""
-        region = self.region(space)
-        around = Surroundings.of(space, self.boxes(space), region, space.vector(self.clearance))
-        return Staying(space, self.goal_box(space), around, solution)
+        return Staying(space, self.goal_box(space), self.surroundings(space), solution)
 
 
 class Staying(Toward):
     """A run goes on in the target until its last sample."""
 
-    def over(self, x: Floats, seen: Floats) -> bool:
-        """A run goes on, whatever `x` and `seen`, (nx,) each."""
-        return False
-
     def over_each(self, x: Floats, seen: Floats) -> Bools:
-        """The same for many runs: (n, nx), (n, nx) -> (n,)."""
+        """Runs go on, whatever `x` and `seen`: (n, nx), (n, nx) -> (n,)."""
         return np.zeros(len(x), np.bool_)
 
     def unbroken(self, run: Run, levels: Ints) -> Bools:

@@ -13,7 +13,7 @@ from simgap.specifications.monitor import STUCK, Monitor, Run
 from simgap.specifications.reaching import Reaching
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.specifications.toward import LATE, Surroundings, Toward
+from simgap.specifications.toward import LATE, Toward
 
 REACHED, BESIDE = "reached the target", "ended beside the target"
 
@@ -42,9 +42,7 @@ class ReachAvoid(Reaching):
 
     def monitor(self, space: Space, solution: Solution) -> Monitor:
         """Monitor of arrival in the target without touching anything on the path."""
-        region = self.region(space)
-        around = Surroundings.of(space, self.boxes(space), region, space.vector(self.clearance))
-        return Arriving(space, self.goal_box(space), around, solution)
+        return Arriving(space, self.goal_box(space), self.surroundings(space), solution)
 
 
 class Arriving(Toward):

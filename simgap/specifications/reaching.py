@@ -25,7 +25,7 @@ from simgap.specifications.regions import (
     unbounded,
 )
 from simgap.specifications.space import Space
-from simgap.specifications.toward import on_floor
+from simgap.specifications.toward import Surroundings, on_floor
 
 NOT_FREE = "every cell of the target is inside an obstacle or too near to one or to a wall"
 RADIUS = 0.15
@@ -94,6 +94,10 @@ class Reaching(Specification):
     def goal_box(self, space: Space) -> Box:
         """The target, infinite along the states that it does not name."""
         return partial_box(self.target, space.states)
+
+    def surroundings(self, space: Space) -> Surroundings:
+        """Obstacles and walls with the clearance that runs keep from them."""
+        return Surroundings.of(space, self.boxes(space), self.region(space), space.vector(self.clearance))
 
     def free(self, space: Space, grid: Grid, margin: Floats) -> Bools:
         """Cells that keep the clearance and a margin from every obstacle and, along axes that end, the walls.

@@ -85,6 +85,12 @@ class Solution:
         return flags
 
     @property
+    def beginnings(self) -> Ints:
+        """Winning cells in which a run does not end at once, (k,)."""
+        begin = self.winning if self.target is None else self.winning & self.at_first(self.served)
+        return np.flatnonzero(begin)
+
+    @property
     def useful(self) -> bool:
         """True if a run can start anywhere but where it ends at once."""
         return bool((self.winning & self.at_first(self.served)).any())

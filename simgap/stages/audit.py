@@ -12,7 +12,7 @@ import numpy as np
 
 from simgap import reading
 from simgap.attack.campaign import Campaign, attack_loops
-from simgap.attack.danger import Danger, WorstStarts, beginnings
+from simgap.attack.danger import WorstStarts
 from simgap.attack.histories import HistoryQuestion, search_histories, worst_histories
 from simgap.attack.points import PointSearch, Question, worst_steps
 from simgap.attack.share import Searched
@@ -184,8 +184,7 @@ def _shared(
     solution = load_controller_of(controller, context).solution
     margins = margins_of(context, gap, solution)
     factor = None if isinstance(margins, str) else margins.factor
-    starts = WorstStarts(Danger.of(solution), factor, beginnings(solution))
-    return SharedSolution.of(solution, scratch_folder), starts, margins
+    return SharedSolution.of(solution, scratch_folder), WorstStarts(solution, factor), margins
 
 
 def _known(context: Context, bound: SavedGap, inputs: AuditFiles) -> tuple[Any, ...]:

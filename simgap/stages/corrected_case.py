@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -193,11 +192,11 @@ def corrected_case(
     """
     content = copy.deepcopy(case_content(case_path))
     source, folder = case_path.parent, target.parent
-    move_files(content, lambda path: _moved(source / path, folder))
+    move_files(content, lambda path: reading.relative(source / path, folder))
     if urdf is not None:
         content["plant"]["urdf"] = urdf
     if isinstance(content.get("measured"), dict):
-        content["measured"]["files"] = [_moved(path, folder) for path in data]
+        content["measured"]["files"] = [reading.relative(path, folder) for path in data]
     words: tuple[str, ...] = ()
     if applied or urdf is not None:
         content["name"] = str(content["name"]).removesuffix(SUFFIX) + SUFFIX
@@ -250,10 +249,6 @@ def _on_hardware(
 
 def _plain(a: AppliedEffect) -> dict[str, Any]:
     return {"name": a.name, "on": a.on, "parameters": {symbol: float(v) for symbol, v in a.values.items()}}
-
-
-def _moved(path: Path, folder: Path) -> str:
-    return Path(os.path.relpath(reading.real(path), reading.real(folder))).as_posix()
 
 
 def _header(

@@ -20,6 +20,7 @@ from simgap.diagnosis.result import Diagnosis, DiagnosisSettings
 from simgap.diagnosis.verdict.missing import missing_terms
 from simgap.diagnosis.verdict.remainder import Remainder, bound_remainder
 from simgap.diagnosis.verdict.remainder_use import RemainderUse, use_of
+from simgap.effects import apply_effects
 from simgap.errors import UserError
 from simgap.io.atomic import atomic, write_text
 from simgap.io.documents import write_json
@@ -154,7 +155,8 @@ def conclude(
     """Bound what is left, write the answer, say it, then draw it: the content of `diagnosis.json`."""
     model, shifts = context.plant.corrected_by(found.applied)
     corrected = conditioned(model, _conditions(reading, context)), shifts
-    remainder = _remainder(context, section, corrected, found, reading)
+    remembering = conditioned(apply_effects(context.plant.corrected, found.applied), _conditions(reading, context))
+    remainder = _remainder(context, section, corrected, remembering, found, reading)
     case = context.case
     use = use_of(remainder, found.verdict, section.rig, case.gap is not None, case.hidden_state is not None)
     made_of = provenance("diagnosis", case, context.folder)
@@ -208,8 +210,9 @@ def _declared(context: Context, reading: Reading) -> SymbolicModel:
 
 
 def _remainder(
-    context: Context, section: MeasuredSection, corrected: Corrected, found: Diagnosis, reading: Reading
-) -> Remainder | None:
+    context: Context, section: MeasuredSection, corrected: Corrected, remembering: SymbolicModel, found: Diagnosis,
+    reading: Reading,
+) -> Remainder | None:  # fmt: skip
     domain, (model, shifts) = context.case.domain, corrected
     return bound_remainder(
         found.windows,
@@ -220,6 +223,7 @@ def _remainder(
         section.confidence,
         {s: ends for s, ends in domain.X.items() if s in model.state_names} if domain is not None else {},
         _as_declared(context, model),
+        remembering,
     )
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from simgap.arrays import Floats
 from simgap.gap.bounds.body_frame import BodyFrameGap
@@ -16,7 +15,7 @@ from simgap.plants.context import Context
 from simgap.specifications.base import specification_of
 from simgap.specifications.solution import Solution
 from simgap.specifications.space import Space
-from simgap.synthesis.input_sets import inner, margins, unpack
+from simgap.synthesis.input_sets import crop, inner, margins, unpack
 from simgap.synthesis.margins import LARGEST_FACTOR, Margins, Remembered, one_step_margins, shown_layers
 
 SHARES = (0.0, 0.05, 0.5)  # quantiles of the margins that are printed
@@ -49,7 +48,7 @@ def _of_measured_cells(context: Context, gap: GapFunction, solution: Solution, e
     nodes = solution.served if solution.value is None else solution.value >= 0
     nodes = nodes.reshape(grid.size, solution.memory)
     remembered, kind = np.unique(after, return_inverse=True)
-    axes = _axes(context, gap)
+    axes = gap.domain.read
     layers = shown_layers(grid.cells[axes[-1]], LAYERS) if solution.kind is not None and axes else None
     late = int(acts) if solution.late else None
     known = Remembered(nodes[:, remembered], kind.reshape(-1).astype(np.int64), layers, late)
@@ -68,17 +67,17 @@ def _of_true_cells(context: Context, gap: GapFunction, solution: Solution, error
     larger, inputs = solution.grid, context.input_set
     reach = margins(larger, error)
     grid = _true_grid(context, larger, reach)
-    winning, late = _cropped(solution.winning, grid, larger), None
+    winning, late = crop(solution.winning, grid, larger), None
     known = None
     if solution.late:
         if solution.acting is None:
             return "The controller file does not say which inputs may act from which cells: run the synthesis again."
         late = solution.first
-        acting = unpack(_cropped(solution.acting, grid, larger), len(inputs)).astype(np.bool_)
+        acting = unpack(crop(solution.acting, grid, larger), len(inputs)).astype(np.bool_)
         known = Remembered(acting, np.arange(len(inputs)), acting=late)
     mask = solution.mask.reshape(larger.size, solution.memory, -1)[:, solution.first]
     about = context.plant.sampled, grid, inputs, gap.kernel(), winning, np.ascontiguousarray(mask)
-    found = one_step_margins(*about, _axes(context, gap), None, known, reach)
+    found = one_step_margins(*about, gap.domain.read, None, known, reach)
     factor, extra = np.full(larger.size, np.nan, np.float32), np.full((larger.size, grid.box.size), np.nan, np.float32)
     factor.reshape(larger.cells)[inner(grid, larger)] = found.factor.reshape(grid.cells)
     extra.reshape(*larger.cells, -1)[inner(grid, larger)] = found.extra.reshape(*grid.cells, -1)
@@ -91,16 +90,6 @@ def _true_grid(context: Context, larger: Grid, reach: tuple[int, ...]) -> Grid:
     wide = [0 if j in larger.periodic else 2 * m for j, m in enumerate(reach)]
     region = specification_of(context.case).region(space)
     return space.grid(region, [c - w for c, w in zip(larger.cells, wide, strict=True)])
-
-
-def _cropped(values: NDArray[Any], grid: Grid, larger: Grid) -> NDArray[Any]:
-    """Values of the cells of a grid among those of a larger one: (larger cells, ...) -> (cells, ...)."""
-    rest = values.shape[1:]
-    return np.ascontiguousarray(values.reshape(*larger.cells, *rest)[inner(grid, larger)]).reshape(grid.size, *rest)
-
-
-def _axes(context: Context, gap: GapFunction) -> list[int]:
-    return [j for j in range(len(context.states)) if j not in gap.domain.free]
 
 
 def _after(gap: GapFunction, solution: Solution) -> GapFunction:

@@ -19,6 +19,7 @@ from simgap.gap.bounds.load import from_json
 from simgap.io.documents import read_json
 from simgap.io.rerun.closed_loop import write_witness
 from simgap.io.traces import MODEL, ROBUST, SIMULATOR, Trace
+from simgap.judge import GapAudit
 from simgap.notation import pretty_unit
 from simgap.plants.context import Context, pose_axes
 from simgap.simulators.body_samples import REST
@@ -82,20 +83,8 @@ def _trace(context: Context, gap: GapFunction, witness: Witness, states: Floats)
         d = to_body(d, x[:, pose[2]], pose)
     else:
         lo, hi = gap.bounds(x, u)
-    nan = np.full((1, space.size), np.nan)
-    outside = ~np.all((lo <= d) & (d <= hi), axis=1)
-    return Trace(
-        controller=ROBUST,
-        plant=SIMULATOR if witness.plant == ON_SIMULATOR else MODEL,
-        run=0,
-        t=np.asarray(context.domain.tau * np.arange(len(states)), dtype=np.float64),
-        x=states,
-        u=np.concatenate([u, np.full((1, u.shape[1]), np.nan)]),
-        d=np.concatenate([d, nan]),
-        lo=np.concatenate([lo, nan]),
-        hi=np.concatenate([hi, nan]),
-        safe=np.append(~outside, True),
-    )
+    plant, safe = SIMULATOR if witness.plant == ON_SIMULATOR else MODEL, ~GapAudit(d, lo, hi).outside
+    return Trace.of((ROBUST, plant, 0), context.domain.tau, states, (u, d, lo, hi), np.append(safe, True))
 
 
 def text(context: Context, witness: Witness, trace: Trace, states: Floats) -> str:

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import yaml
 
+from simgap import reading
 from simgap.config.copied_plugins import plugin_copies, with_plugin_copies
 from simgap.config.model_files import move_files
 from simgap.config.sweep import Point, base_of, load_sweep, points_of_sweep
@@ -69,7 +70,7 @@ def write_point(path: SweepPath, name: Annotated[str, Argument("Name of the poin
     content = with_plugin_copies(found[0].content, copies)
     for copy in copies:  # first: a case does not name what is not there
         write_text(out.parent / copy.file, copy.content.decode())
-    move_files(content, lambda name: Path(os.path.relpath(folder / name, out.parent)).as_posix())
+    move_files(content, lambda name: reading.relative(folder / name, out.parent))
     write_text(out, f"# A point of the sweep {path.name}.\n" + yaml.safe_dump(content, sort_keys=False))
 
 

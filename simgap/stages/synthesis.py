@@ -218,7 +218,7 @@ def pose_problem(context: Context, gap_path: Path | None) -> tuple[Problem, Floa
         cells=section.cells,
         inputs=context.input_set,
         gap=gap.kernel() if gap is not None else None,
-        gap_axes=[j for j in range(model.nx) if j not in gap.domain.free] if gap is not None else None,
+        gap_axes=gap.domain.read if gap is not None else None,
         error=error,
         latency=sensing.latency if sensing else 0,
         first=_first_input(context, sensing.first_input) if sensing and sensing.first_input else None,

@@ -17,7 +17,7 @@ from simgap.config.case import Case
 from simgap.config.reads import CONTROLLED
 from simgap.config.validation import Trials, ValidationSection
 from simgap.errors import BrokenPromise, UserError
-from simgap.geometry import points_of_cells
+from simgap.geometry import drawn_in_cells
 from simgap.io.controller_file import load_controller_of
 from simgap.io.documents import write_json
 from simgap.io.gap_file import load_gap
@@ -192,19 +192,8 @@ def simulate_chunk(case: Case, folder: Path, shared: Shared, starts: Floats, chu
 def trace_of(judge: Judge, about: dict[str, str], number: int, verdict: Verdict) -> Trace:
     """One kept run; at the last state there is no input, and its cells are not numbers."""
     run, audit = verdict.run, judge.audit([verdict.run])
-    nan = np.full((1, judge.space.size), np.nan)
-    return Trace(
-        controller=about["controller"],
-        plant=about["plant"],
-        run=number,
-        t=np.asarray(judge.model.tau * np.arange(len(run.x)), dtype=np.float64),
-        x=run.x,
-        u=np.concatenate([judge.inputs[run.inputs], np.full((1, judge.inputs.shape[1]), np.nan)]),
-        d=np.concatenate([audit.d, nan]),
-        lo=np.concatenate([audit.lo, nan]),
-        hi=np.concatenate([audit.hi, nan]),
-        safe=verdict.safe,
-    )
+    which, steps = (about["controller"], about["plant"], number), (audit.d, audit.lo, audit.hi)
+    return Trace.of(which, judge.model.tau, run.x, (judge.inputs[run.inputs], *steps), verdict.safe)
 
 
 class StartStates(NamedTuple):
@@ -280,12 +269,4 @@ def draw_starts(controller: Controller, count: int, seed: int) -> Floats:
     Cells are drawn uniformly from those where a run does not end at once: a start in the target proves nothing.
     """
     rng = np.random.default_rng(seed)
-    solution, grid = controller.solution, controller.grid
-    ends = np.zeros(grid.size, np.bool_) if solution.target is None else solution.at_first(solution.target)
-    moving = solution.winning & (~ends | solution.at_first(solution.served))
-    cells = rng.choice(np.flatnonzero(moving), count)
-    place = rng.uniform(-0.999, 0.999, (count, grid.box.size))
-    corner = np.where(rng.integers(0, 2, place.shape), 1.0, -1.0)
-    face = np.arange(grid.box.size) == rng.integers(0, grid.box.size, count)[:, None]
-    where = rng.integers(0, 4, count)[:, None]  # 0 and 1: inside, 2: on one face, 3: at a corner
-    return points_of_cells(grid, cells, np.where((where == 3) | ((where == 2) & face), corner, place))
+    return drawn_in_cells(controller.grid, rng.choice(controller.solution.beginnings, count), rng, (3,))

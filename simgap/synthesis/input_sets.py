@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,7 @@ from simgap.late import njit
 
 Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint64]
+Number = TypeVar("Number", bound=np.generic)
 
 
 def packed_width(inputs: int) -> int:
@@ -64,9 +67,10 @@ def embed(values: Words, grid: Grid, larger: Grid, outside: Words) -> Words:
     return out.reshape(larger.size, -1)
 
 
-def crop(values: Words, grid: Grid, larger: Grid) -> Words:
-    """The inverse of `embed`: (larger cells, k) -> (cells, k)."""
-    return np.ascontiguousarray(values.reshape(*larger.cells, -1)[inner(grid, larger)]).reshape(grid.size, -1)
+def crop(values: NDArray[Number], grid: Grid, larger: Grid) -> NDArray[Number]:
+    """Values of the grid's cells among those of the larger one's: (larger cells, ...) -> (cells, ...)."""
+    rest = values.shape[1:]
+    return np.ascontiguousarray(values.reshape(*larger.cells, *rest)[inner(grid, larger)]).reshape(grid.size, *rest)
 
 
 def inner(grid: Grid, larger: Grid) -> tuple[slice, ...]:

@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 from simgap.attack.campaign import LENGTH, Opponent, Scene, campaign
-from simgap.attack.danger import Danger, WorstStarts, beginnings
+from simgap.attack.danger import Danger, WorstStarts
 from simgap.attack.law import Law
 from simgap.attack.plants import WorstDisturbance
 from simgap.closed_loop import batch_loop
@@ -50,7 +50,7 @@ def attack(problem, solution, gamma=GAMMA, error=(0.0, 0.0), seed=0, monitor=Non
     plant = WorstDisturbance(model.step, bounds, danger, monitor, rng)
     judge = Judge(SPACE, monitor, 200, inputs, model, None, solution)
     scene = Scene(lambda x, m, before: model.step(x, inputs[m]), None, danger, inputs, solution.late)
-    worst = WorstStarts(danger, None, beginnings(solution))
+    worst = WorstStarts(solution)
     return campaign(Opponent(plant, judge, False, 32, holds), law, scene, lambda n: worst.draw(n, rng), STEPS, rng)
 
 

@@ -261,3 +261,12 @@ def test_what_a_nominal_model_lacks_is_refused_by_its_word(tmp_path, name):
         run("mine", None, tmp_path, mjcf=mjcf(tmp_path, **given), **options)
     assert "\n" not in str(caught.value)
     assert [p.name for p in tmp_path.iterdir()] == ["given.xml"]
+
+
+def test_a_base_that_outweighs_what_it_carries_is_asked_for(tmp_path):
+    heavy = urdf(tmp_path, chain("a", 2), root=link("base", m=3.0))
+    with pytest.raises(UserError, match="its base weighs 3 kg and all that it carries 2 kg"):
+        model_of_urdf(heavy, asked(tmp_path), lambda words: None)
+    assert list(model_of_urdf(heavy, asked(tmp_path, base="fixed"), lambda words: None).file.joints) == ["ja0", "ja1"]
+    light = urdf(tmp_path, chain("a", 2), root=link("base", m=1.9))
+    assert model_of_urdf(light, asked(tmp_path), lambda words: None).file.joints

@@ -5,6 +5,7 @@ import pytest
 import sympy as sp
 
 from simgap.errors import UserError
+from simgap.extras.wizard.budget import Budget
 from simgap.extras.wizard.driven_arm import rounded
 from simgap.extras.wizard.posture import posture_of, proportions
 from simgap.extras.wizard.proposal import HELD, WINS, Search, Tried, _held, propose
@@ -88,13 +89,16 @@ def test_cells_that_win_alone_are_refined_until_they_win_against_a_gap_while_the
         def __init__(self):
             super().__init__(None, None, None, None, {}, {})
 
+        def pairs(self, cells, share):
+            return cells[0]
+
         def play(self, cells, share, against):
             return tried(cells[0], 0.2 if cells[0] >= 30 else 0.0)
 
     alone, rounds = [tried(10, 0.2)], [(10,), (20,), (30,), (40,)]
-    assert _held(Games(), list(alone), 0.1, rounds, lambda words: None, np.inf).cells == (30,)
-    assert _held(Games(), list(alone), 0.1, rounds[:2], lambda words: None, np.inf).cells == (10,)
-    assert _held(Games(), list(alone), 0.1, rounds, lambda words: None, 0.0).cells == (10,)
+    assert _held(Games(), list(alone), 0.1, rounds, lambda words: None, Budget(np.inf)).cells == (30,)
+    assert _held(Games(), list(alone), 0.1, rounds[:2], lambda words: None, Budget(np.inf)).cells == (10,)
+    assert _held(Games(), list(alone), 0.1, rounds, lambda words: None, Budget(0.0)).cells == (10,)
 
 
 @pytest.mark.parametrize("limit", np.linspace(0.5, 3.0, 40))
@@ -208,3 +212,15 @@ def test_an_arm_without_time_gets_its_reason():
     model = arm()
     with pytest.raises(UserError, match=r"at tau = 0.1 s: no torques were tried within the time"):
         propose(model, sampled(model), {}, {}, {}, seconds=1e-9)
+
+
+def test_no_game_is_begun_that_would_not_end_in_time():
+    budget = Budget(100.0)
+    budget.gauge(10, lambda: sum(range(10**5)))
+    assert budget.allows(10)
+    assert not budget.refused
+    assert not budget.allows(10**9)
+    assert budget.refused
+    assert budget.spent(10, lambda: "won") == "won"
+    with pytest.raises(UserError, match="not found in the time"):
+        propose(pendulum(), sampled(pendulum()), {}, {}, {}, seconds=0.0)

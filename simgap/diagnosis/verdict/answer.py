@@ -137,7 +137,6 @@ def predictions(
     for w, (a, b) in enumerate(itertools.pairwise(part.rows.tolist())):
         s = slice(int(part.windows.start[w]), int(part.windows.stop[w]))
         name = names[int(part.windows.trace[w])]
-        out.append(
-            WindowPrediction(name, held_out, problem.t[s], problem.y[s], old[a:b], new[a:b], states[a:b], problem.u[s])
-        )
+        own = (problem.t[s], problem.y[s], old[a:b], new[a:b], states[a:b], problem.u[s])
+        out.append(WindowPrediction(name, held_out, *own, problem.used[s]))
     return out

@@ -1,4 +1,7 @@
-"""What is left after the correction, bounded from held-out transitions: a split-conformal one-step bound.
+"""What is left after the correction, bounded from held-out transitions: a one-step bound.
+
+Two bounds hold each with its own confidence, and the smaller one of each state is taken, with what both together leave.
+The first is split conformal and has the noise of the readings inside; `process_noise` has the second, without it.
 
 The residual of a transition is `y_i(t + tau) - F_i(x(t), u)`, with F the model integrated in fine steps, as the
 simulator of a corrected case is (what the steps of the nominal map miss of that is in the gap already). Under known
@@ -10,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +21,7 @@ from simgap.arrays import Floats, Ints
 from simgap.diagnosis.result import WindowPrediction
 from simgap.diagnosis.verdict.near_rest import NearRest, Sizes, bound, slow_and_fast
 from simgap.diagnosis.verdict.pieces import Left, pieces
+from simgap.diagnosis.verdict.process_noise import bound_forces
 from simgap.diagnosis.verdict.transitions import Transitions, force_ratio, held, seen, transitions, within
 from simgap.model.symbolic import SymbolicModel
 from simgap.split_conformal import attained, fewest
@@ -33,10 +37,10 @@ class Remainder:
         confidence: what is left of the level; pieces: independent blocks, or runs, of the held-out transitions that it
             rests on; by_run: whether runs differ, so that they are the pieces; runs: how many were held out.
         before, after: state -> bound under the declared and the corrected model; inf if there are too few transitions.
+        with_noise: state -> the conformal bound under the corrected model, which has the noise of readings inside.
         rest_before, rest_after: where the velocity is small a wider bound stands beside these; None: nowhere.
         one_step: "before", "after", "noise_floor" -> state -> RMS of the one-step residual on held-out data; the floor
             is the noise of both ends.
-        noise_only: state -> what the bound would be if measurement noise were all there is.
         inside: share of the held-out transitions inside the bound, for the corrected model.
         estimated: velocity that was derived from its position -> noise of the estimate.
         unbounded: states that were neither measured nor derived.
@@ -52,9 +56,9 @@ class Remainder:
     runs: int
     before: Mapping[str, float]
     after: Mapping[str, float]
+    with_noise: Mapping[str, float]
     rest_before: NearRest | None
     rest_after: NearRest | None
-    noise_only: Mapping[str, float]
     inside: float
     estimated: Mapping[str, float]
     unbounded: tuple[str, ...]
@@ -64,13 +68,12 @@ class Remainder:
 
 @dataclass(frozen=True, eq=False)
 class _Bound:
-    """Of one model: state -> bound, state -> RMS on held-out data, bound near rest, the first as (k,), share inside;
+    """Of one model: state -> bound, state -> RMS on held-out data, bound near rest, share inside;
     how many held-out transitions, independent pieces and runs it rests on, and whether runs are the pieces."""
 
     by: Mapping[str, float]
     rms: Mapping[str, float]
     rest: NearRest | None
-    limit: Floats
     inside: float
     count: int
     pieces: int
@@ -87,6 +90,7 @@ def bound_remainder(
     level: float,
     X: Mapping[str, tuple[float, float]] | None = None,
     declared: Mapping[str, float] | None = None,
+    remembering: SymbolicModel | None = None,
 ) -> Remainder | None:
     """Bound the one-step residual from the windows that were held out.
 
@@ -100,6 +104,7 @@ def bound_remainder(
         X: state -> where the bound is asked for; transitions that begin elsewhere, or that the corrected model takes
             elsewhere, do not count.
         declared: known condition -> its value in the case, for which the bound is.
+        remembering: the corrected model with its lags as states and its delays; None: as `models` has it.
 
     Returns:
         None if nothing was held out, or no held-out window is longer than a step and begins in X.
@@ -116,19 +121,25 @@ def bound_remainder(
             return None
         bounds.append(_bound(model, (parts[0], parts[1]), names, level, X or {}, declared or {}))
     first, last = bounds
-    noise = _noise_only(np.array(list(known.sigma.values())), last.limit, level)
+    forces = [
+        {} if declared else bound_forces([w for w in windows if w.held_out], sigma, model, step, level)
+        for model in (models[0], remembering or models[1])
+    ]
     missing = tuple(n for n in models[0].state_names if n not in names)
     finite = all(math.isfinite(v) for v in last.by.values())
-    confidence = attained(last.pieces, level) if finite else 0.0
-    statement = _statement(level, confidence, last, step, missing) if finite else _too_few(last.count, level)
+    widest = last.by if last.rest is None else last.rest.by
+    below = [n for n in names if finite and forces[1].get(n, math.inf) < widest[n]]
+    confidence = max(attained(last.pieces, level) - (1.0 - level if below else 0.0), 0.0) if finite else 0.0
+    statement = _statement(level, confidence, last, step, missing, below) if finite else _too_few(last.count, level)
     one_step = {
         "before": first.rms, "after": last.rms, "noise_floor": {n: math.sqrt(2.0) * s for n, s in known.sigma.items()}
     }  # fmt: skip
     return Remainder(
         step, level, last.count, confidence, last.pieces, last.by_run, last.runs,
-        first.by, last.by, first.rest, last.rest,
-        dict(zip(names, noise.tolist(), strict=True)), last.inside, {n: known.sigma[n] for n in known.estimated},
-        missing, statement + _derived(known.estimated) + _near_rest(last.rest, confidence), one_step,
+        _least(first.by, forces[0]), _least(last.by, forces[1]), last.by,
+        _rest_beside(first, forces[0]), rest := _rest_beside(last, forces[1]),
+        last.inside, {n: known.sigma[n] for n in known.estimated},
+        missing, statement + _derived(known.estimated) + _near_rest(rest, confidence), one_step,
     )  # fmt: skip
 
 
@@ -154,13 +165,26 @@ def _bound(
         by,
         rms,
         rest,
-        limit,
         float(np.mean(inside)),
         len(plain[1]),
         fresh.count if split is None else split.pieces,
         len(set(parts[1].trace)),
         by_run,
     )
+
+
+def _least(by: Mapping[str, float], forces: Mapping[str, float]) -> dict[str, float]:
+    """The smaller bound of each state; infinite where the first is: too few transitions bound nothing."""
+    return {n: min(v, forces.get(n, math.inf)) if math.isfinite(v) else v for n, v in by.items()}
+
+
+def _rest_beside(own: _Bound, forces: Mapping[str, float]) -> NearRest | None:
+    """The bound near rest, where it is still wider than everywhere else."""
+    if own.rest is None:
+        return None
+    by = _least(own.rest.by, forces)
+    everywhere = _least(own.by, forces)
+    return replace(own.rest, by=by) if any(by[n] > everywhere[n] for n in by) else None
 
 
 def _pieces(parts: tuple[Transitions, Transitions], residuals: Sequence[Floats]) -> tuple[Ints, bool]:
@@ -179,14 +203,6 @@ def _pieces(parts: tuple[Transitions, Transitions], residuals: Sequence[Floats])
 def _speeds(part: Transitions, model: SymbolicModel) -> dict[str, Floats]:
     """Velocity of a coordinate -> its size at the start of each transition."""
     return {c.velocity: np.abs(part.start[:, model.state_names.index(c.velocity)]) for c in model.coordinates}
-
-
-def _noise_only(sigma: Floats, scale: Floats, level: float) -> Floats:
-    """The same bound for residuals that are the difference of two noisy readings and nothing else (seeded draws)."""
-    draws = np.random.default_rng(0).standard_normal((20_000, len(sigma))) * np.sqrt(2.0) * sigma
-    if not np.all(np.isfinite(scale)):
-        return scale
-    return scale * float(np.quantile(np.max(np.abs(draws) / scale, axis=1), level))
 
 
 def _residuals(part: Transitions, names: Sequence[str], model: SymbolicModel) -> Floats:
@@ -220,9 +236,19 @@ def _too_few(count: int, level: float) -> str:
     return f"{count} held-out transitions are too few for {100 * level:g} %: hold out at least {fewest(level)}."
 
 
-def _statement(level: float, confidence: float, own: _Bound, step: float, missing: Sequence[str]) -> str:
+def _statement(
+    level: float, confidence: float, own: _Bound, step: float, missing: Sequence[str], below: Sequence[str]
+) -> str:
     rest = f" {', '.join(missing)} was not measured and is not bounded." if missing else ""
-    few = f" (of {100 * level:g} % asked for, which takes {fewest(level)} pieces)" if confidence < level else ""
+    asked = confidence + (1.0 - level if below else 0.0)
+    few = f" (of {100 * level:g} % asked for, which takes {fewest(level)} pieces)" if asked < level - 1e-9 else ""
+    noise = "Measurement noise is inside the bound."
+    if below:
+        noise = (
+            f"Measurement noise is not inside the bound of {', '.join(below)}, which is of the forces that smoothed "
+            "readings allow under white noise: an estimate (likelihood, Chebyshev's inequality) of the same level, and "
+            f"both together leave {_percent(1.0 - level)} less."
+        )
     several = "independent pieces" if own.pieces > 1 else "independent piece"
     pieces = (
         "runs, one piece each because they differ" if own.by_run else f"{several} as long as what is left remembers"
@@ -233,6 +259,6 @@ def _statement(level: float, confidence: float, own: _Bound, step: float, missin
         f"Split conformal: a further transition over {step:.4g} s, {of} exchangeable with these, lies within the bound "
         "of the model in all measured states at once with probability at least "
         f"{_percent(confidence)}{few}. It rests on {own.count:,} held-out transitions, which "
-        f"are {own.pieces:,} {pieces}; no smaller share of the fitted ones is inside.{one} Measurement noise is inside "
-        f"the bound. This is not a bound for every state.{rest}"
+        f"are {own.pieces:,} {pieces}; no smaller share of the fitted ones is inside.{one} {noise} "
+        f"This is not a bound for every state.{rest}"
     )

@@ -65,7 +65,7 @@ def seen(windows: Sequence[WindowPrediction], sigma: Mapping[str, float], model:
     Args:
         sigma: noise of each measured state, in the order of the columns; model: has the coordinates.
     """
-    whole = _joined(windows)
+    whole = joined(windows)
     missing = {c.velocity: c.position for c in model.coordinates if c.velocity not in sigma and c.position in sigma}
     steps = [np.diff(w.t) for w in whole]
     if not missing or not steps:
@@ -195,7 +195,7 @@ def _integrated(model: SymbolicModel, x: Floats, commands: Commands, seconds: fl
     return x.T
 
 
-def _joined(windows: Sequence[WindowPrediction]) -> list[WindowPrediction]:
+def joined(windows: Sequence[WindowPrediction]) -> list[WindowPrediction]:
     """Neighbouring windows of a trace as one, in the order of time."""
     runs: list[list[WindowPrediction]] = []
     for w in sorted(windows, key=lambda w: (w.held_out, w.trace, float(w.t[0]))):
@@ -215,8 +215,11 @@ def _one(run: Sequence[WindowPrediction]) -> WindowPrediction:
     def whole(name: str) -> Floats:
         return np.concatenate([getattr(w, name) for w in run])
 
-    parts = (whole(n) for n in ("t", "measured", "before", "after", "states", "inputs"))
-    return WindowPrediction(run[0].trace, run[0].held_out, *parts)
+    t, read, before, after, states, inputs = (
+        whole(n) for n in ("t", "measured", "before", "after", "states", "inputs")
+    )
+    used = None if run[0].used is None else whole("used")
+    return WindowPrediction(run[0].trace, run[0].held_out, t, read, before, after, states, inputs, used)
 
 
 def _with_velocities(w: WindowPrediction, columns: Sequence[int], size: int, dt: float) -> WindowPrediction:

@@ -14,11 +14,13 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import BrokenPromise, UserError
+from simgap.extras.wizard.budget import Budget
 from simgap.extras.wizard.posture import Posture, check_room, check_strength
 from simgap.geometry import Box
 from simgap.late import numba
@@ -37,8 +39,9 @@ CELLS_A_STEP, GAIN = 3.1, 0.45
 speed crosses 3.1 cells, and .03 where it crosses 1.6; the inputs change a speed by .45 of its half-width."""
 GUESS = 0.04
 """Of what the largest inputs do in a step: the gap that is played against. On that arm .08 leaves .05 of 28 cells."""
-TRIED, MORE, VALUES = 28, 1.3, 5
-"""Cells along each axis in the search; as many times more in the case, for a gap that is larger; values of an input."""
+FEW, TRIED, MORE, VALUES = 10, 28, 1.3, 5
+"""Cells along each axis where a game is timed, and in the search; as many times more in the case, for a gap that is
+larger; values of an input."""
 FARTHEST, STRAYS, TIMES, WEAKER = 1.2, 0.3, 10, 1.5
 """Half-width of X for a position, rad or m, at most; of X what a path may stray between samples; how often torques
 are tried, each time by how much weaker. Judgement."""
@@ -72,9 +75,9 @@ def driven(
     limits: Mapping[str, float],
     room: Mapping[str, tuple[float, float]],
     tell: Callable[[str], None],
-    over: Callable[[], bool],
+    budget: Budget,
 ) -> Driven:
-    """Numbers for the plant; the arguments are those of `propose`, and `over` says that the time is up.
+    """Numbers for the plant; the arguments are those of `propose`, and `budget` has its time.
 
     Raises:
         UserError: nothing is won, with what stands in the way.
@@ -95,8 +98,6 @@ def driven(
     scale = min(size, float((most * np.sqrt(gains)).min()))
     best: Driven | None = None
     for _ in range(TIMES):
-        if over():
-            break
         inputs = np.array([rounded(scale / math.sqrt(g), down=True) for g in gains])
         half = _half(own, posture, inputs, axes, names, room, tau)
         if (half <= 0).any():
@@ -104,9 +105,13 @@ def driven(
                 "the posture leaves the joints no room before their stops", key="--at", remedy="Name another one."
             )
         half = np.array([rounded(v, down=True) for v in half])
+        game = partial(_play, model, own, flow, posture, half, inputs, tau, reason)
+        budget.gauge(FEW ** len(names) * VALUES**2, partial(game, FEW))
+        if not budget.allows(TRIED ** len(names) * VALUES**2):
+            break
         told = ", ".join(f"{n} +-{v:g}" for n, v in zip(names, half, strict=True))
         tell(f"a game of {TRIED} cells an axis: {told}" + (f"; best so far {best.wins:.2g}" if best else ""))
-        wins, reason = _play(model, own, flow, posture, half, inputs, tau, reason)
+        wins, reason = budget.spent(TRIED ** len(names) * VALUES**2, game)
         if best is None or wins > best.wins:
             cells = (math.ceil(MORE * TRIED),) * len(names)
             best = Driven(tau, tuple(half), tuple(inputs), cells, wins, _target(model, posture, half))
@@ -116,7 +121,8 @@ def driven(
     if best is None or best.wins == 0.0:
         raise UserError(
             f"no torques win at tau = {tau:g} s: {reason}", key="domain",
-            remedy="A shorter tau, a smaller X or stronger drives by hand (docs/evidence/two_link.md).",
+            remedy="A longer search (--seconds), or a shorter tau, a smaller X or stronger drives by hand "
+            "(docs/evidence/two_link.md).",
         )  # fmt: skip
     return best
 
@@ -156,7 +162,7 @@ def _size(
 
 def _play(
     model: SymbolicModel, own: NominalModel, flow: Flow, posture: Posture, half: Floats, inputs: Floats,
-    tau: float, reason: str,
+    tau: float, reason: str, cells: int = TRIED,
 ) -> tuple[float, str]:  # fmt: skip
     """The share of X that wins against the path between samples and a small gap, and what was in the way."""
     names, x = model.state_names, posture.x
@@ -172,7 +178,7 @@ def _play(
         return 0.0, f"between samples {worst} strays by more than {STRAYS:g} of X"
     specification = ReachAvoid(kind="reach_avoid", target=_target(model, posture, half))
     problem = Problem(
-        own, specification, space, (TRIED,) * len(names), every, gap=constant(spread), gap_axes=[], stray=stray
+        own, specification, space, (cells,) * len(names), every, gap=constant(spread), gap_axes=[], stray=stray
     )
     solution = specification.solve(problem.game())
     wins = float(solution.winning.mean()) if solution.useful else 0.0

@@ -6,7 +6,6 @@ of an arm hold the parameters of every link that has any.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -203,11 +202,6 @@ def model_of_mjcf(path: Path, asked: Asked, note: Callable[[str], None]) -> NewM
         raise
     note(f"{made.name} has the bodies as MuJoCo compiles them, for the nominal model.")
     return NewModel(file, alone or path, found.effects, found.gravity, found.step, (made, *([alone] if alone else [])))
-
-
-def relative(path: Path, out: Path) -> str:
-    """The path of a file as a case in the folder `out` has it."""
-    return Path(os.path.relpath(reading.real(path), reading.real(out))).as_posix()
 
 
 def _write(made: Path, robot: ElementTree.Element) -> None:

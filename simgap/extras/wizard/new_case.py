@@ -18,7 +18,7 @@ from simgap.errors import UserError, excerpt
 from simgap.extras.wizard.driven_arm import rounded
 from simgap.extras.wizard.dry_friction_guess import blocks_along
 from simgap.extras.wizard.joints import SPEED, TAU, Axis, axes_of, drives, needed_inputs
-from simgap.extras.wizard.model_file import Asked, NewModel, model_of_mjcf, model_of_urdf, relative
+from simgap.extras.wizard.model_file import Asked, NewModel, model_of_mjcf, model_of_urdf
 from simgap.extras.wizard.proposal import SECONDS, Proposal
 from simgap.extras.wizard.propose import numbers, shown
 from simgap.io.atomic import write_text
@@ -27,6 +27,7 @@ from simgap.io.wheeled_urdf import WheelPair, case_of_wheels, wheels_of
 from simgap.plants.model_file import ModelFile
 from simgap.plants.urdf import MOST_DERIVED
 from simgap.plants.urdf_checks import check_urdf, root_link
+from simgap.reading import relative
 
 ENGINE_STEPS = 240
 """PyBullet's usual steps a second."""

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from simgap.arrays import Floats
 from simgap.errors import UserError
+from simgap.extras.wizard.budget import Budget
 from simgap.extras.wizard.driven_arm import GUESS, Driven, changed, constant, driven, is_driven, rounded
 from simgap.extras.wizard.dry_friction_guess import Rubbing, rubbing
 from simgap.extras.wizard.posture import (
@@ -146,6 +147,11 @@ class Search:
         measured = next(group for group in groups if group)
         return np.asarray(self.shape.box * REACH / max(self.shape.box[names.index(n)] for n in measured))
 
+    def pairs(self, cells: tuple[int, ...], share: float) -> int:
+        """How many pairs of cell and input a game has."""
+        box = self.box(share)
+        return math.prod(cells) * math.prod(self.values(share * np.abs(self.shape.gain) @ box, box, cells))
+
     def box(self, share: float) -> Floats:
         """Half-widths of X: as sought, and nothing beyond its room.
 
@@ -275,11 +281,11 @@ def propose(
         UserError: a posture that no input holds, inputs that move nothing, a plant that no feedback holds, an X of next
             to no size, or too little won within the time and the pairs of cell and input that a quick search takes.
     """
-    ends = time.process_time() + seconds
+    budget = Budget(seconds)
     posture = posture_of(model, at)
     check_moved(model, posture)
     if is_driven(model):
-        found = driven(model, sampled, posture, limits, room, tell, lambda: time.process_time() > ends)
+        found = driven(model, sampled, posture, limits, room, tell, budget)
         return _of_driven(model, posture, found)
     tell("looking for the sampling time and the shape of X")
     shape = _shape(model, posture)
@@ -287,19 +293,26 @@ def propose(
     search.check()
     tried: list[Tried] = []
     rounds = search.rounds()
+    few = (FEWEST,) * len(model.states)
+    budget.gauge(search.pairs(few, SHARES[0]), partial(search.play, few, SHARES[0]))
     for cells in rounds:
         for share in SHARES:
-            if tried and time.process_time() > ends:
+            if not budget.allows(search.pairs(cells, share)):
                 break
             best = max((t.wins for t in tried), default=0.0)
             tell(f"a game of {_shown(cells)} cells" + (f"; best so far {best:.2g}" if best else ""))
-            tried.append(search.play(cells, share))
+            tried.append(budget.spent(search.pairs(cells, share), partial(search.play, cells, share)))
             if tried[-1].wins >= WINS:
-                return search.proposal(_held(search, tried, share, [cells, *rounds], tell, ends), tried)
+                return search.proposal(_held(search, tried, share, [cells, *rounds], tell, budget), tried)
+    if not tried:
+        raise UserError(
+            f"not found in the time: no game of the nominal model fits in {seconds:g} s", key="synthesis.cells",
+            remedy="Search longer (--seconds).",
+        )  # fmt: skip
     most = max(tried, key=lambda t: (t.wins, math.prod(t.cells)))
     raise UserError(
         f"on {_shown(most.cells)} cells the nominal model alone wins {most.wins:.2g}, and "
-        f"{'the time is up' if time.process_time() > ends else 'more are beyond a quick search'}; by its "
+        f"{'the time is up' if budget.refused else 'more are beyond a quick search'}; by its "
         f"linear model it takes about {shape.size:,.0f} at tau = {shape.tau:g} s", key="synthesis.cells",
         remedy="Give it another input or stronger ones, or begin with fewer states.",
     )  # fmt: skip
@@ -307,7 +320,7 @@ def propose(
 
 def _held(
     search: Search, tried: list[Tried], share: float, rounds: Sequence[tuple[int, ...]],
-    tell: Callable[[str], None], ends: float,
+    tell: Callable[[str], None], budget: Budget,
 ) -> Tried:  # fmt: skip
     """The first that win against a gap too.
 
@@ -318,11 +331,11 @@ def _held(
     shares = [share] if rubs is None else [s for s in SHARES if s >= share][:2]
     against, gap = (HELD, "a small gap") if rubs is None else (HELD_RUBBING, "dry friction")
     for cells, own in itertools.product(rounds, shares):
-        if time.process_time() > ends:
-            break
         fine = cells if rubs is None else rubs.finer(cells)
+        if not budget.allows(search.pairs(fine, own)):
+            break
         tell(f"a game of {_shown(fine)} cells against {gap}")
-        tried.append(search.play(fine, own, against))
+        tried.append(budget.spent(search.pairs(fine, own), partial(search.play, fine, own, against)))
         if tried[-1].wins >= WINS:
             return tried[-1]
         left = left if rubs is None else replace(tried[-1], wins=left.wins, against=0.0)

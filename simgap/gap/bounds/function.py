@@ -138,6 +138,11 @@ class GapDomain:
         """Periodic axes that matter."""
         return tuple(j for j in self.periodic if j not in self.free)
 
+    @property
+    def read(self) -> list[int]:
+        """State axes on which the gap may depend."""
+        return [j for j in range(len(self.states)) if j not in self.free]
+
     def limits(self) -> tuple[Floats, Floats]:
         """Lower and upper state limits with the rounding margin; infinite along free axes: (nx,) each."""
         margin = MARGIN * (self.box.hi - self.box.lo)

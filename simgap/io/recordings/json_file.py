@@ -6,7 +6,6 @@ what holds throughout (a mass, a gain), which becomes a column that never change
 
 from __future__ import annotations
 
-import codecs
 import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -129,19 +128,6 @@ class _Twice:
     """Stands for an object that has a key twice, until its place is known."""
 
     key: str
-
-
-def is_json(path: Path) -> bool:
-    """Whether a file is named or begins as JSON does."""
-    suffix = path.suffix.lower()
-    if suffix in (".json", ".jsonl", ".ndjson"):
-        return True
-    try:
-        with reading.opened(path) as stream:
-            start = stream.read(64).removeprefix(codecs.BOM_UTF8).lstrip()
-    except OSError as error:
-        raise UserError(f"cannot be read: {error.strerror}", file=path) from None
-    return start[:1] in (b"{", b"[") and suffix not in (".csv", ".tsv")
 
 
 def read_samples(path: Path, file: str) -> Samples:

@@ -216,15 +216,6 @@ than it grows (25 s for 300,000 fields)."""
 _DAMAGED = "Copy it again, or mend it (`mcap recover`)."
 
 
-def is_mcap(path: Path) -> bool:
-    """Whether a file begins as MCAP files do."""
-    try:
-        with reading.opened(path) as stream:
-            return stream.read(len(MAGIC)) == MAGIC
-    except OSError as error:
-        raise UserError(f"cannot be read: {error.strerror}", file=path) from None
-
-
 @dataclass(frozen=True)
 class Bag:
     """An open recording.

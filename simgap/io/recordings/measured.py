@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from simgap import reading
 from simgap.config.measured import ColumnMap, MeasuredSection
 from simgap.diagnosis.record.channels import Channel, column_words, measured_columns
 from simgap.diagnosis.record.clock import TimeRange
@@ -16,6 +14,7 @@ from simgap.diagnosis.record.traces import Reading, ReadingOptions, read_traces
 from simgap.errors import UserError, placed
 from simgap.io.recordings.tables import read_recording
 from simgap.model.symbolic import SymbolicModel
+from simgap.reading import relative
 from simgap.units import conversion, full_turn
 
 
@@ -42,10 +41,10 @@ def load_reading(
     """
     channels, conditions = channels_of(model, section, case), condition_channels(model, section, case)
     wanted = [c.column for c in (*channels, *conditions) if c.constant is None]
-    typed = {display_name(path, relative_to): str(path) for path in paths}
+    typed = {relative(path, relative_to): str(path) for path in paths}
     try:
         tables = [
-            read_recording(path, wanted, section.time.column, section.trace_column, display_name(path, relative_to))
+            read_recording(path, wanted, section.time.column, section.trace_column, relative(path, relative_to))
             for path in paths
         ]
         reading = read_traces(tables, channels, reading_options(section, strict))
@@ -58,11 +57,6 @@ def load_reading(
     except UserError as error:  # results name a file relative to the case, a message as the person typed it
         file = typed.get(str(error.file), error.file if error.file is not None else case)
         raise UserError(error.problem, file=file, key=error.key, remedy=error.remedy) from None
-
-
-def display_name(path: Path, relative_to: Path) -> str:
-    """How results call a file: its path relative to the case, so that they are the same on every machine."""
-    return Path(os.path.relpath(reading.real(path), reading.real(relative_to))).as_posix()
 
 
 def channels_of(model: SymbolicModel, section: MeasuredSection, case: str | None = None) -> tuple[Channel, ...]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,13 +15,14 @@ from simgap.diagnosis.record.channels import RawTable, no_time_column
 from simgap.errors import UserError, excerpt, placed
 from simgap.io.parquet import checksum_holds, record_of
 from simgap.io.recordings.csv_file import CsvLayout, csv_layout, read_csv_columns
-from simgap.io.recordings.json_file import is_json, json_cells, json_table
-from simgap.io.recordings.mcap_file import is_mcap, mcap_header, read_mcap
+from simgap.io.recordings.json_file import json_cells, json_table
+from simgap.io.recordings.mcap_file import MAGIC, mcap_header, read_mcap
 from simgap.late import pyarrow as pa
 from simgap.late import pyarrow_compute as pc
 from simgap.late import pyarrow_parquet as pq
 from simgap.reading import require_room, table_size
 
+Kind = Literal["mcap", "json", "parquet", "csv"]
 _Source = tuple[tuple[str, ...], Callable[[list[str]], Any], str]
 _GIVE = "Give the path of a CSV, Parquet, JSON or MCAP file."
 
@@ -41,13 +43,13 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
     """
     file = name or str(path)
     _refuse_no_file(path, file)
-    if is_mcap(path):
+    if (kind := kind_of(path)) == "mcap":
         return _whole(read_mcap(path, list(wanted), file, reading.sha256(path)), path, file)
-    if not is_parquet(path):
+    if kind != "parquet":
         reading.checked(path, 4 * reading.MOST)  # its columns are held: none is hashed that is larger than the memory
     sha256, wanted = reading.sha256(path), list(wanted)
     labels = None if trace in (time, *wanted) else trace
-    header, read, word = _source(path, file, time, labels, (time, *wanted, trace))
+    header, read, word = _source(kind, path, file, time, labels, (time, *wanted, trace))
     if time not in header:
         raise no_time_column(time, header, file)
     chosen = [c for c in dict.fromkeys(wanted) if c in header and c != time]
@@ -69,16 +71,34 @@ def read_recording(path: Path, wanted: Iterable[str], time: str, trace: str, nam
     return _whole(raw, path, file)
 
 
-def _source(path: Path, file: str, time: str = "", labels: str | None = None, asked: Sequence[str] = ()) -> _Source:
+def kind_of(path: Path) -> Kind:
+    """What a recording is, by its name or by how it begins."""
+    try:
+        with reading.opened(path) as stream:
+            start = stream.read(64)
+    except OSError as error:
+        raise UserError(f"cannot be read: {error.strerror}", file=path) from None
+    suffix = path.suffix.lower()
+    braced = start.removeprefix(codecs.BOM_UTF8).lstrip()[:1] in (b"{", b"[") and suffix not in (".csv", ".tsv")
+    if start.startswith(MAGIC):
+        return "mcap"
+    if braced or suffix in (".json", ".jsonl", ".ndjson"):
+        return "json"
+    return "parquet" if suffix in (".parquet", ".pq", ".parq") or start.startswith(b"PAR1") else "csv"
+
+
+def _source(
+    kind: Kind, path: Path, file: str, time: str = "", labels: str | None = None, asked: Sequence[str] = ()
+) -> _Source:
     """The names of all columns, what reads some of those asked for as an Arrow table, how messages call a column.
 
     Args:
         time: the column of stamps; labels: that of text.
     """
-    if is_json(path):
+    if kind == "json":
         names, cells = json_cells(path, asked, file)
         return names, lambda columns: json_table(cells, columns, time, labels, file), "key"
-    if is_parquet(path):
+    if kind == "parquet":
         return parquet_header(path, file), lambda columns: read_parquet_columns(path, columns, file), "column"
     layout = csv_layout(path, file)
     return layout.header, lambda columns: _read_csv(path, layout, columns, time, labels, file), "column"
@@ -102,10 +122,10 @@ def read_header(path: Path, file: str) -> tuple[tuple[str, ...], dict[str, str]]
         UserError: for a file that is missing, empty or damaged.
     """
     _refuse_no_file(path, file)
-    if is_mcap(path):
+    if (kind := kind_of(path)) == "mcap":
         return tuple(mcap_header(path, file)), {}
-    header, _, _ = _source(path, file)
-    if is_json(path) or not is_parquet(path):
+    header, _, _ = _source(kind, path, file)
+    if kind != "parquet":
         return header, {}
     schema = parquet_schema(path)
     return header, {n: unit for n in header if (unit := _unit(schema.field(n), file)) is not None}
@@ -203,20 +223,6 @@ def _unit(field: Any, file: str) -> str | None:
         ) from None
 
 
-_MAGIC = b"PAR1"
-
-
-def is_parquet(path: Path) -> bool:
-    """Whether a file is named or begins as Parquet files do."""
-    if path.suffix.lower() in (".parquet", ".pq", ".parq"):
-        return True
-    try:
-        with reading.opened(path) as stream:
-            return stream.read(4) == _MAGIC
-    except OSError as error:
-        raise UserError(f"cannot be read: {error.strerror}", file=path) from None
-
-
 def parquet_schema(path: Path) -> Any:
     """Names, types and units of all columns."""
     with reading.opened(path) as stream:
@@ -246,7 +252,7 @@ def parquet_header(path: Path, file: str) -> tuple[str, ...]:
 def rig_record(path: Path) -> Any:
     """What a file that `simgap rig` wrote says of its simulator; None of any other, readable or not."""
     try:
-        record = record_of(parquet_schema(path)) if is_parquet(path) else None
+        record = record_of(parquet_schema(path)) if kind_of(path) == "parquet" else None
     except (pa.ArrowException, OSError, UserError):
         return None
     return record if isinstance(record, dict) and record.get("stage") == "rig" else None

@@ -11,23 +11,11 @@ import numpy as np
 from simgap.arrays import Floats
 from simgap.diagnosis.result import WindowPrediction
 from simgap.io import figure_style as style
+from simgap.io.pages import text
 from simgap.io.rerun.recording import line, recording_file, send
 from simgap.notation import axis_label, printable
 
 _LINES = (("measured", style.MEASURED_IN_A_VIEWER, 1.5), ("before", style.BEFORE, 3.0), ("after", style.AFTER, 3.0))
-
-
-ABOUT = """# {title}
-
-{sentence}
-
-- **grey**: measured
-- **vermilion**: predicted by the model as declared, and what is left of it
-- **blue**: predicted by the corrected model, and what is left of it
-- **yellow**: 1 where the data were never fitted; the verdict was asked there
-
-Every window is predicted from a start of its own, so the predictions begin anew with each.
-"""
 
 
 def write_recording(
@@ -50,7 +38,8 @@ def write_recording(
     traces = list(dict.fromkeys(w.trace for w in windows))
     look = _blueprint(traces, measured, inputs, units)
     with recording_file(path, "simgap_diagnosis", _identifier(title), look) as recording:
-        about = rr.TextDocument(printable(ABOUT.format(title=title, sentence=sentence)), media_type="text/markdown")
+        words = printable(text("diagnosis_recording.md.j2", title=title, sentence=sentence))
+        about = rr.TextDocument(words, media_type="text/markdown")
         recording.log("about", about, static=True)
         for trace in traces:
             own = sorted((w for w in windows if w.trace == trace), key=lambda w: float(w.t[0]))
